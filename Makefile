@@ -1,0 +1,56 @@
+# make demo and make test are the two commands; both install what they need into .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+OUT ?= out
+
+.PHONY: help setup demo test lint bench sbc figures lock clean
+
+help:
+	@echo "make demo    install, then fit the published sweep and write $(OUT)/demo/report.html"
+	@echo "make test    install, then lint, type-check and test"
+	@echo "make setup   make $(VENV) with the command $(BIN)/spinbench"
+	@echo "make bench   speed, as ratios against stated peers (minutes)"
+	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
+	@echo "make lint    formatting, lint, import layers and types"
+	@echo "make lock    pin the versions anew in requirements.lock"
+
+setup: $(STAMP)
+
+$(STAMP): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "spinbench needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) -V 2>&1). Try: make PYTHON=python3.12"; exit 2; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $(STAMP)
+
+demo: $(STAMP)
+	$(BIN)/spinbench fit logs/published_sweep -o $(OUT)/demo --seed 1 --accuracy-classes
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+	$(BIN)/mypy
+
+test: lint
+	$(BIN)/python -m pytest
+
+bench: $(STAMP)
+	$(BIN)/python tests/bench/run.py --json $(OUT)/bench.json
+
+sbc: $(STAMP)
+	$(BIN)/python -m calibration.sbc --fits 400 -o $(OUT)/sbc
+
+figures: $(STAMP)
+	$(BIN)/spinbench reproduce -o docs/figures
+
+lock: $(STAMP)
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --extra dev --no-header --no-annotate \
+	  --no-emit-index-url --no-emit-find-links pyproject.toml -o requirements.lock
+
+clean:
+	rm -rf $(VENV) $(OUT)

@@ -1,0 +1,135 @@
+"""The configuration files, and the strict reader that every room opens them with.
+
+TOML is read strictly: a misspelt key is refused with the nearest one suggested, a value of the wrong kind is refused
+with its place, and all the mistakes of a file are reported at once. Nothing is converted silently.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pydantic
+
+FOLDER = Path(__file__).resolve().parent
+MAX_TOML_BYTES = 1_000_000
+
+Schema = TypeVar("Schema", bound=pydantic.BaseModel)
+
+
+class ConfigError(ValueError):
+    """A configuration file cannot be used. The text names the file, the place and what to do."""
+
+
+class Strict(pydantic.BaseModel):
+    """Base of every schema: no unknown keys, no silent conversion, no change after reading."""
+
+    model_config = pydantic.ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict
+        Its tables.
+
+    Raises
+    ------
+    ConfigError
+        When the file is missing, too large to be a configuration, not UTF-8 or not TOML (a duplicate key included).
+    """
+    try:
+        if path.stat().st_size > MAX_TOML_BYTES:
+            raise ConfigError(f"{path}: larger than {MAX_TOML_BYTES} bytes; this is not a configuration file")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file{_nearest_file(path)}") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: not UTF-8 text; save it as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        text = str(error).replace("Cannot overwrite a value", "the same key stands twice (or cannot be overwritten)")
+        raise ConfigError(f"{path}: not valid TOML: {text}") from None
+
+
+def validate(schema: type[Schema], data: dict[str, Any], place: str) -> Schema:
+    """Check data against a schema and report every mistake at once.
+
+    Parameters
+    ----------
+    schema : type
+        A pydantic class, usually a child of `Strict`.
+    data : dict
+        What `read_toml` returned, or a table of it.
+    place : str
+        The file (and table) for the error text.
+
+    Returns
+    -------
+    Schema
+        The validated object.
+
+    Raises
+    ------
+    ConfigError
+        One line a mistake: place, what is wrong, what was expected.
+    """
+    try:
+        return schema.model_validate(data)
+    except pydantic.ValidationError as error:
+        mistakes = [_sentence(schema, problem) for problem in error.errors(include_url=False)]
+        raise ConfigError("\n".join(f"{place}: {mistake}" for mistake in mistakes)) from None
+
+
+def _sentence(schema: type[pydantic.BaseModel], problem: Any) -> str:
+    """One mistake, as pydantic found it, in one line."""
+    where = ".".join(str(part) for part in problem["loc"]) or "the file"
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key '{where}'{_nearest(str(problem['loc'][-1]), _keys_at(schema, problem['loc'][:-1]))}"
+    if problem["type"] == "missing":
+        return f"the key '{where}' is missing"
+    given = problem.get("input")
+    shown = "" if isinstance(given, dict) or given is None else f" (given: {given!r:.60})"
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"'{where}': {message[:1].lower()}{message[1:]}{shown}"
+
+
+def _keys_at(schema: Any, location: tuple[Any, ...]) -> list[str]:
+    """The keys that the schema knows at a place, as far as it can be followed."""
+    for part in location:
+        field = schema.model_fields.get(part) if _is_schema(schema) else None
+        schema = field.annotation if field is not None else _value_schema(schema)
+    schema = schema if _is_schema(schema) else _value_schema(schema)
+    return list(schema.model_fields) if _is_schema(schema) else []
+
+
+def _is_schema(candidate: Any) -> bool:
+    return isinstance(candidate, type) and issubclass(candidate, pydantic.BaseModel)
+
+
+def _value_schema(annotation: Any) -> Any:
+    """The schema inside dict[str, Schema], list[Schema] or Schema | None."""
+    return next((part for part in getattr(annotation, "__args__", ()) if _is_schema(part)), None)
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    """A suggestion for a misspelt word, or what would have been right."""
+    close = difflib.get_close_matches(word, known, n=1)
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    return f"; known here: {', '.join(known)}" if known else ""
+
+
+def _nearest_file(path: Path) -> str:
+    siblings = [entry.name for entry in path.parent.glob(f"*{path.suffix}")] if path.parent.is_dir() else []
+    return _nearest(path.name, sorted(siblings)[:20])
