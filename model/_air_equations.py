@@ -152,7 +152,7 @@ def heat_capacity_ratio(T: float, P: float, x_w: float) -> float:
 
 @njit(cache=True)
 def wilke_factors(mu_a: float, mu_w: float) -> tuple[float, float]:
-    """Phi_aw and Phi_wa of Wilke 1950, Eq. 14."""
+    """Phi_aw and Phi_wa of Wilke 1950."""
     m = M_AIR / M_WATER
     root = math.sqrt(mu_a / mu_w) / math.sqrt(math.sqrt(m))
     phi_aw = (1.0 + root) * (1.0 + root) / math.sqrt(8.0 * (1.0 + m))
@@ -185,7 +185,7 @@ def conductivity(T: float, P: float, x_w: float) -> float:
 
 @njit(cache=True)
 def cipm2007_density(T: float, P: float, humidity: float) -> float:
-    """Density, kg/m3: Picard et al. 2008, Eq. 1 with appendix A; its own gas constant, saturation, f and Z."""
+    """Density, kg/m3: Picard et al. 2008, Eq. 1 with appendix A.1; its own gas constant, saturation, f and Z."""
     t = T - 273.15
     p_sv = math.exp(T * (1.2378847e-5 * T - 1.9121316e-2) + 33.93711047 - 6.3431645e3 / T)
     f = 1.00062 + 3.14e-8 * P + 5.6e-7 * t * t

@@ -131,7 +131,7 @@ def water_fraction(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
 
     Notes
     -----
-    Picard et al. 2008, Eq. A1.2, with this module's f and p_sv.
+    Picard et al. 2008, appendix A.1, with this module's f and p_sv.
     """
     return _within("x_w", _evaluate(equations.water_fraction, T=T, P=P, humidity=humidity), RANGES)[()]
 
@@ -268,7 +268,7 @@ def density_cipm2007(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
 
     Notes
     -----
-    Picard et al. 2008, Metrologia 45, 149, Eq. 1 with Eqs. A1.1-A1.4, 400 ppm of CO2.
+    Picard et al. 2008, Metrologia 45, 149, Eq. 1 with appendix A.1, 400 ppm of CO2.
     """
     return _evaluate(equations.cipm2007_density, CIPM2007_RANGES, T=T, P=P, humidity=humidity)
 
@@ -382,7 +382,7 @@ def viscosity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 
     Notes
     -----
-    Dry air at T and P (Lemmon and Jacobsen 2004), dilute vapour at T (IAPWS 2008), mixed by Wilke 1950, Eqs. 13-14.
+    Dry air at T and P (Lemmon and Jacobsen 2004), dilute vapour at T (IAPWS 2008), mixed by the rule of Wilke 1950.
     """
     return _evaluate(equations.viscosity, T=T, P=P, x_w=x_w)
 

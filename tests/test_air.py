@@ -159,7 +159,10 @@ def test_cipm2007_at_20_degrees_one_atmosphere_and_half_humidity():
     assert air.density_cipm2007(293.15, 101325.0, 0.5) == pytest.approx(1.19931, abs=5e-6)
 
 
-@pytest.mark.parametrize(("x_w", "bounds"), [(0.0, (1.4e-5, 5.4e-5)), (0.025, (9.1e-5, 3.4e-5)), (0.1, (3.8e-4, 1e-4))])
+@pytest.mark.parametrize(
+    ("x_w", "bounds"),
+    [(0.0, (1.4e-5, 5.4e-5)), (0.025, (9.1e-5, 3.4e-5)), (0.1, (3.8e-4, 1e-4)), (0.35, (1.6e-3, 3.3e-4))],
+)
 def test_transport_quartics_follow_the_full_equations_down_to_180_kelvin(x_w, bounds):
     worst = Worst(dict(zip(("viscosity", "conductivity"), bounds, strict=True)))
     for P in PRESSURES:
