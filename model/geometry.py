@@ -1,0 +1,312 @@
+"""Section 2.1 of the article: the guide curve and the cylinder volume, Eq. 1-11, and the angle phi, Eq. 23-24.
+
+The angle ``psi`` of a cylinder runs over one lobe, 0 to pi/2: at 0 the piston is farthest out (largest volume), at pi/4
+farthest in. Eq. 7 and 10 describe 0..pi/4; the other half is its mirror image.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from model import layout as at
+
+
+@njit(cache=True)
+def concave_centre(R6: float, R2: float) -> float:
+    """Distance L1 of the concave circle's centre from the motor centre [m], Eq. 1.
+
+    Parameters
+    ----------
+    R6 : float
+        Far point of the concave circle to the motor centre [m].
+    R2 : float
+        Radius of the concave circle [m].
+    """
+    return R6 - R2
+
+
+@njit(cache=True)
+def angle_beta(L1: float, R2: float, R3: float) -> float:
+    """Angle beta at the convex circle's centre [rad], Eq. 2.
+
+    Parameters
+    ----------
+    L1 : float
+        Concave centre to motor centre [m].
+    R2, R3 : float
+        Radii of the concave and the convex circle [m].
+    """
+    return math.asin(math.sqrt(0.5) * L1 / (R2 + R3))
+
+
+@njit(cache=True)
+def angle_gamma(beta: float) -> float:
+    """Angle gamma at the concave circle's centre [rad], Eq. 3.
+
+    Parameters
+    ----------
+    beta : float
+        Angle of Eq. 2 [rad].
+    """
+    return 0.75 * math.pi - beta
+
+
+@njit(cache=True)
+def junction_distance(L1: float, R2: float, R5: float, gamma: float) -> float:
+    """Distance L3 of the roller's centre from the motor centre at the junction of the arcs [m], Eq. 4.
+
+    Parameters
+    ----------
+    L1 : float
+        Concave centre to motor centre [m].
+    R2, R5 : float
+        Radii of the concave circle and of the roller [m].
+    gamma : float
+        Angle of Eq. 3 [rad].
+    """
+    b = R2 - R5
+    return math.sqrt(L1 * L1 + b * b - 2.0 * b * L1 * math.cos(gamma))
+
+
+@njit(cache=True)
+def junction_angle(R2: float, R5: float, gamma: float, L3: float) -> float:
+    """Critical angle alpha, where the roller passes from the concave to the convex arc [rad], Eq. 5.
+
+    Parameters
+    ----------
+    R2, R5 : float
+        Radii of the concave circle and of the roller [m].
+    gamma : float
+        Angle of Eq. 3 [rad].
+    L3 : float
+        Distance of Eq. 4 [m].
+    """
+    return math.asin((R2 - R5) * math.sin(gamma) / L3)
+
+
+@njit(cache=True)
+def concave_arm(R2: float, R5: float) -> float:
+    """Distance L5 of the roller's centre from the concave circle's centre [m], Eq. 6.
+
+    Parameters
+    ----------
+    R2, R5 : float
+        Radii of the concave circle and of the roller [m].
+    """
+    return R2 - R5
+
+
+@njit(cache=True)
+def reach_concave(th: float, L1: float, L5: float) -> float:
+    """Motor centre to roller centre, L4, on the concave arc [m], Eq. 7; valid for \\|th\\| <= alpha.
+
+    Parameters
+    ----------
+    th : float
+        Angle from the far point [rad].
+    L1, L5 : float
+        Lengths of Eq. 1 and 6 [m].
+    """
+    s = L1 * math.sin(th)
+    return L1 * math.cos(th) + math.sqrt(L5 * L5 - s * s)
+
+
+@njit(cache=True)
+def convex_centre(L1: float, R2: float, R3: float) -> float:
+    """Distance L2 of the convex circle's centre from the motor centre [m], Eq. 8.
+
+    Parameters
+    ----------
+    L1 : float
+        Concave centre to motor centre [m].
+    R2, R3 : float
+        Radii of the concave and the convex circle [m].
+    """
+    return math.sqrt(0.5) * L1 + math.sqrt((R2 + R3) ** 2 - 0.5 * L1 * L1)
+
+
+@njit(cache=True)
+def convex_arm(R3: float, R5: float) -> float:
+    """Distance L6 of the roller's centre from the convex circle's centre [m], Eq. 9.
+
+    Parameters
+    ----------
+    R3, R5 : float
+        Radii of the convex circle and of the roller [m].
+    """
+    return R3 + R5
+
+
+@njit(cache=True)
+def reach_convex(th: float, L2: float, L6: float) -> float:
+    """Motor centre to roller centre, L4, on the convex arc [m], Eq. 10; valid for alpha <= th <= pi/2 - alpha.
+
+    Parameters
+    ----------
+    th : float
+        Angle from the far point [rad].
+    L2, L6 : float
+        Lengths of Eq. 8 and 9 [m].
+    """
+    u = 0.25 * math.pi - th
+    s = L2 * math.sin(u)
+    return L2 * math.cos(u) - math.sqrt(L6 * L6 - s * s)
+
+
+@njit(cache=True)
+def volume(L4: float, A_p: float, offset: float) -> float:
+    """Volume of one cylinder [m3], Eq. 11 with erratum 1: V = Ap (L4 + R5 - Lp - R4).
+
+    Parameters
+    ----------
+    L4 : float
+        Motor centre to roller centre [m].
+    A_p : float
+        Piston area [m2].
+    offset : float
+        R5 - Lp - R4 [m]; as printed, without erratum 1, -Lp - R4.
+    """
+    return A_p * (L4 + offset)
+
+
+@njit(cache=True)
+def sin_phi_concave(th: float, L1: float, L5: float) -> float:
+    """Magnitude of sin(phi) on the concave arc [-], Eq. 23.
+
+    Parameters
+    ----------
+    th : float
+        Angle from the far point, 0..alpha [rad].
+    L1, L5 : float
+        Lengths of Eq. 1 and 6 [m].
+    """
+    return L1 * math.sin(th) / L5
+
+
+@njit(cache=True)
+def sin_phi_convex(th: float, L2: float, L6: float) -> float:
+    """Magnitude of sin(phi) on the convex arc [-], Eq. 24.
+
+    Parameters
+    ----------
+    th : float
+        Angle from the far point, alpha..pi/4 [rad].
+    L2, L6 : float
+        Lengths of Eq. 8 and 9 [m].
+    """
+    return L2 * math.sin(0.25 * math.pi - th) / L6
+
+
+@njit(cache=True)
+def curve(parameters: np.ndarray, c: np.ndarray) -> None:
+    """Fill the constants of the guide curve, Eq. 1-6, 8 and 9.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (>= 20,)
+        One parameter set [SI], in the order of `model.layout`.
+    c : ndarray, shape (8,)
+        Filled with L1, L2, L5, L6 [m], alpha [rad], R5 [m], the volume offset [m] and Ap [m2]; NaN where the lengths
+        give no curve.
+    """
+    R2 = 0.5 * parameters[at.R2_DIAMETER]
+    R3 = 0.5 * parameters[at.R3_DIAMETER]
+    R5 = 0.5 * parameters[at.R5_DIAMETER]
+    L1 = concave_centre(parameters[at.R6], R2)
+    c[:] = np.nan
+    if L1 <= 0.0 or R2 <= R5 or math.sqrt(0.5) * L1 >= R2 + R3:
+        return
+    gamma = angle_gamma(angle_beta(L1, R2, R3))
+    c[at.L1] = L1
+    c[at.L2] = convex_centre(L1, R2, R3)
+    c[at.L5] = concave_arm(R2, R5)
+    c[at.L6] = convex_arm(R3, R5)
+    c[at.ALPHA] = junction_angle(R2, R5, gamma, junction_distance(L1, R2, R5, gamma))
+    c[at.R5] = R5
+    c[at.V_OFFSET] = R5 - parameters[at.LP] - parameters[at.R4]
+    c[at.A_P] = 0.25 * math.pi * parameters[at.DP] ** 2
+
+
+@njit(cache=True)
+def place(psi: float, c: np.ndarray) -> tuple[float, float, float, float]:
+    """Everything that follows from the angle of one cylinder.
+
+    Parameters
+    ----------
+    psi : float
+        Cylinder angle within a lobe, 0..pi/2 [rad].
+    c : ndarray, shape (8,)
+        The curve, of `curve`.
+
+    Returns
+    -------
+    L4 : float
+        Motor centre to roller centre [m].
+    sin_phi : float
+        Sine of phi [-], negative in the first half (the piston is pushed in), positive in the second.
+    cos_phi : float
+        Cosine of phi [-].
+    r : float
+        Motor centre to the touch point of roller and curve [m].
+    """
+    if psi <= 0.25 * math.pi:
+        th = psi
+        sign = -1.0
+    else:
+        th = 0.5 * math.pi - psi
+        sign = 1.0
+    if th <= c[at.ALPHA]:
+        L4 = reach_concave(th, c[at.L1], c[at.L5])
+        s = sin_phi_concave(th, c[at.L1], c[at.L5])
+    else:
+        L4 = reach_convex(th, c[at.L2], c[at.L6])
+        s = sin_phi_convex(th, c[at.L2], c[at.L6])
+    cos_phi = math.sqrt(1.0 - s * s)
+    r = math.sqrt(L4 * L4 + c[at.R5] * c[at.R5] + 2.0 * L4 * c[at.R5] * cos_phi)
+    return L4, sign * s, cos_phi, r
+
+
+def lowest_volume(parameters: np.ndarray) -> float:
+    """Volume of a cylinder with the piston farthest in, at 45 deg [m3]; NaN where the lengths give no curve.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (>= 20,)
+        One parameter set [SI].
+    """
+    c = np.empty(at.N_CURVE)
+    curve(parameters, c)
+    if not c[at.L2] * math.sin(0.25 * math.pi - c[at.ALPHA]) < c[at.L6]:
+        return math.nan
+    return float(volume(c[at.L2] - c[at.L6], c[at.A_P], c[at.V_OFFSET]))
+
+
+def table(parameters: np.ndarray, psi: np.ndarray) -> dict[str, np.ndarray]:
+    """The geometry over the angle, as MODEL tables and Fig. 5 show it.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (>= 20,)
+        One parameter set [SI].
+    psi : ndarray, shape (n,)
+        Angles of one cylinder [rad]; any turn.
+
+    Returns
+    -------
+    dict of ndarray, shape (n,)
+        ``L4_m``, ``phi_rad``, ``r_m``, ``V_m3`` and ``dL4_dpsi_m`` (= L4 tan phi).
+    """
+    c = np.empty(at.N_CURVE)
+    curve(parameters, c)
+    rows = np.array([place(float(angle), c) for angle in np.mod(psi, at.LOBE)])
+    L4, sin_phi, cos_phi, r = rows.T
+    return {
+        "L4_m": L4,
+        "phi_rad": np.arcsin(sin_phi),
+        "r_m": r,
+        "V_m3": c[at.A_P] * (L4 + c[at.V_OFFSET]),
+        "dL4_dpsi_m": L4 * sin_phi / cos_phi,
+    }

@@ -1,0 +1,65 @@
+"""Where each figure stands in the arrays that the compiled solvers take. numba treats these as constants.
+
+A parameter set is one row in SI units, in the order of `model.motor.QUANTITIES` (a test holds the two together); the
+readings of the article are a row of flags. `N_CYLINDERS` and `N_LOBES` are the machine's: Eq. 1-11 are written for four
+lobes, and seven cylinders on four lobes repeat every 1/28 turn.
+"""
+
+from __future__ import annotations
+
+import math
+
+N_CYLINDERS = 7
+N_LOBES = 4
+LOBE = 2.0 * math.pi / N_LOBES  # angle of one lobe [rad]
+PULSE = LOBE / N_CYLINDERS  # angle after which the sum of the cylinders repeats [rad]
+RPM = 30.0 / math.pi  # rpm in one rad/s
+L_MIN = 60_000.0  # L/min in one m3/s
+
+# Parameters.
+R2_DIAMETER = 0
+R3_DIAMETER = 1
+R4 = 2
+R5_DIAMETER = 3
+R6 = 4
+DP = 5
+LP = 6
+LAP = 7
+F_R = 8
+F_OVERALL = 9
+J = 10
+P_A = 11
+T_A = 12
+T_IN = 13
+HUMIDITY = 14
+DP_IN = 15
+DP_OUT = 16
+H_A = 17
+D_C = 18
+K_C = 19
+N_SOLVER_PARAMETERS = 20  # what follows (housing diameter, speed limit) enters no equation
+
+# Readings.
+VIRTUAL_WORK = 0
+WALL_AS_PRINTED = 1
+FRICTION_AS_PRINTED = 2
+CONSTANT_AIR = 3
+HEAT_TRANSFER = 4
+
+# Curve: what Eq. 1-10 give from the parameters.
+L1 = 0
+L2 = 1
+L5 = 2
+L6 = 3
+ALPHA = 4
+R5 = 5
+V_OFFSET = 6  # V = Ap (L4 + V_OFFSET)
+A_P = 7
+N_CURVE = 8
+
+# Gas of one operating point: R, cp, and quartics in T for viscosity and conductivity, lowest order first.
+GAS_R = 0
+GAS_CP = 1
+GAS_MU = 2
+GAS_K = 7
+N_GAS = 12

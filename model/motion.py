@@ -1,0 +1,75 @@
+"""Section 2.3 of the article: forces, torques and the motion of the rotor, Eq. 21-25."""
+
+from __future__ import annotations
+
+from numba import njit
+
+
+@njit(cache=True)
+def piston_force(A_p: float, P: float, P_a: float) -> float:
+    """Gas force on a piston [N], Eq. 22.
+
+    Parameters
+    ----------
+    A_p : float
+        Piston area [m2].
+    P, P_a : float
+        Pressure in the cylinder and of the ambient [Pa].
+    """
+    return A_p * (P - P_a)
+
+
+@njit(cache=True)
+def gas_arm(L4: float, sin_phi: float, cos_phi: float, r: float, virtual_work: bool) -> float:
+    """Arm of the gas force about the motor centre [m].
+
+    Parameters
+    ----------
+    L4 : float
+        Motor centre to roller centre [m].
+    sin_phi, cos_phi : float
+        Of the angle of Eq. 23 and 24 [-].
+    r : float
+        Motor centre to the touch point [m].
+    virtual_work : bool
+        False: r sin(phi) as Eq. 25 prints it; True: dL4/dth = L4 tan(phi), which does the gas's own work (erratum 4).
+    """
+    return L4 * sin_phi / cos_phi if virtual_work else r * sin_phi
+
+
+@njit(cache=True)
+def roller_torque(F: float, f_r: float, cos_phi: float, r: float, as_printed: bool) -> float:
+    """Magnitude of the roller friction's torque [N m], the second term of Eq. 25.
+
+    Parameters
+    ----------
+    F : float
+        Gas force [N].
+    f_r : float
+        Roller friction factor [-].
+    cos_phi : float
+        Cosine of phi [-].
+    r : float
+        Motor centre to the touch point [m].
+    as_printed : bool
+        True: f_r F cos(phi) r, which drives where F < 0; False: with \\|F\\| (erratum 5).
+    """
+    return f_r * (F if as_printed else abs(F)) * cos_phi * r
+
+
+@njit(cache=True)
+def acceleration(torque: float, f_overall: float, omega: float, inertia: float) -> float:
+    """Angular acceleration [rad/s2], Eq. 21 and 25.
+
+    Parameters
+    ----------
+    torque : float
+        Sum over the cylinders of gas torque less roller friction [N m].
+    f_overall : float
+        Overall friction coefficient [N m s].
+    omega : float
+        Angular velocity [rad/s].
+    inertia : float
+        Moment of inertia J [kg m2].
+    """
+    return (torque - f_overall * omega) / inertia
