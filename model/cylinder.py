@@ -132,7 +132,7 @@ def open_port(P: float, T: float, V: float, P_p: float, T_p: float, gas: np.ndar
     R = gas[at.GAS_R]
     gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - R)
     m = P * V / (R * T)
-    if P < P_p:
+    if P_p > P:
         dm = (P_p - P) * V / (gamma * R * T_p)
         return P_p * V / (R * (m + dm)), dm
     T_after = T * (P_p / P) ** ((gamma - 1.0) / gamma)

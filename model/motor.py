@@ -120,7 +120,7 @@ class Motor(Strict):
     kind: Literal["radial_piston"]
     description: str = pydantic.Field(default="", max_length=300)
     readings: Readings
-    parameters: pydantic.create_model("Parameters", __base__=Strict, **{name: Parameter for name in QUANTITIES})  # type: ignore[valid-type]
+    parameters: pydantic.create_model("Parameters", __base__=Strict, **dict.fromkeys(QUANTITIES, Parameter))  # type: ignore[valid-type]
 
     @pydantic.model_validator(mode="after")
     def _is_a_motor(self) -> Motor:

@@ -155,9 +155,8 @@ def march_kernel(
                 P[i] = m[i] * R * T[i] / V_new
                 flow[i] = 0.0
             else:
-                dm = 0.0
                 if port[i] != now:
-                    T[i], dm = open_port(P[i], T[i], V[i], P_port[now], T_port[now], gas)
+                    T[i], _ = open_port(P[i], T[i], V[i], P_port[now], T_port[now], gas)
                     P[i] = P_port[now]
                 flow[i] = open_flow(P[i], T[i], dV / dt, Q, T_port[now], gas)  # Eq. 15 and 16
                 m_new = P[i] * V[i] / (R * T[i]) + flow[i] * dt

@@ -16,7 +16,7 @@ from numba import njit
 
 from model import geometry, motion
 from model import layout as at
-from model.cylinder import CLOSED, INLET, OUTLET, closed_rate, gas_state, open_flow, open_port, phase_of, port_at
+from model.cylinder import CLOSED, INLET, closed_rate, gas_state, open_flow, open_port, phase_of, port_at
 from model.heat_transfer import cylinder_heat
 from model.motor import Motor
 
@@ -282,8 +282,10 @@ def locate(
         guess = h - work[4, OMEGA] / work[3, OMEGA] if event == STOPPED else h - beyond / max(omega, 1e-30)
         if high == math.inf:
             h = min(guess, h_most)
+        elif low < guess < high:
+            h = guess
         else:
-            h = guess if low < guess < high else 0.5 * (low + high)
+            h = 0.5 * (low + high)
     return h, event
 
 
@@ -627,7 +629,7 @@ def periodic_state(
     refine : int
         Steps between two edges [-].
     start_rad_s : float
-        Speed that the rotor is given to begin with [rad/s]: near its lowest pressure a motor runs on but does not start.
+        Speed that the rotor is given [rad/s]: near its lowest pressure a motor runs on but does not start.
     most_turns : int
         Turns after which to give up [-].
 
