@@ -1,0 +1,29 @@
+"""recording/1: the meeting place of the bench and the calibration.
+
+A recording is a folder with `recording.toml` and CSV files, written by the tool's own runs or by hand. Reading is
+strict: whatever is wrong is reported at once with file, row and column, nothing is guessed and nothing on disk changes.
+docs/recording.md tells a person how to write one.
+
+    contents    what a recording holds, as the calibration sees it
+    columns     the columns known by name: unit, limits, and the figures taken for an instrument that states none
+    schema      recording.toml, key by key, the inline motors included
+    header      the first line of a CSV file, and what each kind of file has to hold
+    table       the rows of a CSV file, in bounded memory
+    folder      which files may be opened
+    read, write
+"""
+
+from rig.recording.contents import Ambient, Channel, Column, Recording, RecordingError, RecordingFile
+from rig.recording.read import read_recording
+from rig.recording.write import write_recording
+
+__all__ = [
+    "Ambient",
+    "Channel",
+    "Column",
+    "Recording",
+    "RecordingError",
+    "RecordingFile",
+    "read_recording",
+    "write_recording",
+]

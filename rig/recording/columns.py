@@ -1,0 +1,174 @@
+"""The columns known by name: a column is defined here once, and everything else looks it up.
+
+An instrument that states no figures is taken for a modest one. The default figures, one standard deviation each, in
+the column's unit (scale_sd is relative):
+
+| column | noise_sd | bias_sd | scale_sd | resolution | the instrument meant |
+|---|---|---|---|---|---|
+| pressure_bar_abs, pressure_bar_gauge | 0.005 | 0.02 | 0.005 | 0.01 | gauge of class 0.6, 0-6 bar |
+| flow_l_min | 1.0 | 1.0 | 0.03 | 1.0 | rotameter, 100 L/min full scale |
+| speed_rpm | 0.5 | 0.1 | 0.0005 | 0.1 | optical tachometer |
+| inlet_temperature_c | 0.2 | 0.5 | 0.0 | 0.1 | thermocouple |
+| torque_nm | 0.02 | 0.02 | 0.01 | 0.01 | torque transducer, 10 N m |
+| force_n | 0.5 | 0.5 | 0.01 | 0.1 | load cell, 200 N |
+| velocity_m_s | 0.002 | 0.001 | 0.002 | 0.001 | position encoder, differenced |
+| angle_rad | 0.002 | 0.01 | 0.0 | 0.001 | encoder, 5000 lines or so |
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from dataclasses import dataclass
+
+FIGURES = ("noise_sd", "bias_sd", "scale_sd", "resolution")
+HUGE = 1e12  # beyond it no column here has a physical meaning
+
+
+@dataclass(frozen=True)
+class Known:
+    """A column known by name: plausible limits in its unit and, for an instrument, its default figures."""
+
+    column: str
+    says: str
+    low: float
+    high: float
+    figures: tuple[float, float, float, float] | None = None
+
+
+PRESSURE = ("pressure_bar_abs", "pressure_bar_gauge")
+FLAGS = ("supply_open", "rotor_locked")
+
+_ALL = (
+    Known("time_s", "seconds on the file's clock", -HUGE, HUGE),
+    Known("pressure_bar_abs", "absolute inlet pressure, 0.01 to 40 bar", 0.01, 40.0, (0.005, 0.02, 0.005, 0.01)),
+    Known("pressure_bar_gauge", "gauge inlet pressure, -1.1 to 40 bar", -1.1, 40.0, (0.005, 0.02, 0.005, 0.01)),
+    Known("flow_l_min", "L/min at the inlet's state, up to 100000", -math.inf, 1e5, (1.0, 1.0, 0.03, 1.0)),
+    Known("speed_rpm", "rpm, 0 to 200000, never negative", 0.0, 2e5, (0.5, 0.1, 0.0005, 0.1)),
+    Known("supply_open", "0 or 1", 0.0, 1.0),
+    Known("rotor_locked", "0 or 1", 0.0, 1.0),
+    Known("inlet_temperature_c", "degrees Celsius, -80 to 200", -80.0, 200.0, (0.2, 0.5, 0.0, 0.1)),
+    Known("torque_nm", "measured drive in N m", -HUGE, HUGE, (0.02, 0.02, 0.01, 0.01)),
+    Known("force_n", "measured drive in N", -HUGE, HUGE, (0.5, 0.5, 0.01, 0.1)),
+    Known("velocity_m_s", "m/s", -HUGE, HUGE, (0.002, 0.001, 0.002, 0.001)),
+    Known("angle_rad", "rad", -HUGE, HUGE, (0.002, 0.01, 0.0, 0.001)),
+)
+NUMERIC = {known.column: known for known in _ALL}
+MEASURED = tuple(known.column for known in _ALL if known.figures)
+NAMES = (*NUMERIC, "direction")
+
+# Quantity -> unit as people write it -> what to do with the numbers. The unit "" means that none was given.
+_CONVERT = {
+    "pressure": {
+        "": "name unit and reference",
+        "bar": "say whether it is absolute or gauge",
+        "pa": "divide by 100000",
+        "hpa": "divide by 1000",
+        "mbar": "divide by 1000",
+        "kpa": "divide by 100",
+        "mpa": "multiply by 10",
+        "psi": "multiply by 0.0689476",
+        "psia": "multiply by 0.0689476",
+        "psig": "multiply by 0.0689476",
+        "atm": "multiply by 1.01325",
+    },
+    "speed": {
+        "": "name the unit",
+        "rad_s": "multiply by 9.5493",
+        "hz": "multiply by 60",
+        "rps": "multiply by 60",
+        "rev_s": "multiply by 60",
+        "rev_min": "the numbers stay",
+        "1_min": "the numbers stay",
+        "deg_s": "divide by 6",
+        "krpm": "multiply by 1000",
+    },
+    "flow": {
+        "": "name the unit",
+        "lpm": "the numbers stay, if they are at the inlet's pressure and temperature",
+        "l_s": "multiply by 60",
+        "l_h": "divide by 60",
+        "ml_min": "divide by 1000",
+        "m3_h": "multiply by 16.6667",
+        "m3_min": "multiply by 1000",
+        "m3_s": "multiply by 60000",
+        "cfm": "multiply by 28.3168",
+        "kg_s": "divide by the air's density at the inlet, then multiply by 60000",
+        "kg_h": "divide by the air's density at the inlet, then multiply by 16.6667",
+        "g_s": "divide by the air's density at the inlet, then multiply by 60",
+        **dict.fromkeys(
+            ("nl_min", "sl_min", "ln_min", "slpm", "nlpm", "sccm"),
+            "bring standard litres to the inlet's pressure and temperature",
+        ),
+    },
+    "time": {"": "name the unit", "ms": "divide by 1000", "us": "divide by 1000000", "min": "multiply by 60",
+             "h": "multiply by 3600"},
+    "torque": {"": "name the unit", "nmm": "divide by 1000", "mnm": "divide by 1000", "ncm": "divide by 100",
+               "knm": "multiply by 1000", "lbft": "multiply by 1.35582"},
+    "force": {"": "name the unit", "kn": "multiply by 1000", "mn": "divide by 1000", "kgf": "multiply by 9.80665",
+              "lbf": "multiply by 4.44822"},
+    "velocity": {"": "name the unit", "mm_s": "divide by 1000", "cm_s": "divide by 100", "m_min": "divide by 60",
+                 "km_h": "divide by 3.6"},
+    "angle": {"": "name the unit", "deg": "multiply by 0.0174533", "rev": "multiply by 6.28319"},
+    "inlet_temperature": {"": "name the unit", "k": "subtract 273.15", "f": "subtract 32, then divide by 1.8"},
+}  # fmt: skip
+
+
+def siblings(column: str) -> tuple[str, ...]:
+    """The known columns of the same quantity as a column, under whatever name or unit it comes."""
+    plain = _plain(column)
+    quantity = next((word for word in _CONVERT if plain == word or plain.startswith(f"{word}_")), None)
+    return tuple(name for name in NAMES if name.startswith(f"{quantity}_")) if quantity else (column,)
+
+
+def other_spelling(name: str) -> tuple[str, str] | None:
+    """What a column that holds a known quantity under another name or unit should be called.
+
+    Parameters
+    ----------
+    name : str
+        A column's name that is not in `NAMES`.
+
+    Returns
+    -------
+    tuple of two str, or None
+        The expected column (or columns), and what to do with the numbers; None when no known quantity is recognised.
+    """
+    plain = _plain(name)
+    if plain in NAMES:
+        return plain, "the numbers stay"
+    for quantity, units in _CONVERT.items():
+        if plain != quantity and not plain.startswith(f"{quantity}_"):
+            continue
+        unit, reference = _unit_and_reference(plain.removeprefix(quantity).strip("_"), quantity)
+        if unit in units:
+            return _expected(quantity, reference), units[unit]
+    return None
+
+
+def _plain(name: str) -> str:
+    """A column's name in lower case, whatever stands between its words made one underscore."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _unit_and_reference(rest: str, quantity: str) -> tuple[str, str]:
+    """Split "kpa_abs" into its unit and, for a pressure, "abs" or "gauge"."""
+    parts = rest.split("_")
+    if quantity != "pressure":
+        return rest, ""
+    known = {"abs": "abs", "absolute": "abs", "a": "abs", "gauge": "gauge", "g": "gauge", "rel": "gauge"}
+    references = [known[part] for part in parts if part in known]
+    return "_".join(part for part in parts if part not in known), references[0] if references else ""
+
+
+def _expected(quantity: str, reference: str) -> str:
+    if quantity == "pressure":
+        return f"pressure_bar_{reference}" if reference else " or ".join(PRESSURE)
+    return next(name for name in NAMES if name.startswith(f"{quantity}_"))
+
+
+def nearest(name: str, known: tuple[str, ...] = NAMES) -> str:
+    """A suggestion for a misspelt column, as the end of a sentence; empty when nothing is near."""
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
+    return f"; did you mean '{close[0]}'?" if close else ""

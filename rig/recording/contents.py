@@ -1,0 +1,156 @@
+"""What a recording holds, as the calibration sees it: columns in the units of their names, arrays read-only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Kind = Literal["steady", "transient", "zero"]
+
+
+class RecordingError(ValueError):
+    """A recording cannot be used. One line a mistake: file, row, column, what was expected, what to do."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One instrument's figures, each one standard deviation.
+
+    Attributes
+    ----------
+    column : str
+        The CSV column it fills; its unit is the unit of noise_sd, bias_sd and resolution.
+    noise_sd : float
+        Random noise of one row.
+    bias_sd : float
+        Offset, shared by the whole recording.
+    scale_sd : float
+        Relative scale error, shared by the whole recording; no unit.
+    resolution : float
+        The step that readings are rounded to; 0 for none.
+    defaulted : tuple of str
+        The figures that the recording left out and that took the documented default.
+    """
+
+    column: str
+    noise_sd: float
+    bias_sd: float
+    scale_sd: float
+    resolution: float
+    defaulted: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Ambient:
+    """The air around the rig. None: not recorded, the fit takes the motor's default and its prior.
+
+    Attributes
+    ----------
+    pressure_bar_abs, pressure_sd_bar : float or None
+        Ambient pressure and its standard deviation, bar.
+    temperature_c, temperature_sd_k : float or None
+        Ambient temperature in degrees Celsius and its standard deviation in K.
+    relative_humidity : float or None
+        0 to 1.
+    """
+
+    pressure_bar_abs: float | None = None
+    pressure_sd_bar: float | None = None
+    temperature_c: float | None = None
+    temperature_sd_k: float | None = None
+    relative_humidity: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of numbers.
+
+    Attributes
+    ----------
+    values : ndarray of float64, shape (n,)
+        In the unit of the column's name; NaN where not sampled.
+    censor : ndarray of int8, shape (n,)
+        0: measured. -1: the true value is below `values` (a cell `<10`; speed_rpm 0, at 0). +1: above (`>100`).
+    """
+
+    values: NDArray[np.float64]
+    censor: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        for name, kind in (("values", np.float64), ("censor", np.int8)):
+            array = np.asarray(getattr(self, name), dtype=kind).view()
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingFile:
+    """One CSV file.
+
+    Attributes
+    ----------
+    file : str
+        Its path inside the folder, with forward slashes.
+    kind : {"steady", "transient", "zero"}
+        One row a plateau, one row a sample, or instruments read with the line vented and the rotor at rest.
+    start_s : float
+        Where the file's time 0 stands on the recording's clock, s.
+    noise_scale : float
+        This file's random noise, times noise_sd.
+    rows : int
+        Rows under the header.
+    columns : mapping of str to Column
+        The known columns that hold numbers, in the file's order.
+    direction : ndarray of str, shape (rows,), or None
+        "up", "down" or "" where not noted.
+    extra : mapping of str to ndarray of object, shape (rows,)
+        Columns that this tool does not know, as text; empty for a file above `table.EXTRA_BYTES`.
+    """
+
+    file: str
+    kind: Kind
+    start_s: float
+    noise_scale: float
+    rows: int
+    columns: Mapping[str, Column]
+    direction: NDArray[np.str_] | None = None
+    extra: Mapping[str, NDArray[np.object_]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording: its files, the instruments that took them and the motor they belong to.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it was read from.
+    motor : str or dict
+        A name in configs/motors, or the inline table.
+    ambient : Ambient
+        The air around the rig.
+    channels : mapping of str to Channel
+        One for each measured column that any file holds.
+    files : tuple of RecordingFile
+        In the order of recording.toml.
+    added_inertia_kg_m2 : float
+        A flywheel on the shaft, kg m2.
+    warnings : tuple of str
+        What was assumed, and what was not used.
+    sha256 : str
+        Over recording.toml and the data files, in their order; empty for a recording that was never read.
+    """
+
+    folder: Path
+    motor: str | dict[str, Any]
+    ambient: Ambient
+    channels: Mapping[str, Channel]
+    files: tuple[RecordingFile, ...]
+    added_inertia_kg_m2: float = 0.0
+    warnings: tuple[str, ...] = ()
+    sha256: str = ""

@@ -1,0 +1,214 @@
+"""Reading a recording: recording.toml first, then every file, all mistakes in one error."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import hashlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from configs import ConfigError, read_toml, validate
+from rig.recording.columns import MEASURED, NAMES, PRESSURE, siblings
+from rig.recording.contents import Channel, Recording, RecordingError, RecordingFile
+from rig.recording.folder import RefusedError, check_plain, inside, open_plain
+from rig.recording.header import needed_columns, unknown_warning
+from rig.recording.mistakes import Mistakes, shown
+from rig.recording.schema import (
+    FileTable,
+    RecordingTable,
+    ambient_of,
+    channel_of,
+    check_channels,
+    check_motor,
+    default_warnings,
+)
+from rig.recording.table import EXTRA_BYTES, Plan, Table, read_table
+
+TOML = "recording.toml"
+PROGRESS_BYTES = 20_000_000  # below it, reading ends before a bar would be seen
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording/1 folder. Nothing is guessed and nothing on disk is changed.
+
+    An instrument's figure that is left out takes the default listed in `rig.recording.columns`, and a warning says so.
+
+    Parameters
+    ----------
+    path : Path
+        The folder, or its recording.toml.
+
+    Returns
+    -------
+    Recording
+        Columns in the units of their names.
+
+    Raises
+    ------
+    RecordingError
+        One line a mistake (20 at most, then a count): file, row, column, what was expected, what to do.
+    """
+    path = Path(path)
+    folder = path if path.is_dir() else path.parent
+    toml = folder / TOML
+    if path.name != TOML and path != folder:
+        raise RecordingError(f"{path}: a recording is a folder with {TOML}; give the folder, or that file")
+    table, data = _read_toml(toml)
+    mistakes = Mistakes()
+    check_motor(table.motor, str(toml), mistakes)
+    check_channels(table.channels, str(toml), mistakes)
+    places = _places(folder, table.files, str(toml), mistakes)
+    channels = {name: channel_of(name, figures) for name, figures in table.channels.items() if name in MEASURED}
+    digest = hashlib.sha256(hashlib.sha256(data).digest())
+    tables: list[Table | None] = []
+    with _progress(list(places.values())) as advance:
+        for index, entry in enumerate(table.files):
+            if index in places:
+                plan = _plan(entry, table, channels, places[index])
+                tables.append(_read_file(places[index], plan, mistakes, digest, advance))
+            else:
+                tables.append(None)
+    _check_used(table, tables, str(toml), mistakes)
+    mistakes.raise_any()
+    return _assembled(folder, table, [found for found in tables if found is not None], digest.hexdigest())
+
+
+def _read_toml(toml: Path) -> tuple[RecordingTable, bytes]:
+    """recording.toml, checked, and its bytes."""
+    mistakes = Mistakes()
+    try:
+        check_plain(toml, str(toml))
+        data = toml.read_bytes()
+        if data.startswith(codecs.BOM_UTF8):
+            raise RecordingError(f"{toml}: begins with a byte order mark; save it as UTF-8 without one")
+        return validate(RecordingTable, read_toml(toml), str(toml)), data
+    except RefusedError as refusal:
+        raise RecordingError(f"{refusal}; a recording is a folder with {TOML}") from None
+    except OSError as error:
+        raise RecordingError(f"{toml}: cannot be read ({error.strerror}); check its permissions") from None
+    except ConfigError as error:
+        for line in str(error).splitlines():
+            mistakes.add(str(toml), shown(line.removeprefix(f"{toml}: "), 400))
+    mistakes.raise_any()
+    raise AssertionError("a ConfigError without text")
+
+
+def _places(folder: Path, files: list[FileTable], toml: str, mistakes: Mistakes) -> dict[int, Path]:
+    """Where each file stands, by its place in the list; those that may not be opened are noted and left out."""
+    places: dict[int, Path] = {}
+    seen: dict[tuple[int, int], int] = {}
+    for index, entry in enumerate(files):
+        where = f"{toml}, files entry {index + 1}"
+        try:
+            path = inside(folder, entry.file)
+            identity = (path.stat().st_dev, path.stat().st_ino)
+        except (RefusedError, OSError) as refusal:
+            mistakes.add(where, str(refusal))
+            continue
+        if identity in seen:
+            mistakes.add(where, f"'{shown(entry.file)}' is the file of entry {seen[identity] + 1}; name each file once")
+            continue
+        seen[identity] = index
+        places[index] = path
+    return places
+
+
+def _plan(entry: FileTable, table: RecordingTable, channels: dict[str, Channel], place: Path) -> Plan:
+    """What a file is read as."""
+    flow = channels.get("flow_l_min") or channel_of("flow_l_min", None)
+    lowest = -(6.0 * flow.noise_sd * entry.noise_scale + 3.0 * flow.bias_sd + flow.resolution)
+    keep_extra = place.stat().st_size <= EXTRA_BYTES
+    return Plan(entry.kind, needed_columns(entry.kind, table.motor), lowest, keep_extra)
+
+
+def _read_file(
+    place: Path, plan: Plan, mistakes: Mistakes, digest: Any, advance: Callable[[int], None]
+) -> Table | None:
+    content = hashlib.sha256()
+
+    def seen(data: bytes) -> None:
+        content.update(data)
+        advance(len(data))
+
+    try:
+        with open_plain(place) as stream:
+            found = read_table(stream, plan, str(place), mistakes, seen)
+    except (RefusedError, OSError) as refusal:
+        mistakes.add(str(place), str(refusal))
+        return None
+    digest.update(content.digest())
+    return found
+
+
+def _check_used(table: RecordingTable, tables: list[Table | None], toml: str, mistakes: Mistakes) -> None:
+    """What only all the files together show: instruments without a column, transients without an inertia."""
+    columns = {name for found in tables if found for name in found.names}
+    misnamed = {name for column in columns if mistakes.count and column not in NAMES for name in siblings(column)}
+    complete = all(found is not None for found in tables)
+    for name in table.channels:
+        if name in MEASURED and name not in columns | misnamed and complete:
+            other = set(PRESSURE) & columns if name in PRESSURE else set()
+            there = f"the files have {', '.join(sorted(other))}" if other else "no file has this column"
+            mistakes.add(f"{toml}, [channels.{name}]", f"{there}; name the table as the CSV names the column")
+    motor = table.motor
+    if isinstance(motor, dict) and motor.get("kind") == "displacement_machine" and "inertia_kg_m2" not in motor:
+        for entry in table.files:
+            if entry.kind == "transient":
+                what = f"inertia_kg_m2 is missing, which the transient '{shown(entry.file)}' needs"
+                mistakes.add(f"{toml}, [motor]", what)
+
+
+def _assembled(folder: Path, table: RecordingTable, tables: list[Table], sha256: str) -> Recording:
+    """The recording out of its parts, with the warnings."""
+    columns = {name for found in tables for name in found.columns}
+    channels = {name: channel_of(name, table.channels.get(name)) for name in MEASURED if name in columns}
+    warnings = default_warnings(channels)
+    if table.ambient.pressure_bar_abs is None and columns & set(PRESSURE):
+        warnings.append("[ambient] leaves out pressure_bar_abs (taken: the motor's default and its prior)")
+    files = []
+    for entry, found in zip(table.files, tables, strict=True):
+        warnings += unknown_warning(found.names, entry.file, kept=bool(found.extra))
+        files.append(
+            RecordingFile(
+                file=entry.file,
+                kind=entry.kind,
+                start_s=entry.start_s,
+                noise_scale=entry.noise_scale,
+                rows=found.rows,
+                columns=found.columns,
+                direction=found.direction,
+                extra=found.extra,
+            )
+        )
+    return Recording(
+        folder=folder,
+        motor=table.motor,
+        ambient=ambient_of(table.ambient),
+        channels=channels,
+        files=tuple(files),
+        added_inertia_kg_m2=table.rig.added_inertia_kg_m2,
+        warnings=tuple(warnings),
+        sha256=sha256,
+    )
+
+
+@contextlib.contextmanager
+def _progress(places: list[Path]) -> Iterator[Callable[[int], None]]:
+    """A bar on the error stream for large files (a line where no terminal shows it); nothing for small ones."""
+    total = sum(place.stat().st_size for place in places)
+    if total <= PROGRESS_BYTES:
+        yield lambda count: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        console.print(f"reading the recording, {total / 1e6:.0f} MB")
+        yield lambda count: None
+        return
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("reading the recording", total=total)
+        yield lambda count: progress.advance(task, count)
