@@ -612,7 +612,7 @@ def simulate(
     status, _, _ = _run(motor, supply, time_s, y, samples, np.empty(0), refine)
     if status != DONE:
         raise ArithmeticError(f"simulate: the integration failed (status {status}); are the parameters physical?")
-    return Transient(time_s, *(np.ascontiguousarray(column) for column in samples.T), state=y)
+    return Transient(time_s, *(np.ascontiguousarray(column) for column in samples.T), y)  # type: ignore[misc]
 
 
 def periodic_state(
