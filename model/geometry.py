@@ -285,7 +285,7 @@ def lowest_volume(parameters: np.ndarray) -> float:
 
 
 def table(parameters: np.ndarray, psi: np.ndarray) -> dict[str, np.ndarray]:
-    """The geometry over the angle, as MODEL tables and Fig. 5 show it.
+    """The geometry over the angle, as Fig. 5 of the article shows it.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ def heat_per_angle(
         Pressure [Pa], temperature [K] and speed [rad/s].
     node : ndarray, shape (10,)
         The point.
-    parameters, gas : ndarray
+    parameters, gas : ndarray, shapes (>= 20,) and (12,)
         Parameter set and gas.
     printed : bool
         The wall's resistance as printed (erratum 2).
@@ -165,7 +165,7 @@ def pass_cycle(
         Speed at the points [rad/s].
     V_low, V_high : float
         Volumes at the port edges [m3].
-    parameters, readings, node, gas : ndarray
+    parameters, readings, node, gas : ndarray, shapes (>= 20,), (5,), (24, 10) and (12,)
         Parameter set, readings, points and gas.
     stage : ndarray, shape (24,)
         What heat adds at the points: to T [K] in discharge, to P V^gamma when closed, to the mass [kg] in suction.
@@ -293,7 +293,7 @@ def friction_below_ambient(
         Ratio of specific heats [-].
     V_high : float
         Volume when the inlet shuts [m3].
-    readings, node : ndarray
+    readings, node : ndarray, shapes (5,) and (24, 10)
         Readings and points.
     """
     if readings[at.FRICTION_AS_PRINTED] > 0.0:

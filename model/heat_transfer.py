@@ -125,7 +125,7 @@ def quartic(coefficients: np.ndarray, first: int, T: float) -> float:
 
     Parameters
     ----------
-    coefficients : ndarray
+    coefficients : ndarray, shape (>= first + 5,)
         Where the five coefficients stand.
     first : int
         Index of the lowest.

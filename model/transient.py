@@ -128,7 +128,7 @@ def rates(
         Direction of motion that friction opposes, +1 or -1 [-].
     T_port : ndarray, shape (2,)
         Temperature behind outlet and inlet [K].
-    parameters, c, gas, readings : ndarray
+    parameters, c, gas, readings : ndarray, shapes (>= 20,), (8,), (12,) and (5,)
         Parameter set, curve, gas and readings, as elsewhere.
 
     Returns
@@ -301,7 +301,7 @@ def take_port(y: np.ndarray, i: int, which: int, P_p: float, T_p: float, c: np.n
         Cylinder, and OUTLET or INLET.
     P_p, T_p : float
         Pressure [Pa] and temperature [K] behind the port.
-    c, gas : ndarray
+    c, gas : ndarray, shapes (8,) and (12,)
         Curve and gas.
     """
     psi = (y[THETA] + i * (4.0 * at.PULSE)) % at.LOBE
@@ -345,7 +345,7 @@ def set_ports(
         Pressure [Pa] and temperature [K] behind outlet and inlet.
     lap : float
         Port lap [rad].
-    c, gas : ndarray
+    c, gas : ndarray, shapes (8,) and (12,)
         Curve and gas.
     """
     for i in range(at.N_CYLINDERS):
@@ -385,7 +385,7 @@ def integrate(
         Filled: angle, speed, inlet mass, outlet mass, pressure and mass of the first cylinder [SI].
     pulse_t : ndarray, shape (p,)
         Filled with the times at which the rotor has turned another 1/28 turn [s]; the run ends when it is full.
-    parameters, gas, readings : ndarray
+    parameters, gas, readings : ndarray, shapes (>= 20,), (12,) and (5,)
         Parameter set, gas and readings.
     refine : int
         Steps between two edges [-].

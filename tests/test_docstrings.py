@@ -1,0 +1,119 @@
+"""The house rule for docstrings: everything public has one, its parameters are those of the signature, with units."""
+
+import importlib
+import inspect
+import pkgutil
+import re
+
+import numba
+import pytest
+
+ROOMS = ("model", "calibration", "rig", "configs")
+SECTION = re.compile(r"^Parameters\n-{10}\n(.*?)(?=^\S[^\n]*\n-{3,}$|\Z)", re.MULTILINE | re.DOTALL)
+ENTRY = re.compile(r"^(?P<names>\*{0,2}\w+(?:, \*{0,2}\w+)*)(?: : (?P<kind>.+))?$")
+UNIT = re.compile(r"\[[^\]]+\]|own unit")
+
+
+def module_names():
+    """Every public module of the rooms, found by walking them."""
+    for room in ROOMS:
+        package = importlib.import_module(room)
+        yield room
+        found = (module.name for module in pkgutil.walk_packages(package.__path__, f"{room}."))
+        yield from (name for name in found if not any(part.startswith("_") for part in name.split(".")))
+
+
+def plain(thing):
+    """The Python function behind a compiled one."""
+    return getattr(thing, "py_func", thing)
+
+
+def is_callable_of(thing, module):
+    compiled = isinstance(thing, numba.core.dispatcher.Dispatcher)
+    return (compiled or inspect.isfunction(thing) or inspect.isclass(thing)) and thing.__module__ == module
+
+
+def public_things():
+    """Name and object of every public function, class and method that is defined in the rooms."""
+    for name in module_names():
+        module = importlib.import_module(name)
+        for key, thing in vars(module).items():
+            if key.startswith("_") or not is_callable_of(thing, name):
+                continue
+            yield f"{name}.{key}", thing
+            if inspect.isclass(thing):
+                for method_name, method in vars(thing).items():
+                    inner = getattr(method, "__func__", method)
+                    if not method_name.startswith("_") and inspect.isfunction(inner):
+                        yield f"{name}.{key}.{method_name}", inner
+
+
+THINGS = dict(public_things())
+FUNCTIONS = {name: plain(thing) for name, thing in THINGS.items() if not inspect.isclass(thing)}
+
+
+def signature_names(function):
+    return [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
+
+
+def entries(function):
+    """What the Parameters section says: names, kind and text of each entry; None without a section."""
+    section = SECTION.search(inspect.getdoc(function) or "")
+    if section is None:
+        return None
+    found = []
+    for line in section.group(1).splitlines():
+        if line and not line.startswith(" "):
+            entry = ENTRY.match(line)
+            assert entry, f"{function.__qualname__}: not numpydoc: {line!r}"
+            names = [name.strip(" *") for name in entry["names"].split(",")]
+            found.append([names, entry["kind"] or "", ""])
+        elif line:
+            found[-1][2] += f" {line.strip()}"
+    return found
+
+
+def test_the_rooms_are_found():
+    assert {"model.steady", "model.transient", "configs"} <= set(module_names())
+    assert {"model.geometry.place", "model.transient.Transient.mean_speed_rad_s", "configs.Strict"} <= set(THINGS)
+
+
+@pytest.mark.parametrize("name", list(module_names()))
+def test_every_module_says_what_it_is(name):
+    module = importlib.import_module(name)
+    is_empty_package = hasattr(module, "__path__") and not any(is_callable_of(v, name) for v in vars(module).values())
+    assert module.__doc__ or is_empty_package
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_everything_public_has_a_docstring(name):
+    assert plain(THINGS[name]).__doc__
+
+
+@pytest.mark.parametrize("name", [name for name, function in FUNCTIONS.items() if entries(function) is not None])
+def test_the_docstring_s_parameters_are_those_of_the_signature(name):
+    documented = [parameter for names, _, _ in entries(FUNCTIONS[name]) for parameter in names]
+    assert documented == signature_names(FUNCTIONS[name])
+
+
+def needs_a_section(name, function):
+    """In the model every second symbol does; elsewhere a sentence does for up to three names that speak."""
+    return len(signature_names(function)) > (1 if name.startswith("model.") else 3)
+
+
+@pytest.mark.parametrize("name", [name for name, function in FUNCTIONS.items() if needs_a_section(name, function)])
+def test_a_function_of_several_parameters_explains_them(name):
+    assert entries(FUNCTIONS[name]) is not None
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name for name, function in FUNCTIONS.items() if name.startswith("model.") and entries(function) is not None],
+)
+def test_every_quantity_of_the_model_has_a_unit_or_a_shape(name):
+    bare = [
+        names
+        for names, kind, text in entries(FUNCTIONS[name])
+        if re.match(r"(float|ndarray|array)", kind) and not (UNIT.search(text) or re.search(r"shapes? \(", kind))
+    ]
+    assert not bare
