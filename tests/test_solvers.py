@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model import layout, motor, published, transient
+from model import geometry, layout, motor, published, transient
 from model.cylinder import gas_state
 from model.steady import gas_table, solve, steady, unpack
 from model.transient import Supply
@@ -215,6 +215,19 @@ def test_the_flow_meter_s_volume_is_the_mass_at_the_line_s_state():
     np.testing.assert_allclose(
         found.flow_m3_s * PRESSURES, found.mass_flow_kg_s * 287.055 * DRY.si("inlet_temperature"), rtol=1e-13
     )
+
+
+@pytest.mark.parametrize(("P_in", "share"), [(1.6e5, 0.035), (2e5, 0.047)])
+def test_a_cylinder_takes_in_what_fills_its_clearance_and_its_stroke(P_in, share):
+    """Adiabatic, by hand: filled from P_d to P_s at the edge, then P_s dV / (R T_in) until the inlet shuts."""
+    low, high = geometry.table(ADIABATIC.vector(), np.radians([53.0, 82.0]))["V_m3"]
+    P_s, P_d = P_in - 1000.0, 102_325.0
+    filling = (P_s - P_d) * low / (1.4 * 287.055 * 293.15)
+    stroke = P_s * (high - low) / (287.055 * 293.15)
+    found = steady(ADIABATIC, [P_in])
+    turns_s = found.speed_rad_s[0, 0] / (2.0 * math.pi)
+    assert found.mass_flow_kg_s[0, 0] == pytest.approx((filling + stroke) * 28.0 * turns_s, rel=1e-9)
+    assert filling / (filling + stroke) == pytest.approx(share, abs=5e-4)
 
 
 # The steady solver as a function
