@@ -45,7 +45,7 @@ sbc: $(STAMP)
 	$(BIN)/python -m calibration.sbc --fits 400 -o $(OUT)/sbc
 
 figures: $(STAMP)
-	$(BIN)/spinbench reproduce -o docs/figures
+	$(BIN)/spinbench reproduce -o docs/figures --page docs/reproduction.md
 
 lock: $(STAMP)
 	$(BIN)/python -m pip install --quiet uv

@@ -1,0 +1,66 @@
+"""Writing results: each file beside its place first and then renamed, so that nothing is ever there by half."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files into a folder, which is made if it is missing.
+
+    All are written out in full before the first gets its name.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    files : mapping of str to bytes
+        Contents by file name.
+
+    Raises
+    ------
+    OSError
+        When the folder or a file cannot be written; what was there before is still there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as stack:
+        beside = [(_write_beside(folder, content, stack), folder / name) for name, content in files.items()]
+        for temporary, place in beside:
+            temporary.replace(place)
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write one file, as `write_files` does.
+
+    Parameters
+    ----------
+    path : Path
+        Where to.
+    content : bytes
+        All of it.
+
+    Raises
+    ------
+    OSError
+        When it cannot be written.
+    """
+    write_files(path.parent, {path.name: content})
+
+
+def _write_beside(folder: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
+    """A temporary file with the content, removed by the stack unless it has been renamed by then."""
+    handle, name = tempfile.mkstemp(prefix=".spinbench-", dir=folder)
+    temporary = Path(name)
+    stack.callback(temporary.unlink, missing_ok=True)
+    with os.fdopen(handle, "wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+    umask = os.umask(0)
+    os.umask(umask)
+    temporary.chmod(0o666 & ~umask)
+    return temporary

@@ -1,0 +1,141 @@
+"""One plot style for everything: sober, legible in print, safe for colour-blind readers.
+
+Figures are made without pyplot, so nothing is global and nothing leaks between reports. Series differ by line style as
+well as by colour; measured points are open circles and nothing else is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's set without its yellow, which vanishes on white; in the order in which series take them.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+LINES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
+INK, FAINT, SHADE = "#222222", "#8A8A8A", "#EFEFEF"
+MEASURED: dict[str, Any] = {"color": INK, "marker": "o", "markerfacecolor": "white", "linestyle": "none", "zorder": 5}
+WIDTH_IN, HEIGHT_IN = 6.4, 3.9
+DPI = 150
+
+_RC: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.labelcolor": INK,
+    "axes.edgecolor": FAINT,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 5.5,
+    "legend.edgecolor": "none",
+    "legend.framealpha": 0.9,
+    "legend.fontsize": 8.5,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.fonttype": "none",
+    "svg.hashsalt": "spinbench",  # the same figure gives the same file
+}
+
+
+@contextlib.contextmanager
+def drawing(
+    rows: int = 1, columns: int = 1, height_in: float = HEIGHT_IN, **layout: Any
+) -> Iterator[tuple[Figure, Any]]:
+    """An empty figure; what is drawn inside the ``with`` has the style.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Panels.
+    height_in : float
+        Height [in]; the width is the same for all.
+    **layout
+        As ``Figure.subplots`` takes it: ``sharex``, ``height_ratios`` and so on.
+
+    Yields
+    ------
+    figure : Figure
+        The figure, for `png` or `svg`.
+    axes : Axes or ndarray of Axes
+        Its panels.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(_RC):
+        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure, figure.subplots(rows, columns, **layout)
+
+
+def label(quantity: str, unit: str) -> str:
+    """The label of an axis: a quantity is never without its unit.
+
+    Parameters
+    ----------
+    quantity, unit : str
+        ``"speed"`` and ``"rpm"``; the unit ``"1"`` is left out.
+    """
+    return quantity if unit == "1" else f"{quantity} ({unit})"
+
+
+def name_axes(axes: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
+    """Label both axes.
+
+    Parameters
+    ----------
+    axes : Axes
+        The panel.
+    x, y : tuple of str
+        Quantity and unit of each axis.
+    """
+    axes.set_xlabel(label(*x))
+    axes.set_ylabel(label(*y))
+
+
+def series(index: int) -> dict[str, Any]:
+    """Colour and line style of the n-th series.
+
+    Parameters
+    ----------
+    index : int
+        From 0 on.
+    """
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": LINES[index % len(LINES)]}
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as a PNG file, the same bytes every time."""
+    return _saved(figure, format="png", dpi=DPI, metadata={"Software": None})
+
+
+def svg(figure: Figure) -> bytes:
+    """The figure as an SVG file, the same bytes every time."""
+    return _saved(figure, format="svg", metadata={"Date": None})
+
+
+def _saved(figure: Figure, **options: Any) -> bytes:
+    import matplotlib
+
+    stream = io.BytesIO()
+    with matplotlib.rc_context(_RC):
+        figure.savefig(stream, **options)
+    return stream.getvalue()

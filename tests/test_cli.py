@@ -1,0 +1,174 @@
+"""The command as a person runs it: a process, its output, its files and its exit code."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from model.motor import read_motor
+from model.steady import steady
+from spinbench import EXIT_CODES, exit_code
+
+HEAVY = ("numpy", "numba", "scipy", "matplotlib", "pandas", "emcee", "pydantic", "jinja2")
+
+
+def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    program = "import spinbench; spinbench.main()"
+    return subprocess.run(
+        [sys.executable, "-c", program, *arguments], capture_output=True, text=True, cwd=cwd, timeout=120, check=False
+    )
+
+
+def refused(result: subprocess.CompletedProcess[str]) -> str:
+    """What a refusal says; that it is one."""
+    assert result.returncode == 2, result.stderr
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+    lines = result.stderr.splitlines()
+    assert lines
+    assert all(line.startswith("spinbench: ") for line in lines)
+    return result.stderr
+
+
+def test_help_names_the_commands_and_imports_nothing_heavy():
+    program = (
+        "import sys, spinbench\n"
+        "sys.argv = ['spinbench', '--help']\n"
+        "try:\n    spinbench.main()\n"
+        "except SystemExit as end:\n    assert not end.code\n"
+        f"print('loaded:', [name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    for command in ("simulate", "sensitivity", "reproduce"):
+        assert command in result.stdout
+    assert "loaded: []" in result.stdout
+
+
+def test_version():
+    assert run("--version").stdout.startswith("spinbench 0.")
+
+
+def test_simulate_writes_simulation_1_with_the_steady_solvers_figures():
+    result = run("simulate", "--pressure-bar-abs", "2.0", "--set", "f_overall=0.0633", "--json", "-")
+    assert result.returncode == 0
+    data = json.loads(result.stdout)
+    found = steady(read_motor("ptm3600").with_values({"f_overall": 0.0633}), [2.0e5])
+    assert data["format"] == "simulation/1"
+    assert data["speed_rpm"] == pytest.approx(found.speed_rad_s[0, 0] * 9.549296585513721, rel=1e-9)
+    assert data["flow_l_min"] == pytest.approx(found.flow_m3_s[0, 0] * 6e4, rel=1e-9)
+    assert data["gas_torque_nm"] == pytest.approx(found.gas_torque_nm[0, 0], rel=1e-9)
+    assert data["parameters"]["f_overall_n_m_s"] == 0.0633
+
+
+def test_simulate_prints_a_table_and_no_json():
+    result = run("simulate", "--pressure-bar-abs", "2.0")
+    assert result.returncode == 0
+    assert "397.06" in result.stdout
+    assert "rpm" in result.stdout
+    assert "{" not in result.stdout
+
+
+def test_a_sweep_lists_its_points_and_warns_of_stall_and_speed_limit(tmp_path):
+    result = run(
+        "simulate",
+        "--pressure-bar-abs",
+        "1.05",
+        "--to",
+        "2.6",
+        "--points",
+        "4",
+        "--json",
+        "sweep.json",
+        "-o",
+        "out",
+        cwd=tmp_path,
+    )
+    assert result.returncode == 0
+    assert "stalls at 1.05 bar" in result.stderr
+    assert "manufacturer's 600 rpm at 2.6 bar" in result.stderr
+    data = json.loads((tmp_path / "sweep.json").read_text())
+    assert [point["pressure_bar_abs"] for point in data["points"]] == pytest.approx(
+        [1.05, 1.05 + 1.55 / 3, 2.6 - 1.55 / 3, 2.6]
+    )
+    assert data["points"][0]["speed_rpm"] == 0.0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["simulation.json", "simulation.png"]
+
+
+@pytest.mark.parametrize(("kind", "start_s", "end_s"), [("spin-up", 0.0, 0.3), ("coast-down", -0.1, 0.3)])
+def test_a_transient_writes_arrays_by_time(kind, start_s, end_s):
+    result = run("simulate", "--pressure-bar-abs", "2.0", "--transient", kind, "--duration-s", "0.3", "--json", "-")
+    data = json.loads(result.stdout)
+    assert data["transient"] == kind
+    assert (data["time_s"][0], data["time_s"][-1]) == (start_s, end_s)
+    assert len(data["speed_rpm"]) == len(data["time_s"]) == len(data["angle_rad"])
+    assert max(data["speed_rpm"]) == pytest.approx(395.0, rel=0.02)
+
+
+def test_a_misspelt_parameter_is_refused_with_the_nearest_and_writes_nothing(tmp_path):
+    result = run(
+        "simulate", "--pressure-bar-abs", "2", "--set", "f_overal=0.06", "--json", "x.json", "-o", "o", cwd=tmp_path
+    )
+    assert "did you mean 'f_overall'?" in refused(result)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--pressure-bar-abs", "9"), "outside 0.5 to 8 bar"),
+        (("--pressure-bar-abs", "nan"), "outside 0.5 to 8 bar"),
+        (("--pressure-bar-abs", "1.0"), "below the ambient"),
+        (("--pressure-bar-abs", "2.0", "--to", "0.9"), "below the ambient"),
+        (("--pressure-bar-abs", "2.0", "--motor", "ptm360"), "no such file; did you mean 'ptm3600.toml'?"),
+        (("--pressure-bar-abs", "2.0", "--motor", "missing/motor.toml"), "no such file"),
+        (("--pressure-bar-abs", "2.0", "--set", "f_overall=much"), "not a number"),
+        (("--pressure-bar-abs", "2.0", "--set", "cylinder_diameter=-1"), "outside"),
+        (("--pressure-bar-abs", "1.02", "--transient", "coast-down"), "nothing to coast down from"),
+    ],
+)
+def test_unusable_input_is_one_clear_line(tmp_path, arguments, words):
+    assert words in refused(run("simulate", *arguments, "-o", "out", cwd=tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    assert "taken" in refused(run("simulate", "--pressure-bar-abs", "2", "-o", "taken", cwd=tmp_path))
+
+
+def test_options_that_exclude_each_other_are_a_usage_error():
+    result = run("simulate", "--pressure-bar-abs", "2", "--to", "3", "--transient", "spin-up")
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+
+
+def test_sensitivity_ranks_at_every_pressure():
+    result = run("sensitivity", "--pressure-bar-abs", "1.6", "--pressure-bar-abs", "2.0", "--json", "-")
+    data = json.loads(result.stdout)
+    assert data["format"] == "sensitivity/1"
+    assert data["pressure_bar_abs"] == [1.6, 2.0]
+    first = data["ranking"][0]
+    assert first["name"] == "concave_reach"
+    assert len(first["speed_rpm_per_percent"]) == 2
+    assert first["speed_rpm_per_prior_sd"] is None
+
+
+def test_sensitivity_prints_whole_names():
+    assert "cylinder_surface_radius_mm" in run("sensitivity", "--pressure-bar-abs", "2.0").stdout
+
+
+def test_reproduce_puts_figures_and_page_where_they_are_asked_for(tmp_path):
+    result = run("reproduce", "-o", "docs/figures", "--page", "docs/page.md", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    page = (tmp_path / "docs" / "page.md").read_text(encoding="utf-8")
+    assert "(figures/fig11_friction.png)" in page
+    assert (tmp_path / "docs" / "figures" / "fig11_friction.png").stat().st_size > 10_000
+    assert (tmp_path / "docs" / "figures" / "reproduce.json").exists()
+
+
+def test_only_errors_that_are_the_users_are_told_in_words():
+    assert exit_code(ValueError("ours")) is None
+    assert exit_code(PermissionError(13, "denied", "x")) == 2
+    assert {name.rpartition(".")[0] for name in EXIT_CODES} >= {"configs", "model.performance"}
