@@ -1,0 +1,173 @@
+"""Priors: every unknown of a fit as a function of a standard normal number.
+
+The sampler walks in ``z``, one coordinate an unknown, where every prior is N(0, 1): all unknowns have the same scale,
+no bound can be stepped over, and what the recording does not inform stays at mean 0 and sd 1 for everyone to see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from model.motor import QUANTITIES, Motor
+from rig.recording import Recording
+
+NOISE_FACTOR = 1.35  # one standard deviation (log-normal 0.3) of how far a declared noise figure may be off
+PASCAL_PER_BAR = 1e5
+KELVIN_AT_0_C = 273.15
+TEMPERATURE_SD = 0.5  # K, of a recorded temperature whose recording states no uncertainty
+PRESSURE_SD_BAR = 0.0015  # bar, of a recorded barometer that states none
+CHANNELS = ("pressure", "flow", "speed")
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One coordinate of the fit.
+
+    Attributes
+    ----------
+    name, unit : str
+        As they stand in posterior/1.
+    kind : str
+        normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z) or loguniform (between ``a`` and ``b``).
+    a, b : float
+        The prior's figures, in the unit.
+    why : str
+        Where the prior comes from, for the report.
+    """
+
+    name: str
+    unit: str
+    kind: Literal["normal", "lognormal", "loguniform"]
+    a: float
+    b: float
+    why: str
+
+    def value(self, z: np.ndarray) -> np.ndarray:
+        """The unknown's value in its unit, same shape as ``z`` [-]."""
+        if self.kind == "normal":
+            return self.a + self.b * z
+        if self.kind == "lognormal":
+            return self.a * self.b**z
+        return self.a * (self.b / self.a) ** ndtr(z)
+
+    def z(self, value: float) -> float:
+        """The standard normal number of a value in the unknown's unit; the inverse of `value` [-]."""
+        if self.kind == "normal":
+            return (value - self.a) / self.b
+        if self.kind == "lognormal":
+            return float(np.log(value / self.a) / np.log(self.b))
+        return float(ndtri(np.log(value / self.a) / np.log(self.b / self.a)))
+
+
+def unknowns(motor: Motor, recording: Recording) -> list[Unknown]:
+    """All unknowns of a fit: the motor's parameters that carry a prior, then the errors of each instrument.
+
+    Parameters
+    ----------
+    motor : Motor
+        The motor, already moved to the recording's ambient by `at_ambient`.
+    recording : Recording
+        For the instruments' figures and the ambient's uncertainty.
+
+    Returns
+    -------
+    list of Unknown
+        In a fixed order; an instrument's error whose prior has no width is left out.
+    """
+    found = [_of_motor(motor, recording, name) for name in QUANTITIES if motor[name].prior is not None]
+    for channel in CHANNELS:
+        column = column_of(recording, channel)
+        if column is None:
+            continue
+        figures, unit = recording.channels[column], {"pressure": "bar", "flow": "L/min", "speed": "rpm"}[channel]
+        why = f"recording, channels.{column}"
+        if figures.bias_sd > 0.0:
+            found.append(Unknown(f"{channel}_offset", unit, "normal", 0.0, figures.bias_sd, why))
+        if figures.scale_sd > 0.0:
+            found.append(Unknown(f"{channel}_scale", "1", "normal", 0.0, figures.scale_sd, why))
+        if figures.noise_sd > 0.0:
+            reason = "a declared noise figure is uncertain by a factor 1.35"
+            found.append(Unknown(f"{channel}_noise_scale", "1", "lognormal", 1.0, NOISE_FACTOR, reason))
+    return found
+
+
+def at_ambient(motor: Motor, recording: Recording) -> Motor:
+    """The motor in the recording's ambient, with its flywheel; what the recording leaves out keeps the motor's default.
+
+    Parameters
+    ----------
+    motor : Motor
+        The motor as configured.
+    recording : Recording
+        The recording.
+
+    Returns
+    -------
+    Motor
+        The changed motor.
+
+    Raises
+    ------
+    configs.ConfigError
+        When the recorded ambient is outside the motor's bounds.
+    """
+    ambient = recording.ambient
+    values: dict[str, float] = {}
+    if ambient.pressure_bar_abs is not None:
+        values["ambient_pressure"] = ambient.pressure_bar_abs * PASCAL_PER_BAR
+    if ambient.temperature_c is not None:
+        values["ambient_temperature"] = values["inlet_temperature"] = ambient.temperature_c + KELVIN_AT_0_C
+    if ambient.relative_humidity is not None:
+        values["relative_humidity"] = ambient.relative_humidity
+    if recording.added_inertia_kg_m2 > 0.0:
+        values["inertia"] = motor["inertia"].value + recording.added_inertia_kg_m2
+    return motor.with_values(values)
+
+
+def column_of(recording: Recording, channel: str) -> str | None:
+    """The recording's column of a channel (pressure, flow, speed), or None where it has none."""
+    starts = {"pressure": "pressure_bar_", "flow": "flow_l_min", "speed": "speed_rpm"}[channel]
+    return next((column for column in recording.channels if column.startswith(starts)), None)
+
+
+def draw(found: Sequence[Unknown], rng: np.random.Generator, n: int) -> np.ndarray:
+    """Draws from the prior, shape (n, n_unknowns), as standard normal numbers [-].
+
+    Parameters
+    ----------
+    found : sequence of Unknown
+        The unknowns.
+    rng : numpy.random.Generator
+        Source of randomness.
+    n : int
+        Number of draws [-].
+    """
+    return rng.standard_normal((n, len(found)))
+
+
+def _of_motor(motor: Motor, recording: Recording, name: str) -> Unknown:
+    """A parameter's prior, or the recording's own knowledge of the ambient where it has some."""
+    parameter, ambient = motor[name], recording.ambient
+    prior = parameter.prior
+    if prior is None:
+        raise ValueError(f"{name} has no prior")
+    unit, value = parameter.unit, parameter.value
+    if name == "ambient_pressure" and ambient.pressure_bar_abs is not None:
+        sd = ambient.pressure_sd_bar if ambient.pressure_sd_bar else PRESSURE_SD_BAR
+        return Unknown(name, unit, "normal", value, sd * PASCAL_PER_BAR, "recording, ambient")
+    if name in ("ambient_temperature", "inlet_temperature") and ambient.temperature_c is not None:
+        sd = ambient.temperature_sd_k if ambient.temperature_sd_k else TEMPERATURE_SD
+        return Unknown(name, unit, "normal", value, sd, "recording, ambient")
+    why = f"motor {motor.name}: {parameter.source}"
+    if prior.sd is not None:
+        return Unknown(name, unit, "normal", value, prior.sd, why)
+    if prior.factor is not None:
+        return Unknown(name, unit, "lognormal", value, prior.factor, why)
+    if prior.low is None or prior.high is None:
+        raise ValueError(f"{name}: an incomplete prior")
+    return Unknown(name, unit, "loguniform", prior.low, prior.high, why)
