@@ -27,7 +27,7 @@ $(STAMP): requirements.lock pyproject.toml
 	@touch $(STAMP)
 
 demo: $(STAMP)
-	$(BIN)/spinbench fit logs/published_sweep -o $(OUT)/demo --seed 1 --accuracy-classes
+	$(BIN)/spinbench fit logs/published_sweep -o $(OUT)/demo --seed 1 --compare --gauge-span-bar 6
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -5,7 +5,9 @@ What is slow to import is imported inside the commands, so that `spinbench --hel
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from calibration.sampling import Progress
     from model.motor import Motor
     from model.reproduction import Measured
 
@@ -23,6 +26,9 @@ UNUSABLE_INPUT, NOT_CONVERGED = 2, 3
 # the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.
 EXIT_CODES = {
     "builtins.OSError": UNUSABLE_INPUT,
+    "calibration.fit.NotConvergedError": NOT_CONVERGED,
+    "calibration.peak.NoPeakError": UNUSABLE_INPUT,
+    "calibration.sampling.ChainError": UNUSABLE_INPUT,
     "configs.ConfigError": UNUSABLE_INPUT,
     "model.performance.OperatingPointError": UNUSABLE_INPUT,
     "rig.recording.contents.RecordingError": UNUSABLE_INPUT,
@@ -177,6 +183,83 @@ def sensitivity(
     tables = [simulation.sensitivity_table(bar, ranking, i) for i, bar in enumerate(pressure_bar_abs)]
     data = simulation.json_bytes(simulation.sensitivity_data(chosen, pressure_bar_abs, ranking))
     _deliver(data, tables, None, json_file, None)
+
+
+@app.command()
+def fit(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="Report, posterior and chain; a killed fit goes on."),
+    ] = None,
+    json_file: JsonOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same result to the bit.")] = 1,
+    effective_samples: Annotated[
+        int, typer.Option(min=200, max=1_000_000, help="Least effective sample size of every unknown.")
+    ] = 10_000,
+    max_steps: Annotated[int, typer.Option(min=50, max=1_000_000, help="Budget of each ensemble.")] = 4000,
+    assignments: SetOption = None,
+    speed_only: Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")] = False,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall hangs on.")
+    ] = False,
+    gauge_span_bar: Annotated[
+        float | None,
+        typer.Option(metavar="BAR", help="Full scale of the gauge: fit again for accuracy classes 0.6, 1.0, 1.6, 2.5."),
+    ] = None,
+) -> None:
+    """Fit f_overall and what it hangs on to a recording; exit code 3 if the sampler does not converge."""
+    from calibration import fit as fits
+    from calibration import posterior
+    from calibration.report import files, fit_page, simulation
+    from calibration.sampling import Settings
+    from rig.recording import read_recording
+
+    read = read_recording(recording)
+    for words in read.warnings:
+        print(f"spinbench: {words}", file=sys.stderr)
+    settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
+    channels = ("pressure", "speed") if speed_only else fits.ALL_CHANNELS
+    changes = assignments or []
+    with _sampling_progress("fit") as progress:
+        found = fits.fit(read, settings, changes, channels, out / "chain" if out else None, progress)
+    variants = []
+    for name, changed, used in fits.variants(read, channels, compare, gauge_span_bar):
+        with _sampling_progress(name) as progress:
+            variants.append((name, fits.fit(changed, fits.brief(settings), changes, used, None, progress).posterior))
+    data = posterior.as_json(found.posterior)
+    encoded = simulation.json_bytes(data)
+    if out is not None:
+        files.write_files(out, {"posterior.json": encoded} | fit_page.report(found, variants))
+    _deliver(encoded, fit_page.table(found), None, json_file, None)
+    for words in fit_page.remarks(found):
+        print(f"spinbench: {words}", file=sys.stderr)
+    if out is not None:
+        print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def _sampling_progress(name: str) -> Iterator[Progress]:
+    """A bar on standard error: effective samples drawn of those wanted, with the time left."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} effective samples"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Bar(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(name, total=1.0)
+
+        def tell(done: int, wanted: float, words: str) -> None:
+            bar.update(task, description=f"{name}: {words}", completed=min(done, wanted), total=wanted)
+
+        yield tell
 
 
 @app.command()

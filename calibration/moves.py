@@ -75,4 +75,4 @@ class IndependenceMove(Move):
 
 def mixture() -> list[tuple[Move, float]]:
     """The moves of a fit: independent proposals, and differential evolution for what they do not reach."""
-    return [(IndependenceMove(), 0.6), (emcee.moves.DEMove(), 0.4)]
+    return [(IndependenceMove(), 0.8), (emcee.moves.DEMove(), 0.2)]

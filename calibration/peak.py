@@ -15,6 +15,10 @@ NARROW = 0.35  # prior standard deviations: a direction that the recording fixes
 MOST_NARROW = 4
 
 
+class NoPeakError(ArithmeticError):
+    """Nothing in the prior explains the recording."""
+
+
 def find_peak(log_prob: BatchLogProb, candidates: np.ndarray) -> np.ndarray:
     """The highest point found from the best of some candidates.
 
@@ -32,12 +36,12 @@ def find_peak(log_prob: BatchLogProb, candidates: np.ndarray) -> np.ndarray:
 
     Raises
     ------
-    ArithmeticError
+    NoPeakError
         When no candidate has a finite probability.
     """
     values = log_prob(candidates)
     if not np.isfinite(values).any():
-        raise ArithmeticError("no point of the prior explains the recording; are motor and recording of one rig?")
+        raise NoPeakError("no point of the prior explains the recording; are motor and recording of one rig?")
     return _climb(log_prob, candidates[int(np.argmax(values))])
 
 

@@ -22,9 +22,9 @@ from calibration.peak import BatchLogProb
 from calibration.transport import REACH, TransportMap
 
 ENSEMBLES = 4
-WALKERS = 64
+WALKERS = 48
 BLOCK = 25  # steps between looks at convergence
-WARM_UP_BLOCKS = 4
+WARM_UP_BLOCKS = 7
 SCATTERED = 1024  # points that the first map is fitted to
 TIMES_TAU = 50  # a chain is long enough at this many autocorrelation times
 DISCARD_TAU = 5  # autocorrelation times left out at the start of what the fixed moves drew

@@ -169,6 +169,8 @@ def gas_state(parameters: np.ndarray, P_in: float, readings: np.ndarray) -> np.n
         return np.concatenate([[DRY_R, DRY_CP], DRY_MU, DRY_K])
     P_a, T_a, T = parameters[at.P_A], parameters[at.T_A], parameters[at.T_IN]
     P = 0.5 * (P_in + P_a)
-    x_w = min(air.water_fraction(T_a, P_a, parameters[at.HUMIDITY]), air.water_fraction(T, max(P_in, P_a), 1.0))
+    x_w = air.water_fraction(T_a, P_a, parameters[at.HUMIDITY])
+    if air.saturation_vapour_pressure(T) < max(P_in, P_a) * x_w:  # the line is too dense to hold it all as vapour
+        x_w = min(x_w, air.water_fraction(T, max(P_in, P_a), 1.0))
     mu, k = air.transport_polynomials(P, x_w)
     return np.concatenate([[air.gas_constant(x_w), air.ideal_heat_capacity(T, x_w)], mu, k])

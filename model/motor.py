@@ -256,10 +256,10 @@ def set_values(motor: Motor, assignments: list[str]) -> Motor:
         key, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals or not text:
             raise ConfigError(f"--set {assignment[:60]!r}: write NAME=VALUE, for example f_overall=0.0633")
-        if key in names:
-            values[names[key]] = _number(key, text)
-        elif key in Readings.model_fields:
+        if key in Readings.model_fields and (key not in names or not _is_number(text)):
             readings[key] = {"true": True, "false": False}.get(text, text)
+        elif key in names:
+            values[names[key]] = _number(key, text)
         else:
             known = [*names, *Readings.model_fields]
             close = difflib.get_close_matches(key, known, n=1)
@@ -272,6 +272,14 @@ def name_with_unit(name: str) -> str:
     """The parameter's name with its unit, as the command line and tables show it: ``cylinder_diameter_mm``."""
     suffix = SUFFIX[QUANTITIES[name].unit]
     return f"{name}_{suffix}" if suffix else name
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _number(key: str, text: str) -> float:

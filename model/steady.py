@@ -22,8 +22,9 @@ SPEED_OUT, MASS_FLOW, VOLUME_FLOW, TORQUE, ROLLER, SPEED_SLOPE, FLOW_SLOPE, STAT
 N_OUT = 9
 RUNNING, STALLED, NOT_CONVERGED = 0.0, 1.0, 2.0
 MOST_PASSES = 60
-TOLERANCE = 1e-7  # relative, of speed and temperature; each pass gains at least two digits
-SLOPE_STEP = 1e-3  # relative step of the pressure for the slopes
+TOLERANCE = 1e-6  # relative change in the last pass; each pass gains two digits, so the error left is below 1e-7
+SLOPE_STEP = 1e-3  # relative step of the pressure for slopes by difference
+LARGE_RIPPLE = 0.05  # peak to peak over the mean: above it the ripple bends the slope, and it is taken by difference
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Steady:
     roller_torque_nm : ndarray
         Mean torque lost in roller friction.
     speed_slope, flow_slope : ndarray
-        Derivatives with pressure [rad/s/Pa], [m3/s/Pa]; zero when not asked for.
+        Derivatives with pressure [rad/s/Pa], [m3/s/Pa], to 1 %; zero when not asked for.
     running : ndarray of bool
         False where the motor stalls or no periodic state was found.
     ripple_rad_s : ndarray
@@ -150,15 +151,27 @@ def _solve_set(
     first = pulse.tabulate(parameters, readings, gamma, c, table)
     V_low, V_high = heat_cycle.place_nodes(parameters, readings, gamma, c, node)
     pulse.steps_of(node[:, heat_cycle.PHASE], table, first, step)
+    T = parameters[at.T_A]
+    P_before = pressures[0]
     for p in range(pressures.size):
         P = pressures[p]
         row = out[p]
-        stage[:] = 0.0
-        T = parameters[at.T_IN] * ((parameters[at.P_A] + parameters[at.DP_OUT]) / P) ** (1.0 - 1.0 / gamma)
+        if p == 0 or out[p - 1, STATUS] != RUNNING:  # otherwise the point before has left its heat as a first guess
+            stage[:] = 0.0
+            T = parameters[at.T_IN] * ((parameters[at.P_A] + parameters[at.DP_OUT]) / P) ** (1.0 - 1.0 / gamma)
+        else:
+            T *= ((P_before - parameters[at.DP_IN]) / (P - parameters[at.DP_IN])) ** (1.0 - 1.0 / gamma)
+        P_before = P
         T = _solve_point(
             P, T, 0.0, parameters, readings, gas[p], gamma, table, first, node, step, V_low, V_high, scratch, stage, row
         )
-        if slopes and row[STATUS] == RUNNING:
+        if slopes and row[STATUS] == RUNNING and row[RIPPLE] < LARGE_RIPPLE * row[SPEED_OUT]:
+            # The adiabatic torque and charge are linear in P_s; what heat and ripple change in them is below 1 % here.
+            swept = (V_high - V_low + V_low / gamma) / (gas[p, at.GAS_R] * parameters[at.T_IN])
+            row[SPEED_SLOPE] = np.sum(table[:, pulse.NET_S]) / (at.PULSE * parameters[at.F_OVERALL])
+            growth = row[SPEED_SLOPE] / row[SPEED_OUT] + swept * row[SPEED_OUT] / (at.PULSE * row[MASS_FLOW]) - 1.0 / P
+            row[FLOW_SLOPE] = row[VOLUME_FLOW] * growth
+        elif slopes and row[STATUS] == RUNNING:
             P_1 = P * (1.0 + SLOPE_STEP)
             w = row[SPEED_OUT] * (1.0 + SLOPE_STEP * P / (P - parameters[at.P_A]))
             _solve_point(
@@ -208,7 +221,7 @@ def solve(
     gas : ndarray, shape (n_points, 12)
         Gas of each point, of `gas_table`; shared by the sets, on which it depends too little to matter.
     slopes : bool
-        Derivatives with pressure too.
+        Derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
 
     Returns
     -------
@@ -266,7 +279,7 @@ def steady(motor: Motor, pressures: ArrayLike, slopes: bool = False) -> Steady:
     pressures : array_like, shape (n_points,)
         Absolute inlet pressures [Pa].
     slopes : bool
-        Derivatives with pressure too.
+        Derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
 
     Returns
     -------

@@ -612,7 +612,8 @@ def simulate(
     status, _, _ = _run(motor, supply, time_s, y, samples, np.empty(0), refine)
     if status != DONE:
         raise ArithmeticError(f"simulate: the integration failed (status {status}); are the parameters physical?")
-    return Transient(time_s, *(np.ascontiguousarray(column) for column in samples.T), y)  # type: ignore[misc]
+    angle, speed, inlet, outlet, pressure, mass = (np.ascontiguousarray(column) for column in samples.T)
+    return Transient(time_s, angle, speed, inlet, outlet, pressure, mass, y)
 
 
 def periodic_state(
@@ -649,6 +650,7 @@ def periodic_state(
     y[OMEGA] = start_rad_s
     last = -1.0
     for _ in range(most_turns):
+        y[THETA] = 0.0  # after a whole turn the cylinders stand as they stood; counting on would lose digits
         pulse_t = np.full(at.N_LOBES * at.N_CYLINDERS, np.nan)
         status, _, pulses = _run(motor, [Supply(0.0, P_in)], np.array([0.0, 5.0]), y, np.empty((2, 6)), pulse_t, refine)
         if status != DONE:
@@ -657,7 +659,7 @@ def periodic_state(
             return y, 0.0
         mean = at.PULSE / (pulse_t[-1] - pulse_t[-2])
         if abs(mean - last) <= 1e-10 * mean:
-            y[THETA] = 0.0  # after a whole turn the cylinders stand as they stood
+            y[THETA] = 0.0
             y[M_IN:] = 0.0
             return y, mean
         last = mean

@@ -1,0 +1,170 @@
+"""What a chain says, in the words of posterior/1: parameters with their uncertainty, convergence, suspect rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.likelihood import Likelihood
+from calibration.priors import Unknown
+from calibration.sampling import Chain
+
+QUANTILES = {"q05": 0.05, "q50": 0.50, "q95": 0.95}
+SUSPECT = 0.5  # a reading that is more probably bad than good is named
+DRAWS_FOR_ROWS = 400  # draws over which the rows' probabilities and predictions are averaged
+COLUMNS = ("pressure", "flow", "speed")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One unknown's posterior.
+
+    Attributes
+    ----------
+    unknown : Unknown
+        Name, unit and prior.
+    mean, sd : float
+        In the unknown's unit.
+    quantiles : dict of str to float
+        q05, q50, q95, in the unit.
+    sd_of_prior : float
+        Posterior sd over prior sd, in the prior's standard normal number: 1 when the recording says nothing [-].
+    """
+
+    unknown: Unknown
+    mean: float
+    sd: float
+    quantiles: dict[str, float]
+    sd_of_prior: float
+
+
+@dataclass(frozen=True)
+class SuspectRow:
+    """A reading that is probably bad: file, row (1 is the first under the header), column and probability [-]."""
+
+    file: str
+    row: int
+    channel: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """A fit's result.
+
+    Attributes
+    ----------
+    estimates : tuple of Estimate
+        In the order of the unknowns.
+    chain : Chain
+        Samples and their quality.
+    values : ndarray, shape (n_samples, n_unknowns)
+        Samples in the unknowns' units.
+    suspect_rows : tuple of SuspectRow
+        Most probable first.
+    seconds : float
+        Wall time of the fit.
+    """
+
+    estimates: tuple[Estimate, ...]
+    chain: Chain
+    values: np.ndarray
+    suspect_rows: tuple[SuspectRow, ...]
+    seconds: float
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of that name."""
+        return next(estimate for estimate in self.estimates if estimate.unknown.name == name)
+
+    def prior_dominates(self, name: str) -> bool:
+        """Whether the recording narrows an unknown by less than half."""
+        return self[name].sd_of_prior > 0.5
+
+
+def summarise(chain: Chain, likelihood: Likelihood, columns: Sequence[str | None], seconds: float) -> Posterior:
+    """Summarise a chain.
+
+    Parameters
+    ----------
+    chain : Chain
+        The samples.
+    likelihood : Likelihood
+        Of the fit.
+    columns : sequence of str or None
+        The recording's column of pressure, flow and speed.
+    seconds : float
+        Wall time of the fit [s].
+
+    Returns
+    -------
+    Posterior
+        The summary.
+    """
+    flat = chain.flat()
+    values = likelihood.values(flat)
+    estimates = tuple(_estimate(unknown, values[:, i], flat[:, i]) for i, unknown in enumerate(likelihood.unknowns))
+    bad = likelihood.bad_probability(thinned(flat))
+    rows = likelihood.measured.steady
+    suspects = [
+        SuspectRow(rows.file[r], int(rows.row[r]), str(columns[c]), float(bad[r, c]))
+        for r, c in zip(*np.nonzero(bad > SUSPECT), strict=True)
+    ]
+    suspects.sort(key=lambda row: -row.probability)
+    return Posterior(estimates, chain, values, tuple(suspects), seconds)
+
+
+def thinned(flat: np.ndarray, most: int = DRAWS_FOR_ROWS) -> np.ndarray:
+    """Evenly spaced draws of a flat chain, shape (<= most, n_unknowns) [-].
+
+    Parameters
+    ----------
+    flat : ndarray, shape (n_samples, n_unknowns)
+        All draws [-].
+    most : int
+        How many at most [-].
+    """
+    return flat[:: -(-len(flat) // most)]
+
+
+def as_json(posterior: Posterior) -> dict[str, Any]:
+    """The contract's posterior/1.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        The result.
+    """
+    chain = posterior.chain
+    return {
+        "format": "posterior/1",
+        "parameters": {
+            estimate.unknown.name: {
+                "unit": estimate.unknown.unit,
+                "mean": estimate.mean,
+                "sd": estimate.sd,
+                **estimate.quantiles,
+            }
+            for estimate in posterior.estimates
+        },
+        "convergence": {
+            "rhat_max": float(chain.rhat.max()),
+            "ess_min": float(chain.effective.min()),
+            "acceptance": chain.acceptance,
+            "steps": chain.steps,
+            "walkers": int(chain.samples.shape[2]),
+            "ensembles": int(chain.samples.shape[0]),
+        },
+        "suspect_rows": [
+            {"file": row.file, "row": row.row, "channel": row.channel, "probability": row.probability}
+            for row in posterior.suspect_rows
+        ],
+        "seconds": posterior.seconds,
+    }
+
+
+def _estimate(unknown: Unknown, values: np.ndarray, z: np.ndarray) -> Estimate:
+    quantiles = {name: float(np.quantile(values, q)) for name, q in QUANTILES.items()}
+    return Estimate(unknown, float(values.mean()), float(values.std(ddof=1)), quantiles, float(z.std(ddof=1)))
