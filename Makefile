@@ -42,7 +42,7 @@ bench: $(STAMP)
 	$(BIN)/python tests/bench/run.py --json $(OUT)/bench.json
 
 sbc: $(STAMP)
-	$(BIN)/python -m calibration.sbc --fits 400 -o $(OUT)/sbc
+	$(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
 
 figures: $(STAMP)
 	$(BIN)/spinbench reproduce -o docs/figures --page docs/reproduction.md

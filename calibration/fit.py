@@ -240,7 +240,7 @@ def _why_not(chain: sampling.Chain, settings: Settings, folder: Path | None) -> 
     kept = f"; what is drawn is kept in {folder} and is continued" if folder else ""
     return (
         f"the sampler has not converged in {settings.most_steps} steps: {steps} steps kept against "
-        f"{sampling.TIMES_TAU} x {chain.tau.max():.1f} (autocorrelation time) wanted, R-hat {chain.rhat.max():.4f} "
+        f"{settings.times_tau:g} x {chain.tau.max():.1f} (autocorrelation time) wanted, R-hat {chain.rhat.max():.4f} "
         f"(at most {sampling.RHAT}), {chain.effective.min():.0f} effective samples (at least "
         f"{settings.effective_samples}); give a larger --max-steps{kept}"
     )

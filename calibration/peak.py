@@ -113,8 +113,8 @@ def scatter(
     for k in np.flatnonzero(widths < NARROW)[:MOST_NARROW]:
         step = 2.0 * widths[k] * vectors[:, k]
         below, here, above = (log_prob(points + s * step) for s in (-1.0, 0.0, 1.0))
-        bend = 2.0 * here - below - above
         with np.errstate(invalid="ignore", divide="ignore"):
+            bend = 2.0 * here - below - above
             top = np.where(bend > 0.1, 0.5 * (above - below) / bend, np.sign(above - below))
             width = np.where(bend > 0.1, 1.0 / np.sqrt(bend), 0.5)
         moved = np.clip(np.nan_to_num(top), -20.0, 20.0) + np.nan_to_num(width) * rng.standard_normal(n)

@@ -48,12 +48,15 @@ class Settings:
         Budget of each ensemble after the warm-up.
     walkers : int
         Walkers of each ensemble.
+    times_tau : float
+        Least length of a chain, in autocorrelation times.
     """
 
     seed: int = 1
     effective_samples: int = 4000
     most_steps: int = 4000
     walkers: int = WALKERS
+    times_tau: float = TIMES_TAU
 
 
 @dataclass(frozen=True)
@@ -230,7 +233,9 @@ def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, seconds: fl
     rhat = np.sqrt(1.0 + means.var(axis=0, ddof=1) / within)
     effective = samples.shape[0] * samples.shape[1] * samples.shape[2] / tau
     converged = (
-        steps - first >= TIMES_TAU * tau.max() and rhat.max() <= RHAT and effective.min() >= settings.effective_samples
+        steps - first >= settings.times_tau * tau.max()
+        and rhat.max() <= RHAT
+        and effective.min() >= settings.effective_samples
     )
     acceptance = float(np.mean([block["acceptance"].mean() for block in blocks]))
     return Chain(samples, tau, rhat, effective, acceptance, steps + WARM_UP_BLOCKS * BLOCK, bool(converged), seconds)
