@@ -1,0 +1,39 @@
+"""What several rooms of the tests share: recordings as a person would put them on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+AMBIENT = "[ambient]\npressure_bar_abs = 1.01325\npressure_sd_bar = 0.0015\ntemperature_c = 20.0\n"
+# noise_sd, bias_sd, scale_sd, resolution
+FIGURES = {
+    "pressure_bar_abs": (0.0015, 0.005, 0.002, 0.001),
+    "pressure_bar_gauge": (0.0015, 0.005, 0.002, 0.001),
+    "flow_l_min": (0.5, 0.5, 0.02, 0.5),
+    "speed_rpm": (0.4, 0.1, 0.0005, 0.1),
+}
+
+
+@pytest.fixture
+def put_recording(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a recording of files given as (name, kind, csv), each instrument with the figures above."""
+
+    def put(*files: tuple[str, str, str], ambient: str = AMBIENT, more: str = "", name: str = "bench") -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        headers = ",".join(csv.partition("\n")[0] for _, _, csv in files).split(",")
+        toml = f'format = "recording/1"\nmotor = "ptm3600"\n{ambient}{more}'
+        for column in FIGURES:
+            if column in headers:
+                figures = zip(("noise_sd", "bias_sd", "scale_sd", "resolution"), FIGURES[column], strict=True)
+                toml += f"[channels.{column}]\n" + "".join(f"{key} = {value}\n" for key, value in figures)
+        for file, kind, csv in files:
+            toml += f'[[files]]\nfile = "{file}"\nkind = "{kind}"\n'
+            (folder / file).write_text(csv, encoding="utf-8")
+        (folder / "recording.toml").write_text(toml, encoding="utf-8")
+        return folder
+
+    return put
