@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import time
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,15 +155,14 @@ def sample(
     for number in range(1, most_blocks + 1):
         if 1 < number <= WARM_UP_BLOCKS + 1:
             shape = _adapted(blocks[:number], factors)
-        if number < len(blocks):
-            continue
-        states, block = _advance(log_prob, states, shape)
-        blocks.append(block)
-        store.write(number, block)
+        if number == len(blocks):
+            states, block = _advance(log_prob, states, shape)
+            blocks.append(block)
+            store.write(number, block)
         if number <= WARM_UP_BLOCKS:
             tell(0, settings.effective_samples, "warm-up")
             continue
-        chain = _assess(blocks[WARM_UP_BLOCKS + 1 :], settings, time.monotonic() - begun)
+        chain = _assess(blocks[WARM_UP_BLOCKS + 1 : number + 1], settings, time.monotonic() - begun)
         tell(int(chain.effective.min()), settings.effective_samples, f"R-hat {chain.rhat.max():.3f}")
         if chain.converged:
             break
@@ -306,7 +306,7 @@ class _Store:
             try:
                 with np.load(path, allow_pickle=False) as stored:
                     found.append({name: stored[name] for name in stored.files})
-            except (OSError, ValueError, KeyError) as error:
+            except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
                 raise ChainError(f"{path}: cannot be read ({error}); remove {self.folder} to start afresh") from None
         return found
 
