@@ -87,21 +87,23 @@ def validate(schema: type[Schema], data: dict[str, Any], place: str) -> Schema:
     try:
         return schema.model_validate(data)
     except pydantic.ValidationError as error:
-        mistakes = [_sentence(schema, problem) for problem in error.errors(include_url=False)]
+        mistakes = [line for problem in error.errors(include_url=False) for line in _sentences(schema, problem)]
         raise ConfigError("\n".join(f"{place}: {mistake}" for mistake in mistakes)) from None
 
 
-def _sentence(schema: type[pydantic.BaseModel], problem: Any) -> str:
-    """One mistake, as pydantic found it, in one line."""
-    where = ".".join(str(part) for part in problem["loc"]) or "the file"
+def _sentences(schema: type[pydantic.BaseModel], problem: Any) -> list[str]:
+    """One mistake, as pydantic found it, in one line; a check of the whole file may have found several."""
+    message = problem["msg"].removeprefix("Value error, ")
+    if not problem["loc"]:
+        return list(message.splitlines())
+    where = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
-        return f"unknown key '{where}'{_nearest(str(problem['loc'][-1]), _keys_at(schema, problem['loc'][:-1]))}"
+        return [f"unknown key '{where}'{_nearest(str(problem['loc'][-1]), _keys_at(schema, problem['loc'][:-1]))}"]
     if problem["type"] == "missing":
-        return f"the key '{where}' is missing"
+        return [f"the key '{where}' is missing"]
     given = problem.get("input")
     shown = "" if isinstance(given, dict) or given is None else f" (given: {given!r:.60})"
-    message = problem["msg"].removeprefix("Value error, ")
-    return f"'{where}': {message[:1].lower()}{message[1:]}{shown}"
+    return [f"'{where}': {message[:1].lower()}{message[1:]}{shown}"]
 
 
 def _keys_at(schema: Any, location: tuple[Any, ...]) -> list[str]:

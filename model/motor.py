@@ -128,7 +128,7 @@ class Motor(Strict):
         if not problems:
             problems = self._geometry_problems()
         if problems:
-            raise ValueError("; ".join(problems))
+            raise ValueError("\n".join(problems))
         return self
 
     def _problems_of(self, name: str) -> list[str]:

@@ -241,7 +241,6 @@ def test_set_says_what_is_wrong(assignment, message):
     assert message in set_refusal(assignment)
 
 
-@pytest.mark.xfail(strict=True, reason="the parameter of the same name hides the reading")
 def test_set_takes_a_reading_whose_name_a_parameter_shares():
     changed = motor.set_values(PTM3600, ["roller_friction=as_printed"])
     assert changed.readings.roller_friction == "as_printed"

@@ -277,15 +277,12 @@ def test_many_motors_at_once_are_each_alone_to_the_bit(sets, P):
         np.testing.assert_array_equal(alone[0], row)
 
 
-def test_many_pressures_at_once_are_each_alone_to_the_bit_in_constant_air():
-    together = steady(DRY, PRESSURES).speed_rad_s[0]
-    np.testing.assert_array_equal(together, [steady(DRY, [P]).speed_rad_s[0, 0] for P in PRESSURES])
-
-
-def test_many_pressures_at_once_are_each_alone_to_a_millionth_in_moist_air():
-    """The torque's table is made at the first point's gamma and followed linearly to the others'."""
-    together = steady(MOIST, PRESSURES).speed_rad_s[0]
-    np.testing.assert_allclose(together, [steady(MOIST, [P]).speed_rad_s[0, 0] for P in PRESSURES], rtol=1e-6)
+@pytest.mark.parametrize("motor_then", [DRY, MOIST], ids=["constant air", "moist air"])
+def test_a_pressure_has_the_same_answer_alone_and_among_others(motor_then):
+    """A point's first guess is its neighbour's result, so the last digits that the passes leave open may differ."""
+    together = steady(motor_then, PRESSURES).speed_rad_s[0]
+    alone = [steady(motor_then, [P]).speed_rad_s[0, 0] for P in PRESSURES]
+    np.testing.assert_allclose(together, alone, rtol=1e-7)
 
 
 def test_the_same_question_has_the_same_answer_to_the_bit():
@@ -300,8 +297,8 @@ def test_slopes_are_the_derivatives_with_pressure(P_in):
     low, high = steady(MOIST, [P_in - 100.0]), steady(MOIST, [P_in + 100.0])
     speed_slope = (high.speed_rad_s - low.speed_rad_s) / 200.0
     flow_slope = (high.flow_m3_s - low.flow_m3_s) / 200.0
-    np.testing.assert_allclose(found.speed_slope, speed_slope, rtol=1e-4)
-    np.testing.assert_allclose(found.flow_slope, flow_slope, rtol=1e-4)
+    np.testing.assert_allclose(found.speed_slope, speed_slope, rtol=4e-3)  # the solver promises 1e-2
+    np.testing.assert_allclose(found.flow_slope, flow_slope, rtol=4e-3)
 
 
 def test_slopes_are_zero_when_not_asked_for():
@@ -353,7 +350,6 @@ def test_with_heat_the_transient_converges_in_second_order():
     assert 0.5 * np.log2(errors[0] / errors[2]) == pytest.approx(2.0, abs=0.4)
 
 
-@pytest.mark.xfail(strict=True, reason="a turn may begin with a pulse of no length; the angle is then a pulse short")
 def test_the_periodic_state_repeats_after_a_turn():
     y, _ = transient.periodic_state(MOIST, 2e5)
     after, _ = turn(MOIST, 2e5, y)
