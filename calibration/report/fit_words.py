@@ -1,0 +1,135 @@
+"""A fit in words: figures as a person writes them, the verdict, what it hangs on, what to look at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.fit import Fit
+from calibration.measurement import OBSERVED
+from calibration.posterior import Posterior
+from calibration.priors import Unknown
+from calibration.report.fit_numbers import TARGET, UNITS, Suspect
+
+INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
+WEAK = 0.25  # a correlation below it is not worth a word
+
+
+def rounded(value: float, sd: float) -> str:
+    """A value to the digit that the second figure of its uncertainty stands at, both in the same unit."""
+    return f"{value:z.{_decimals(sd)}f}".replace("-", "−")
+
+
+def uncertainty(sd: float) -> str:
+    """An uncertainty to two significant figures, in its own unit."""
+    return f"{sd:.{_decimals(sd)}f}"
+
+
+def figure(value: float) -> str:
+    """A given figure as short as it can be without losing any of its first five digits, in its own unit."""
+    return f"{value:.5g}".replace("-", "−") if abs(value) < 1e5 else f"{value:.0f}".replace("-", "−")
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A figure with its unit, without one where the unit is 1."""
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def probability(value: float) -> str:
+    """A probability that is never shown as certain [-]."""
+    return "> 0.999" if value > 0.999 else f"{value:.3f}"
+
+
+def called(name: str) -> str:
+    """An unknown's name as a person says it."""
+    channel, _, error = name.partition("_")
+    if channel in INSTRUMENTS and error in ("offset", "scale", "noise_scale"):
+        return f"{INSTRUMENTS[channel]}'s {error.removesuffix('_scale') if error == 'noise_scale' else error}"
+    return f"the {name.replace('_', ' ')}"
+
+
+def prior_in_words(unknown: Unknown) -> str:
+    """An unknown's prior, in its unit."""
+    if unknown.kind == "normal":
+        return f"{figure(unknown.a)} ± {figure(unknown.b)}"
+    if unknown.kind == "lognormal":
+        return f"{figure(unknown.a)}, times or over {figure(unknown.b)}"
+    return f"{figure(unknown.a)} to {figure(unknown.b)}, even in the logarithm"
+
+
+def verdict(posterior: Posterior) -> str:
+    """f_overall in a sentence."""
+    one = posterior[TARGET]
+    low, high = (rounded(one.quantiles[name], one.sd) for name in ("q05", "q95"))
+    value = f"{rounded(one.mean, one.sd)} ± {uncertainty(one.sd)}"
+    return f"{TARGET} is {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})."
+
+
+def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
+    """What f_overall trades off with, strongest first, in a sentence; ``pairs`` of unknown and correlation."""
+    strong = [(unknown, r) for unknown, r in pairs if abs(r) >= WEAK][:4]
+    if not strong:
+        return f"{TARGET} trades off with no other unknown to speak of."
+    words = [f"{called(unknown.name)} ({r:+.2f})".replace("-", "−") for unknown, r in strong]
+    listed = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return f"{TARGET} trades off mostly with {listed}; correlations in brackets."
+
+
+def prior_says(found: Fit) -> str:
+    """Whether f_overall comes from the recording or from the prior, in a sentence."""
+    share = found.posterior[TARGET].sd_of_prior
+    if found.posterior.prior_dominates(TARGET):
+        return f"{_rows(found)}: the prior dominates {TARGET} (its spread is {100 * share:.0f} % of the prior's)."
+    return f"The recording decides it, not the prior: its spread is {100 * share:.2g} % of the prior's."
+
+
+def suspect_in_words(one: Suspect) -> str:
+    """A suspect reading in a sentence."""
+    unit = UNITS[one.channel]
+    sd = "" if not math.isfinite(one.sd) or one.sd <= 0.0 else f" ± {uncertainty(one.sd)}"
+    expected = f"{rounded(one.expected, one.sd) if sd else figure(one.expected)}{sd}"
+    return (
+        f"{one.row.file}: row {one.row.row}: {one.row.channel} {figure(one.reading)} is probably a bad reading "
+        f"(probability {probability(one.row.probability)}); the fit expects {expected} {unit} and sets it aside"
+    )
+
+
+def remarks(found: Fit, suspects: Sequence[Suspect]) -> list[str]:
+    """What a person should know beside the table, in sentences.
+
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+    suspects : sequence of Suspect
+        Its suspect readings.
+    """
+    said = set(found.recording.warnings)
+    sentences = [note for note in found.measured.notes if note not in said]
+    sentences += [suspect_in_words(one) for one in suspects]
+    if found.posterior.prior_dominates(TARGET):
+        sentences.append(f"{_rows(found)}: the prior dominates {TARGET}")
+    return sentences + _too_fast(found)
+
+
+def _too_fast(found: Fit) -> list[str]:
+    rows, limit = found.measured.steady, found.motor["speed_limit"].value
+    fast = rows.speed[(rows.speed_state == OBSERVED) & (rows.speed > limit)]
+    if not fast.size:
+        return []
+    count = "1 row is" if fast.size == 1 else f"{fast.size} rows are"
+    return [f"{count} above the manufacturer's {limit:g} rpm (up to {np.max(fast):g} rpm)"]
+
+
+def _rows(found: Fit) -> str:
+    count = len(found.measured.steady)
+    return "one row" if count == 1 else f"{count} rows"
+
+
+def _decimals(sd: float) -> int:
+    """Decimals that show two significant figures of a spread, 4 where it has none."""
+    if not math.isfinite(sd) or sd <= 0.0:
+        return 4
+    return min(max(1 - math.floor(math.log10(float(f"{sd:.1e}"))), 0), 9)
