@@ -1,0 +1,239 @@
+"""Effective samples a second of the published sweep's posterior: our sampler against emcee's default and dynesty.
+
+All see the same compiled likelihood. The stretch move is given our posterior's draws to start from, so that it pays for
+no burn-in while ours pays for the whole run; its autocorrelation time is emcee's own estimate, which is too short for
+short chains, while ours is the stricter one by which a fit ends. Both errors favour the peer.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import dynesty
+import emcee
+import numpy as np
+from emcee.autocorr import integrated_time
+from results import Row
+from scipy.special import ndtri
+from timing import one_core
+
+from calibration import fit, sampling
+from calibration.sampling import Chain, Settings
+from rig.recording import read_recording
+
+LogProb = Callable[[np.ndarray], np.ndarray]
+WALKERS = 64
+LIVE_POINTS = 250
+WANTED = 10_000  # effective samples
+TOPIC = "The posterior of Table 3: effective samples"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A posterior to sample: in standard normal numbers, as `calibration.likelihood` has it.
+
+    Attributes
+    ----------
+    log_prob, log_likelihood : callable
+        Of points of shape (n, n_unknowns), returning shape (n,) [-].
+    factors : ndarray, shape (n_unknowns,)
+        Of `calibration.likelihood.Likelihood.factors` [-].
+    """
+
+    log_prob: LogProb
+    log_likelihood: LogProb
+    factors: np.ndarray
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long each sampler is run.
+
+    Attributes
+    ----------
+    settings : Settings
+        Of our sampler.
+    alone_steps, vectorised_steps : int
+        Of the stretch move, one point at a time and vectorised [-].
+    nested_s : float
+        Most wall time of the nested sampler [s].
+    """
+
+    settings: Settings
+    alone_steps: int
+    vectorised_steps: int
+    nested_s: float
+
+
+@dataclass(frozen=True)
+class Peer:
+    """What a peer drew: effective samples of the worst unknown [-], wall time [s], and conditions in words."""
+
+    effective: float
+    seconds: float
+    note: str
+
+
+def gaussian(n: int) -> Target:
+    """A unit normal prior and a likelihood twice as narrow: a target for trying the pieces out.
+
+    Parameters
+    ----------
+    n : int
+        Number of unknowns [-].
+    """
+    return Target(lambda z: -2.5 * np.sum(z * z, axis=1), lambda z: -2.0 * np.sum(z * z, axis=1), np.ones(n))
+
+
+def of_recording(folder: Path) -> Target:
+    """The posterior of a recording, all channels seen.
+
+    Parameters
+    ----------
+    folder : Path
+        A recording/1 folder.
+    """
+    _, _, likelihood = fit.prepare(read_recording(folder))
+    return Target(likelihood.log_prob, likelihood.log_likelihood, likelihood.factors())
+
+
+def rows(target: Target, effort: Effort, tell: Callable[[str], None]) -> list[Row]:
+    """Effective samples a second of all samplers, and our time to 10 000.
+
+    Parameters
+    ----------
+    target : Target
+        The posterior.
+    effort : Effort
+        Length of the runs.
+    tell : callable
+        Told what comes next.
+    """
+    target.log_prob(np.zeros((2, target.factors.size)))  # compile or load first
+    tell("posterior: our sampler")
+    chain, seconds = ours(target, effort.settings)
+    rate = float(chain.effective.min()) / seconds
+    start = chain.flat()[np.random.default_rng(1).choice(len(chain.flat()), WALKERS, replace=False)]
+    tell("posterior: emcee's stretch move, vectorised")
+    vectorised, tau = stretch(target, start, effort.vectorised_steps)
+    tell("posterior: emcee's stretch move, a point at a time")
+    alone = stretch_alone(target, start, effort.alone_steps, tau)
+    tell("posterior: dynesty")
+    nested_peer = nested(target, effort.nested_s)
+    what = "per second, against "
+    return [
+        _to_wanted(chain, seconds),
+        Row(TOPIC, what + "emcee as it comes", rate, _rate(alone), "1/s", True, 10.0, note=alone.note),
+        Row(TOPIC, what + "emcee vectorised", rate, _rate(vectorised), "1/s", True, note=vectorised.note),
+        Row(TOPIC, what + "dynesty", rate, _rate(nested_peer), "1/s", True, note=nested_peer.note),
+    ]
+
+
+def ours(target: Target, settings: Settings) -> tuple[Chain, float]:
+    """The whole run of our sampler, search for the peak and warm-up included, and its wall time [s].
+
+    Parameters
+    ----------
+    target : Target
+        The posterior.
+    settings : Settings
+        Seed, target and budget.
+    """
+    begun = time.perf_counter()
+    chain = sampling.sample(target.log_prob, target.factors, settings)
+    return chain, time.perf_counter() - begun
+
+
+def stretch(target: Target, start: np.ndarray, steps: int) -> tuple[Peer, float]:
+    """emcee's default move with the batched likelihood; also its autocorrelation time in steps.
+
+    Parameters
+    ----------
+    target : Target
+        The posterior.
+    start : ndarray, shape (n_walkers, n_unknowns)
+        Draws from the posterior [-].
+    steps : int
+        Length of the run [-].
+    """
+    sampler = emcee.EnsembleSampler(*start.shape, target.log_prob, vectorize=True)
+    begun = time.perf_counter()
+    sampler.run_mcmc(start, steps, skip_initial_state_check=True)
+    seconds = time.perf_counter() - begun
+    tau = float(np.max(integrated_time(sampler.get_chain(), tol=0)))
+    note = f"{len(start)} walkers, {steps} steps from our draws, autocorrelation time {tau:.0f} steps"
+    short = "" if steps >= 50 * tau else f" (the chain is {steps / tau:.0f} of them: the true time may be longer)"
+    return Peer(steps * len(start) / tau, seconds, note + short), tau
+
+
+def stretch_alone(target: Target, start: np.ndarray, steps: int, tau: float) -> Peer:
+    """The same chain with the likelihood called for one walker at a time, as emcee does by default.
+
+    Parameters
+    ----------
+    target : Target
+        The posterior.
+    start : ndarray, shape (n_walkers, n_unknowns)
+        Draws from the posterior [-].
+    steps : int
+        Length of the run; its time a step is what counts [-].
+    tau : float
+        Autocorrelation time of the same chain, from the longer vectorised run [steps].
+    """
+    sampler = emcee.EnsembleSampler(*start.shape, lambda z: float(target.log_prob(z[None])[0]))
+    with one_core():
+        begun = time.perf_counter()
+        sampler.run_mcmc(start, steps, skip_initial_state_check=True)
+        seconds = time.perf_counter() - begun
+    note = f"default move, vectorize=False, {len(start)} walkers, time of {steps} steps, mixing as vectorised"
+    return Peer(steps * len(start) / tau, seconds, note)
+
+
+def nested(target: Target, most_s: float) -> Peer:
+    """dynesty's nested sampling with the likelihood called one by one, stopped when the time is up.
+
+    Parameters
+    ----------
+    target : Target
+        The posterior.
+    most_s : float
+        Most wall time [s].
+    """
+    n = target.factors.size
+
+    def log_likelihood(z: np.ndarray) -> float:
+        return max(float(target.log_likelihood(z[None])[0]), -1e300)
+
+    with one_core():
+        begun = time.perf_counter()
+        sampler = dynesty.NestedSampler(log_likelihood, ndtri, n, nlive=LIVE_POINTS, rstate=np.random.default_rng(1))
+        finished = True
+        for _ in sampler.sample(dlogz=0.1):
+            if time.perf_counter() - begun > most_s:
+                finished = False
+                break
+        for _ in sampler.add_live_points():
+            pass
+        seconds = time.perf_counter() - begun
+    results = sampler.results
+    weights = np.exp(results.logwt - results.logz[-1])
+    kish = float(weights.sum() ** 2 / np.sum(weights**2))
+    note = f"{LIVE_POINTS} live points, {np.sum(results.ncall)} calls, Kish's effective samples {kish:.0f}"
+    return Peer(kish, seconds, note + ("" if finished else f"; stopped after {most_s:g} s, before it was done"))
+
+
+def _rate(peer: Peer) -> float:
+    return peer.effective / peer.seconds
+
+
+def _to_wanted(chain: Chain, seconds: float) -> Row:
+    effective = float(chain.effective.min())
+    note = (
+        f"whole run: {effective:.0f} of the worst unknown after {chain.steps} steps, R-hat {chain.rhat.max():.4f}"
+        f"{'' if chain.converged else ' (not converged)'}"
+    )
+    most = 10.0 if chain.converged and effective >= WANTED else None
+    return Row(TOPIC, f"time to {effective:.0f}, warm-up included", seconds, None, "s", most=most, note=note)

@@ -1,0 +1,121 @@
+"""The benchmark: `make bench`. Ratios of one run on one machine; docs/benchmarks.md says how to read them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cold_start
+import draws
+import operating_point
+import spin_up
+from results import Row, as_json, machine, page_block, table, with_block
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from calibration.report.files import write_file
+from calibration.sampling import Settings
+from model.motor import read_motor
+from spinbench import PUBLISHED_SWEEP
+
+STAGES = 12
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured.
+
+    Attributes
+    ----------
+    sets, rounds : int
+        Parameter sets of a batch, and rounds of a timing [-].
+    spin_up_s : float
+        Length of the spin-up [s].
+    effort : Effort
+        Of the samplers.
+    whole : bool
+        The published sweep's posterior and not a toy, the whole fit, and the compiling.
+    """
+
+    sets: int
+    rounds: int
+    spin_up_s: float
+    effort: draws.Effort
+    whole: bool
+
+
+FULL = Size(512, 7, 0.675, draws.Effort(Settings(seed=1, effective_samples=draws.WANTED), 1000, 6000, 60.0), True)
+QUICK = Size(
+    4, 1, 0.02, draws.Effort(Settings(seed=1, effective_samples=200, most_steps=25, walkers=16), 20, 400, 2.0), False
+)
+
+
+def measure(size: Size, tell: Callable[[str], None]) -> list[Row]:
+    """Everything, in the order of the table.
+
+    Parameters
+    ----------
+    size : Size
+        How much.
+    tell : callable
+        Told what comes next.
+    """
+    motor = read_motor("ptm3600")
+    found = operating_point.rows(motor, size.sets, size.rounds, tell)
+    found += spin_up.rows(motor, size.spin_up_s, size.rounds, tell)
+    target = draws.of_recording(PUBLISHED_SWEEP) if size.whole else draws.gaussian(3)
+    found += draws.rows(target, size.effort, tell)
+    return found + cold_start.rows(size.rounds, size.whole, tell)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command line.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        In place of the process's own.
+    """
+    parser = argparse.ArgumentParser(description="spinbench's speed, as ratios against stated peers")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures there")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="renew the generated block of this page")
+    parser.add_argument("--quick", action="store_true", help="tiny sizes: does it work? The figures mean nothing")
+    chosen = parser.parse_args(arguments)
+    page = chosen.page.read_text(encoding="utf-8") if chosen.page else None
+    if page is not None:
+        with_block(page, "")  # a page without the marks is told before the minutes are spent
+
+    rows = _with_bar(QUICK if chosen.quick else FULL)
+    conditions = machine()
+    if chosen.json:
+        text = json.dumps({"machine": conditions, "quick": chosen.quick, "rows": as_json(rows)}, indent=1)
+        write_file(chosen.json, (text + "\n").encode())
+    if page is not None:
+        write_file(chosen.page, with_block(page, page_block(rows, conditions)).encode())
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    console.print(table(rows))
+    for row in rows:
+        console.print(f"[dim]{row.what}: {row.note}[/dim]", highlight=False)
+
+
+def _with_bar(size: Size) -> list[Row]:
+    columns = (SpinnerColumn(), BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=STAGES if size.whole else STAGES - 2)
+
+        def tell(words: str) -> None:
+            bar.update(
+                task, description=words, completed=bar.tasks[task].completed + (bar.tasks[task].description != "")
+            )
+
+        rows = measure(size, tell)
+        bar.update(task, description="done", completed=bar.tasks[task].total)
+    return rows
+
+
+if __name__ == "__main__":
+    main()
