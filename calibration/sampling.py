@@ -257,7 +257,7 @@ def _tau(samples: np.ndarray) -> np.ndarray:
     for e in range(ensembles):
         for k in range(n):
             taus = 2.0 * np.cumsum(covariance[e, :, k] / covariance[e, 0, k]) - 1.0
-            found[e, k] = taus[auto_window(taus, 5.0)]
+            found[e, k] = taus[auto_window(taus, 5.0) or -1]  # 0: the chain is shorter than any window
     return np.maximum(found.mean(axis=0), 1.0)
 
 
