@@ -1,0 +1,292 @@
+"""The sampler: the map that straightens a posterior, each move against a known Gaussian, and the chain on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import emcee
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from calibration import moves, peak, sampling
+from calibration.sampling import ChainError, Settings, sample
+from calibration.transport import TransportMap
+
+QUICK = Settings(seed=3, effective_samples=500, most_steps=1000, walkers=16)
+
+
+def correlated(n: int) -> np.ndarray:
+    """A covariance of n unknowns: sds from 0.2 to 1, neighbours correlated by 0.9."""
+    sd = np.linspace(1.0, 0.2, n)
+    return sd[:, None] * sd * 0.9 ** np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+
+
+def banana(z: np.ndarray) -> np.ndarray:
+    """z0 ~ N(0, 1), z1 ~ N(z0^2 / 2, 0.1), z2 ~ N(z1, 0.3): means 0, 1/2, 1/2; variances 1, 0.51, 0.60."""
+    found: np.ndarray = norm.logpdf(z[:, 0]) + norm.logpdf(z[:, 1], z[:, 0] ** 2 / 2, 0.1)
+    return found + norm.logpdf(z[:, 2], z[:, 1], 0.3)
+
+
+def gaussian(z: np.ndarray) -> np.ndarray:
+    return -0.5 * np.sum(z * z, axis=1)
+
+
+# The map
+
+
+@pytest.fixture(scope="module")
+def curved() -> TransportMap:
+    """A map of a curved cloud, one of whose coordinates is a logarithm (seed 5)."""
+    rng = np.random.default_rng(5)
+    cloud = rng.standard_normal((2000, 4)) * (1.0, 0.7, 0.2, 0.05)
+    cloud[:, 2] += 0.4 * cloud[:, 0] ** 2
+    cloud[:, 3] += np.exp(0.5 * cloud[:, 1]) - cloud[:, 0] * cloud[:, 1]
+    return TransportMap(cloud, np.array([1.0, 2.0, 1.0, 1.0]))
+
+
+def test_push_and_pull_are_inverse(curved):
+    e = np.random.default_rng(6).standard_normal((500, 4))
+    np.testing.assert_allclose(curved.pull(curved.push(e)), e, atol=1e-9)
+
+
+def test_the_map_has_a_constant_volume(curved):
+    def volume(e: np.ndarray) -> float:
+        steps = 1e-5 * np.eye(4)
+        return float(abs(np.linalg.det((curved.push(e + steps) - curved.push(e - steps)) / 2e-5)))
+
+    at = np.random.default_rng(7).standard_normal((20, 4))
+    np.testing.assert_allclose([volume(e) for e in at], volume(np.zeros(4)), rtol=1e-6)
+
+
+def test_the_map_straightens_what_it_was_fitted_to():
+    rng = np.random.default_rng(8)
+    z0 = rng.standard_normal(4000)
+    cloud = np.column_stack([z0, z0**2 / 2 + 0.1 * rng.standard_normal(4000)])
+    e = TransportMap(cloud, np.ones(2)).pull(cloud)
+    np.testing.assert_allclose(np.cov(e.T), np.eye(2), atol=0.01)
+    assert abs(np.corrcoef(e[:, 0] ** 2, e[:, 1])[0, 1]) < 0.05
+
+
+# The moves
+
+
+def sampled(move: list, covariance: np.ndarray, steps: int, straightened: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Largest mean and least and largest sd, in sds of the target N(0, covariance); the seed is 9."""
+    n = len(covariance)
+    known = np.random.default_rng(9).multivariate_normal(np.zeros(n), covariance, 2000)
+    shape = TransportMap(known, np.ones(n)) if straightened else None
+    inverse = np.linalg.inv(covariance)
+
+    def log_prob(e: np.ndarray) -> np.ndarray:
+        z = shape.push(e) if shape else e
+        return -0.5 * np.sum((z @ inverse) * z, axis=1)
+
+    start = shape.pull(known[:48]) if shape else known[:48]
+    state = emcee.State(start, random_state=np.random.RandomState(9).get_state())
+    sampler = emcee.EnsembleSampler(48, n, log_prob, vectorize=True, moves=move)
+    sampler.run_mcmc(state, steps)
+    e = sampler.get_chain(flat=True, discard=steps // 20)
+    sd = np.sqrt(np.diag(covariance))
+    z = (shape.push(e) if shape else e) / sd
+    return z.mean(axis=0), z.std(axis=0)
+
+
+MOVES = {type(move).__name__: [(move, 1.0)] for move, _ in moves.mixture()} | {"mixture": moves.mixture()}
+# Steps of differential evolution and of independent proposals: the Monte-Carlo error of a sd is then at most 1 %.
+STEPS = {2: (2000, 800), 6: (2500, 800), 15: (6000, 600)}
+
+
+@pytest.mark.parametrize("covariance", [np.eye, correlated], ids=["standard", "correlated"])
+@pytest.mark.parametrize("n", STEPS)
+@pytest.mark.parametrize("name", MOVES)
+def test_a_move_samples_a_known_gaussian(name, n, covariance):
+    """Independent proposals need the map where the target is correlated; differential evolution does not."""
+    alone = name == "DEMove"
+    mean, sd = sampled(MOVES[name], covariance(n), STEPS[n][0 if alone else 1], covariance is correlated and not alone)
+    np.testing.assert_allclose(mean, 0.0, atol=0.05)
+    np.testing.assert_allclose(sd, 1.0, atol=0.03)
+
+
+def test_emcees_snooker_move_fails_that_test_for_it_samples_too_narrow():
+    _, sd = sampled([(emcee.moves.DESnookerMove(), 1.0)], np.eye(6), 1000, straightened=False)
+    assert sd.max() < 0.9
+
+
+# Whole chains
+
+
+@pytest.fixture(scope="module")
+def of_banana() -> sampling.Chain:
+    return sample(banana, np.ones(3), Settings(seed=2, effective_samples=10_000, most_steps=1500))
+
+
+def test_a_curved_target_has_its_known_moments(of_banana):
+    flat = of_banana.flat()
+    assert of_banana.converged
+    np.testing.assert_allclose(flat.mean(axis=0), [0.0, 0.5, 0.5], atol=0.03)
+    np.testing.assert_allclose(flat.std(axis=0), np.sqrt([1.0, 0.51, 0.60]), rtol=0.03)
+    assert np.mean((flat[:, 1] - flat[:, 0] ** 2 / 2) ** 2) == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_gaussian_target_has_its_known_moments():
+    inverse = np.linalg.inv(correlated(6))
+    chain = sample(lambda z: -0.5 * np.sum((z @ inverse) * z, axis=1), np.ones(6), Settings(effective_samples=10_000))
+    sd = np.sqrt(np.diag(correlated(6)))
+    np.testing.assert_allclose(chain.flat().mean(axis=0) / sd, 0.0, atol=0.03)
+    np.testing.assert_allclose(np.cov(chain.flat().T) / np.outer(sd, sd), correlated(6) / np.outer(sd, sd), atol=0.04)
+
+
+def test_a_converged_chain_is_long_agrees_between_ensembles_and_has_the_samples_asked_for(of_banana):
+    ensembles, steps, walkers, _ = of_banana.samples.shape
+    assert steps >= 50 * of_banana.tau.max()
+    assert of_banana.rhat.max() <= 1.01
+    assert of_banana.effective.min() >= 10_000
+    np.testing.assert_allclose(of_banana.effective * of_banana.tau, ensembles * steps * walkers)
+    assert 0.1 < of_banana.acceptance < 0.95
+
+
+def test_the_autocorrelation_time_is_that_of_a_known_process():
+    """AR(1) with coefficient 0.8: tau = (1 + 0.8) / (1 - 0.8) = 9 (seed 4)."""
+    rng = np.random.default_rng(4)
+    samples = np.empty((4, 2000, 16, 1))
+    samples[:, 0] = rng.standard_normal((4, 16, 1))
+    for i in range(1, 2000):
+        samples[:, i] = 0.8 * samples[:, i - 1] + 0.6 * rng.standard_normal((4, 16, 1))
+    tau = sampling._tau(samples)
+    assert tau[0] == pytest.approx(9.0, rel=0.05)
+
+
+def test_walkers_that_never_move_are_no_sign_of_a_short_autocorrelation_time():
+    still = np.repeat(np.random.default_rng(4).standard_normal((4, 1, 16, 1)), 400, axis=1)
+    assert sampling._tau(still)[0] > 100.0
+
+
+def test_ensembles_in_different_modes_are_reported_as_not_converged(monkeypatch):
+    """Four narrow modes far apart, one ensemble started in each: every ensemble alone looks well."""
+    centres = 3.0 * np.eye(6)[:4]
+
+    def modes(z: np.ndarray) -> np.ndarray:
+        return np.logaddexp.reduce([-0.5 * np.sum((z - c) ** 2, axis=1) / 0.05**2 for c in centres], axis=0)
+
+    def started(log_prob, n_unknowns, walkers, seed):
+        coords = centres[:, None, :] + 0.05 * np.random.default_rng(seed).standard_normal((4, walkers, 6))
+        values = modes(coords.reshape(-1, 6)).reshape(4, walkers)
+        block = usual(log_prob, n_unknowns, walkers, seed)
+        return block | {"coords": coords, "log_prob": values, "population": coords.reshape(-1, 6)}
+
+    usual = sampling._start
+    monkeypatch.setattr(sampling, "_start", started)
+    chain = sample(modes, np.ones(6), Settings(effective_samples=200, most_steps=400, walkers=16))
+    assert not chain.converged
+    assert chain.rhat.max() > 1.5
+
+
+def test_a_spent_budget_is_reported_as_not_converged():
+    chain = sample(banana, np.ones(3), Settings(effective_samples=10**6, most_steps=100, walkers=16))
+    assert not chain.converged
+    assert chain.steps == 100 + 7 * 25
+
+
+def test_a_target_that_no_candidate_reaches_is_said_so():
+    with pytest.raises(peak.NoPeakError, match="no point of the prior"):
+        sample(lambda z: np.full(len(z), -np.inf), np.ones(2), QUICK)
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not():
+    first, again = (sample(banana, np.ones(3), QUICK) for _ in range(2))
+    other = sample(banana, np.ones(3), Settings(seed=4, effective_samples=500, most_steps=1000, walkers=16))
+    assert first.samples.tobytes() == again.samples.tobytes()
+    assert not np.isin(first.samples[:, :5], other.samples).any()
+
+
+def test_progress_is_told_in_effective_samples_of_those_wanted():
+    told = []
+    sample(banana, np.ones(3), QUICK, progress=lambda done, wanted, words: told.append((done, wanted, words)))
+    assert told[0] == (0, 500, "finding the peak")
+    assert told[-1][0] >= 500
+    assert [wanted for _, wanted, _ in told] == [500] * len(told)
+
+
+# The chain on disk
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> tuple[Path, bytes]:
+    """A finished chain's folder, and its samples."""
+    folder = tmp_path / "chain"
+    return folder, sample(banana, np.ones(3), QUICK, folder, "ours").samples.tobytes()
+
+
+def blocks(folder: Path) -> list[Path]:
+    return sorted(folder.glob("block_*.npz"))
+
+
+def counted() -> tuple[list[int], object]:
+    """The banana, and a list that grows with its evaluations."""
+    calls: list[int] = []
+
+    def log_prob(z: np.ndarray) -> np.ndarray:
+        calls.append(len(z))
+        return banana(z)
+
+    return calls, log_prob
+
+
+@pytest.mark.parametrize("kept", [1, 4, 9])
+def test_a_chain_is_continued_to_the_bits_of_an_uninterrupted_one(whole, kept):
+    folder, samples = whole
+    for block in blocks(folder)[kept:]:
+        block.unlink()
+    assert sample(banana, np.ones(3), QUICK, folder, "ours").samples.tobytes() == samples
+
+
+def test_a_finished_chain_is_read_and_not_drawn_again(whole):
+    folder, samples = whole
+    before = len(blocks(folder))
+    calls, log_prob = counted()
+    assert sample(log_prob, np.ones(3), QUICK, folder, "ours").samples.tobytes() == samples
+    assert calls == []
+    assert len(blocks(folder)) == before
+
+
+def test_a_chain_is_made_longer_for_a_larger_target(whole):
+    folder, _ = whole
+    before = len(blocks(folder))
+    target = Settings(seed=3, effective_samples=8000, most_steps=4000, walkers=16)
+    chain = sample(banana, np.ones(3), target, folder, "ours")
+    assert chain.effective.min() >= 8000
+    assert len(blocks(folder)) > before
+    assert chain.samples.tobytes() == sample(banana, np.ones(3), target).samples.tobytes()
+
+
+def test_the_chain_of_another_fit_is_refused_and_kept(whole):
+    folder, _ = whole
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(ChainError, match="another recording, motor or setting"):
+        sample(banana, np.ones(3), QUICK, folder, "theirs")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_torn_partial_file_is_ignored(whole):
+    folder, samples = whole
+    last = blocks(folder)[-1]
+    last.with_suffix(".partial").write_bytes(last.read_bytes()[:1000])
+    last.unlink()
+    assert sample(banana, np.ones(3), QUICK, folder, "ours").samples.tobytes() == samples
+    assert not list(folder.glob("*.partial"))
+
+
+@pytest.mark.parametrize("size", [0, 1000])
+def test_a_block_that_cannot_be_read_is_named(whole, size):
+    folder, _ = whole
+    block = blocks(folder)[3]
+    block.write_bytes(block.read_bytes()[:size])
+    with pytest.raises(ChainError, match=r"block_00003\.npz: cannot be read"):
+        sample(banana, np.ones(3), QUICK, folder, "ours")
+
+
+def test_a_chain_without_a_folder_leaves_nothing_behind(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sample(banana, np.ones(3), QUICK)
+    assert not list(tmp_path.iterdir())
