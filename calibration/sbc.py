@@ -37,8 +37,8 @@ def simulate_and_rank(seed: int) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``seed``, ``converged``, ``ranks`` (unknown to rank, 0..127), ``truth`` and ``inside`` (whether the central 50
-        and 90 % intervals of f_overall hold its truth).
+        ``seed``, ``converged``, ``ranks`` (unknown to rank, 0..127), ``scores`` (the truth's distance from the mean in
+        posterior sds), ``truth`` and ``inside`` (whether the central 50 and 90 % intervals of f_overall hold it).
     """
     from calibration import fit, sampling
     from calibration.sampling import Settings
@@ -57,7 +57,9 @@ def simulate_and_rank(seed: int) -> dict[str, Any]:
         for level in (50, 90)
     }
     ranks = {name: int(np.sum(drawn[:, i] < truth[name])) for i, name in enumerate(names)}
-    return {"seed": seed, "converged": chain.converged, "ranks": ranks, "truth": truth, "inside": inside}
+    scores = {name: float((truth[name] - flat[:, i].mean()) / flat[:, i].std()) for i, name in enumerate(names)}
+    found = {"seed": seed, "converged": chain.converged, "ranks": ranks, "scores": scores}
+    return found | {"truth": truth, "inside": inside}
 
 
 def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]]:
