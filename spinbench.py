@@ -253,7 +253,7 @@ def _sampling_progress(name: str) -> Iterator[Progress]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Bar(*columns, console=Console(stderr=True)) as bar:
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:  # no trace of it before a refusal
         task = bar.add_task(name, total=1.0)
 
         def tell(done: int, wanted: float, words: str) -> None:
