@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 OUT ?= out
 
-.PHONY: help setup demo test lint bench sbc figures lock clean
+.PHONY: help setup demo test lint bench sbc figures lock clean clean-cache
 
 help:
 	@echo "make demo    install, then fit the published sweep and write $(OUT)/demo/report.html"
@@ -15,6 +15,7 @@ help:
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make lock    pin the versions anew in requirements.lock"
+	@echo "make clean-cache   remove compiled kernels, after a constant of another module was changed"
 
 setup: $(STAMP)
 
@@ -54,3 +55,6 @@ lock: $(STAMP)
 
 clean:
 	rm -rf $(VENV) $(OUT)
+
+clean-cache:
+	rm -f */__pycache__/*.nbi */__pycache__/*.nbc
