@@ -253,10 +253,13 @@ def _sampling_progress(name: str) -> Iterator[Progress]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:  # no trace of it before a refusal
-        task = bar.add_task(name, total=1.0)
+    bar = Bar(*columns, console=Console(stderr=True))
+    task = bar.add_task(name, total=1.0)
+    with contextlib.ExitStack() as shown:
 
         def tell(done: int, wanted: float, words: str) -> None:
+            if not bar.live.is_started:  # not before sampling begins: a refusal comes without a bar
+                shown.enter_context(bar)
             bar.update(task, description=f"{name}: {words}", completed=min(done, wanted), total=wanted)
 
         yield tell
