@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,8 +55,8 @@ QUICK = Size(
 )
 
 
-def measure(size: Size, tell: Callable[[str], None]) -> list[Row]:
-    """Everything, in the order of the table.
+def measure(size: Size, tell: Callable[[str], None]) -> Iterator[list[Row]]:
+    """Everything, a topic at a time, in the order of the table.
 
     Parameters
     ----------
@@ -65,11 +66,11 @@ def measure(size: Size, tell: Callable[[str], None]) -> list[Row]:
         Told what comes next.
     """
     motor = read_motor("ptm3600")
-    found = operating_point.rows(motor, size.sets, size.rounds, tell)
-    found += spin_up.rows(motor, size.spin_up_s, size.rounds, tell)
+    yield operating_point.rows(motor, size.sets, size.rounds, tell)
+    yield spin_up.rows(motor, size.spin_up_s, size.rounds, tell)
     target = draws.of_recording(PUBLISHED_SWEEP) if size.whole else draws.gaussian(3)
-    found += draws.rows(target, size.effort, tell)
-    return found + cold_start.rows(size.rounds, size.whole, tell)
+    yield draws.rows(target, size.effort, tell)
+    yield cold_start.rows(size.rounds, size.whole, tell)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -81,7 +82,7 @@ def main(arguments: list[str] | None = None) -> None:
         In place of the process's own.
     """
     parser = argparse.ArgumentParser(description="spinbench's speed, as ratios against stated peers")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures there, as they come")
     parser.add_argument("--page", type=Path, metavar="FILE", help="renew the generated block of this page")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: does it work? The figures mean nothing")
     chosen = parser.parse_args(arguments)
@@ -89,11 +90,13 @@ def main(arguments: list[str] | None = None) -> None:
     if page is not None:
         with_block(page, "")  # a page without the marks is told before the minutes are spent
 
-    rows = _with_bar(QUICK if chosen.quick else FULL)
+    rows: list[Row] = []
     conditions = machine()
-    if chosen.json:
-        text = json.dumps({"machine": conditions, "quick": chosen.quick, "rows": as_json(rows)}, indent=1)
-        write_file(chosen.json, (text + "\n").encode())
+    for found in _with_bar(QUICK if chosen.quick else FULL):
+        rows += found
+        if chosen.json:
+            text = json.dumps({"machine": conditions, "quick": chosen.quick, "rows": as_json(rows)}, indent=1)
+            write_file(chosen.json, (text + "\n").encode())
     if page is not None:
         write_file(chosen.page, with_block(page, page_block(rows, conditions)).encode())
     console = Console(width=None if sys.stdout.isatty() else 160)
@@ -102,19 +105,18 @@ def main(arguments: list[str] | None = None) -> None:
         console.print(f"[dim]{row.what}: {row.note}[/dim]", highlight=False)
 
 
-def _with_bar(size: Size) -> list[Row]:
+def _with_bar(size: Size) -> Iterator[list[Row]]:
+    """`measure` under a bar on standard error."""
     columns = (SpinnerColumn(), BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=STAGES if size.whole else STAGES - 2)
+        begun = itertools.count()
 
         def tell(words: str) -> None:
-            bar.update(
-                task, description=words, completed=bar.tasks[task].completed + (bar.tasks[task].description != "")
-            )
+            bar.update(task, description=words, completed=next(begun))
 
-        rows = measure(size, tell)
+        yield from measure(size, tell)
         bar.update(task, description="done", completed=bar.tasks[task].total)
-    return rows
 
 
 if __name__ == "__main__":
