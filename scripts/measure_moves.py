@@ -1,6 +1,6 @@
 """Measure how well sets of moves sample the posterior of the published sweep; docs/sampling.md holds the output.
 
-    python scripts/measure_moves.py              print the table; one to two minutes on two idle cores
+    python scripts/measure_moves.py              print the table; it took five minutes of CPU time
 
 Every set starts from the same draws of a converged fit, so the table shows the moves and not the way to the posterior.
 tau is the fit's own estimate, the largest over the unknowns. A set with a tau of t needs t evaluations for an
