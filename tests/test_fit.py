@@ -131,12 +131,13 @@ def test_the_same_seed_gives_the_same_bits_without_a_folder(plateaus):
 def test_a_killed_fit_goes_on_to_the_same_bits(plateaus):
     process = subprocess.Popen(
         [COMMAND, "fit", "bench", "-o", "killed", *BRIEF],
-        cwd=plateaus, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        cwd=plateaus, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
     )  # fmt: skip
     chain = plateaus / "killed" / "chain"
     until = time.monotonic() + 120.0
     while len(list(chain.glob("block_*.npz"))) < 9 and process.poll() is None and time.monotonic() < until:
         time.sleep(0.005)
+    assert process.poll() is None, process.communicate()[1]
     os.kill(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     assert not (plateaus / "killed" / "posterior.json").exists()
@@ -259,7 +260,10 @@ def test_the_truth_of_a_practice_sweep_is_inside_the_99_percent_interval():
 @pytest.mark.slow
 def test_readings_off_scale_and_a_rotor_at_rest_are_fitted(put_recording):
     """The motor at rest below 1.1 bar, `<10` and `>100` on the rotameter, and gauge pressure."""
-    sweep = "pressure_bar_gauge,flow_l_min,speed_rpm\n0.03,<10,0\n0.15,<10,37.5\n0.987,72.5,396.6\n1.5,>100,613.5\n"
+    sweep = (
+        "pressure_bar_gauge,flow_l_min,speed_rpm\n0.03,<10,0\n0.15,<10,37.5\n"
+        "0.487,33.5,187.5\n0.687,49.5,271.5\n0.887,65.0,355.3\n0.987,72.5,396.6\n1.5,>100,613.5\n"
+    )
     found = fits.fit(read_recording(put_recording(("sweep.csv", "steady", sweep))), QUICK)
     assert found.posterior.suspect_rows == ()
     assert 0.055 < found.posterior["f_overall"].mean < 0.07
