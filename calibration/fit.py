@@ -97,7 +97,9 @@ def fit(
     begun = time.monotonic()
     motor, measured, likelihood = prepare(recording, assignments, channels)
     mark = fingerprint(recording, motor, measured, settings)
-    chain = sampling.sample(likelihood.log_prob, likelihood.factors(), settings, chain_folder, mark, progress)
+    chain = sampling.sample(
+        likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings, chain_folder, mark, progress
+    )
     if not chain.converged:
         raise NotConvergedError(_why_not(chain, settings, chain_folder))
     columns = [priors.column_of(recording, channel) for channel in ALL_CHANNELS]

@@ -82,9 +82,15 @@ class Likelihood:
         """Physical values of the unknowns, shape (n, n_unknowns), each in its own unit; ``z`` likewise [-]."""
         return np.column_stack([unknown.value(z[:, i]) for i, unknown in enumerate(self.unknowns)])
 
-    def factors(self) -> np.ndarray:
-        """What one unit of each coordinate multiplies its unknown by, shape (n_unknowns,); 1 where it adds [-]."""
-        return np.array([unknown.b if unknown.kind == "lognormal" else 1.0 for unknown in self.unknowns])
+    def factors(self, z: np.ndarray) -> np.ndarray:
+        """What one unit of each coordinate multiplies its unknown by, near a point, shape (n_unknowns,); 1: it adds.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_unknowns,)
+            The point [-].
+        """
+        return np.array([unknown.factor(float(at)) for unknown, at in zip(self.unknowns, z, strict=True)])
 
     def log_prob(self, z: np.ndarray) -> np.ndarray:
         """Log posterior density up to a constant, shape (n,) [-].

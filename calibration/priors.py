@@ -55,6 +55,15 @@ class Unknown:
             return self.a * self.b**z
         return self.a * (self.b / self.a) ** ndtr(z)
 
+    def factor(self, z: float) -> float:
+        """What one unit of z multiplies the value by near ``z``; 1 where it adds [-]."""
+        if self.kind == "normal":
+            return 1.0
+        if self.kind == "lognormal":
+            return self.b
+        density = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+        return float((self.b / self.a) ** density)
+
     def z(self, value: float) -> float:
         """The standard normal number of a value in the unknown's unit; the inverse of `value` [-]."""
         if self.kind == "normal":

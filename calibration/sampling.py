@@ -32,6 +32,7 @@ DISCARD_TAU = 5  # autocorrelation times left out at the start of what the fixed
 RHAT = 1.01
 CANDIDATES = 512
 
+Factors = Callable[[np.ndarray], np.ndarray]
 Progress = Callable[[int, float, str], None]  # effective samples so far, those wanted, in words
 
 
@@ -102,7 +103,8 @@ class ChainError(ValueError):
 
 def sample(
     log_prob: BatchLogProb,
-    factors: np.ndarray,
+    n_unknowns: int,
+    factors: Factors,
     settings: Settings,
     folder: Path | None = None,
     fingerprint: str = "",
@@ -114,8 +116,11 @@ def sample(
     ----------
     log_prob : callable
         Log posterior of points of shape (n, n_unknowns), returning shape (n,) [-].
-    factors : ndarray, shape (n_unknowns,)
-        What one unit of each coordinate multiplies its unknown by; 1 where it adds [-].
+    n_unknowns : int
+        Dimensions [-].
+    factors : callable
+        At a point of shape (n_unknowns,), what one unit of each coordinate multiplies its unknown by, same shape; 1
+        where it adds [-].
     settings : Settings
         Seed, target and budget.
     folder : Path, optional
@@ -141,7 +146,6 @@ def sample(
     store = _Store(folder, fingerprint)
     blocks = store.blocks()
     tell = progress or (lambda done, wanted, words: None)
-    n_unknowns = factors.size
     walkers = max(settings.walkers, 2 * n_unknowns + 2)
     if not blocks:
         tell(0, settings.effective_samples, "finding the peak")
@@ -149,7 +153,7 @@ def sample(
         store.write(0, blocks[0])
     states = [_restored(blocks[-1], e) for e in range(ENSEMBLES)]
 
-    shape = TransportMap(blocks[0]["population"], factors)
+    shape = _mapped(blocks[0]["population"], factors)
     most_blocks = WARM_UP_BLOCKS + -(-settings.most_steps // BLOCK)
     chain = None
     for number in range(1, most_blocks + 1):
@@ -193,32 +197,38 @@ def _advance(
 ) -> tuple[list[emcee.State], dict[str, np.ndarray]]:
     """One block of steps of every ensemble, taken in the straightened coordinates."""
 
-    def straightened(e: np.ndarray) -> np.ndarray:  # the map's Jacobian is constant, so densities need no correction
-        z = shape.push(e)
+    def straightened(e: np.ndarray) -> np.ndarray:
+        z, log_volume = shape.push(e)
         inside = np.all(np.abs(z) < REACH, axis=1)
         found = np.full(len(z), -np.inf)
         if inside.any():
-            found[inside] = log_prob(z[inside])
+            found[inside] = log_prob(z[inside]) + log_volume[inside]
         return found
 
     after, chains, accepted = [], [], []
     for state in states:
         walkers, n = state.coords.shape
         sampler = emcee.EnsembleSampler(walkers, n, straightened, vectorize=True, moves=moves.mixture())
-        begin = emcee.State(shape.pull(state.coords), log_prob=state.log_prob, random_state=state.random_state)
+        coords = shape.pull(state.coords)
+        log_prob_there = state.log_prob + shape.push(coords)[1]
+        begin = emcee.State(coords, log_prob=log_prob_there, random_state=state.random_state)
         end = sampler.run_mcmc(begin, BLOCK, skip_initial_state_check=True)
-        coords = shape.push(end.coords)
-        after.append(emcee.State(coords, log_prob=end.log_prob, random_state=end.random_state))
-        chains.append(shape.push(sampler.get_chain(flat=True)).reshape(BLOCK, walkers, n))
+        coords, log_volume = shape.push(end.coords)
+        after.append(emcee.State(coords, log_prob=end.log_prob - log_volume, random_state=end.random_state))
+        chains.append(shape.push(sampler.get_chain(flat=True))[0].reshape(BLOCK, walkers, n))
         accepted.append(np.mean(sampler.acceptance_fraction))
     return after, _packed(after, np.array(chains), np.array(accepted))
 
 
-def _adapted(blocks: list[dict[str, np.ndarray]], factors: np.ndarray) -> TransportMap:
+def _adapted(blocks: list[dict[str, np.ndarray]], factors: Factors) -> TransportMap:
     """The map fitted to what the warm-up has drawn so far: its later half, of all ensembles."""
     drawn = np.concatenate([block["chain"] for block in blocks[1:]], axis=1)
     kept = drawn[:, drawn.shape[1] // 2 :]
-    return TransportMap(kept.reshape(-1, kept.shape[-1]), factors)
+    return _mapped(kept.reshape(-1, kept.shape[-1]), factors)
+
+
+def _mapped(samples: np.ndarray, factors: Factors) -> TransportMap:
+    return TransportMap(samples, factors(samples.mean(axis=0)))
 
 
 def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, seconds: float) -> Chain:

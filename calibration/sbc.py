@@ -47,7 +47,7 @@ def simulate_and_rank(seed: int) -> dict[str, Any]:
     recording, truth = simulated_recording(rng)
     _, _, likelihood = fit.prepare(recording)
     settings = Settings(seed=seed, **SETTINGS)  # type: ignore[arg-type]
-    chain = sampling.sample(likelihood.log_prob, likelihood.factors(), settings)
+    chain = sampling.sample(likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings)
     flat = chain.flat()
     drawn = flat[rng.choice(len(flat), DRAWS, replace=False)]
     names = [unknown.name for unknown in likelihood.unknowns]

@@ -2,18 +2,21 @@
 
 Speed fixes f_overall to a per mille once lap, roller friction and ambient pressure are given, so the posterior is a
 thin ridge, and a curved one: a normal distribution of the same covariance overlaps it badly. Here each unknown, from
-the widest to the narrowest, is a quadratic polynomial of those before it plus a normal residual. Its Jacobian is
-constant, so a sampler may walk in the independent numbers instead, where the ridge is straight and every move works.
+the widest to the narrowest, is a quadratic polynomial of those before it plus a normal residual. The map's volume is
+explicit, so a sampler may walk in the independent numbers instead, where the ridge is straight and every move works.
 
-An unknown that varies by a factor enters the polynomials as its value, not as its logarithm: torque is linear in the
-roller friction, and a quadratic in the logarithm misses that ridge by several of its widths at two prior sds.
+An unknown that varies by a factor enters the polynomials as its value, not as its logarithm, and where the recording
+fixes it well it is its value that the polynomial gives: f_overall is linear in the roller friction, and logarithms miss
+that ridge by several of its widths at two prior sds.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+LEAST = 1e-3  # of its typical value: no value that varies by a factor is taken to fall below
 RIDGE = 1.0  # of the regression, in standardised units: a prior pseudo-sample for every coefficient
+NARROW = 0.2  # relative spread below which an unknown that varies by a factor is modelled as its value
 REACH = 6.0  # prior standard deviations: nothing further out is ever proposed
 
 
@@ -36,9 +39,10 @@ class TransportMap:
         self.rate = np.log(factors)
         warped = self._warp(samples, np.arange(n))
         self.centre, self.span = warped.mean(axis=0), warped.std(axis=0)
+        self.as_value = (self.rate > 0.0) & (self.rate * self.width < NARROW)
         self.pairs = np.array([(i, j) for i in range(n) for j in range(i + 1)])
         terms = self._terms(samples)
-        scaled = ((samples - self.mean) / self.width)[:, self.order]
+        scaled = self._targets(samples)
         self.coefficients: list[np.ndarray] = []
         self.residual = np.empty(n)
         for k in range(n):
@@ -50,7 +54,7 @@ class TransportMap:
             self.coefficients.append(found)
             self.residual[k] = np.sqrt(np.mean((scaled[:, k] - use @ found) ** 2))
 
-    def push(self, e: np.ndarray) -> np.ndarray:
+    def push(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points from independent numbers.
 
         Parameters
@@ -60,27 +64,42 @@ class TransportMap:
 
         Returns
         -------
-        ndarray, shape (n_points, n)
+        points : ndarray, shape (n_points, n)
             Points; what lies beyond ten times `REACH` is brought back to there [-].
+        log_volume : ndarray, shape (n_points,)
+            Logarithm of the map's Jacobian, up to a constant [-].
         """
         n = e.shape[1]
         points = np.zeros_like(e)
+        log_volume = np.zeros(len(e))
         terms = np.zeros((len(e), 1 + n + len(self.pairs)))
         terms[:, 0] = 1.0
         for k, which in enumerate(self.order):
             scaled = terms[:, self._columns(k)] @ self.coefficients[k] + self.residual[k] * e[:, k]
-            points[:, which] = np.clip(scaled * self.width[which] + self.mean[which], -10.0 * REACH, 10.0 * REACH)
+            if self.as_value[which]:
+                value = np.maximum(self.rate[which] * (scaled * self.span[which] + self.centre[which]), LEAST - 1.0)
+                points[:, which] = np.log1p(value) / self.rate[which]
+                log_volume -= self.rate[which] * points[:, which]
+            else:
+                points[:, which] = np.clip(scaled * self.width[which] + self.mean[which], -10.0 * REACH, 10.0 * REACH)
             terms[:, 1 + k] = self._feature(points[:, which], which)
             first = 1 + n + k * (k + 1) // 2
             terms[:, first : first + k + 1] = terms[:, 1 : k + 2] * terms[:, k + 1 : k + 2]
-        return points
+        return points, log_volume
 
     def pull(self, points: np.ndarray) -> np.ndarray:
         """The independent numbers of given points; the inverse of `push`, both of shape (n_points, n) [-]."""
         terms = self._terms(points)
-        scaled = ((points - self.mean) / self.width)[:, self.order]
+        scaled = self._targets(points)
         fitted = [terms[:, self._columns(k)] @ self.coefficients[k] for k in range(points.shape[1])]
         found: np.ndarray = (scaled - np.column_stack(fitted)) / self.residual
+        return found
+
+    def _targets(self, points: np.ndarray) -> np.ndarray:
+        """What the polynomials give, standardised and in the map's order, shape (n_points, n)."""
+        values = (self._warp(points, np.arange(points.shape[1])) - self.centre) / self.span
+        scaled = np.where(self.as_value, values, (points - self.mean) / self.width)
+        found: np.ndarray = scaled[:, self.order]
         return found
 
     def _warp(self, values: np.ndarray, which: np.ndarray | int) -> np.ndarray:

@@ -30,6 +30,7 @@ WALKERS = sampling.WALKERS
 NORMAL = 1e6  # degrees of freedom at which a t is a normal distribution
 WARM_UPS = (7, 4)
 
+Push = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 Map = Callable[[np.ndarray], np.ndarray]
 
 
@@ -38,7 +39,7 @@ class MoveSet:
     """Moves, the coordinates they walk in, and how many steps show their tau."""
 
     words: str
-    push: Map
+    push: Push
     pull: Map
     moves: list[tuple[Move, float]]
     steps: int
@@ -53,10 +54,10 @@ class Quality:
     seconds: float
 
 
-def affine(mean: np.ndarray, covariance: np.ndarray) -> tuple[Map, Map]:
+def affine(mean: np.ndarray, covariance: np.ndarray) -> tuple[Push, Map]:
     """Push and pull between independent normal numbers and a normal distribution."""
     root = np.linalg.cholesky(covariance)
-    return lambda e: mean + e @ root.T, lambda z: np.linalg.solve(root, (z - mean).T).T
+    return lambda e: (mean + e @ root.T, np.zeros(len(e))), lambda z: np.linalg.solve(root, (z - mean).T).T
 
 
 def move_sets(draws: np.ndarray, factors: np.ndarray) -> list[MoveSet]:
@@ -90,10 +91,10 @@ def measure(likelihood: Likelihood, tried: MoveSet, start: np.ndarray, seed: int
     """Run one set of moves from the start."""
 
     def log_prob(e: np.ndarray) -> np.ndarray:
-        z = tried.push(e)
+        z, log_volume = tried.push(e)
         inside = np.all(np.abs(z) < REACH, axis=1)
         found = np.full(len(z), -np.inf)
-        found[inside] = likelihood.log_prob(z[inside])
+        found[inside] = likelihood.log_prob(z[inside]) + log_volume[inside]
         return found
 
     walkers, n = start.shape
@@ -102,7 +103,7 @@ def measure(likelihood: Likelihood, tried: MoveSet, start: np.ndarray, seed: int
     begun = time.process_time()
     sampler.run_mcmc(tried.pull(start), tried.steps, skip_initial_state_check=True)
     seconds = time.process_time() - begun
-    chain = tried.push(sampler.get_chain(flat=True)).reshape(1, tried.steps, walkers, n)
+    chain = tried.push(sampler.get_chain(flat=True))[0].reshape(1, tried.steps, walkers, n)
     tau = sampling._tau(chain).max()  # the fit's estimate, in which a walker that sticks counts
     return Quality(float(np.mean(sampler.acceptance_fraction)), float(tau), seconds / (walkers * tried.steps) * 1e3)
 
@@ -111,7 +112,9 @@ def whole_fit(likelihood: Likelihood, seed: int, warm_up_blocks: int) -> tuple[s
     """The fit's own sampling, with a warm-up of so many blocks."""
     sampling.WARM_UP_BLOCKS = warm_up_blocks
     begun = time.process_time()
-    chain = sampling.sample(likelihood.log_prob, likelihood.factors(), sampling.Settings(seed=seed))
+    chain = sampling.sample(
+        likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, sampling.Settings(seed=seed)
+    )
     seconds = time.process_time() - begun
     evaluations = chain.steps * chain.samples.shape[0] * chain.samples.shape[2]
     return chain, Quality(chain.acceptance, float(chain.tau.max()), seconds / evaluations * 1e3)
@@ -133,7 +136,7 @@ def main() -> None:
     draws = np.random.default_rng(seed).choice(flat, size=min(len(flat), 16_000), replace=False)
     print("| moves | acceptance | tau, steps | CPU s per 1000 evaluations |")
     print("|---|---|---|---|")
-    for tried in move_sets(draws, likelihood.factors()):
+    for tried in move_sets(draws, likelihood.factors(draws.mean(axis=0))):
         print(row(tried.words, measure(likelihood, tried, draws[:WALKERS], seed)), flush=True)
     for blocks, (_, quality) in fits.items():
         print(row(f"a whole fit, warm-up of {blocks} blocks", quality))

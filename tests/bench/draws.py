@@ -39,13 +39,16 @@ class Target:
     ----------
     log_prob, log_likelihood : callable
         Of points of shape (n, n_unknowns), returning shape (n,) [-].
-    factors : ndarray, shape (n_unknowns,)
-        Of `calibration.likelihood.Likelihood.factors` [-].
+    factors : callable
+        `calibration.likelihood.Likelihood.factors`.
+    n_unknowns : int
+        Dimensions [-].
     """
 
     log_prob: LogProb
     log_likelihood: LogProb
-    factors: np.ndarray
+    factors: Callable[[np.ndarray], np.ndarray]
+    n_unknowns: int
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ def gaussian(n: int) -> Target:
     n : int
         Number of unknowns [-].
     """
-    return Target(lambda z: -2.5 * np.sum(z * z, axis=1), lambda z: -2.0 * np.sum(z * z, axis=1), np.ones(n))
+    return Target(lambda z: -2.5 * np.sum(z * z, axis=1), lambda z: -2.0 * np.sum(z * z, axis=1), np.ones_like, n)
 
 
 def of_recording(folder: Path) -> Target:
@@ -97,7 +100,7 @@ def of_recording(folder: Path) -> Target:
         A recording/1 folder.
     """
     _, _, likelihood = fit.prepare(read_recording(folder))
-    return Target(likelihood.log_prob, likelihood.log_likelihood, likelihood.factors())
+    return Target(likelihood.log_prob, likelihood.log_likelihood, likelihood.factors, len(likelihood.unknowns))
 
 
 def rows(target: Target, effort: Effort, tell: Callable[[str], None]) -> list[Row]:
@@ -112,7 +115,7 @@ def rows(target: Target, effort: Effort, tell: Callable[[str], None]) -> list[Ro
     tell : callable
         Told what comes next.
     """
-    target.log_prob(np.zeros((2, target.factors.size)))  # compile or load first
+    target.log_prob(np.zeros((2, target.n_unknowns)))  # compile or load first
     tell("posterior: our sampler")
     chain, seconds = ours(target, effort.settings)
     rate = float(chain.effective.min()) / seconds
@@ -143,7 +146,7 @@ def ours(target: Target, settings: Settings) -> tuple[Chain, float]:
         Seed, target and budget.
     """
     begun = time.perf_counter()
-    chain = sampling.sample(target.log_prob, target.factors, settings)
+    chain = sampling.sample(target.log_prob, target.n_unknowns, target.factors, settings)
     return chain, time.perf_counter() - begun
 
 
@@ -202,7 +205,7 @@ def nested(target: Target, most_s: float) -> Peer:
     most_s : float
         Most wall time [s].
     """
-    n = target.factors.size
+    n = target.n_unknowns
 
     def log_likelihood(z: np.ndarray) -> float:
         return max(float(target.log_likelihood(z[None])[0]), -1e300)
