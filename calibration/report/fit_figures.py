@@ -133,7 +133,7 @@ def _fit_panels(axes: Any, found: Fit, shown: list[Channel], suspects: list[Susp
         for one in ringed:
             _ring(upper, lower, channel, one, len(files) > 1)
         style.name_axes(upper, ("", "1"), (channel.name, channel.unit))
-        style.name_axes(lower, (pressure, "bar"), ("reading − model", channel.unit))
+        style.name_axes(lower, (pressure, "bar"), ("residual", channel.unit))
         upper.set_title(channel.name)
         lower.axhline(0.0, color=style.COLOURS[0], linewidth=1.0)
     axes[0, 0].legend(loc="lower right", fontsize=7.5)
@@ -175,19 +175,25 @@ def _points(panel: Axes, channel: Channel, pressure_error: np.ndarray, less: np.
 def _ring(upper: Axes, lower: Axes, channel: Channel, one: Suspect, name_file: bool) -> None:
     """A ring about a suspect reading in both panels, and its name in the upper one."""
     x, y = channel.at_rows.pressure_bar[one.index], channel.reading[one.index]
-    ring: dict[str, Any] = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "markeredgecolor": ALARM, "zorder": 6}
+    ring: dict[str, Any] = {
+        "marker": "o",
+        "markersize": 11,
+        "markerfacecolor": "none",
+        "markeredgecolor": ALARM,
+        "zorder": 6,
+    }
     upper.plot(x, y, **ring)
     lower.plot(x, y - channel.at_rows.quantiles[2][one.index], **ring)
     place = f"{one.row.file[:40]}, row {one.row.row}" if name_file else f"row {one.row.row}"
     words = f"{place}: {one.channel} suspect"
-    right_half = x > np.mean(channel.curve.pressure_bar)
+    right_half, above = x > np.mean(channel.curve.pressure_bar), y > channel.at_rows.quantiles[2][one.index]
     upper.annotate(
         words,
         (x, y),
-        xytext=(8 if right_half else -8, -9),
+        xytext=(8 if right_half else -8, 9 if above else -9),
         textcoords="offset points",
         ha="right" if right_half else "left",
-        va="top",
+        va="bottom" if above else "top",
         color=ALARM,
         fontsize=8,
         parse_math=False,
@@ -232,6 +238,8 @@ def _ridge_panel(panel: Axes, posterior: Posterior, name: str) -> None:
     )
     if by_factor:
         panel.set_xscale("log")
+    else:
+        panel.locator_params(axis="x", nbins=4)  # six digits a tick must not run into each other
     correlation = float(np.corrcoef(x, y)[0, 1])
     panel.set_title(f"correlation {correlation:+.2f}".replace("-", "−"), fontsize=8.5)
     style.name_axes(panel, (name, other.unit), (target.name, target.unit))
