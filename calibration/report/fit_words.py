@@ -92,7 +92,8 @@ def suspect_in_words(one: Suspect) -> str:
     expected = f"{rounded(one.expected, one.sd) if sd else figure(one.expected)}{sd}"
     return (
         f"{one.row.file}: row {one.row.row}: {one.row.channel} {figure(one.reading)} is probably a bad reading "
-        f"(probability {probability(one.row.probability)}); the fit expects {expected} {unit} and gives the reading little weight"
+        f"(probability {probability(one.row.probability)}); the fit expects {expected} {unit} and gives "
+        "little weight"
     )
 
 
