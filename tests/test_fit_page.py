@@ -79,7 +79,8 @@ def test_the_suspect_reading_is_named_with_what_the_fit_expects(found, page):
     (suspect,) = fit_numbers.suspects(found)
     assert (suspect.row.row, suspect.channel, suspect.reading) == (7, "flow", 55.0)
     assert suspect.expected == pytest.approx(72.0, abs=2.0)
-    assert re.search(r"row 7: flow_l_min 55 is probably a bad reading", page)
+    assert "row 7: flow_l_min 55 is probably a bad reading" in page
+    assert "and gives the reading little weight" in page
 
 
 def test_remarks_name_the_suspect_and_do_not_repeat_the_recording_s_warnings(found):

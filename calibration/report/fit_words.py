@@ -93,7 +93,7 @@ def suspect_in_words(one: Suspect) -> str:
     return (
         f"{one.row.file}: row {one.row.row}: {one.row.channel} {figure(one.reading)} is probably a bad reading "
         f"(probability {probability(one.row.probability)}); the fit expects {expected} {unit} and gives "
-        "little weight"
+        "the reading little weight"
     )
 
 
