@@ -197,7 +197,7 @@ def fit(
     effective_samples: Annotated[
         int, typer.Option(min=200, max=1_000_000, help="Least effective sample size of every unknown.")
     ] = 10_000,
-    max_steps: Annotated[int, typer.Option(min=50, max=1_000_000, help="Budget of each ensemble.")] = 4000,
+    max_steps: Annotated[int, typer.Option(min=50, max=1_000_000, help="Budget of each ensemble.")] = 12_000,
     assignments: SetOption = None,
     speed_only: Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")] = False,
     compare: Annotated[

@@ -28,6 +28,7 @@ BLOCK = 25  # steps between looks at convergence
 WARM_UP_BLOCKS = 7
 SCATTERED = 1024  # points that the first map is fitted to
 TIMES_TAU = 50  # a chain is long enough at this many autocorrelation times
+LOOKS = 10  # a long chain is assessed when it has grown by a tenth
 DISCARD_TAU = 5  # autocorrelation times left out at the start of what the fixed moves drew
 RHAT = 1.01
 CANDIDATES = 512
@@ -56,7 +57,7 @@ class Settings:
 
     seed: int = 1
     effective_samples: int = 4000
-    most_steps: int = 4000
+    most_steps: int = 12_000
     walkers: int = WALKERS
     times_tau: float = TIMES_TAU
 
@@ -165,6 +166,9 @@ def sample(
             store.write(number, block)
         if number <= WARM_UP_BLOCKS:
             tell(0, settings.effective_samples, "warm-up")
+            continue
+        kept = number - WARM_UP_BLOCKS
+        if kept % max(1, kept // LOOKS) and number < most_blocks:
             continue
         chain = _assess(blocks[WARM_UP_BLOCKS + 1 : number + 1], settings, time.monotonic() - begun)
         tell(int(chain.effective.min()), settings.effective_samples, f"R-hat {chain.rhat.max():.3f}")
