@@ -69,10 +69,10 @@ def reynolds(phase: int, rho: float, D: float, mu: float, V_p: float, U_g: float
     if V_p <= 0.0:
         return 0.0
     u = V_p
-    if phase == DISCHARGE:
-        u += V_p**0.8 * U_g**0.2
-    elif phase == SUCTION:
-        u += V_p**-0.4 * U_g**1.4
+    if phase == DISCHARGE and U_g > 0.0:
+        u += V_p * math.exp(0.2 * math.log(U_g / V_p))  # Vp^0.8 Ug^0.2; a power costs twice a logarithm
+    elif phase == SUCTION and U_g > 0.0:
+        u += V_p * math.exp(1.4 * math.log(U_g / V_p))  # Vp^-0.4 Ug^1.4
     return rho * D * u / mu
 
 
@@ -89,7 +89,7 @@ def nusselt(phase: int, Re: float, Pr: float) -> float:
     """
     a = 0.12 if phase == EXPANSION else 0.08
     b = 0.9 if phase == SUCTION else 0.8
-    return a * Re**b * Pr**0.6
+    return a * math.exp(b * math.log(Re) + 0.6 * math.log(Pr)) if Re > 0.0 else 0.0
 
 
 @njit(cache=True)
