@@ -13,6 +13,7 @@ from calibration.priors import Unknown
 from calibration.sampling import Chain
 
 QUANTILES = {"q05": 0.05, "q50": 0.50, "q95": 0.95}
+UNINFORMED = 0.5  # posterior sd over prior sd above which the recording says little of an unknown
 SUSPECT = 0.5  # a reading that is more probably bad than good is named
 DRAWS_FOR_ROWS = 400  # draws over which the rows' probabilities and predictions are averaged
 COLUMNS = ("pressure", "flow", "speed")
@@ -81,7 +82,25 @@ class Posterior:
 
     def prior_dominates(self, name: str) -> bool:
         """Whether the recording narrows an unknown by less than half."""
-        return self[name].sd_of_prior > 0.5
+        return self[name].sd_of_prior > UNINFORMED
+
+    def share_from_priors(self, name: str) -> float:
+        """Share of an unknown's variance that the unknowns which the recording hardly informs explain linearly [-].
+
+        Parameters
+        ----------
+        name : str
+            The unknown.
+        """
+        names = [estimate.unknown.name for estimate in self.estimates]
+        loose = [i for i, e in enumerate(self.estimates) if e.sd_of_prior > UNINFORMED and e.unknown.name != name]
+        if not loose:
+            return 0.0
+        flat = self.chain.flat()
+        target = flat[:, names.index(name)] - flat[:, names.index(name)].mean()
+        terms = flat[:, loose] - flat[:, loose].mean(axis=0)
+        explained = terms @ np.linalg.lstsq(terms, target, rcond=None)[0]
+        return float(explained.var() / target.var())
 
 
 def summarise(chain: Chain, likelihood: Likelihood, columns: Sequence[str | None], seconds: float) -> Posterior:

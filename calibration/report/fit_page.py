@@ -110,7 +110,7 @@ def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> 
         "verdict": fit_words.verdict(found.posterior),
         "hangs_on": fit_words.hangs_on(pairs),
         "prior_says": fit_words.prior_says(found),
-        "prior_dominates": found.posterior.prior_dominates(TARGET),
+        "prior_dominates": fit_words.prior_dominates(found),
         "remarks": fit_words.remarks(found, suspects),
         "suspects": _suspect_table(suspects),
         "trade_offs": _trade_off_table(found.posterior, pairs),

@@ -14,6 +14,7 @@ from calibration.priors import Unknown
 from calibration.report.fit_numbers import TARGET, UNITS, Suspect
 
 INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
+FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
 WEAK = 0.25  # a correlation below it is not worth a word
 
 
@@ -79,10 +80,17 @@ def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
 
 def prior_says(found: Fit) -> str:
     """Whether f_overall comes from the recording or from the prior, in a sentence."""
-    share = found.posterior[TARGET].sd_of_prior
-    if found.posterior.prior_dominates(TARGET):
-        return f"{_rows(found)}: the prior dominates {TARGET} (its spread is {100 * share:.0f} % of the prior's)."
-    return f"The recording decides it, not the prior: its spread is {100 * share:.2g} % of the prior's."
+    spread = f"its spread is {100 * found.posterior[TARGET].sd_of_prior:.2g} % of its prior's"
+    share = f"{100 * found.posterior.share_from_priors(TARGET):.0f} % of its variance comes from other unknowns"
+    if prior_dominates(found):
+        words = f"{_rows(found)}: the prior dominates {TARGET}; {spread}, and {share}"
+        return f"{words} of which the recording says little."
+    return f"The recording decides it: {spread}. {share} of which the recording says little."
+
+
+def prior_dominates(found: Fit) -> bool:
+    """Whether f_overall rests on priors: it is hardly narrowed, or fewer rows than a line and a check of it."""
+    return found.posterior.prior_dominates(TARGET) or len(found.measured.steady) < FEW_ROWS
 
 
 def suspect_in_words(one: Suspect) -> str:
@@ -110,8 +118,8 @@ def remarks(found: Fit, suspects: Sequence[Suspect]) -> list[str]:
     said = set(found.recording.warnings)
     sentences = [note for note in found.measured.notes if note not in said]
     sentences += [suspect_in_words(one) for one in suspects]
-    if found.posterior.prior_dominates(TARGET):
-        sentences.append(f"{_rows(found)}: the prior dominates {TARGET}")
+    if prior_dominates(found):
+        sentences.append(prior_says(found).rstrip("."))
     return sentences + _too_fast(found)
 
 
