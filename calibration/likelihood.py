@@ -28,6 +28,7 @@ from model.motor import QUANTITIES, Motor
 from rig.recording import Recording
 
 BAD = 0.01  # probability that a single reading is bad, before looking
+FEW_ROWS = 3  # with fewer no reading is looked on as bad: there is nothing to tell it by
 BAD_WIDTH = 10.0  # a bad reading's sd, in sds of a good one ...
 BAD_SHARE = 0.1  # ... plus this share of the reading
 LOG_2_PI = math.log(2.0 * math.pi)
@@ -55,9 +56,18 @@ class Likelihood:
         The rows.
     found : list of Unknown
         The coordinates of ``z``.
+    bad : float, optional
+        Probability that a reading is bad [-]; `BAD`, or 0 with fewer than `FEW_ROWS` rows, when left out.
     """
 
-    def __init__(self, motor: Motor, recording: Recording, measured: Measurement, found: list[Unknown]) -> None:
+    def __init__(
+        self,
+        motor: Motor,
+        recording: Recording,
+        measured: Measurement,
+        found: list[Unknown],
+        bad: float | None = None,
+    ) -> None:
         self.unknowns = found
         self.measured = measured
         self._base = motor.vector()
@@ -76,6 +86,7 @@ class Likelihood:
         )
         self._steady = _arrays(rows)
         self._zero = _arrays(measured.zero)
+        self._bad = bad if bad is not None else (BAD if len(rows) >= FEW_ROWS else 0.0)
         self.not_converged = 0
 
     def values(self, z: np.ndarray) -> np.ndarray:
@@ -115,7 +126,9 @@ class Likelihood:
         if inside.any():
             out = self.predict(parameters[inside], errors[inside])
             found = np.empty(out.shape[0])
-            _sum_rows(out, errors[inside], self._figures.noise_sd, self._figures.resolution, *self._steady, found)
+            _sum_rows(
+                out, errors[inside], self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found
+            )
             _add_zero_rows(
                 parameters[inside, self._position["ambient_pressure"]] / PASCAL_PER_BAR,
                 errors[inside],
@@ -140,7 +153,7 @@ class Likelihood:
         parameters, errors, _ = self._split(z)
         out = self.predict(parameters, errors)
         found = np.zeros((len(self.measured.steady), 3))
-        _bad_rows(out, errors, self._figures.noise_sd, self._figures.resolution, *self._steady, found)
+        _bad_rows(out, errors, self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found)
         return found / len(z)
 
     def predict(self, parameters: np.ndarray, errors: np.ndarray) -> np.ndarray:
@@ -245,6 +258,7 @@ def _cases(
     errors: np.ndarray,
     noise_sd: np.ndarray,
     resolution: np.ndarray,
+    bad_share: float,
     reading: np.ndarray,
     state: np.ndarray,
     scale: float,
@@ -263,7 +277,7 @@ def _cases(
     top = -math.inf
     for k in range(8):
         p_bad, q_bad, n_bad = k & 1, (k >> 1) & 1, (k >> 2) & 1
-        if (q_bad and state[1] == MISSING) or (n_bad and state[2] == MISSING):
+        if (k > 0 and bad_share == 0.0) or (q_bad and state[1] == MISSING) or (n_bad and state[2] == MISSING):
             case[k] = -math.inf
             continue
         count = p_bad + q_bad + n_bad
@@ -271,7 +285,8 @@ def _cases(
         var_q = (bad[1] if q_bad else good[1]) + var_p * slope_q * slope_q
         var_n = (bad[2] if n_bad else good[2]) + var_p * slope_n * slope_n
         case[k] = _log_row(reading[1] - q, reading[2] - n, state[1], state[2], var_q, var_n, var_p * slope_q * slope_n)
-        case[k] += count * math.log(BAD) + (3 - count) * math.log(1.0 - BAD)
+        if bad_share > 0.0:
+            case[k] += count * math.log(bad_share) + (3 - count) * math.log(1.0 - bad_share)
         top = max(top, case[k])
     total = 0.0
     for k in range(8):
@@ -285,6 +300,7 @@ def _sum_rows(
     errors: np.ndarray,
     noise_sd: np.ndarray,
     resolution: np.ndarray,
+    bad_share: float,
     reading: np.ndarray,
     state: np.ndarray,
     is_gauge: np.ndarray,
@@ -296,7 +312,9 @@ def _sum_rows(
         case = np.empty(8)
         total = 0.0
         for r in range(out.shape[1]):
-            total += _cases(out[s, r], errors[s], noise_sd, resolution, reading[r], state[r], noise_scale[r], case)
+            total += _cases(
+                out[s, r], errors[s], noise_sd, resolution, bad_share, reading[r], state[r], noise_scale[r], case
+            )
         found[s] = total
 
 
@@ -306,6 +324,7 @@ def _bad_rows(
     errors: np.ndarray,
     noise_sd: np.ndarray,
     resolution: np.ndarray,
+    bad_share: float,
     reading: np.ndarray,
     state: np.ndarray,
     is_gauge: np.ndarray,
@@ -316,7 +335,9 @@ def _bad_rows(
     case = np.empty(8)
     for s in range(out.shape[0]):
         for r in range(out.shape[1]):
-            total = _cases(out[s, r], errors[s], noise_sd, resolution, reading[r], state[r], noise_scale[r], case)
+            total = _cases(
+                out[s, r], errors[s], noise_sd, resolution, bad_share, reading[r], state[r], noise_scale[r], case
+            )
             for k in range(1, 8):
                 weight = math.exp(case[k] - total)
                 for i in range(3):

@@ -12,13 +12,15 @@ from typing import Any
 import emcee
 import numpy as np
 from emcee.moves import Move
+from scipy.special import logsumexp
 
 
 class IndependenceMove(Move):
-    """Propose from a fixed Student t about the origin, wherever the walker stands (independence Metropolis).
+    """Propose from a fixed distribution about the origin, wherever the walker stands (independence Metropolis).
 
-    Successive samples then hardly depend on each other. The tails are heavier than a normal's, and what lies in the
-    posterior's own heavier tails is moved by the other move of the mixture.
+    Successive samples then hardly depend on each other. Most proposals come from a Student t; one in seven is stretched
+    `LONG` times along a single coordinate, for a posterior that has a little of its mass far out on one side of the
+    ridge (a recording of a row or two, one reading of which may be bad) and would hold a walker there.
 
     Parameters
     ----------
@@ -27,6 +29,9 @@ class IndependenceMove(Move):
     spread : float
         Its scale [-].
     """
+
+    LONG = 15.0
+    STRETCHED = 0.15
 
     def __init__(self, degrees: float = 20.0, spread: float = 1.05) -> None:
         super().__init__()
@@ -41,8 +46,32 @@ class IndependenceMove(Move):
         x : ndarray, shape (n_walkers, n)
             Points [-].
         """
-        square = np.sum((x / self.spread) ** 2, axis=1)
-        found: np.ndarray = -0.5 * (self.degrees + x.shape[1]) * np.log1p(square / self.degrees)
+        n = x.shape[1]
+        squares = (x / self.spread) ** 2
+        total = squares.sum(axis=1, keepdims=True)
+        # One column for the t itself, one for each coordinate along which it may have been stretched.
+        each = np.hstack([total, total - squares * (1.0 - self.LONG**-2)])
+        log_t = -0.5 * (self.degrees + n) * np.log1p(each / self.degrees)
+        weights = np.append(1.0 - self.STRETCHED, np.full(n, self.STRETCHED / (n * self.LONG)))
+        found: np.ndarray = logsumexp(log_t, b=weights, axis=1)
+        return found
+
+    def draw(self, random: Any, walkers: int, n: int) -> np.ndarray:
+        """Draws of the proposal, shape (walkers, n) [-].
+
+        Parameters
+        ----------
+        random : numpy.random.RandomState
+            Source of randomness.
+        walkers, n : int
+            Number of draws and of coordinates [-].
+        """
+        widening = np.sqrt(self.degrees / random.chisquare(self.degrees, size=walkers))
+        q = self.spread * widening[:, None] * random.randn(walkers, n)
+        stretched = random.rand(walkers) < self.STRETCHED
+        which = random.randint(n, size=walkers)
+        q[np.arange(walkers)[stretched], which[stretched]] *= self.LONG
+        found: np.ndarray = q
         return found
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
@@ -63,8 +92,7 @@ class IndependenceMove(Move):
             Which walkers moved.
         """
         walkers, n = state.coords.shape
-        widening = np.sqrt(self.degrees / model.random.chisquare(self.degrees, size=walkers))
-        q = self.spread * widening[:, None] * model.random.randn(walkers, n)
+        q = self.draw(model.random, walkers, n)
         log_prob, _ = model.compute_log_prob_fn(q)
         ratio = log_prob - state.log_prob + self.log_density(state.coords) - self.log_density(q)
         accepted = np.log(model.random.rand(walkers)) < ratio

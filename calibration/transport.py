@@ -15,6 +15,9 @@ from __future__ import annotations
 import numpy as np
 
 LEAST = 1e-3  # of its typical value: no value that varies by a factor is taken to fall below
+TRIMS = 6  # passes of the regression that leave out what lies far off the ridge
+FAR = 5.0  # residual sds
+MEDIAN_OF_NORMAL = 0.6745  # median of |N(0, 1)|
 RIDGE = 1.0  # of the regression, in standardised units: a prior pseudo-sample for every coefficient
 NARROW = 0.2  # relative spread below which an unknown that varies by a factor is modelled as its value
 REACH = 6.0  # prior standard deviations: nothing further out is ever proposed
@@ -46,13 +49,9 @@ class TransportMap:
         self.coefficients: list[np.ndarray] = []
         self.residual = np.empty(n)
         for k in range(n):
-            use = terms[:, self._columns(k)]
-            gram = use.T @ use
-            gram[np.diag_indices_from(gram)] += RIDGE
-            gram[0, 0] -= RIDGE
-            found = np.linalg.solve(gram, use.T @ scaled[:, k])
+            found, residual = _robustly_regressed(terms[:, self._columns(k)], scaled[:, k])
             self.coefficients.append(found)
-            self.residual[k] = np.sqrt(np.mean((scaled[:, k] - use @ found) ** 2))
+            self.residual[k] = residual
 
     def push(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points from independent numbers.
@@ -125,3 +124,25 @@ class TransportMap:
         """Which terms unknown ``k`` (in the map's order) may depend on: those of the unknowns before it."""
         first = 1 + self.order.size
         return np.concatenate([np.arange(1 + k), np.arange(first, first + k * (k + 1) // 2)])
+
+
+def _robustly_regressed(terms: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
+    """Ridge coefficients and the residual's sd, from the points on the ridge: a few far off it must not widen the map.
+
+    The first term, a constant, is not penalised.
+    """
+    gram, moment = terms.T @ terms, terms.T @ values
+    penalty = np.full(terms.shape[1], RIDGE)
+    penalty[0] = 0.0
+    kept = np.ones(len(values), dtype=bool)
+    for _ in range(TRIMS):
+        found = np.linalg.solve(gram + np.diag(penalty), moment)
+        miss = values - terms @ found
+        near = np.abs(miss) < FAR * np.median(np.abs(miss[kept])) / MEDIAN_OF_NORMAL
+        gone, back = kept & ~near, near & ~kept
+        if not gone.any() and not back.any():
+            break
+        gram += terms[back].T @ terms[back] - terms[gone].T @ terms[gone]
+        moment += terms[back].T @ values[back] - terms[gone].T @ values[gone]
+        kept = near
+    return found, float(np.sqrt(np.mean(miss[kept] ** 2)))

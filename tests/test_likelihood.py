@@ -40,8 +40,11 @@ SOMEWHERE = {
 @pytest.fixture
 def likelihood_of(put_recording) -> Callable[..., tuple[Motor, Likelihood]]:
     def prepare(*files: tuple[str, str, str], **more: str) -> tuple[Motor, Likelihood]:
-        motor, _, likelihood = fit.prepare(read_recording(put_recording(*files, **more)))
-        return motor, likelihood
+        recording = read_recording(put_recording(*files, **more))
+        motor, measured, usual = fit.prepare(recording)
+        return motor, Likelihood(
+            motor, recording, measured, usual.unknowns, bad=BAD
+        )  # bad readings in a single row too
 
     return prepare
 
