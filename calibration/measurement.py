@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.priors import PASCAL_PER_BAR, column_of
 from model import steady
-from model.layout import L_MIN, RPM
+from model.layout import RPM
 from model.motor import Motor
 from rig.recording import Recording, RecordingError, RecordingFile
 
@@ -177,11 +177,6 @@ def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray)
     middle = np.median(ratio)
     # Single bad readings must not decide: the four-fifths point of the distances, not their maximum.
     return float(np.quantile(np.abs(ratio / middle - 1.0), 0.8))
-
-
-def flow_l_min(flow_m3_s: np.ndarray) -> np.ndarray:
-    """Volume flow in L/min from m3/s, same shape."""
-    return flow_m3_s * L_MIN
 
 
 def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list[int]]:
