@@ -1,0 +1,209 @@
+"""What an instrument is to the rest of the rig, and what its file in configs/instruments says.
+
+A family is a module of this folder, named as the files name it, with two things in it: `Settings`, a child of
+`InstrumentFile`, and `build(device, settings, place)`. Nothing else has to know of a new one.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from pathlib import Path
+from typing import Annotated, Literal, Protocol
+
+import pydantic
+
+import configs
+from configs import ConfigError, Strict
+from rig.lines import Line
+from rig.readings import Reading
+
+FORMAT = "instrument/1"
+FOLDER = configs.FOLDER / "instruments"
+
+Positive = Annotated[float, pydantic.Field(gt=0.0)]
+NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
+
+
+class IdentityError(Exception):
+    """Another device answers than the bench file says. The text names both."""
+
+
+class InstrumentError(Exception):
+    """An instrument refused an order, or did not do it. The text says what was ordered and what it reads back."""
+
+
+class Reference(Strict):
+    """The state that a standard-volume or mass flow, or a rotameter's scale, refers to."""
+
+    kind: Literal["standard_volume", "rotameter_scale"]
+    pressure_bar_abs: Positive
+    temperature_c: float
+    note: str = ""
+
+
+class ChannelFile(Strict):
+    """One channel of an instrument: unit, limits, and 1-sigma figures in that unit."""
+
+    unit: str
+    lowest: float | None = None  # outside, the reading is over-range
+    highest: float | None = None
+    noise_sd: NotNegative | None = None
+    bias_sd: NotNegative | None = None
+    scale_sd: NotNegative | None = None
+    resolution: NotNegative | None = None
+    figures_source: str = ""
+    reference: Reference | None = None
+
+
+class InstrumentFile(Strict):
+    """What every instrument file holds; a family adds its own keys."""
+
+    format: Literal["instrument/1"]
+    family: str
+    title: str  # maker and model, for people
+    source: str  # where the register map or the frames come from
+    trust: Literal["documented", "simulated", "verified"]  # documented < run against our simulation < on hardware
+    update_s: NotNegative = 0.0  # the instrument's own; a value repeated within it is not news
+    timeout_s: Positive | None = None  # the line's when left out
+    slowest_reply_s: Positive | None = None
+
+
+class Instrument(Protocol):
+    """A device on a line. Only the line's own thread calls it."""
+
+    device: str
+    channels: dict[str, ChannelFile]
+
+    def open(self, line: Line) -> None:
+        """Forget what was known, and prepare the device; called after each opening of the line.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+
+    def identify(self, line: Line) -> str:
+        """Who answers, with the firmware where the device tells it.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+
+        Raises
+        ------
+        IdentityError
+            When it is another device than configured.
+        LineError
+            When nobody answers.
+        """
+
+    def poll(self, line: Line) -> list[Reading]:
+        """Read every channel once; a failure of the device is a reading without a value.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+
+        Raises
+        ------
+        LostError
+            When the port failed.
+        """
+
+
+class Actuator(Instrument, Protocol):
+    """An instrument that sets the line's pressure."""
+
+    unit: str  # of the set-point
+    lowest: float
+    highest: float
+
+    def write(self, line: Line, value: float) -> float:
+        """Order a set-point and return what the device reads back, in ``unit``.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        value : float
+            The set-point, in the actuator's unit [own unit].
+
+        Raises
+        ------
+        InstrumentError
+            When the order was refused, or what is read back differs.
+        LineError
+            When nobody answers.
+        """
+
+    def set_failsafe(self, line: Line) -> str:
+        """Make the device go to zero by itself when it hears nothing, read that back, and say what was set.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+
+        Raises
+        ------
+        InstrumentError
+            When the device has no such thing, or did not take it.
+        """
+
+
+def families() -> list[str]:
+    """Names of the families, from the modules of this folder."""
+    import rig.instruments as room
+
+    return [
+        module.name
+        for module in pkgutil.iter_modules(room.__path__)
+        if hasattr(importlib.import_module(f"{room.__name__}.{module.name}"), "Settings")
+    ]
+
+
+def read_instrument(name: str) -> InstrumentFile:
+    """Read an instrument's file.
+
+    Parameters
+    ----------
+    name : str
+        Its name in configs/instruments, without the ending.
+
+    Returns
+    -------
+    InstrumentFile
+        The settings of its family.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such file or family, or the file is wrong.
+    """
+    return read_instrument_file(FOLDER / f"{name}.toml")
+
+
+def read_instrument_file(path: Path) -> InstrumentFile:
+    """Read an instrument's file from anywhere.
+
+    Parameters
+    ----------
+    path : Path
+        The TOML file.
+
+    Raises
+    ------
+    ConfigError
+        When the file is missing or wrong, or names no family of this folder.
+    """
+    data = configs.read_toml(path)
+    family = data.get("family")
+    if family not in families():
+        raise ConfigError(f"{path}: family {family!r} is not one of {', '.join(families())}")
+    module = importlib.import_module(f"rig.instruments.{family}")
+    settings: InstrumentFile = configs.validate(module.Settings, data, str(path))
+    return settings

@@ -1,0 +1,225 @@
+"""Question and answer over a port: who waits how long, what is thrown away, and what is written down.
+
+A late answer is the trap of every polled instrument: Modbus RTU frames do not say which question they answer, so a
+reply that comes after its timeout is taken for the answer to the next question, and is a good value of the wrong
+register. Here a question is asked only into silence: after every timeout and every damaged reply the line waits until
+the slowest reply could have come and the line is quiet, and throws away what came. A reply that is complete before its
+bytes could have crossed the wire is an old one, and is thrown away too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rig.clock import Clock
+from rig.lines.port import BadReplyError, LostError, NoReplyError, Port
+from rig.readings import NS, Event, Quality
+
+# A virtual bench that runs faster than real time still shares a machine with everything else: no wait is shorter.
+LEAST_REAL_WAIT_S = 0.25
+MOST_REPLY_BYTES = 4096  # more than any reply of a device known here; a babbling line is cut off there
+MOST_DRAIN_S = 2.0  # a line that never falls silent is a stream or a fault
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """The times of a line or of one device on it.
+
+    Attributes
+    ----------
+    timeout_s : float
+        How long an answer may take before the question counts as failed [s].
+    slowest_reply_s : float
+        How long after a question an answer may still come [s]; at least the timeout. Nothing is asked before.
+    quiet_s : float
+        Silence that ends a drain [s].
+    byte_s : float
+        Time of one byte on the wire [s]; 0 where that says nothing (USB, TCP).
+    """
+
+    timeout_s: float = 0.3
+    slowest_reply_s: float = 1.0
+    quiet_s: float = 0.02
+    byte_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """A whole answer and its times on the bench's clock [ns]."""
+
+    data: bytes
+    request_ns: int
+    reply_ns: int
+
+
+# How many bytes at the start of a buffer are a whole frame; None while more are needed. Raises BadReplyError when the
+# buffer cannot become one.
+Complete = Callable[[bytes], int | None]
+
+
+class Line:
+    """A port with the manners of question and answer; everything that crosses it is kept as events.
+
+    Parameters
+    ----------
+    name : str
+        In the bench file.
+    port : Port
+        What carries the bytes.
+    clock : Clock
+        The bench's.
+    timing : Timing
+        Used where a question brings none of its own.
+    """
+
+    def __init__(self, name: str, port: Port, clock: Clock, timing: Timing | None = None) -> None:
+        self.name = name
+        self.port = port
+        self.clock = clock
+        self.timing = timing or Timing()
+        self.transactions = 0  # questions since the line was opened: the transaction number of Modbus TCP
+        self._events: list[Event] = []
+        self._not_before_ns = 0  # no question before this time: an answer to an earlier one may still come
+        self._dirty = False
+
+    def open(self) -> None:
+        """Open the port and forget what was; the line starts clean."""
+        self.transactions = 0
+        self._dirty = False
+        try:
+            self.port.open()
+        except LostError as error:
+            self._keep_lost(error)
+            raise
+
+    def close(self) -> None:
+        """Close the port."""
+        self.port.close()
+
+    def take_events(self) -> tuple[Event, ...]:
+        """What crossed the wire since the last call, in order."""
+        taken = tuple(self._events)
+        self._events.clear()
+        return taken
+
+    def ask(self, request: bytes, complete: Complete, timing: Timing | None = None) -> Reply:
+        """Ask a question and return the whole answer.
+
+        Parameters
+        ----------
+        request : bytes
+            What to send.
+        complete : callable
+            Tells the length of a whole frame at the start of the bytes received, or None while more are needed.
+        timing : Timing or None
+            The device's own; the line's when left out.
+
+        Returns
+        -------
+        Reply
+            The first whole frame; what follows it in the same breath makes the line dirty and is drained before the
+            next question.
+
+        Raises
+        ------
+        NoReplyError
+            When the time was up.
+        BadReplyError
+            When what came cannot be an answer, or came too early to be one.
+        LostError
+            When the port failed.
+        """
+        timing = timing or self.timing
+        if self._dirty:
+            self._drain(timing)
+        request_ns = self._send(request)
+        self._not_before_ns = request_ns + self._wait_ns(timing.slowest_reply_s)
+        deadline_ns = request_ns + self._wait_ns(timing.timeout_s)
+        self._dirty = True  # until the answer is in
+        buffer = b""
+        while True:
+            reply_ns, data = self._receive(deadline_ns)
+            if not data:
+                raise NoReplyError(self._too_little(buffer, timing))
+            buffer += data
+            length = complete(buffer)
+            if length is not None:
+                break
+            if len(buffer) > MOST_REPLY_BYTES:
+                raise BadReplyError(f"line {self.name}: {len(buffer)} bytes without the end of a reply")
+        earliest_ns = request_ns + int((len(request) + length) * timing.byte_s * 0.5 * NS)
+        if reply_ns < earliest_ns:
+            raise BadReplyError(
+                f"line {self.name}: a reply {(reply_ns - request_ns) / 1e6:.2f} ms after the question, sooner than its "
+                "bytes can cross the wire: an old one",
+                Quality.STALE,
+            )
+        self._dirty = len(buffer) > length
+        return Reply(buffer[:length], request_ns, reply_ns)
+
+    def tell(self, data: bytes) -> int:
+        """Send bytes that nothing answers, and return the time [ns].
+
+        Parameters
+        ----------
+        data : bytes
+            What to send.
+        """
+        return self._send(data)
+
+    def listen(self, wait_s: float) -> tuple[int, bytes]:
+        """What a device that sends unasked has sent, with the time [ns]; no bytes when it was silent.
+
+        Parameters
+        ----------
+        wait_s : float
+            How long to wait for the first byte [s]; what is there already is returned at once.
+        """
+        return self._receive(self.clock.now_ns() + self._wait_ns(wait_s))
+
+    def drop(self) -> None:
+        """Mark the line as holding bytes that belong to no question; they are drained before the next one."""
+        self._dirty = True
+
+    def _send(self, data: bytes) -> int:
+        try:
+            time_ns = self.port.write(data)
+        except LostError as error:
+            self._keep_lost(error)
+            raise
+        self._events.append(Event("tx", time_ns, data))
+        return time_ns
+
+    def _receive(self, until_ns: int) -> tuple[int, bytes]:
+        try:
+            time_ns, data = self.port.read(until_ns)
+        except LostError as error:
+            self._keep_lost(error)
+            raise
+        self._events.append(Event("rx" if data else "silence", time_ns, data))
+        return time_ns, data
+
+    def _drain(self, timing: Timing) -> None:
+        """Throw away what comes until the slowest reply could have come and the line is quiet."""
+        quiet_ns = self._wait_ns(timing.quiet_s, least_real_s=0.0)
+        time_ns, data = self._receive(max(self._not_before_ns, self.clock.now_ns() + quiet_ns))
+        give_up_ns = max(time_ns, self._not_before_ns) + self._wait_ns(MOST_DRAIN_S)
+        while data:
+            until_ns = max(self._not_before_ns, time_ns + quiet_ns)
+            time_ns, data = self._receive(until_ns)
+            if data and time_ns > give_up_ns:
+                raise BadReplyError(f"line {self.name} does not fall silent: is something else sending on it?")
+        self._dirty = False
+
+    def _wait_ns(self, span_s: float, least_real_s: float = LEAST_REAL_WAIT_S) -> int:
+        if self.clock.rate > 1.0:
+            span_s = max(span_s, least_real_s * self.clock.rate)
+        return int(span_s * NS)
+
+    def _keep_lost(self, error: LostError) -> None:
+        self._events.append(Event("lost", self.clock.now_ns(), str(error).encode()))
+
+    def _too_little(self, buffer: bytes, timing: Timing) -> str:
+        came = f"{len(buffer)} bytes ({buffer[:16].hex(' ')}) and then nothing" if buffer else "nothing"
+        return f"line {self.name}: {came} within {timing.timeout_s:g} s"

@@ -1,0 +1,269 @@
+"""Modbus over a line, RTU or TCP, through pymodbus: the only module that knows it.
+
+pymodbus makes the frames and reads them. Whether a frame answers the question is checked here: unit, function code,
+byte count and, over TCP, the transaction number; pymodbus takes an answer of another function or length for good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU
+from pymodbus.pdu.bit_message import ReadCoilsRequest
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    WriteMultipleRegistersRequest,
+    WriteSingleRegisterRequest,
+)
+
+from rig.lines.line import Complete, Line, Reply, Timing
+from rig.lines.port import BadReplyError
+from rig.readings import Quality
+
+READ_COILS, READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 1, 3, 4, 6, 16
+EXCEPTION_BIT = 0x80
+MOST_REGISTERS = 125
+MBAP_BYTES = 7  # transaction, protocol, length, unit
+EXCEPTIONS = {
+    1: "illegal function",
+    2: "illegal register address",
+    3: "illegal value",
+    4: "device failure",
+    5: "acknowledge, still working",
+    6: "device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway target does not respond",
+}
+_RTU = FramerRTU(DecodePDU(False))
+_TCP = FramerSocket(DecodePDU(False))
+
+
+class RefusedError(BadReplyError):
+    """The device answered with a Modbus exception.
+
+    Parameters
+    ----------
+    text : str
+        Device, question and exception.
+    code : int
+        Exception code [-].
+    """
+
+    def __init__(self, text: str, code: int) -> None:
+        super().__init__(text, Quality.EXCEPTION)
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A question.
+
+    Attributes
+    ----------
+    unit : int
+        Address of the device on the bus [-].
+    function : int
+        `READ_COILS`, `READ_HOLDING`, `READ_INPUT`, `WRITE_ONE` or `WRITE_MANY`.
+    address : int
+        First register as on the wire, from 0 [-].
+    count : int
+        Registers or coils [-].
+    values : tuple of int
+        What is written, 0-65535 each.
+    """
+
+    unit: int
+    function: int
+    address: int
+    count: int = 1
+    values: tuple[int, ...] = ()
+
+
+def encode(request: Request, framing: str, transaction: int) -> bytes:
+    """The bytes of a question.
+
+    Parameters
+    ----------
+    request : Request
+        The question.
+    framing : str
+        ``rtu`` or ``tcp``.
+    transaction : int
+        Number of the question, for TCP [-].
+
+    Returns
+    -------
+    bytes
+        A whole frame.
+    """
+    if request.function == READ_COILS:
+        pdu = ReadCoilsRequest(address=request.address, count=request.count, dev_id=request.unit)
+    elif request.function == READ_HOLDING:
+        pdu = ReadHoldingRegistersRequest(address=request.address, count=request.count, dev_id=request.unit)
+    elif request.function == READ_INPUT:
+        pdu = ReadInputRegistersRequest(address=request.address, count=request.count, dev_id=request.unit)
+    elif request.function == WRITE_ONE:
+        pdu = WriteSingleRegisterRequest(address=request.address, registers=list(request.values), dev_id=request.unit)
+    else:
+        pdu = WriteMultipleRegistersRequest(
+            address=request.address, registers=list(request.values), dev_id=request.unit
+        )
+    pdu.transaction_id = transaction
+    frame: bytes = (_RTU if framing == "rtu" else _TCP).buildFrame(pdu)
+    return frame
+
+
+def length_of(request: Request, framing: str) -> Complete:
+    """What tells how long the answer to a question is.
+
+    Parameters
+    ----------
+    request : Request
+        The question.
+    framing : str
+        ``rtu`` or ``tcp``.
+
+    Returns
+    -------
+    callable
+        Bytes so far to the length of the frame; None while more are needed.
+    """
+    if framing == "tcp":
+        return _tcp_length
+    good = 5 + (2 * request.count if request.function in (READ_HOLDING, READ_INPUT) else 3)
+    if request.function == READ_COILS:
+        good = 5 + (request.count + 7) // 8
+
+    def rtu_length(buffer: bytes) -> int | None:
+        """An exception is five bytes; a good answer is as long as the question makes it."""
+        if len(buffer) < 2:
+            return None
+        length = 5 if buffer[1] & EXCEPTION_BIT else good
+        return length if len(buffer) >= length else None
+
+    return rtu_length
+
+
+def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tuple[int, ...]:
+    """The registers, or coils, of an answer.
+
+    Parameters
+    ----------
+    request : Request
+        The question.
+    framing : str
+        ``rtu`` or ``tcp``.
+    transaction : int
+        Number of the question, for TCP [-].
+    frame : bytes
+        The answer, as long as `length_of` said.
+
+    Returns
+    -------
+    tuple of int
+        Registers (0-65535) or coils (0 or 1) [-]; empty for an answer to a write.
+
+    Raises
+    ------
+    BadReplyError
+        When the frame is damaged, or answers another question.
+    RefusedError
+        When the device answered with an exception.
+    """
+    asked = f"unit {request.unit}, function {request.function}, register {request.address}"
+    if framing == "rtu":
+        unit, body = frame[0], frame[1:-2]
+        if not _RTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big")):
+            raise BadReplyError(f"{asked}: wrong CRC in {frame[:16].hex(' ')}")
+    else:
+        if frame[2:4] != b"\0\0":
+            raise BadReplyError(f"{asked}: not Modbus TCP: {frame[:16].hex(' ')}")
+        answered = int.from_bytes(frame[:2], "big")
+        if answered != transaction:
+            raise BadReplyError(f"{asked}: the answer to question {answered}, not to {transaction}", Quality.STALE)
+        unit, body = frame[6], frame[MBAP_BYTES:]
+    if unit != request.unit:
+        raise BadReplyError(f"{asked}: unit {unit} answers")
+    if body[0] == request.function | EXCEPTION_BIT and len(body) == 2:
+        code = body[1]
+        raise RefusedError(f"{asked}: exception {code} ({EXCEPTIONS.get(code, 'not in the standard')})", code)
+    if body[0] != request.function:
+        raise BadReplyError(f"{asked}: an answer to function {body[0]}")
+    if request.function in (WRITE_ONE, WRITE_MANY):
+        return _check_written(request, body, asked)
+    expected = (request.count + 7) // 8 if request.function == READ_COILS else 2 * request.count
+    if body[1] != expected or len(body) != expected + 2:
+        raise BadReplyError(f"{asked}: {body[1]} bytes of data where {expected} were asked for")
+    if request.function == READ_COILS:
+        return tuple(body[2 + i // 8] >> (i % 8) & 1 for i in range(request.count))
+    return tuple(int.from_bytes(body[i : i + 2], "big") for i in range(2, expected + 2, 2))
+
+
+def exchange(line: Line, framing: str, request: Request, timing: Timing | None = None) -> tuple[tuple[int, ...], Reply]:
+    """Ask once, and return the registers with the times. There is no retry here: that is the driver's to decide.
+
+    Parameters
+    ----------
+    line : Line
+        Where the device is.
+    framing : str
+        ``rtu`` or ``tcp``.
+    request : Request
+        The question.
+    timing : Timing or None
+        The device's own; the line's when left out.
+
+    Returns
+    -------
+    registers : tuple of int
+        Of `decode` [-].
+    reply : Reply
+        Bytes and times.
+
+    Raises
+    ------
+    LineError
+        When there was no answer, a damaged one, another question's, or an exception.
+    """
+    line.transactions += 1
+    transaction = line.transactions & 0xFFFF
+    reply = line.ask(encode(request, framing, transaction), length_of(request, framing), timing)
+    try:
+        return decode(request, framing, transaction, reply.data), reply
+    except RefusedError:
+        raise
+    except BadReplyError:
+        line.drop()  # what is damaged may have a tail
+        raise
+
+
+def registers_of(values: Sequence[int]) -> bytes:
+    """Registers as the bytes they came in.
+
+    Parameters
+    ----------
+    values : sequence of int
+        0-65535 each [-].
+    """
+    return b"".join(value.to_bytes(2, "big") for value in values)
+
+
+def _check_written(request: Request, body: bytes, asked: str) -> tuple[int, ...]:
+    """The answer to a write repeats address and count, or address and value."""
+    second = request.values[0] if request.function == WRITE_ONE else len(request.values)
+    if body[1:] != request.address.to_bytes(2, "big") + second.to_bytes(2, "big"):
+        raise BadReplyError(f"{asked}: the answer confirms another write: {body[1:].hex(' ')}")
+    return ()
+
+
+def _tcp_length(buffer: bytes) -> int | None:
+    if len(buffer) < MBAP_BYTES + 1:
+        return None
+    length = 6 + int.from_bytes(buffer[4:6], "big")
+    if not MBAP_BYTES + 2 <= length <= 260:
+        raise BadReplyError(f"not a Modbus TCP frame: {buffer[:16].hex(' ')}")
+    return length if len(buffer) >= length else None

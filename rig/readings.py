@@ -1,0 +1,148 @@
+"""What a bench yields: single readings, each with its quality and its times, and the exchanges of bytes behind them.
+
+A reading that failed is still a reading: it has no value, and a quality that says why. A gap stays a gap.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from enum import StrEnum
+
+NS = 1_000_000_000  # nanoseconds in a second
+
+
+class Quality(StrEnum):
+    """How far a reading may be trusted, and if not, why."""
+
+    OK = "ok"  # checked on the way (checksum, or two polls that agree)
+    UNVERIFIED = "unverified"  # no checksum on the wire, and no second poll that agreed
+    OVER_RANGE = "over-range"
+    STALE = "stale"  # the instrument repeats an old value
+    TIMEOUT = "timeout"
+    CRC = "crc"  # bytes came, but damaged or not the answer to the question
+    EXCEPTION = "exception"  # the instrument says that it cannot answer, or flags the channel as faulty
+    MANUAL = "manual"  # read and entered by a person
+    SIMULATED = "simulated"  # as good as ok, from a virtual bench
+
+
+GOOD = frozenset({Quality.OK, Quality.MANUAL, Quality.SIMULATED})
+USABLE = GOOD | {Quality.UNVERIFIED}  # what plateaus are made of; the run's record counts how many were unverified
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One value of one channel of one instrument, or the reason why there is none.
+
+    Attributes
+    ----------
+    device : str
+        The device's name in the bench file.
+    channel : str
+        The channel's name with its unit, such as ``pressure_bar_gauge``.
+    value : float or None
+        In ``unit``; None where there is none. An off-scale reading holds the limit it is beyond.
+    unit : str
+        As the reports print it.
+    quality : Quality
+        See there.
+    time_ns : int
+        When the quantity was sampled, as well as that is known, on the bench's monotonic clock [ns].
+    request_ns, reply_ns : int
+        When the request was sent and the reply was whole [ns]; the same for what comes unasked.
+    retries : int
+        Requests that had failed before this one [-].
+    raw : str
+        The value as it came, in the instrument's own words or counts.
+    detail : str
+        Flags, exception code, reference state, or the reason of a failure.
+    censored : int
+        -1 when the true value is below ``value``, 1 when it is above [-].
+    """
+
+    device: str
+    channel: str
+    value: float | None
+    unit: str
+    quality: Quality
+    time_ns: int
+    request_ns: int
+    reply_ns: int
+    retries: int = 0
+    raw: str = ""
+    detail: str = ""
+    censored: int = 0
+
+    @property
+    def name(self) -> str:
+        """``device.channel``, as the bench file names it."""
+        return f"{self.device}.{self.channel}"
+
+    @property
+    def good(self) -> bool:
+        """Whether there is a value that was checked."""
+        return self.value is not None and self.quality in GOOD
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a value without a fault, checked or not."""
+        return self.value is not None and self.quality in USABLE
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that happened on a line's wire.
+
+    Attributes
+    ----------
+    kind : str
+        ``tx``: bytes sent; ``rx``: bytes received; ``silence``: a wait that ended without bytes; ``lost``: the port
+        failed.
+    time_ns : int
+        On the bench's monotonic clock [ns].
+    data : bytes
+        The bytes, or for ``lost`` what the system said, as UTF-8.
+    """
+
+    kind: str
+    time_ns: int
+    data: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """Everything that went over one line for one action on one device, and what it gave: the unit of the run log.
+
+    Attributes
+    ----------
+    line, device : str
+        Names in the bench file.
+    action : str
+        What the driver was asked: ``open``, ``identify``, ``poll``, ``write``, ``failsafe`` or ``capture``.
+    argument : float or None
+        The set-point of a ``write``, in the actuator's unit.
+    events : tuple of Event
+        The wire, in order; a replay plays them back.
+    readings : tuple of Reading
+        What the driver made of them.
+    outcome : str
+        Empty, or why the action failed, or for ``identify`` the identity found.
+    """
+
+    line: str
+    device: str
+    action: str
+    argument: float | None = None
+    events: tuple[Event, ...] = ()
+    readings: tuple[Reading, ...] = ()
+    outcome: str = ""
+
+    def with_readings(self, readings: tuple[Reading, ...]) -> Exchange:
+        """The same exchange with other readings.
+
+        Parameters
+        ----------
+        readings : tuple of Reading
+            In place of those it had.
+        """
+        return dataclasses.replace(self, readings=readings)
