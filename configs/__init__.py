@@ -47,19 +47,64 @@ def read_toml(path: Path) -> dict[str, Any]:
     ConfigError
         When the file is missing, too large to be a configuration, not UTF-8 or not TOML (a duplicate key included).
     """
+    return parse_toml(read_source(path), str(path))
+
+
+def read_source(path: Path) -> bytes:
+    """Read a configuration file as it stands.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    bytes
+        Its content.
+
+    Raises
+    ------
+    ConfigError
+        When the file is missing, cannot be read, or is too large to be a configuration.
+    """
     try:
         if path.stat().st_size > MAX_TOML_BYTES:
             raise ConfigError(f"{path}: larger than {MAX_TOML_BYTES} bytes; this is not a configuration file")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return path.read_bytes()
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file{_nearest_file(path)}") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def parse_toml(source: bytes, place: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Parameters
+    ----------
+    source : bytes
+        The text, UTF-8.
+    place : str
+        Its file, for the error text.
+
+    Returns
+    -------
+    dict
+        Its tables.
+
+    Raises
+    ------
+    ConfigError
+        When it is not UTF-8 or not TOML (a duplicate key included).
+    """
+    try:
+        return tomllib.loads(source.decode("utf-8").replace("\r\n", "\n"))
     except UnicodeDecodeError:
-        raise ConfigError(f"{path}: not UTF-8 text; save it as UTF-8") from None
+        raise ConfigError(f"{place}: not UTF-8 text; save it as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         text = str(error).replace("Cannot overwrite a value", "the same key stands twice (or cannot be overwritten)")
-        raise ConfigError(f"{path}: not valid TOML: {text}") from None
+        raise ConfigError(f"{place}: not valid TOML: {text}") from None
 
 
 def validate(schema: type[Schema], data: dict[str, Any], place: str) -> Schema:

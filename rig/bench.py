@@ -11,6 +11,7 @@ docs/bench.md explains each key.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,9 +20,11 @@ import pydantic
 
 import configs
 from configs import ConfigError, Strict
-from rig.instruments.instrument import ChannelFile, Instrument, InstrumentFile, read_instrument
+from rig.instruments.instrument import FOLDER as INSTRUMENTS
+from rig.instruments.instrument import ChannelFile, Instrument, InstrumentFile, instrument_of
 
 FORMAT = "bench/1"
+BENCH_SOURCE = "bench.toml"
 FOLDER = configs.FOLDER / "benches"
 MODBUS_ADDRESSES = (1, 247)
 
@@ -158,7 +161,7 @@ class Bench:
     instruments : dict of str to InstrumentFile
         Device to the file of its instrument.
     sources : dict of str to bytes
-        Each file that was read, for the run's record.
+        The text of each file, for the run's record: a run is replayed with what it was made with.
     """
 
     name: str
@@ -214,32 +217,74 @@ def read_bench(path: Path) -> Bench:
     path = Path(path)
     if not path.suffix and not path.exists():
         path = FOLDER / f"{path.name}.toml"
-    data = configs.read_toml(path)
-    file = configs.validate(BenchFile, data, str(path))
-    mistakes = []
+    source = configs.read_source(path)
+    data = configs.parse_toml(source, str(path))
+    sources = {BENCH_SOURCE: source}
+    devices = data.get("devices")
+    tables = devices.values() if isinstance(devices, dict) else ()
+    for name in {table.get("instrument") for table in tables if isinstance(table, dict)}:
+        if isinstance(name, str) and (INSTRUMENTS / f"{name}.toml").is_file():
+            sources[instrument_source(name)] = configs.read_source(INSTRUMENTS / f"{name}.toml")
+    return bench_of(path.stem, sources, str(path))
+
+
+def instrument_source(instrument: str) -> str:
+    """The key of an instrument's file among the sources of a bench.
+
+    Parameters
+    ----------
+    instrument : str
+        Its name in configs/instruments.
+    """
+    return f"instruments/{instrument}.toml"
+
+
+def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
+    """A bench from the texts of its files: those on disk, or those that a run has kept.
+
+    Parameters
+    ----------
+    name : str
+        The bench's.
+    sources : mapping of str to bytes
+        `BENCH_SOURCE` and, by `instrument_source`, each instrument's file.
+    place : str
+        The bench file, for the error text.
+
+    Returns
+    -------
+    Bench
+        Checked: every device's line and instrument exist, every role is a channel.
+
+    Raises
+    ------
+    ConfigError
+        All mistakes, a line each.
+    """
+    file = configs.validate(BenchFile, configs.parse_toml(sources[BENCH_SOURCE], place), place)
+    mistakes = _line_mistakes(file)
     instruments = {}
-    sources = {path.name: path.read_bytes()}
     for device, table in file.devices.items():
         if table.line not in file.lines:
             mistakes.append(f"devices.{device}.line: there is no line '{table.line}' ({', '.join(file.lines)})")
+        source = sources.get(instrument_source(table.instrument))
+        if source is None:
+            known = sorted(found.stem for found in INSTRUMENTS.glob("*.toml"))
+            mistakes.append(
+                f"devices.{device}.instrument: there is no '{table.instrument}' in configs/instruments "
+                f"({', '.join(known)})"
+            )
+            continue
         try:
-            instruments[device] = read_instrument(table.instrument)
-            sources[f"{table.instrument}.toml"] = _instrument_source(table.instrument)
+            instruments[device] = instrument_of(source, instrument_source(table.instrument))
         except ConfigError as error:
-            mistakes.append(f"devices.{device}.instrument: {error}")
-    mistakes += _line_mistakes(file)
-    bench = Bench(path.stem, file, instruments, sources)
+            mistakes += [f"devices.{device}.instrument: {line}" for line in str(error).splitlines()]
+    bench = Bench(name, file, instruments, dict(sources))
     if not mistakes:
         mistakes += _role_mistakes(bench)
     if mistakes:
-        raise ConfigError("\n".join(f"{path}: {mistake}" for mistake in mistakes))
+        raise ConfigError("\n".join(f"{place}: {mistake}" for mistake in mistakes))
     return bench
-
-
-def _instrument_source(name: str) -> bytes:
-    from rig.instruments.instrument import FOLDER as INSTRUMENTS
-
-    return (INSTRUMENTS / f"{name}.toml").read_bytes()
 
 
 def _line_mistakes(file: BenchFile) -> list[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
 import pydantic
@@ -184,26 +183,29 @@ def read_instrument(name: str) -> InstrumentFile:
     ConfigError
         When there is no such file or family, or the file is wrong.
     """
-    return read_instrument_file(FOLDER / f"{name}.toml")
+    path = FOLDER / f"{name}.toml"
+    return instrument_of(configs.read_source(path), str(path))
 
 
-def read_instrument_file(path: Path) -> InstrumentFile:
-    """Read an instrument's file from anywhere.
+def instrument_of(source: bytes, place: str) -> InstrumentFile:
+    """An instrument's settings from the text of its file.
 
     Parameters
     ----------
-    path : Path
-        The TOML file.
+    source : bytes
+        TOML text.
+    place : str
+        The file, for the error text.
 
     Raises
     ------
     ConfigError
-        When the file is missing or wrong, or names no family of this folder.
+        When the text is wrong, or names no family of this folder.
     """
-    data = configs.read_toml(path)
+    data = configs.parse_toml(source, place)
     family = data.get("family")
     if family not in families():
-        raise ConfigError(f"{path}: family {family!r} is not one of {', '.join(families())}")
+        raise ConfigError(f"{place}: family {family!r} is not one of {', '.join(families())}")
     module = importlib.import_module(f"rig.instruments.{family}")
-    settings: InstrumentFile = configs.validate(module.Settings, data, str(path))
+    settings: InstrumentFile = configs.validate(module.Settings, data, place)
     return settings

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pymodbus.framer import FramerRTU, FramerSocket
-from pymodbus.pdu import DecodePDU
+from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.bit_message import ReadCoilsRequest
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
@@ -100,6 +100,7 @@ def encode(request: Request, framing: str, transaction: int) -> bytes:
     bytes
         A whole frame.
     """
+    pdu: ModbusPDU
     if request.function == READ_COILS:
         pdu = ReadCoilsRequest(address=request.address, count=request.count, dev_id=request.unit)
     elif request.function == READ_HOLDING:

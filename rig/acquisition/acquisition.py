@@ -1,0 +1,236 @@
+"""The acquisition of a bench: a worker a line, one recorder, and the view that the sweep and the interlocks have."""
+
+from __future__ import annotations
+
+import concurrent.futures
+from collections.abc import Callable
+from typing import Any
+
+from rig.acquisition.channels import Channels, Window
+from rig.acquisition.recorder import Recorder, Sink
+from rig.acquisition.stage import Stage
+from rig.acquisition.worker import Worker
+from rig.bench import Bench, LineTable
+from rig.clock import Clock
+from rig.lines import LineError, NoReplyError, Port
+from rig.lines.opening import line_of, port_of
+from rig.readings import NS, Exchange, Reading
+
+ROLES = ("pressure", "flow", "speed", "temperature")
+
+
+class Acquisition:
+    """Reads a bench into a run log.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    clock : Clock
+        Its clock.
+    sink : Sink
+        The run log.
+    ports : callable
+        From a line's name, its table and the clock to its port; the ports that the bench file names when left out.
+    simulated : bool
+        Whether the bench is a virtual one.
+    ambient_bar, ambient_c : float or None
+        The room's pressure [bar] and temperature [degree Celsius] in this run; the bench file's when left out.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        clock: Clock,
+        sink: Sink,
+        ports: Callable[[str, LineTable, Clock], Port] = port_of,
+        simulated: bool = False,
+        ambient_bar: float | None = None,
+        ambient_c: float | None = None,
+    ) -> None:
+        self.bench, self.clock = bench, clock
+        self.channels = Channels()
+        self.recorder = Recorder(sink, Stage(bench, simulated, ambient_bar, ambient_c), self.channels)
+        self.identities: dict[str, str] = {}
+        self.workers: dict[str, Worker] = {}
+        for name, table in bench.file.lines.items():
+            drivers = {
+                device: (bench.build(device), None if table.kind == "keyboard" else of_device.period_s)
+                for device, of_device in bench.file.devices.items()
+                if of_device.line == name
+            }
+            if drivers:
+                line = line_of(name, table, ports(name, table, clock), clock)
+                self.workers[name] = Worker(line, drivers, self.recorder.put, self.recorder.note, clock)
+        self._line_of = {device: table.line for device, table in bench.file.devices.items()}
+        self._names = {role: self._role_name(role) for role in ROLES}
+        self.recorder.subscribe(self._keep_identity)
+
+    def start(self) -> None:
+        """Open every line, identify every device, and begin to poll.
+
+        Raises
+        ------
+        LineError
+            When a port does not open or a device does not answer: all of them, a line each.
+        IdentityError
+            When another device answers than the bench file says.
+        """
+        self.recorder.start()
+        with concurrent.futures.ThreadPoolExecutor(max(1, len(self.workers))) as pool:
+            connecting = {name: pool.submit(worker.connect) for name, worker in self.workers.items()}
+        faults = [fault for future in connecting.values() if (fault := future.exception()) is not None]
+        if faults:
+            self.stop()
+            if len(faults) == 1:
+                raise faults[0]
+            raise LineError("\n".join(str(fault) for fault in faults))
+        for worker in self.workers.values():
+            worker.start()
+
+    def stop(self) -> None:
+        """Stop polling, close the lines, and write everything that was read.
+
+        Raises
+        ------
+        RecorderError
+            When the log could not be written.
+        """
+        for worker in self.workers.values():
+            worker.stop()
+        self.recorder.finish()
+
+    def command(self, device: str, action: str, argument: float | None = None, wait_s: float = 5.0) -> Exchange:
+        """Have a device do something, and wait until it is done.
+
+        Parameters
+        ----------
+        device : str
+            In the bench file.
+        action : str
+            ``write``, ``failsafe``, ``identify``, ``poll`` or ``capture``.
+        argument : float or None
+            Set-point of a write, in the actuator's unit [own unit].
+        wait_s : float
+            Longest wait, in real time [s].
+
+        Returns
+        -------
+        Exchange
+            What crossed the wire.
+
+        Raises
+        ------
+        LineError, IdentityError, InstrumentError
+            When it was not done.
+        """
+        self.check()
+        done = self.workers[self._line_of[device]].command(device, action, argument)
+        try:
+            return done.result(wait_s)
+        except concurrent.futures.TimeoutError:
+            raise NoReplyError(f"{device}: '{action}' was not done within {wait_s:g} s; its line is busy") from None
+
+    def event(self, kind: str, time_ns: int | None = None, **details: Any) -> None:
+        """Write an event into the log, in its place among the readings.
+
+        Parameters
+        ----------
+        kind : str
+            What happened.
+        time_ns : int or None
+            When, on the bench's clock [ns]; now when left out.
+        **details
+            What else is to be said.
+        """
+        self.recorder.note(kind, self.clock.now_ns() if time_ns is None else time_ns, **details)
+
+    def window(self, channel: str, span_s: float) -> Window:
+        """The usable readings of a channel over the latest span of time.
+
+        Parameters
+        ----------
+        channel : str
+            ``device.channel``, or a role.
+        span_s : float
+            Length of the span, up to now [s].
+        """
+        self.check()
+        return self.channels.window(self._name(channel), self.clock.now_ns() - int(span_s * NS))
+
+    def between(self, channel: str, start_ns: int, end_ns: int) -> Window:
+        """The usable readings of a channel between two times.
+
+        Parameters
+        ----------
+        channel : str
+            ``device.channel``, or a role.
+        start_ns, end_ns : int
+            Bench times [ns].
+        """
+        return self.channels.window(self._name(channel), start_ns, end_ns)
+
+    def last(self, channel: str) -> Reading | None:
+        """The newest reading of a channel, failed or not; None before the first.
+
+        Parameters
+        ----------
+        channel : str
+            ``device.channel``, or a role.
+        """
+        self.check()
+        return self.channels.last(self._name(channel))
+
+    def subscribe(self, listener: Callable[[Exchange], None]) -> None:
+        """Show every exchange to a listener once it is written.
+
+        Parameters
+        ----------
+        listener : callable
+            Takes an `Exchange`, in the recorder's thread.
+        """
+        self.recorder.subscribe(listener)
+
+    def statistics(self) -> dict[str, Any]:
+        """Rates, jitter, latency and failures of every device, and how full the queue was."""
+        devices: dict[str, Any] = {}
+        for worker in self.workers.values():
+            devices |= worker.statistics()
+        return {
+            "devices": devices,
+            "queue_high_water": self.recorder.high_water,
+            "queue_full": self.recorder.waits,
+            "exchanges": self.recorder.written,
+        }
+
+    def check(self) -> None:
+        """Raise what ended a thread of the acquisition, if one has ended."""
+        self.recorder.check()
+        for worker in self.workers.values():
+            if worker.failure is not None:
+                raise worker.failure
+
+    def role_channel(self, role: str) -> str | None:
+        """The full name of the channel that plays a role, the derived flow included; None when no channel does.
+
+        Parameters
+        ----------
+        role : str
+            ``pressure``, ``flow``, ``speed`` or ``temperature``.
+        """
+        return self._names[role]
+
+    def _role_name(self, role: str) -> str | None:
+        from rig.acquisition.derived import CHANNEL, DEVICE
+
+        if role == "flow" and self.recorder.stage.inlet_flow.reference is not None:
+            return f"{DEVICE}.{CHANNEL}"
+        name: str | None = getattr(self.bench.file.roles, role)
+        return name
+
+    def _name(self, channel: str) -> str:
+        return self._names.get(channel) or channel
+
+    def _keep_identity(self, exchange: Exchange) -> None:
+        if exchange.action == "identify" and exchange.outcome:
+            self.identities[exchange.device] = exchange.outcome

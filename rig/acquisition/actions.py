@@ -1,0 +1,83 @@
+"""What can be asked of a device, and the exchange that comes of it. Live running and replay both go through here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rig.instruments.instrument import IdentityError, InstrumentError
+from rig.lines import Line, LineError, LostError
+from rig.readings import Exchange, Reading
+
+OPEN, IDENTIFY, POLL, WRITE, FAILSAFE, CAPTURE = "open", "identify", "poll", "write", "failsafe", "capture"
+FAULTS = (LineError, IdentityError, InstrumentError)
+
+
+def open_line(line: Line) -> tuple[Exchange, LostError | None]:
+    """Open a line.
+
+    Parameters
+    ----------
+    line : Line
+        The line.
+
+    Returns
+    -------
+    exchange : Exchange
+        What is logged, with an outcome when it failed.
+    fault : LostError or None
+        Why it failed.
+    """
+    try:
+        line.open()
+    except LostError as error:
+        return Exchange(line.name, "", OPEN, None, line.take_events(), (), str(error)), error
+    return Exchange(line.name, "", OPEN, None, line.take_events()), None
+
+
+def perform(
+    line: Line, device: str, driver: Any, action: str, argument: float | None = None
+) -> tuple[Exchange, Exception | None]:
+    """Ask one thing of a device.
+
+    Parameters
+    ----------
+    line : Line
+        Where the device is.
+    device : str
+        Its name.
+    driver : Instrument
+        Its driver.
+    action : str
+        `OPEN`, `IDENTIFY`, `POLL`, `WRITE`, `FAILSAFE` or `CAPTURE`.
+    argument : float or None
+        The set-point of a write, in the actuator's unit [own unit].
+
+    Returns
+    -------
+    exchange : Exchange
+        What crossed the wire and what it gave.
+    fault : Exception or None
+        A `LineError`, `IdentityError` or `InstrumentError`, whose text is the exchange's outcome.
+    """
+    line.take_events()
+    readings: list[Reading] = []
+    outcome = ""
+    fault: Exception | None = None
+    try:
+        if action == OPEN:
+            driver.open(line)
+        elif action == IDENTIFY:
+            outcome = driver.identify(line)
+        elif action == POLL:
+            readings = driver.poll(line)
+        elif action == CAPTURE:
+            readings = driver.poll_edges(line)
+        elif action == WRITE:
+            outcome = f"reads back {driver.write(line, argument)!r} {driver.unit}"
+        elif action == FAILSAFE:
+            outcome = driver.set_failsafe(line)
+        else:
+            raise ValueError(f"no action is called '{action}'")
+    except FAULTS as error:
+        fault, outcome = error, str(error)
+    return Exchange(line.name, device, action, argument, line.take_events(), tuple(readings), outcome), fault

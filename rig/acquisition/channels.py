@@ -1,0 +1,107 @@
+"""The recent readings of each channel, for whoever decides on them: the sweep, the interlocks, a live view."""
+
+from __future__ import annotations
+
+import collections
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.readings import NS, Quality, Reading
+
+KEPT = 50_000  # readings of a channel
+
+
+@dataclass(frozen=True)
+class Window:
+    """The usable readings of a channel over a span of time, oldest first.
+
+    Attributes
+    ----------
+    time_s, value : ndarray, shape (n,)
+        Bench time [s], and the values in the channel's unit.
+    quality : list of Quality
+        Of each.
+    censored : ndarray of int, shape (n,)
+        -1 and 1 for readings beyond the scale [-].
+    """
+
+    time_s: np.ndarray
+    value: np.ndarray
+    quality: list[Quality]
+    censored: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of readings [-]."""
+        return int(self.time_s.size)
+
+
+class Channels:
+    """A bounded store of readings that one thread fills and others look at."""
+
+    def __init__(self) -> None:
+        self._readings: dict[str, collections.deque[Reading]] = {}
+        self._lock = threading.Lock()
+
+    def add(self, readings: tuple[Reading, ...]) -> None:
+        """Keep readings, failed ones included.
+
+        Parameters
+        ----------
+        readings : tuple of Reading
+            In the order of the log.
+        """
+        with self._lock:
+            for reading in readings:
+                self._readings.setdefault(reading.name, collections.deque(maxlen=KEPT)).append(reading)
+
+    def last(self, name: str) -> Reading | None:
+        """The newest reading of a channel, failed or not; None before the first.
+
+        Parameters
+        ----------
+        name : str
+            ``device.channel``.
+        """
+        with self._lock:
+            kept = self._readings.get(name)
+            return kept[-1] if kept else None
+
+    def last_usable(self, name: str) -> Reading | None:
+        """The newest reading of a channel that has a value; None where there is none.
+
+        Parameters
+        ----------
+        name : str
+            ``device.channel``.
+        """
+        with self._lock:
+            kept = self._readings.get(name, ())
+            return next((reading for reading in reversed(kept) if reading.usable), None)
+
+    def window(self, name: str, start_ns: int, end_ns: int | None = None) -> Window:
+        """The usable readings of a channel from a time on.
+
+        Parameters
+        ----------
+        name : str
+            ``device.channel``.
+        start_ns, end_ns : int
+            Bench times [ns]; to the newest when the end is left out.
+        """
+        chosen: list[Reading] = []
+        with self._lock:
+            for reading in reversed(self._readings.get(name, ())):
+                if reading.time_ns < start_ns:
+                    break
+                if reading.usable and (end_ns is None or reading.time_ns <= end_ns):
+                    chosen.append(reading)
+        chosen.reverse()
+        return Window(
+            np.array([reading.time_ns / NS for reading in chosen]),
+            np.array([reading.value for reading in chosen], dtype=np.float64),
+            [reading.quality for reading in chosen],
+            np.array([reading.censored for reading in chosen], dtype=np.int64),
+        )

@@ -1,0 +1,173 @@
+"""The bounded queue between the lines and the run log, and the thread that empties it.
+
+When the disk is slow the lines wait, and poll less often: readings are never dropped. What that costs is counted.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from rig.acquisition.channels import Channels
+from rig.acquisition.stage import Stage
+from rig.readings import Exchange
+
+LENGTH = 4096  # exchanges
+PATIENCE_S = 10.0  # real time that a line waits for the recorder before the run is given up
+
+
+class RecorderError(Exception):
+    """The run log cannot be written. The text says why; the run ends there."""
+
+
+class Sink(Protocol):
+    """Where a run is written: `rig.runlog.RunWriter`, or a list in a test."""
+
+    def exchange(self, exchange: Exchange) -> None:
+        """Write an exchange and its readings.
+
+        Parameters
+        ----------
+        exchange : Exchange
+            The next one, in the order of the log.
+        """
+
+    def event(self, kind: str, time_ns: int, **details: Any) -> None:
+        """Write an event.
+
+        Parameters
+        ----------
+        kind : str
+            What happened.
+        time_ns : int
+            When, on the bench's clock [ns].
+        **details
+            What else is to be said.
+        """
+
+
+class Recorder(threading.Thread):
+    """Takes exchanges from the lines, writes them, and then shows them to whoever listens.
+
+    Parameters
+    ----------
+    sink : Sink
+        The run log.
+    stage : Stage
+        What is added on the way.
+    channels : Channels
+        Gets the readings once they are written.
+    """
+
+    def __init__(self, sink: Sink, stage: Stage, channels: Channels) -> None:
+        super().__init__(name="recorder", daemon=True)
+        self.sink, self.stage, self.channels = sink, stage, channels
+        self.failure: Exception | None = None
+        self.high_water = 0
+        self.waits = 0  # times that a line found the queue full
+        self.written = 0
+        self._queue: queue.Queue[Exchange | tuple[str, int, dict[str, Any]] | None] = queue.Queue(LENGTH)
+        self._listeners: list[Callable[[Exchange], None]] = []
+
+    def subscribe(self, listener: Callable[[Exchange], None]) -> None:
+        """Show every exchange to a listener, once it is written.
+
+        Parameters
+        ----------
+        listener : callable
+            Takes an `Exchange`; called in the recorder's thread, and dropped with an event when it fails.
+        """
+        self._listeners.append(listener)
+
+    def put(self, exchange: Exchange) -> None:
+        """Hand over an exchange; waits when the queue is full.
+
+        Parameters
+        ----------
+        exchange : Exchange
+            As it came from the line.
+
+        Raises
+        ------
+        RecorderError
+            When the log cannot be written, or has not taken anything for too long.
+        """
+        self._put(exchange)
+
+    def note(self, kind: str, time_ns: int, **details: Any) -> None:
+        """Hand over an event, to be written in its place among the exchanges.
+
+        Parameters
+        ----------
+        kind : str
+            What happened.
+        time_ns : int
+            When, on the bench's clock [ns].
+        **details
+            What else is to be said.
+        """
+        self._put((kind, time_ns, details))
+
+    def run(self) -> None:
+        """Write until `finish`."""
+        while True:
+            item = self._queue.get()
+            try:
+                if item is None:
+                    return
+                if self.failure is None:
+                    self._write(item)
+            except Exception as error:
+                self.failure = error
+            finally:
+                self._queue.task_done()
+
+    def finish(self) -> None:
+        """Write what is in the queue and end the thread.
+
+        Raises
+        ------
+        RecorderError
+            When the log could not be written.
+        """
+        if self.is_alive():
+            self._queue.put(None)
+            self.join()
+        self.check()
+
+    def check(self) -> None:
+        """Raise `RecorderError` when writing has failed."""
+        if self.failure is not None:
+            raise RecorderError(f"the run log cannot be written: {self.failure}") from self.failure
+
+    def _put(self, item: Exchange | tuple[str, int, dict[str, Any]]) -> None:
+        self.check()
+        self.high_water = max(self.high_water, self._queue.qsize() + 1)
+        try:
+            self._queue.put_nowait(item)
+        except queue.Full:
+            self.waits += 1
+            try:
+                self._queue.put(item, timeout=PATIENCE_S)
+            except queue.Full:
+                self.failure = TimeoutError(f"the disk has taken nothing for {PATIENCE_S:g} s")
+                self.check()
+
+    def _write(self, item: Exchange | tuple[str, int, dict[str, Any]]) -> None:
+        if not isinstance(item, Exchange):
+            kind, time_ns, details = item
+            self.sink.event(kind, time_ns, **details)
+            return
+        exchange = self.stage(item)
+        self.sink.exchange(exchange)
+        self.written += 1
+        self.channels.add(exchange.readings)
+        for listener in tuple(self._listeners):
+            try:
+                listener(exchange)
+            except Exception as error:  # a listener's fault is not the run's
+                self._listeners.remove(listener)
+                when = exchange.events[-1].time_ns if exchange.events else 0
+                self.sink.event("listener failed", when, error=f"{type(error).__name__}: {error}")

@@ -1,0 +1,53 @@
+"""What is added to an exchange on its way to the log. A replay passes through here too, in the same order."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from rig.acquisition.derived import InletFlow
+from rig.bench import Bench
+from rig.readings import Exchange, Quality, Reading
+
+
+class Stage:
+    """Marks the readings of a virtual bench as simulated, and adds the derived channels.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    simulated : bool
+        Whether the bench is a virtual one.
+    ambient_bar, ambient_c : float or None
+        Ambient pressure [bar] and temperature [degree Celsius] of the run; the bench file's when left out.
+    """
+
+    def __init__(
+        self, bench: Bench, simulated: bool, ambient_bar: float | None = None, ambient_c: float | None = None
+    ) -> None:
+        self.simulated = simulated
+        self.inlet_flow = InletFlow(bench, ambient_bar, ambient_c)
+
+    def __call__(self, exchange: Exchange) -> Exchange:
+        """The exchange as it is logged.
+
+        Parameters
+        ----------
+        exchange : Exchange
+            As it came from the line.
+        """
+        if not exchange.readings:
+            return exchange
+        logged: list[Reading] = []
+        for read in exchange.readings:
+            reading = self._marked(read)
+            logged.append(reading)
+            derived = self.inlet_flow(reading)
+            if derived is not None:
+                logged.append(derived)
+        return exchange.with_readings(tuple(logged))
+
+    def _marked(self, reading: Reading) -> Reading:
+        if self.simulated and reading.quality is Quality.OK:
+            return dataclasses.replace(reading, quality=Quality.SIMULATED)
+        return reading

@@ -1,0 +1,304 @@
+"""The thread of a line: polls each device at its own period, carries out commands, and mends the line when it is lost.
+
+Everything on a line happens in this thread, one thing after the other, so two questions never cross on a bus. A device
+that has failed several times is asked rarely, so that its timeouts do not eat the others' time.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rig.acquisition import actions
+from rig.clock import Clock
+from rig.lines import Line, LostError
+from rig.readings import NS, Exchange
+
+FIRST_BACK_OFF_S = 0.1
+LONGEST_BACK_OFF_S = 2.0
+PROBE_S = 2.0  # a failing device is asked no more often than this,
+PROBE_SHARE = 0.05  # and takes no more than this share of the line's time
+IDLE_S = 0.5
+KEPT_TIMES = 20_000
+
+
+@dataclass
+class Device:
+    """A device on a line, and how its polling goes.
+
+    Attributes
+    ----------
+    driver : Instrument
+        Its driver.
+    period_ns : int or None
+        Between polls [ns]; None for a device that is only asked on command.
+    due_ns, last_cost_ns, polls, failures, skipped : int
+        When it is next polled and what its last poll took [ns]; polls made, polls that gave no usable reading, and
+        slots of the schedule that passed without a poll [-].
+    identified : bool
+        Whether it answered as itself since the line was last opened.
+    starts, latenesses, latencies : list of int
+        Of the latest polls: start, start after the schedule, and request to reply [ns].
+    """
+
+    driver: Any
+    period_ns: int | None
+    due_ns: int = 0
+    last_cost_ns: int = 0
+    polls: int = 0
+    failures: int = 0
+    skipped: int = 0
+    identified: bool = False
+    starts: list[int] = field(default_factory=list)
+    latenesses: list[int] = field(default_factory=list)
+    latencies: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Command:
+    device: str
+    action: str
+    argument: float | None
+    done: Future[Exchange]
+
+
+class Worker(threading.Thread):
+    """The thread of one line.
+
+    Parameters
+    ----------
+    line : Line
+        The line; nobody else uses it.
+    drivers : dict of str to (Instrument, float or None)
+        Device to its driver and its period [s].
+    put : callable
+        Takes each `Exchange`.
+    note : callable
+        Takes events: kind, time [ns] and details.
+    clock : Clock
+        The bench's.
+    """
+
+    def __init__(
+        self,
+        line: Line,
+        drivers: dict[str, tuple[Any, float | None]],
+        put: Callable[[Exchange], None],
+        note: Callable[..., None],
+        clock: Clock,
+    ) -> None:
+        super().__init__(name=f"line {line.name}", daemon=True)
+        self.line, self.clock = line, clock
+        self.devices = {
+            name: Device(driver, None if period_s is None else int(period_s * NS))
+            for name, (driver, period_s) in drivers.items()
+        }
+        self.failure: Exception | None = None
+        self.lost_since_ns: int | None = None
+        self._put, self._note = put, note
+        self._commands: queue.Queue[_Command] = queue.Queue()
+        self._stopping = threading.Event()
+        self._wake = threading.Event()
+
+    def connect(self) -> None:
+        """Open the line and identify its devices, in the caller's thread, before the own thread starts.
+
+        Raises
+        ------
+        LostError, LineError, IdentityError
+            When the port does not open, a device does not answer, or another one does.
+        """
+        exchange, lost = actions.open_line(self.line)
+        self._put(exchange)
+        if lost:
+            raise lost
+        for name in self.devices:
+            self._introduce(name)
+
+    def command(self, device: str, action: str, argument: float | None = None) -> Future[Exchange]:
+        """Have something done on the line, before the next poll.
+
+        Parameters
+        ----------
+        device : str
+            On this line.
+        action : str
+            Of `rig.acquisition.actions`.
+        argument : float or None
+            Set-point of a write [own unit].
+
+        Returns
+        -------
+        Future
+            Of the exchange, or of the fault.
+        """
+        done: Future[Exchange] = Future()
+        self._commands.put(_Command(device, action, argument, done))
+        self._wake.set()
+        return done
+
+    def stop(self) -> None:
+        """End the thread after what it is doing, and close the line."""
+        self._stopping.set()
+        self._wake.set()
+        if self.is_alive():
+            self.join()
+        self.line.close()
+        self._refuse_commands(LostError(f"line {self.line.name} is closed"))
+
+    def run(self) -> None:
+        """Work until `stop`; a fault that is not the line's ends the thread and is kept in ``failure``."""
+        now_ns = self.clock.now_ns()
+        for device in self.devices.values():
+            device.due_ns = now_ns
+        try:
+            while not self._stopping.is_set():
+                try:
+                    self._work()
+                except LostError as error:
+                    self._mend(error)
+        except Exception as error:
+            self.failure = error
+            self._refuse_commands(error)
+
+    def statistics(self) -> dict[str, dict[str, Any]]:
+        """How the polling of each device goes: rates asked and achieved [1/s], jitter and latency [ms], counts [-]."""
+        return {name: _statistics(device) for name, device in self.devices.items() if device.period_ns is not None}
+
+    def _work(self) -> None:
+        """One command, one poll, or a wait for either."""
+        self._wake.clear()
+        try:
+            command = self._commands.get_nowait()
+        except queue.Empty:
+            command = None
+        if command is not None:
+            self._carry_out(command)
+            return
+        waiting = [(device.due_ns, name) for name, device in self.devices.items() if device.period_ns is not None]
+        due_ns, name = min(waiting) if waiting else (self.clock.now_ns() + int(IDLE_S * self.clock.rate * NS), "")
+        wait_s = self.clock.real_s((due_ns - self.clock.now_ns()) / NS)
+        if wait_s > 0.0:
+            self._wake.wait(min(wait_s, IDLE_S))
+        elif name:
+            self._poll(name)
+
+    def _carry_out(self, command: _Command) -> None:
+        device = self.devices[command.device]
+        exchange, fault = actions.perform(self.line, command.device, device.driver, command.action, command.argument)
+        self._put(exchange)
+        if fault is None:
+            command.done.set_result(exchange)
+            return
+        command.done.set_exception(fault)
+        if isinstance(fault, LostError):
+            raise fault
+
+    def _poll(self, name: str) -> None:
+        device = self.devices[name]
+        start_ns = self.clock.now_ns()
+        if not device.identified:
+            self._try_introduction(name)
+            return
+        exchange, fault = actions.perform(self.line, name, device.driver, actions.POLL)
+        end_ns = self.clock.now_ns()
+        self._put(exchange)
+        self._count(device, exchange, start_ns, end_ns)
+        if isinstance(fault, LostError):
+            raise fault
+
+    def _count(self, device: Device, exchange: Exchange, start_ns: int, end_ns: int) -> None:
+        period_ns = device.period_ns or 0
+        device.polls += 1
+        device.failures += not any(reading.usable for reading in exchange.readings)
+        device.last_cost_ns = end_ns - start_ns
+        device.starts.append(start_ns)
+        device.latenesses.append(start_ns - device.due_ns)
+        device.latencies += [reading.reply_ns - reading.request_ns for reading in exchange.readings[:1]]
+        if len(device.starts) > KEPT_TIMES:
+            for kept in (device.starts, device.latenesses, device.latencies):
+                del kept[: len(kept) // 2]
+        if getattr(device.driver, "failing", False):
+            device.due_ns = end_ns + int(max(PROBE_S * NS, device.last_cost_ns / PROBE_SHARE))
+            return
+        device.due_ns += period_ns
+        late = (end_ns - device.due_ns) // period_ns + 1 if end_ns > device.due_ns else 0
+        if late > 1:  # one late poll is made at once; older slots are gone
+            device.skipped += late - 1
+            device.due_ns += (late - 1) * period_ns
+
+    def _introduce(self, name: str) -> None:
+        """Open and identify a device; its fault is raised."""
+        device = self.devices[name]
+        for action in (actions.OPEN, actions.IDENTIFY):
+            exchange, fault = actions.perform(self.line, name, device.driver, action)
+            self._put(exchange)
+            if fault:
+                raise fault
+        device.identified = True
+
+    def _try_introduction(self, name: str) -> None:
+        """After a reopening: a device that does not answer, or is another one, is not read, but asked again."""
+        device = self.devices[name]
+        start_ns = self.clock.now_ns()
+        try:
+            self._introduce(name)
+        except LostError:
+            raise
+        except actions.FAULTS as error:
+            self._note("device not identified", self.clock.now_ns(), device=name, error=str(error))
+            cost_ns = self.clock.now_ns() - start_ns
+            device.due_ns = self.clock.now_ns() + int(max(PROBE_S * NS, cost_ns / PROBE_SHARE))
+        else:
+            device.due_ns = self.clock.now_ns()
+
+    def _mend(self, error: LostError) -> None:
+        """Close, back off, reopen, and leave the identification to the next turn of each device."""
+        self.lost_since_ns = self.clock.now_ns()
+        self._note("line lost", self.lost_since_ns, line=self.line.name, error=str(error))
+        back_off_s = FIRST_BACK_OFF_S
+        while not self._stopping.is_set():
+            self.line.close()
+            self._refuse_commands(error)
+            self._stopping.wait(back_off_s)
+            back_off_s = min(2.0 * back_off_s, LONGEST_BACK_OFF_S)
+            exchange, lost = actions.open_line(self.line)
+            if lost is None:
+                self._put(exchange)
+                break
+        else:
+            return
+        now_ns = self.clock.now_ns()
+        gap_s = (now_ns - self.lost_since_ns) / NS
+        self._note("line back", now_ns, line=self.line.name, gap_s=round(gap_s, 6))
+        self.lost_since_ns = None
+        for device in self.devices.values():
+            device.identified = device.period_ns is None
+            device.due_ns = now_ns
+
+    def _refuse_commands(self, error: Exception) -> None:
+        while True:
+            try:
+                self._commands.get_nowait().done.set_exception(error)
+            except queue.Empty:
+                return
+
+
+def _statistics(device: Device) -> dict[str, Any]:
+    period_ns = device.period_ns or 1
+    found: dict[str, Any] = {"asked_hz": NS / period_ns, "polls": device.polls, "failures": device.failures}
+    found["skipped"] = device.skipped
+    if len(device.starts) > 1:
+        found["achieved_hz"] = (len(device.starts) - 1) * NS / (device.starts[-1] - device.starts[0])
+        found["jitter_ms"] = float(np.std(device.latenesses)) / 1e6
+    if device.latencies:
+        found["latency_p50_ms"], found["latency_p99_ms"] = (
+            float(q) / 1e6 for q in np.quantile(device.latencies, [0.5, 0.99])
+        )
+    return {key: round(value, 3) if isinstance(value, float) else value for key, value in found.items()}
