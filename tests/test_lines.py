@@ -1,0 +1,311 @@
+"""The lines, over real bytes: question and answer on a pty and a socket, late replies, noise, and lost ports."""
+
+import os
+import pty
+import random
+import select
+import socket
+import threading
+import time
+import tty
+
+import pytest
+
+from rig.clock import Clock
+from rig.lines import BadReplyError, Line, LostError, NoReplyError, Timing, modbus
+from rig.lines.serial import SerialPort
+from rig.lines.tcp import TcpPort
+from rig.readings import Quality
+
+TIMING = Timing(timeout_s=0.05, slowest_reply_s=0.15, quiet_s=0.005)
+REGISTERS = {0: 111, 10: 222, 20: 333}  # each address has its own value, so that a wrong answer shows
+CRC_TABLE_POLY = 0xA001
+
+
+def crc(data):
+    """CRC-16 of Modbus, by the bit, written apart from what is tested."""
+    value = 0xFFFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (CRC_TABLE_POLY if value & 1 else 0)
+    return value.to_bytes(2, "little")
+
+
+def rtu(body):
+    return body + crc(body)
+
+
+def answer_of(request):
+    """What a good slave says to a read of one register."""
+    address = int.from_bytes(request[2:4], "big")
+    return rtu(bytes([request[0], request[1], 2]) + REGISTERS[address].to_bytes(2, "big"))
+
+
+class Slave(threading.Thread):
+    """A Modbus RTU slave on a pty; `reply(request)` gives the (delay, bytes) pairs that it sends."""
+
+    def __init__(self, reply):
+        super().__init__(daemon=True)
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.slave)
+        self.path = os.ttyname(self.slave)
+        self.reply, self.ended = reply, threading.Event()
+        self.start()
+
+    def run(self):
+        pending = []  # (when, bytes)
+        while not self.ended.is_set():
+            now = time.monotonic()
+            for item in [item for item in pending if item[0] <= now]:
+                pending.remove(item)
+                os.write(self.master, item[1])
+            if select.select([self.master], [], [], 0.001)[0]:
+                request = os.read(self.master, 256)
+                pending += [(time.monotonic() + delay, data) for delay, data in self.reply(request)]
+                pending.sort(key=lambda item: item[0])
+
+    def end(self):
+        self.ended.set()
+        self.join()
+        os.close(self.master)
+        os.close(self.slave)
+
+
+@pytest.fixture
+def on_line():
+    """Opens a line to a slave that replies as told, and closes both."""
+    made = []
+
+    def make(reply, timing=TIMING):
+        slave = Slave(reply)
+        clock = Clock()
+        line = Line("bus", SerialPort(slave.path, clock, baud=115200), clock, timing)
+        line.open()
+        made.append((line, slave))
+        return line
+
+    yield make
+    for line, slave in made:
+        line.close()
+        slave.end()
+
+
+def read(line, address, unit=1):
+    return modbus.exchange(line, "rtu", modbus.Request(unit, modbus.READ_HOLDING, address))[0]
+
+
+def test_a_register_is_read(on_line):
+    assert read(on_line(lambda request: [(0.0, answer_of(request))]), 10) == (222,)
+
+
+def test_a_reply_in_pieces_is_put_together(on_line):
+    def reply(request):
+        return [(0.004 * i, answer_of(request)[i : i + 1]) for i in range(7)]
+
+    assert read(on_line(reply), 10) == (222,)
+
+
+def test_silence_is_a_timeout(on_line):
+    with pytest.raises(NoReplyError, match=r"bus: nothing within 0\.05 s"):
+        read(on_line(lambda request: []), 0)
+
+
+def test_half_a_reply_is_a_timeout_that_says_what_came(on_line):
+    with pytest.raises(NoReplyError, match=r"3 bytes \(01 03 02\)"):
+        read(on_line(lambda request: [(0.0, answer_of(request)[:3])]), 0)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda good: good[:-1] + bytes([good[-1] ^ 1]), "wrong CRC"),
+        (lambda good: rtu(b"\x02" + good[1:-2]), "unit 2 answers"),
+        (lambda good: rtu(bytes([good[0], 4]) + good[2:-2]), "an answer to function 4"),
+        (lambda good: rtu(good[:2] + b"\x06" + bytes(6))[:7], "wrong CRC"),
+        (lambda good: rtu(good[:2] + b"\x01" + good[3:-2]), "1 bytes of data where 2"),
+        (lambda good: b"\x00" + good, "wrong CRC"),
+    ],
+    ids=["crc", "unit", "function", "longer", "count", "noise before"],
+)
+def test_what_is_not_the_answer_is_refused(on_line, damage, words):
+    line = on_line(lambda request: [(0.0, damage(answer_of(request)))])
+    with pytest.raises(BadReplyError, match=words) as refused:
+        read(line, 0)
+    assert refused.value.quality is Quality.CRC
+
+
+def test_an_exception_is_told_with_its_meaning(on_line):
+    line = on_line(lambda request: [(0.0, rtu(bytes([request[0], request[1] | 0x80, 2])))])
+    with pytest.raises(modbus.RefusedError, match=r"exception 2 \(illegal register address\)") as refused:
+        read(line, 0)
+    assert (refused.value.code, refused.value.quality) == (2, Quality.EXCEPTION)
+
+
+def test_the_echo_of_the_question_is_not_an_answer(on_line):
+    line = on_line(lambda request: [(0.0, request)])
+    with pytest.raises(BadReplyError):
+        read(line, 10)
+
+
+def test_after_a_timeout_the_late_reply_is_thrown_away(on_line):
+    delays = iter([0.1, 0.0])
+    line = on_line(lambda request: [(next(delays), answer_of(request))])
+    with pytest.raises(NoReplyError):
+        read(line, 0)
+    assert read(line, 10) == (222,)
+    assert [event.kind for event in line.take_events()] == ["tx", "silence", "rx", "silence", "tx", "rx"]
+
+
+def test_what_follows_a_reply_is_drained_before_the_next_question(on_line):
+    line = on_line(lambda request: [(0.0, answer_of(request) * 2)])
+    assert [read(line, address) for address in (0, 10, 20)] == [(111,), (222,), (333,)]
+
+
+def test_a_reply_sooner_than_its_bytes_can_cross_the_wire_is_an_old_one(on_line):
+    slow = Timing(timeout_s=0.5, slowest_reply_s=0.5, byte_s=0.02)
+    line = on_line(lambda request: [(0.0, answer_of(request))], slow)
+    with pytest.raises(BadReplyError, match="an old one") as refused:
+        read(line, 0)
+    assert refused.value.quality is Quality.STALE
+
+
+def test_a_babbling_line_is_told(on_line):
+    timing = Timing(timeout_s=0.2, slowest_reply_s=0.2)
+    line = on_line(lambda request: [(0.0005 * i, bytes(64)) for i in range(100)], timing)
+    with pytest.raises(BadReplyError, match="without the end of a reply"):
+        line.ask(b"?", lambda buffer: None)
+
+
+@pytest.mark.slow
+def test_with_one_reply_in_five_late_two_thousand_reads_give_no_wrong_value(on_line):
+    draw = random.Random(7)
+    timing = Timing(timeout_s=0.01, slowest_reply_s=0.035, quiet_s=0.002)
+
+    def reply(request):
+        return [(draw.uniform(0.012, 0.03) if draw.random() < 0.2 else 0.0, answer_of(request))]
+
+    line = on_line(reply, timing)
+    good = late = 0
+    for i in range(2000):
+        address = (0, 10, 20)[i % 3]
+        try:
+            values = read(line, address)
+        except NoReplyError:
+            late += 1
+            continue
+        assert values == (REGISTERS[address],)
+        good += 1
+    assert late > 300  # the fault was really there
+    assert good > 1400
+
+
+def test_a_port_that_is_not_there_is_told_with_what_to_do():
+    line = Line("bus", SerialPort("/dev/ttyUSB_none", Clock()), Clock())
+    with pytest.raises(LostError, match="no such port; is the cable plugged in"):
+        line.open()
+    assert [event.kind for event in line.take_events()] == ["lost"]
+
+
+def test_a_port_that_another_program_has_open_is_told(on_line):
+    line = on_line(lambda request: [])
+    with pytest.raises(LostError, match="another program has it open"):
+        SerialPort(line.port.path, Clock()).open()
+
+
+def test_an_unplugged_port_is_told():
+    slave = Slave(lambda request: [])
+    clock = Clock()
+    line = Line("bus", SerialPort(slave.path, clock), clock, TIMING)
+    line.open()
+    slave.end()
+    with pytest.raises(LostError):
+        for _ in range(3):
+            line.ask(b"?", lambda buffer: None)
+    line.close()
+
+
+def test_bytes_waiting_from_before_the_opening_do_not_count(on_line):
+    line = on_line(lambda request: [(0.0, answer_of(request)), (0.02, b"late")])
+    assert read(line, 0) == (111,)
+    time.sleep(0.05)
+    line.open()
+    assert read(line, 10) == (222,)
+
+
+def tcp_reply(request, registers, transaction=None):
+    body = bytes([request[6], 3, 2 * len(registers)]) + b"".join(value.to_bytes(2, "big") for value in registers)
+    return (transaction or request[:2]) + b"\0\0" + len(body).to_bytes(2, "big") + body
+
+
+@pytest.fixture
+def on_socket():
+    """Opens a line to a TCP peer that answers each request with what `reply` gives; None closes the connection."""
+    ended = []
+
+    def make(reply):
+        server = socket.create_server(("127.0.0.1", 0))
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                while request := connection.recv(256):
+                    answer = reply(request)
+                    if answer is None:
+                        return
+                    connection.sendall(answer)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        clock = Clock()
+        line = Line("net", TcpPort(*server.getsockname(), clock), clock, TIMING)
+        line.open()
+        ended.append((line, server))
+        return line
+
+    yield make
+    for line, server in ended:
+        line.close()
+        server.close()
+
+
+def test_registers_are_read_over_tcp(on_socket):
+    line = on_socket(lambda request: tcp_reply(request, [7, 8]))
+    assert modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0, 2))[0] == (7, 8)
+
+
+def test_the_answer_to_another_question_is_stale_over_tcp(on_socket):
+    line = on_socket(lambda request: tcp_reply(request, [7], b"\x0f\xff"))
+    with pytest.raises(BadReplyError, match="the answer to question 4095, not to 1") as refused:
+        modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0))
+    assert refused.value.quality is Quality.STALE
+
+
+def test_a_reply_of_another_length_is_refused_over_tcp(on_socket):
+    line = on_socket(lambda request: tcp_reply(request, [7]))
+    with pytest.raises(BadReplyError, match="2 bytes of data where 6"):
+        modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0, 3))
+
+
+def test_a_connection_that_the_device_closes_is_lost(on_socket):
+    line = on_socket(lambda request: None)
+    with pytest.raises(LostError, match="closed the connection"):
+        line.ask(b"?", lambda buffer: None)
+
+
+def test_a_refused_connection_is_told():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = server.getsockname()
+    with pytest.raises(LostError, match="does not take a connection"):
+        Line("net", TcpPort(*address, Clock()), Clock()).open()
+
+
+def test_writes_are_confirmed_or_refused(on_line):
+    def reply(request):
+        return [(0.0, rtu(request[:6]) if request[1] == 16 else rtu(request[:4] + b"\x00\x01"))]
+
+    line = on_line(reply)
+    many = modbus.Request(1, modbus.WRITE_MANY, 1009, 2, (0x40C0, 0))
+    assert modbus.exchange(line, "rtu", many)[0] == ()
+    with pytest.raises(BadReplyError, match="confirms another write"):
+        modbus.exchange(line, "rtu", modbus.Request(1, modbus.WRITE_ONE, 5, 1, (7,)))
