@@ -28,8 +28,8 @@ class Acquisition:
         The bench.
     clock : Clock
         Its clock.
-    sink : Sink
-        The run log.
+    sink : Sink or None
+        The run log; may come later, with `begin`.
     ports : callable
         From a line's name, its table and the clock to its port; the ports that the bench file names when left out.
     simulated : bool
@@ -42,7 +42,7 @@ class Acquisition:
         self,
         bench: Bench,
         clock: Clock,
-        sink: Sink,
+        sink: Sink | None = None,
         ports: Callable[[str, LineTable, Clock], Port] = port_of,
         simulated: bool = False,
         ambient_bar: float | None = None,
@@ -51,7 +51,6 @@ class Acquisition:
         self.bench, self.clock = bench, clock
         self.channels = Channels()
         self.recorder = Recorder(sink, Stage(bench, simulated, ambient_bar, ambient_c), self.channels)
-        self.identities: dict[str, str] = {}
         self.workers: dict[str, Worker] = {}
         for name, table in bench.file.lines.items():
             drivers = {
@@ -64,10 +63,14 @@ class Acquisition:
                 self.workers[name] = Worker(line, drivers, self.recorder.put, self.recorder.note, clock)
         self._line_of = {device: table.line for device, table in bench.file.devices.items()}
         self._names = {role: self._role_name(role) for role in ROLES}
-        self.recorder.subscribe(self._keep_identity)
 
     def start(self) -> None:
-        """Open every line, identify every device, and begin to poll.
+        """`connect` and `begin`."""
+        self.connect()
+        self.begin()
+
+    def connect(self) -> None:
+        """Open every line and identify every device. What crosses the wires is kept for the log.
 
         Raises
         ------
@@ -76,15 +79,27 @@ class Acquisition:
         IdentityError
             When another device answers than the bench file says.
         """
-        self.recorder.start()
         with concurrent.futures.ThreadPoolExecutor(max(1, len(self.workers))) as pool:
             connecting = {name: pool.submit(worker.connect) for name, worker in self.workers.items()}
         faults = [fault for future in connecting.values() if (fault := future.exception()) is not None]
-        if faults:
-            self.stop()
-            if len(faults) == 1:
-                raise faults[0]
-            raise LineError("\n".join(str(fault) for fault in faults))
+        if not faults:
+            return
+        for worker in self.workers.values():
+            worker.stop()
+        if len(faults) == 1:
+            raise faults[0]
+        raise LineError("\n".join(str(fault) for fault in faults))
+
+    def begin(self, sink: Sink | None = None) -> None:
+        """Begin to write, what `connect` exchanged first, and to poll.
+
+        Parameters
+        ----------
+        sink : Sink or None
+            The run log, where the constructor got none.
+        """
+        self.recorder.sink = sink or self.recorder.sink
+        self.recorder.start()
         for worker in self.workers.values():
             worker.start()
 
@@ -203,6 +218,10 @@ class Acquisition:
             "exchanges": self.recorder.written,
         }
 
+    def identities(self) -> dict[str, str]:
+        """Who answered as each device, with the firmware where it was told."""
+        return {name: device.identity for worker in self.workers.values() for name, device in worker.devices.items()}
+
     def check(self) -> None:
         """Raise what ended a thread of the acquisition, if one has ended."""
         self.recorder.check()
@@ -230,7 +249,3 @@ class Acquisition:
 
     def _name(self, channel: str) -> str:
         return self._names.get(channel) or channel
-
-    def _keep_identity(self, exchange: Exchange) -> None:
-        if exchange.action == "identify" and exchange.outcome:
-            self.identities[exchange.device] = exchange.outcome

@@ -53,15 +53,15 @@ class Recorder(threading.Thread):
 
     Parameters
     ----------
-    sink : Sink
-        The run log.
+    sink : Sink or None
+        The run log; set before the thread starts.
     stage : Stage
         What is added on the way.
     channels : Channels
         Gets the readings once they are written.
     """
 
-    def __init__(self, sink: Sink, stage: Stage, channels: Channels) -> None:
+    def __init__(self, sink: Sink | None, stage: Stage, channels: Channels) -> None:
         super().__init__(name="recorder", daemon=True)
         self.sink, self.stage, self.channels = sink, stage, channels
         self.failure: Exception | None = None
@@ -135,7 +135,8 @@ class Recorder(threading.Thread):
         if self.is_alive():
             self._queue.put(None)
             self.join()
-        self.check()
+        if self.ident is not None:
+            self.check()
 
     def check(self) -> None:
         """Raise `RecorderError` when writing has failed."""
@@ -156,6 +157,8 @@ class Recorder(threading.Thread):
                 self.check()
 
     def _write(self, item: Exchange | tuple[str, int, dict[str, Any]]) -> None:
+        if self.sink is None:
+            raise RuntimeError("the recorder was started without a run log")
         if not isinstance(item, Exchange):
             kind, time_ns, details = item
             self.sink.event(kind, time_ns, **details)

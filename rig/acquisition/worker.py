@@ -43,6 +43,8 @@ class Device:
         slots of the schedule that passed without a poll [-].
     identified : bool
         Whether it answered as itself since the line was last opened.
+    identity : str
+        What it answered.
     starts, latenesses, latencies : list of int
         Of the latest polls: start, start after the schedule, and request to reply [ns].
     """
@@ -55,6 +57,7 @@ class Device:
     failures: int = 0
     skipped: int = 0
     identified: bool = False
+    identity: str = ""
     starts: list[int] = field(default_factory=list)
     latenesses: list[int] = field(default_factory=list)
     latencies: list[int] = field(default_factory=list)
@@ -241,6 +244,7 @@ class Worker(threading.Thread):
             self._put(exchange)
             if fault:
                 raise fault
+            device.identity = exchange.outcome
         device.identified = True
 
     def _try_introduction(self, name: str) -> None:

@@ -1,0 +1,75 @@
+"""A run played back: each exchange goes through its driver once more, over the bytes that were there then."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rig.acquisition import actions
+from rig.acquisition.stage import Stage
+from rig.bench import Bench
+from rig.clock import Clock
+from rig.lines import Line
+from rig.lines.opening import timing_of
+from rig.readings import Exchange
+from rig.replay.port import ReplayPort
+
+
+class Player:
+    """Plays the exchanges of a run through the drivers of its bench.
+
+    Parameters
+    ----------
+    bench : Bench
+        With the instruments' files: those that the run kept, or mended ones.
+    simulated : bool
+        Whether the run is of a virtual bench.
+    ambient : mapping of str to float
+        ``pressure_bar_abs`` and ``temperature_c`` of the run's start.
+    """
+
+    def __init__(self, bench: Bench, simulated: bool, ambient: Mapping[str, Any]) -> None:
+        clock = Clock()
+        self.ports = {name: ReplayPort() for name in bench.file.lines}
+        self.lines = {
+            name: Line(name, self.ports[name], clock, timing_of(table)) for name, table in bench.file.lines.items()
+        }
+        self.drivers = {device: bench.build(device) for device in bench.file.devices}
+        self.stage = Stage(bench, simulated, ambient.get("pressure_bar_abs"), ambient.get("temperature_c"))
+
+    def play(self, exchange: Exchange) -> Exchange:
+        """What the drivers make of an exchange now.
+
+        Parameters
+        ----------
+        exchange : Exchange
+            As logged; its readings are not used.
+
+        Returns
+        -------
+        Exchange
+            With the same bytes, and the readings and outcome of today's drivers.
+        """
+        line, port = self.lines[exchange.line], self.ports[exchange.line]
+        port.load(exchange.events)
+        if not exchange.device:
+            played, _ = actions.open_line(line)
+        else:
+            driver = self.drivers[exchange.device]
+            played, _ = actions.perform(line, exchange.device, driver, exchange.action, exchange.argument)
+        line.take_events()
+        logged = Exchange(
+            exchange.line,
+            exchange.device,
+            exchange.action,
+            exchange.argument,
+            exchange.events,
+            played.readings,
+            played.outcome,
+        )
+        return self.stage(logged)
+
+    @property
+    def differences(self) -> list[str]:
+        """Where today's drivers ask something else than was asked."""
+        return [f"line {name}: {text}" for name, port in self.ports.items() for text in port.differences]
