@@ -79,6 +79,8 @@ class Line:
         self.clock = clock
         self.timing = timing or Timing()
         self.transactions = 0  # questions since the line was opened: the transaction number of Modbus TCP
+        self.asked_ns = 0  # when something was last sent, and when a wait for bytes last ended: the times of a failure
+        self.heard_ns = 0
         self._events: list[Event] = []
         self._not_before_ns = 0  # no question before this time: an answer to an earlier one may still come
         self._dirty = False
@@ -189,6 +191,7 @@ class Line:
             self._keep_lost(error)
             raise
         self._events.append(Event("tx", time_ns, data))
+        self.asked_ns = time_ns
         return time_ns
 
     def _receive(self, until_ns: int) -> tuple[int, bytes]:
@@ -198,6 +201,7 @@ class Line:
             self._keep_lost(error)
             raise
         self._events.append(Event("rx" if data else "silence", time_ns, data))
+        self.heard_ns = time_ns
         return time_ns, data
 
     def _drain(self, timing: Timing) -> None:

@@ -33,12 +33,18 @@ class SerialPort:
         1 or 2 [-].
     data_bits : int
         7 or 8 [-].
+
+    Attributes
+    ----------
+    exclusive : bool
+        Whether no other program may have it; the watchdog of a controller that hangs goes without.
     """
 
     def __init__(
         self, path: str, clock: Clock, baud: int = 9600, parity: str = "N", stop_bits: int = 1, data_bits: int = 8
     ) -> None:
         self.path, self.clock = path, clock
+        self.exclusive = sys.platform != "win32"
         self.baud, self.parity, self.stop_bits, self.data_bits = baud, parity, stop_bits, data_bits
         self._serial: serial.Serial | None = None
 
@@ -58,7 +64,7 @@ class SerialPort:
                 parity=self.parity,
                 stopbits=self.stop_bits,
                 timeout=0,
-                exclusive=True if sys.platform != "win32" else None,
+                exclusive=self.exclusive or None,
             )
         except (serial.SerialException, OSError, ValueError) as error:
             raise LostError(f"{self.path} cannot be opened: {_why(error)}") from None

@@ -1,0 +1,166 @@
+"""The examination of a bench: line by line, device by device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rig.bench import Bench, LineTable
+from rig.clock import Clock
+from rig.doctor import host as machine
+from rig.doctor import measure, trials
+from rig.doctor.finding import Finding, Level, printable
+from rig.doctor.host import Host
+from rig.doctor.trials import Ports
+from rig.instruments.instrument import IdentityError, InstrumentError
+from rig.lines import BadReplyError, Line, LineError, LostError
+from rig.lines.line import LEAST_REAL_WAIT_S
+from rig.lines.modbus import RefusedError
+from rig.lines.opening import line_of, port_of
+
+POLLS = 30
+
+
+def examine(
+    bench: Bench,
+    ports: Ports | None = None,
+    clock: Clock | None = None,
+    host: Host | None = None,
+    polls: int = POLLS,
+    scan_units: Sequence[int] = (),
+) -> list[Finding]:
+    """Open each port, identify each device, measure, and name what is known to go wrong.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    ports : callable or None
+        From a line's name, its table and the clock to its port; the ports of the bench file when left out.
+    clock : Clock or None
+        The bench's; real time when left out.
+    host : Host or None
+        The machine; this one when left out.
+    polls : int
+        Of each device, for latency and rate [-].
+    scan_units : sequence of int
+        Modbus addresses to try where a device does not answer [-].
+
+    Returns
+    -------
+    list of Finding
+        The machine first, then each line and its devices, in the order of the bench file.
+    """
+    examination = _Examination(bench, ports or port_of, clock or Clock(), host or Host(), polls, tuple(scan_units))
+    found = []
+    if any(table.kind == "serial" and table.port != "virtual" for table in bench.file.lines.values()):
+        found += machine.of_programs(examination.host)
+    for name, table in bench.file.lines.items():
+        found += examination.of_line(name, table)
+    return found
+
+
+class _Examination:
+    """What every step of one examination needs."""
+
+    def __init__(
+        self, bench: Bench, ports: Ports, clock: Clock, host: Host, polls: int, scan_units: tuple[int, ...]
+    ) -> None:
+        self.bench, self.ports, self.clock, self.host = bench, ports, clock, host
+        self.polls, self.scan_units = polls, scan_units
+
+    def of_line(self, name: str, table: LineTable) -> list[Finding]:
+        """Everything about a line."""
+        where = f"line {name}"
+        devices = [device for device, of_device in self.bench.file.devices.items() if of_device.line == name]
+        if not devices:
+            return [Finding(Level.WARNING, where, "no device is on it", "delete it from the bench file")]
+        if table.kind == "keyboard":
+            return [Finding(Level.OK, where, f"a person reads {', '.join(devices)}")]
+        port = self.ports(name, table, self.clock)
+        path = str(getattr(port, "path", table.port)) if table.kind == "serial" else ""
+        found = machine.of_port(self.host, where, path) if path else []
+        line = line_of(name, table, port, self.clock)
+        try:
+            line.open()
+        except LostError as error:
+            if path and not any(finding.level is Level.FAULT for finding in found):
+                found.append(machine.why_closed(self.host, where, path, error))
+            elif not path:
+                found.append(Finding(Level.FAULT, where, printable(str(error)), "check power, cable and address"))
+            return found
+        try:
+            found += self._of_devices(line, table, devices)
+        except LostError as error:
+            found.append(Finding(Level.FAULT, where, printable(str(error)), "plug it in again; try another cable"))
+        finally:
+            line.close()
+        return found
+
+    def _of_devices(self, line: Line, table: LineTable, devices: list[str]) -> list[Finding]:
+        found: list[Finding] = []
+        taken: dict[str, tuple[float, float]] = {}
+        silent: dict[str, LineError] = {}
+        for device in devices:
+            driver: Any = self.bench.build(device)
+            try:
+                driver.open(line)
+                identity = printable(driver.identify(line)) or "a device"
+            except LostError:
+                raise
+            except IdentityError as error:
+                fix = "correct the bench file, or swap cables or addresses"
+                found.append(Finding(Level.FAULT, device, f"another device answers: {printable(str(error))}", fix))
+            except (RefusedError, InstrumentError) as error:
+                fix = "it is another model, or set up in another way, than the instrument file says"
+                found.append(Finding(Level.FAULT, device, f"answers, but refuses: {printable(str(error))}", fix))
+            except LineError as error:
+                silent[device] = error
+            else:
+                findings, cost_s = self._measured(line, device, driver, identity)
+                found += findings
+                if cost_s is not None:
+                    taken[device] = (cost_s, self.clock.real_s(self.bench.file.devices[device].period_s))
+        line.close()
+        found += self._of_silent(table, silent, anyone=len(silent) < len(devices))
+        return found + measure.of_line(f"line {line.name}", taken)
+
+    def _measured(self, line: Line, device: str, driver: Any, identity: str) -> tuple[list[Finding], float | None]:
+        settings, of_device = self.bench.instruments[device], self.bench.file.devices[device]
+        period_s = self.clock.real_s(of_device.period_s)
+        latency = measure.poll_times(line, driver, self.polls, period_s)
+        timeout_s = self.clock.real_s(settings.timeout_s or self.bench.file.lines[of_device.line].timeout_s)
+        if self.clock.rate > 1.0:
+            timeout_s = max(timeout_s, LEAST_REAL_WAIT_S)
+        found = measure.of_device(device, identity, latency, period_s, timeout_s, self.clock.real_s(settings.update_s))
+        return found, latency.p50_s if latency.failures < latency.polls else None
+
+    def _of_silent(self, table: LineTable, silent: dict[str, LineError], anyone: bool) -> list[Finding]:
+        """Devices that gave no answer: a wrong baud rate when the whole line is dumb, else address or power."""
+        found = []
+        for device, error in silent.items():
+            garbage = isinstance(error, BadReplyError)
+            said = f"bytes come, but no answer: {error}" if garbage else f"nobody answers: {error}"
+            fix = "check power, cable (A and B swapped?) and the address"
+            if table.kind == "serial" and table.paced and not anyone:
+                right = trials.other_settings(self.bench, device, self.ports, self.clock)
+                if right is not None:
+                    key, value = ("baud", right.baud) if right.baud != table.baud else ("parity", f'"{right.parity}"')
+                    said += f". It answers at {right.baud} baud, parity {right.parity}"
+                    fix = f"write {key} = {value} into [lines.{self.bench.file.devices[device].line}]"
+                else:
+                    said += f". It answers at no other of the usual settings either ({_tried(table)})"
+            unit = self.bench.file.devices[device].unit_id
+            if self.scan_units and unit is not None:
+                others = trials.other_units(self.bench, device, self.scan_units, self.ports, self.clock)
+                said += f". Not unit {unit}, but unit {', '.join(map(str, others))} answers" if others else ""
+                fix = f"write unit_id = {others[0]} into [devices.{device}]" if others else fix
+            elif unit is not None:
+                fix += "; a scan of a few addresses finds a wrong unit_id"
+            found.append(Finding(Level.FAULT, device, printable(said), fix))
+        return found
+
+
+def _tried(table: LineTable) -> str:
+    bauds = ", ".join(str(baud) for baud in sorted(trials.BAUDS) if baud != table.baud)
+    return f"{bauds} baud; parity {' and '.join(p for p in trials.PARITIES if p != table.parity)} at {table.baud}"

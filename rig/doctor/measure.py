@@ -1,0 +1,146 @@
+"""Latency and rate: what a device takes, what its line bears, and what the bench file asks for."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rig.doctor.finding import Finding, Level, printable
+from rig.lines import Line, LineError, LostError
+
+LONGEST_GAP_S = 0.1  # real time between two polls
+MOST_FAILURES = 3  # in a row; then it is known
+TIGHT = 0.7  # share of the timeout that the slow replies may take
+BUSY = 0.8  # share of a line's time that may be taken
+BELOW_ALL = 1e-9
+
+
+@dataclass(frozen=True)
+class Latency:
+    """How long polls took.
+
+    Attributes
+    ----------
+    p50_s, p99_s : float
+        Of the polls that gave a reading, in real time [s].
+    polls, failures : int
+        Polls made, and those without a usable reading [-].
+    faults : str
+        What the failed ones said, most frequent first.
+    """
+
+    p50_s: float
+    p99_s: float
+    polls: int
+    failures: int
+    faults: str
+
+
+def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
+    """Poll a device and take the time.
+
+    Parameters
+    ----------
+    line : Line
+        Open.
+    driver : Instrument
+        The device.
+    polls : int
+        How many; fewer when it fails several times in a row [-].
+    gap_s : float
+        Between polls, in real time [s].
+
+    Raises
+    ------
+    LostError
+        When the port fails meanwhile.
+    """
+    times, faults, failures, in_a_row, made = [], Counter[str](), 0, 0, 0
+    for _ in range(polls):
+        made += 1
+        start_s = time.monotonic()
+        try:
+            readings = driver.poll(line)
+        except LostError:
+            raise
+        except LineError as error:
+            readings = []
+            faults[str(error)] += 1
+        took_s = time.monotonic() - start_s
+        if any(reading.usable for reading in readings):
+            times.append(took_s)
+            in_a_row = 0
+        else:
+            faults.update(f"{reading.quality} {reading.detail}".strip() for reading in readings[:1])
+            failures += 1
+            in_a_row += 1
+            if in_a_row == MOST_FAILURES and not times:
+                break
+        line.take_events()
+        time.sleep(max(0.0, min(gap_s, LONGEST_GAP_S) - took_s))
+    p50_s, p99_s = np.quantile(times, [0.5, 0.99]) if times else (np.nan, np.nan)
+    named = "; ".join(f"{printable(fault)} ({count} x)" for fault, count in faults.most_common(3))
+    return Latency(float(p50_s), float(p99_s), made, failures, named)
+
+
+def of_device(
+    device: str, identity: str, latency: Latency, period_s: float, timeout_s: float, update_s: float
+) -> list[Finding]:
+    """What the latency of a device means.
+
+    Parameters
+    ----------
+    device, identity : str
+        Its name, and who answered.
+    latency : Latency
+        Measured.
+    period_s, timeout_s : float
+        Of the bench file, in real time [s].
+    update_s : float
+        The instrument's own, in real time [s]; 0 when not known.
+    """
+    if latency.failures == latency.polls:
+        what = f"{identity} answers, but no poll gave a reading: {latency.faults}"
+        return [Finding(Level.FAULT, device, what, "compare the instrument file with the device's manual")]
+    rates = f"asked {1 / period_s:.3g} /s, bears {1 / max(latency.p50_s, BELOW_ALL):.3g} /s"
+    figures = f"latency p50 {latency.p50_s * 1e3:.1f} ms, p99 {latency.p99_s * 1e3:.1f} ms; {rates}"
+    found = [Finding(Level.OK, device, f"{identity}: {figures}")]
+    if latency.p50_s > period_s:
+        fix = f"set period_s to {np.ceil(latency.p50_s * 120) / 100:g} or more, or find what makes it slow"
+        found.append(Finding(Level.FAULT, device, f"slower than asked: {rates}", fix))
+    if latency.failures:
+        what = f"{latency.failures} of {latency.polls} polls gave no reading: {latency.faults}"
+        found.append(Finding(Level.WARNING, device, what, "check cable, termination and earth; raise timeout_s"))
+    if latency.p99_s > TIGHT * timeout_s:
+        what = f"the slow replies ({latency.p99_s * 1e3:.0f} ms) come close to timeout_s ({timeout_s * 1e3:.0f} ms)"
+        found.append(Finding(Level.WARNING, device, what, f"set timeout_s to {np.ceil(latency.p99_s * 20) / 10:g}"))
+    if update_s > period_s * 1.01:
+        what = f"asked every {period_s:g} s, and the instrument makes a new value every {update_s:g} s"
+        found.append(Finding(Level.WARNING, device, what, f"set period_s to {update_s:g}; the rest are repeats"))
+    return found
+
+
+def of_line(where: str, taken: dict[str, tuple[float, float]]) -> list[Finding]:
+    """Whether a line bears what is asked of it.
+
+    Parameters
+    ----------
+    where : str
+        The line, for the findings.
+    taken : dict of str to (float, float)
+        Device to what a poll takes and to its period, in the same time [s].
+    """
+    share = sum(cost_s / period_s for cost_s, period_s in taken.values())
+    parts = ", ".join(f"{device} {100 * cost_s / period_s:.0f} %" for device, (cost_s, period_s) in taken.items())
+    what = f"the polls asked for take {100 * share:.0f} % of the line's time ({parts})"
+    if share > 1.0:
+        return [
+            Finding(Level.FAULT, where, what, "raise period_s, raise the baud rate, or put a device on its own line")
+        ]
+    if share > BUSY:
+        return [Finding(Level.WARNING, where, what, "raise period_s: one retry and a poll is late")]
+    return [Finding(Level.OK, where, what)] if taken else []

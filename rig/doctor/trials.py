@@ -1,0 +1,110 @@
+"""Where nobody answers: other baud rates and parities on a serial line, other addresses on a bus.
+
+Only what opens and identifies a device is sent, the same as at the start of a run; no set-point is ordered.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+
+from rig.bench import Bench, DeviceTable, LineTable, Place
+from rig.clock import Clock
+from rig.instruments.instrument import IdentityError, Instrument, InstrumentError
+from rig.lines import LineError, Port
+from rig.lines.modbus import RefusedError
+from rig.lines.opening import line_of
+
+BAUDS = (9600, 19200, 38400, 57600, 115200, 4800, 2400, 1200)
+PARITIES = ("N", "E", "O")
+
+Ports = Callable[[str, LineTable, Clock], Port]
+
+
+def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock) -> LineTable | None:
+    """The line's table with the baud rate or parity at which a device answers; None when it does at none.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    device : str
+        On a serial line that is closed now.
+    ports : callable
+        See `rig.acquisition.Acquisition`.
+    clock : Clock
+        The bench's.
+    """
+    name = bench.file.devices[device].line
+    table = bench.file.lines[name]
+    candidates: list[dict[str, int | str]] = [{"baud": baud} for baud in BAUDS if baud != table.baud]
+    candidates += [{"parity": parity} for parity in PARITIES if parity != table.parity]
+    for change in candidates:
+        changed = table.model_copy(update=change)
+        if _answers(built(bench, device, bench.file.devices[device], changed), name, changed, ports, clock):
+            return changed
+    return None
+
+
+def other_units(bench: Bench, device: str, units: Sequence[int], ports: Ports, clock: Clock) -> list[int]:
+    """The Modbus addresses, of some, at which a device answers; it need not be the one configured.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    device : str
+        On a line that is closed now.
+    units : sequence of int
+        Addresses to try [-].
+    ports : callable
+        See `rig.acquisition.Acquisition`.
+    clock : Clock
+        The bench's.
+    """
+    of_device = bench.file.devices[device]
+    table = bench.file.lines[of_device.line]
+    found = []
+    for unit in units:
+        changed = of_device.model_copy(update={"unit_id": unit})
+        if unit != of_device.unit_id and _answers(
+            built(bench, device, changed, table), of_device.line, table, ports, clock
+        ):
+            found.append(unit)
+    return found
+
+
+def built(bench: Bench, device: str, of_device: DeviceTable, table: LineTable) -> Instrument:
+    """The driver of a device with other tables than the bench file's.
+
+    Parameters
+    ----------
+    bench : Bench
+        For the instrument's file.
+    device : str
+        Its name.
+    of_device : DeviceTable
+        Its table.
+    table : LineTable
+        Its line's.
+    """
+    settings = bench.instruments[device]
+    module = importlib.import_module(f"rig.instruments.{settings.family}")
+    driver: Instrument = module.build(device, settings, Place(of_device, table))
+    return driver
+
+
+def _answers(driver: Instrument, name: str, table: LineTable, ports: Ports, clock: Clock) -> bool:
+    """Whether somebody answers, be it another device or a refusal."""
+    line = line_of(name, table, ports(name, table, clock), clock)
+    try:
+        line.open()
+        driver.open(line)
+        driver.identify(line)
+    except (IdentityError, RefusedError, InstrumentError):
+        return True
+    except LineError:
+        return False
+    finally:
+        line.close()
+    return True

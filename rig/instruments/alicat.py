@@ -1,0 +1,297 @@
+"""Alicat meters and controllers over their text protocol: ``A`` asks unit A for one frame, ``AS6.0`` sets a set-point.
+
+A frame is the unit's letter, then numbers in an order and in units that each device has of its own (``A??D*`` tells
+them), then the flags. No flag is ever dropped: over-range flags mark the quantity they speak of, faults mark all.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, cast
+
+import pydantic
+
+from configs import ConfigError, Strict
+from rig.instruments.ascii import NUMBER, ends_with
+from rig.instruments.instrument import InstrumentError, InstrumentFile, Positive
+from rig.instruments.placing import refuse_keyboard, refuse_serial_number
+from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
+from rig.instruments.setting import set_and_read_back
+from rig.instruments.values import Value, joined, printable
+from rig.lines import BadReplyError, Line
+from rig.lines.line import Reply
+from rig.readings import Quality
+
+if TYPE_CHECKING:
+    from rig.bench import Place
+
+OVER_RANGE = ("MOV", "VOV", "POV", "TOV", "OVR")  # mass, volume, pressure, temperature, totalizer
+FAULTS = ("ADC", "EXH")  # converter error; exhausting instead of controlling
+NOTES = ("HLD", "LCK")
+# Which quantity an over-range flag speaks of, by the beginning of the channel's name.
+QUANTITIES = {"MOV": "flow_sl", "VOV": "flow_l", "POV": "pressure", "TOV": "temperature", "OVR": "total"}
+SETPOINT, GAS, UNUSED = "setpoint", "gas", "-"
+MOST_BYTES = 128
+END = b"\r"
+GAS_NAME = re.compile(r"[A-Za-z0-9-]{1,12}")
+
+
+class DeviceChannel(UncheckedChannel):
+    """A number of the frame in the file's unit: value = scale * number + offset."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+class TextSetpoint(Strict):
+    """The set-point, in the actuator's unit: device's number = (value - offset) / scale."""
+
+    unit: str
+    lowest: float
+    highest: float
+    tolerance: Positive
+    decimals: Annotated[int, pydantic.Field(ge=0, le=6)] = 3
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+class Settings(PolledFile):
+    """The keys of an Alicat device that speaks text."""
+
+    layout: Annotated[list[str], pydantic.Field(min_length=1, max_length=16)]  # channels, setpoint, gas or -
+    channels: Annotated[dict[ChannelName, DeviceChannel], pydantic.Field(min_length=1, max_length=16)]
+    setpoint: TextSetpoint | None = None
+
+    @pydantic.model_validator(mode="after")
+    def layout_fits(self) -> Settings:
+        """Refuse a layout that does not hold each channel once."""
+        named = [entry for entry in self.layout if entry not in (GAS, UNUSED)]
+        wanted = [*self.channels, *([SETPOINT] if self.setpoint is not None or SETPOINT in named else [])]
+        if sorted(named) != sorted(wanted):
+            raise ValueError(
+                f"layout: it holds {', '.join(named)} where the file has {', '.join(wanted)}; each stands once, others "
+                f"are '{GAS}' or '{UNUSED}'"
+            )
+        if any(channel.scale == 0.0 for channel in self.channels.values()):
+            raise ValueError("a channel's scale is 0")
+        if self.setpoint is not None and (self.setpoint.scale == 0.0 or self.setpoint.lowest >= self.setpoint.highest):
+            raise ValueError("setpoint: scale is not 0, and lowest lies below highest")
+        return self
+
+
+def decode(text: str, address: str, layout: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The fields of a frame as they came, and its flags.
+
+    Parameters
+    ----------
+    text : str
+        A line without its end.
+    address : str
+        The unit's letter.
+    layout : sequence of str
+        Of the file.
+
+    Returns
+    -------
+    fields : dict of str to str
+        Numbers, by the layout's names; the gas under ``gas``.
+    flags : tuple of str
+        In the frame's order.
+
+    Raises
+    ------
+    BadReplyError
+        When the line is no frame of this unit and layout, or the unit refuses.
+    """
+    words = text.split()
+    if words[:1] != [address]:
+        raise BadReplyError(f"'{printable(text)}' is not from unit {address}")
+    if "?" in words:
+        raise BadReplyError(f"unit {address} refuses: '{printable(text)}'", Quality.EXCEPTION)
+    values, flags = words[1 : 1 + len(layout)], tuple(words[1 + len(layout) :])
+    if len(values) < len(layout):
+        raise BadReplyError(f"'{printable(text)}' has {len(values)} fields, the file's layout {len(layout)}")
+    unknown = [flag for flag in flags if flag not in (*OVER_RANGE, *FAULTS, *NOTES)]
+    if unknown:
+        raise BadReplyError(
+            f"'{printable(text)}': '{printable(unknown[0])}' is no flag; is the layout the device's own?"
+        )
+    for entry, word in zip(layout, values, strict=True):
+        if not (GAS_NAME if entry == GAS else NUMBER).fullmatch(word):
+            raise BadReplyError(f"'{printable(text)}': '{printable(word)}' stands where the layout has {entry}")
+    return dict(zip(layout, values, strict=True)), flags
+
+
+def judge(
+    numbers: Mapping[str, float], raw: Mapping[str, str], flags: Sequence[str], note: str = ""
+) -> dict[str, Value]:
+    """The values of numbers and flags: what Alicat's text and Modbus protocols have in common.
+
+    Parameters
+    ----------
+    numbers : mapping of str to float
+        Channel to its number [own unit].
+    raw : mapping of str to str
+        Channel to its number as it came.
+    flags : sequence of str
+        All that were set; each goes into the detail of every channel.
+    note : str
+        Said besides the flags.
+
+    Returns
+    -------
+    dict of str to Value
+        By channel, limits not yet looked at.
+    """
+    detail = joined(" ".join(flags), note)
+    faulty = any(flag not in (*OVER_RANGE, *NOTES) for flag in flags)
+    found = {}
+    for name, number in numbers.items():
+        if faulty:
+            found[name] = Value(None, Quality.EXCEPTION, raw[name], detail)
+        elif math.isfinite(number) and any(name.startswith(QUANTITIES.get(flag, "?")) for flag in flags):
+            found[name] = Value(number, Quality.OVER_RANGE, raw[name], detail, -1 if number < 0.0 else 1)
+        else:
+            found[name] = Value(number, raw=raw[name], detail=detail)
+    return found
+
+
+class Alicat(Polled):
+    """An Alicat device at a letter of a line.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    settings : Settings
+        Its file.
+    address : str
+        The unit's letter.
+    """
+
+    checked = False
+
+    def __init__(self, device: str, settings: Settings, address: str) -> None:
+        super().__init__(device, settings.channels, settings)
+        self.settings = settings
+        self.address = address
+
+    def ask(self, line: Line) -> Answer:
+        """Ask for one frame.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        fields, flags, reply = self._frame(line, self.address)
+        channels = self.settings.channels
+        numbers = {name: channel.scale * float(fields[name]) + channel.offset for name, channel in channels.items()}
+        note = f"gas {fields[GAS]}" if GAS in fields else ""
+        return Answer(judge(numbers, fields, flags, note), reply.data, reply.request_ns, reply.reply_ns)
+
+    def identify(self, line: Line) -> str:
+        """See that the unit answers with a frame of the file's layout.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        _, flags, _ = repeated(lambda: self._frame(line, self.address), 1)
+        raised = f"; flags {' '.join(flags)}" if flags else ""
+        return (
+            f"{self.settings.title}, unit {self.address} (its frame has the layout; it is not asked who it is{raised})"
+        )
+
+    def _frame(self, line: Line, question: str) -> tuple[dict[str, str], tuple[str, ...], Reply]:
+        """One question, and the frame that answers it."""
+        request = question.encode("ascii") + END
+        reply = line.ask(request, ends_with(END, MOST_BYTES), timing_of(self.settings, line))
+        try:
+            text = reply.data.removesuffix(END).decode("ascii", errors="replace").strip("\n ")
+            return *decode(text, self.address, self.settings.layout), reply
+        except BadReplyError:
+            line.drop()
+            raise
+
+
+class AlicatController(Alicat):
+    """An Alicat controller: a device with a set-point.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    settings : Settings
+        Its file, with a ``[setpoint]``.
+    address : str
+        The unit's letter.
+    """
+
+    def __init__(self, device: str, settings: Settings, address: str) -> None:
+        super().__init__(device, settings, address)
+        self.setpoint = cast(TextSetpoint, settings.setpoint)
+        self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
+
+    def write(self, line: Line, value: float) -> float:
+        """Order a set-point and return the one that the next frame shows.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        value : float
+            The set-point [own unit].
+        """
+        table = self.setpoint
+
+        def order() -> None:
+            self._frame(line, f"{self.address}S{(value - table.offset) / table.scale:.{table.decimals}f}")
+
+        def read_back() -> float:
+            fields, _, _ = self._frame(line, self.address)
+            return table.scale * float(fields[SETPOINT]) + table.offset
+
+        limits = (self.lowest, self.highest)
+        return set_and_read_back(value, self.unit, limits, order, read_back, table.tolerance, self.device)
+
+    def set_failsafe(self, line: Line) -> str:
+        """There is none in the documents.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        raise InstrumentError(NO_FAILSAFE.format(device=self.device))
+
+
+NO_FAILSAFE = (
+    "{device}: no communications failsafe of Alicat's controllers is documented: when this program dies, the last "
+    "set-point stays. Put a valve before it that closes without power, and waive the failsafe by name in the bench "
+    "file ([safety] waive_failsafe)"
+)
+
+
+def build(device: str, settings: InstrumentFile, place: Place) -> Alicat:
+    """The driver of an Alicat device that speaks text.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    settings : Settings
+        Its file.
+    place : Place
+        Its tables in the bench file.
+    """
+    chosen = cast(Settings, settings)
+    refuse_keyboard(device, place)
+    refuse_serial_number(device, place, chosen.title)
+    address = place.table.address
+    if not re.fullmatch("[A-Z]", address):
+        raise ConfigError(f"devices.{device}.address: '{printable(address)}' is no unit; it is one letter, A to Z")
+    return Alicat(device, chosen, address) if chosen.setpoint is None else AlicatController(device, chosen, address)

@@ -1,0 +1,229 @@
+"""Alicat meters and controllers over Modbus: a block of status bits and floats, and a set-point.
+
+The manual counts registers from 1, and the wire from 0; whether its numbers are meant so is not said, so the file has a
+key for it, to be verified on a device whose pressure is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Literal, cast
+
+import pydantic
+
+from configs import Strict
+from rig.instruments.alicat import NO_FAILSAFE, judge
+from rig.instruments.instrument import ChannelFile, InstrumentError, InstrumentFile, Positive
+from rig.instruments.placing import modbus_unit, refuse_serial_number
+from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
+from rig.instruments.registers import number_of, words_of
+from rig.instruments.setting import set_and_read_back
+from rig.instruments.values import Value
+from rig.lines import Line
+from rig.lines.modbus import WRITE_MANY, registers_of
+
+if TYPE_CHECKING:
+    from rig.bench import Place
+
+STATUS = 1201  # as the manual counts: status, pressure, temperature, volume flow, mass flow, two registers each
+BLOCK = 10
+SETPOINT = 1010
+QUANTITIES = {"pressure": 2, "temperature": 4, "flow_l": 6, "flow_sl": 8}  # where in the block, by the name's beginning
+FLAGS = {
+    **{0: "TOV", 1: "TOV", 2: "VOV", 3: "VOV", 4: "MOV", 5: "MOV", 6: "POV", 7: "OVR"},  # over, and under, where two
+    **{8: "HLD", 9: "ADC", 10: "EXH"},
+}
+
+
+class ScaledChannel(ChannelFile):
+    """A float of the block in the file's unit: value = scale * number + offset."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+class FloatSetpoint(Strict):
+    """The set-point, in the actuator's unit: device's number = (value - offset) / scale."""
+
+    unit: str
+    lowest: float
+    highest: float
+    tolerance: Positive
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+class Settings(PolledFile):
+    """The keys of an Alicat device that speaks Modbus."""
+
+    numbering: Literal["from 1", "from 0"]  # of the manual's registers
+    channels: Annotated[dict[ChannelName, ScaledChannel], pydantic.Field(min_length=1, max_length=4)]
+    setpoint: FloatSetpoint | None = None
+
+    @pydantic.model_validator(mode="after")
+    def known_channels(self) -> Settings:
+        """Refuse channels that are not in the block."""
+        unknown = [name for name in self.channels if _quantity(name) is None]
+        if unknown:
+            raise ValueError(f"channels.{unknown[0]}: the names begin with {', '.join(QUANTITIES)}")
+        if any(channel.scale == 0.0 for channel in self.channels.values()):
+            raise ValueError("a channel's scale is 0")
+        if self.setpoint is not None and (self.setpoint.scale == 0.0 or self.setpoint.lowest >= self.setpoint.highest):
+            raise ValueError("setpoint: scale is not 0, and lowest lies below highest")
+        return self
+
+
+def flags_of(status: int) -> list[str]:
+    """The flags of the status bits; a bit without a name here is named by its number, and counts as a fault.
+
+    Parameters
+    ----------
+    status : int
+        32 bits [-].
+    """
+    raised = [FLAGS.get(bit, f"status bit {bit}") for bit in range(32) if status >> bit & 1]
+    return list(dict.fromkeys(raised))
+
+
+def decode(words: Sequence[int], channels: dict[str, ScaledChannel]) -> dict[str, Value]:
+    """The values of the block.
+
+    Parameters
+    ----------
+    words : sequence of int
+        The ten registers from 1201 [-].
+    channels : dict of str to ScaledChannel
+        Of the file.
+
+    Returns
+    -------
+    dict of str to Value
+        By channel, limits not yet looked at.
+    """
+    raw, numbers = {}, {}
+    for name, channel in channels.items():
+        first = QUANTITIES[cast(str, _quantity(name))]
+        number = float(number_of(words[first : first + 2], "f32"))
+        raw[name], numbers[name] = repr(number), channel.scale * number + channel.offset
+    return judge(numbers, raw, flags_of(int(number_of(words[:2], "u32"))))
+
+
+def _quantity(name: str) -> str | None:
+    return next((quantity for quantity in QUANTITIES if name.startswith(f"{quantity}_")), None)
+
+
+class AlicatModbus(Polled):
+    """An Alicat device at a unit of a Modbus line.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    settings : Settings
+        Its file.
+    place : Place
+        Its tables in the bench file.
+    """
+
+    def __init__(self, device: str, settings: Settings, place: Place) -> None:
+        super().__init__(device, settings.channels, settings)
+        self.settings = settings
+        self._less = 1 if settings.numbering == "from 1" else 0
+        self._unit = modbus_unit(device, place)
+
+    def ask(self, line: Line) -> Answer:
+        """Read the block once.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        words, reply = self._unit.read(line, STATUS - self._less, BLOCK, timing_of(self.settings, line))
+        return Answer(decode(words, self.settings.channels), registers_of(words), reply.request_ns, reply.reply_ns)
+
+    def identify(self, line: Line) -> str:
+        """See that the block can be read.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        answer = repeated(lambda: self.ask(line), 1)
+        raised = next(iter(answer.found.values())).detail
+        note = f"; flags {raised}" if raised else ""
+        return f"{self.settings.title} at unit {self._unit.unit} (its block reads; it is not asked who it is{note})"
+
+
+class AlicatModbusController(AlicatModbus):
+    """An Alicat controller over Modbus.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    settings : Settings
+        Its file, with a ``[setpoint]``.
+    place : Place
+        Its tables in the bench file.
+    """
+
+    def __init__(self, device: str, settings: Settings, place: Place) -> None:
+        super().__init__(device, settings, place)
+        self.setpoint = cast(FloatSetpoint, settings.setpoint)
+        self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
+
+    def write(self, line: Line, value: float) -> float:
+        """Order a set-point and return what its registers hold then.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        value : float
+            The set-point [own unit].
+        """
+        table, timing, first = self.setpoint, timing_of(self.settings, line), SETPOINT - self._less
+
+        def order() -> None:
+            words = words_of((value - table.offset) / table.scale, "f32")
+            self._unit.write(line, first, words, WRITE_MANY, timing)
+
+        def read_back() -> float:
+            words, _ = self._unit.read(line, first, 2, timing)
+            return table.scale * float(number_of(words, "f32")) + table.offset
+
+        limits = (self.lowest, self.highest)
+        return set_and_read_back(value, self.unit, limits, order, read_back, table.tolerance, self.device)
+
+    def set_failsafe(self, line: Line) -> str:
+        """There is none in the documents.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        raise InstrumentError(NO_FAILSAFE.format(device=self.device))
+
+
+def build(device: str, settings: InstrumentFile, place: Place) -> AlicatModbus:
+    """The driver of an Alicat device that speaks Modbus.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    settings : Settings
+        Its file.
+    place : Place
+        Its tables in the bench file.
+    """
+    chosen = cast(Settings, settings)
+    refuse_serial_number(device, place, chosen.title)
+    return (
+        AlicatModbus(device, chosen, place)
+        if chosen.setpoint is None
+        else AlicatModbusController(device, chosen, place)
+    )

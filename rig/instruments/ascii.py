@@ -1,0 +1,251 @@
+"""A device that answers in text, described by its file alone: a query, a pattern with a named group a channel, a unit.
+
+Text has no checksum: a value counts as checked when two polls in a row agree. A device without a query is listened to.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, cast
+
+import pydantic
+
+from rig.instruments.instrument import IdentityError, InstrumentFile
+from rig.instruments.patterns import groups_of
+from rig.instruments.placing import refuse_keyboard, refuse_serial_number
+from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
+from rig.instruments.streaming import Stream, cut_lines
+from rig.instruments.values import Value, printable
+from rig.lines import BadReplyError, Line
+from rig.lines.line import Complete, Reply
+from rig.readings import Quality
+
+if TYPE_CHECKING:
+    from rig.bench import Place
+
+NUMBER = re.compile(r"[+-]?(\d{1,12}(\.\d{0,12})?|\.\d{1,12})([eE][+-]?\d{1,2})?")
+SERIAL_GROUP = "serial"
+
+Words = Annotated[str, pydantic.StringConstraints(max_length=64, pattern=r"^[\x00-\x7f]*$")]
+PatternText = Annotated[str, pydantic.StringConstraints(min_length=1, max_length=200, pattern=r"^[\x20-\x7e]*$")]
+
+
+class TextChannel(UncheckedChannel):
+    """A quantity in the reply: value = scale * number + offset."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+    over_range: list[str] = pydantic.Field(default_factory=list)  # texts in the number's place
+    under_range: list[str] = pydantic.Field(default_factory=list)
+    invalid: list[str] = pydantic.Field(default_factory=list)
+
+
+class Settings(PolledFile):
+    """The keys of a generic ASCII device."""
+
+    query: Words = ""  # without one, the device sends unasked
+    terminator: Annotated[str, pydantic.StringConstraints(min_length=1, max_length=4, pattern=r"^[\x00-\x7f]+$")] = (
+        "\r\n"
+    )
+    pattern: PatternText  # of the whole line without its end
+    refusals: list[str] = pydantic.Field(default_factory=list)  # lines by which the device refuses
+    most_bytes: Annotated[int, pydantic.Field(ge=1, le=256)] = 128
+    channels: Annotated[dict[ChannelName, TextChannel], pydantic.Field(min_length=1, max_length=16)]
+    identity_query: Words = ""
+    identity_pattern: PatternText | None = None  # may have a group 'serial'
+
+    @pydantic.model_validator(mode="after")
+    def patterns_fit(self) -> Settings:
+        """Refuse patterns that cannot be read, could take forever, or name other channels than the file."""
+        groups = groups_of(self.pattern, "pattern")
+        if groups != set(self.channels):
+            raise ValueError(f"pattern: its named groups are {sorted(groups)}, the channels {sorted(self.channels)}")
+        if bool(self.identity_query) != (self.identity_pattern is not None):
+            raise ValueError("identity_query and identity_pattern come together")
+        if self.identity_pattern is not None and not groups_of(self.identity_pattern, "identity_pattern") <= {
+            SERIAL_GROUP
+        }:
+            raise ValueError("identity_pattern: the one named group it may have is 'serial'")
+        return self
+
+
+def decode(line: bytes, pattern: re.Pattern[str], channels: Mapping[str, TextChannel]) -> dict[str, Value]:
+    """The values of a line of text.
+
+    Parameters
+    ----------
+    line : bytes
+        Without its end.
+    pattern : re.Pattern
+        With a named group a channel.
+    channels : mapping of str to TextChannel
+        Of the file.
+
+    Returns
+    -------
+    dict of str to Value
+        By channel, limits not yet looked at.
+
+    Raises
+    ------
+    BadReplyError
+        When the line is not of the pattern, or a number is none.
+    """
+    text = line.decode("ascii", errors="replace")
+    match = pattern.fullmatch(text)
+    if match is None:
+        raise BadReplyError(f"the reply '{printable(text)}' is not of the pattern {pattern.pattern}")
+    return {name: _value((match[name] or "").strip(), channel) for name, channel in channels.items()}
+
+
+def _value(text: str, channel: TextChannel) -> Value:
+    rising = 1.0 if channel.scale > 0.0 else -1.0
+    if text in channel.over_range:
+        return Value(rising * float("inf"), raw=text, detail=f"'{text}' stands for over-range")
+    if text in channel.under_range:
+        return Value(-rising * float("inf"), raw=text, detail=f"'{text}' stands for under-range")
+    if text in channel.invalid:
+        return Value(None, Quality.EXCEPTION, text, f"the device reports a fault: '{text}'")
+    if not NUMBER.fullmatch(text):
+        raise BadReplyError(f"'{printable(text)}' in the reply is not a number")
+    return Value(channel.scale * float(text) + channel.offset, raw=text)
+
+
+def ends_with(terminator: bytes, most_bytes: int) -> Complete:
+    """What tells where a reply in text ends.
+
+    Parameters
+    ----------
+    terminator : bytes
+        Ends it.
+    most_bytes : int
+        Of a reply, without its end [-].
+
+    Returns
+    -------
+    callable
+        Of the form that `Line.ask` takes.
+    """
+
+    def complete(buffer: bytes) -> int | None:
+        end = buffer.find(terminator)
+        if end > most_bytes or (end < 0 and len(buffer) > most_bytes + len(terminator)):
+            raise BadReplyError(f"{len(buffer)} bytes without the end of a reply, which has {most_bytes} at most")
+        return None if end < 0 else end + len(terminator)
+
+    return complete
+
+
+class AsciiDevice(Polled):
+    """A generic device that answers, or sends, lines of text.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    settings : Settings
+        Its file.
+    serial_number : str
+        Of the bench file; empty when any will do.
+    """
+
+    checked = False
+
+    def __init__(self, device: str, settings: Settings, serial_number: str) -> None:
+        super().__init__(device, settings.channels, settings)
+        self.settings = settings
+        self._serial_number = serial_number
+        self._end = settings.terminator.encode("ascii")
+        self._pattern = re.compile(settings.pattern)
+        self._stream = Stream(cut_lines(self._end, settings.most_bytes))
+        self._first = True
+
+    def open(self, line: Line) -> None:
+        """Forget what was known; the first line that comes unasked may have lost its head, and will be dropped.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        super().open(line)
+        self._stream.forget()
+        self._first = True
+
+    def ask(self, line: Line) -> Answer:
+        """Ask for a line, or wait for one, and decode it.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        reply = self._question(line, self.settings.query) if self.settings.query else self._unasked(line)
+        text = reply.data.removesuffix(self._end)
+        if text.decode("ascii", errors="replace").strip() in self.settings.refusals:
+            raise BadReplyError(
+                f"{self.device} refuses: '{printable(text.decode('ascii', 'replace'))}'", Quality.EXCEPTION
+            )
+        found = decode(text, self._pattern, self.settings.channels)
+        return Answer(found, text, reply.request_ns, reply.reply_ns)
+
+    def identify(self, line: Line) -> str:
+        """Ask who it is, where the file says how; otherwise see that a reply has the pattern.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+        if self.settings.identity_pattern is None:
+            repeated(lambda: self.ask(line), 1)
+            return f"{self.settings.title} (its reply has the pattern; it does not tell who it is)"
+        reply = repeated(lambda: self._question(line, self.settings.identity_query), 1)
+        text = reply.data.removesuffix(self._end).decode("ascii", errors="replace")
+        match = re.fullmatch(self.settings.identity_pattern, text)
+        if match is None:
+            raise IdentityError(f"{self.device}: '{printable(text)}' answers, which is not a {self.settings.title}")
+        serial = match.groupdict().get(SERIAL_GROUP) or ""
+        if self._serial_number and serial != self._serial_number:
+            raise IdentityError(
+                f"{self.device}: number '{printable(serial)}' answers, the bench file says '{self._serial_number}'"
+            )
+        return printable(text)
+
+    def _question(self, line: Line, query: str) -> Reply:
+        complete = ends_with(self._end, self.settings.most_bytes)
+        try:
+            return line.ask(query.encode("ascii"), complete, timing_of(self.settings, line))
+        except BadReplyError:
+            line.drop()
+            raise
+
+    def _unasked(self, line: Line) -> Reply:
+        timing = timing_of(self.settings, line)
+        time_ns, lines = self._stream.frames(line, timing.timeout_s)
+        if self._first:
+            self._first = False
+            lines = lines[1:]
+            if not lines:
+                time_ns, lines = self._stream.frames(line, timing.timeout_s)
+        return Reply(lines[-1], time_ns, time_ns)
+
+
+def build(device: str, settings: InstrumentFile, place: Place) -> AsciiDevice:
+    """The driver of a generic ASCII device.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    settings : Settings
+        Its file.
+    place : Place
+        Its tables in the bench file.
+    """
+    chosen = cast(Settings, settings)
+    refuse_keyboard(device, place)
+    if SERIAL_GROUP not in (re.compile(chosen.identity_pattern or "").groupindex):
+        refuse_serial_number(device, place, chosen.title)
+    return AsciiDevice(device, chosen, place.table.serial_number)

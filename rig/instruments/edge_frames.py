@@ -1,0 +1,202 @@
+"""The frames of the edge counter, ten bytes an edge or a heartbeat, and its clock.
+
+``A5``, kind (``E`` edge, ``H`` heartbeat), sequence, flags, ticks (four bytes, lowest first), edge counter, CRC-8. What
+wraps (sequence, ticks, edge counter) is carried on here. docs/instruments.md describes the device.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from dataclasses import dataclass
+
+SYNC, EDGE, HEARTBEAT = 0xA5, 0x45, 0x48
+FRAME_BYTES = 10
+EDGES_LOST, INDEX, LEVEL = 1, 2, 4  # flags
+CRC_POLYNOMIAL = 0x07
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame's content; the names are those of the module's text."""
+
+    kind: int
+    sequence: int
+    flags: int
+    ticks: int
+    edges: int
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A frame's place on the device's own clock and count, both carried on over their wraps.
+
+    Attributes
+    ----------
+    is_edge : bool
+        Else a heartbeat.
+    ticks, edges : int
+        Since the first frame [-].
+    index : bool
+        Whether the edge is that of the index tooth.
+    fault : str
+        Why what lies between the mark before and this one cannot be trusted; empty when it can.
+    lost_by_device : bool
+        Whether the device itself says so.
+    restarted : bool
+        Whether the device's clock began anew.
+    """
+
+    is_edge: bool
+    ticks: int
+    edges: int
+    index: bool = False
+    fault: str = ""
+    lost_by_device: bool = False
+    restarted: bool = False
+
+
+def crc8(data: bytes) -> int:
+    """CRC-8, polynomial 0x07, starting at 0.
+
+    Parameters
+    ----------
+    data : bytes
+        What is protected.
+    """
+    crc = 0
+    for byte in data:
+        crc = _CRC[crc ^ byte]
+    return crc
+
+
+def _crc_of_byte(byte: int) -> int:
+    for _ in range(8):
+        byte = (byte << 1) ^ CRC_POLYNOMIAL if byte & 0x80 else byte << 1
+    return byte & 0xFF
+
+
+_CRC = bytes(_crc_of_byte(byte & 0xFF) for byte in range(256))
+
+
+def encode(frame: Frame) -> bytes:
+    """The bytes of a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        Its content.
+    """
+    body = struct.pack("<BBBBIB", SYNC, frame.kind, frame.sequence, frame.flags, frame.ticks, frame.edges)
+    return body + bytes([crc8(body)])
+
+
+def cut(buffer: bytes) -> tuple[list[Frame], bytes, int]:
+    """The whole frames of a buffer.
+
+    Parameters
+    ----------
+    buffer : bytes
+        What came.
+
+    Returns
+    -------
+    frames : list of Frame
+        Oldest first.
+    rest : bytes
+        What may become a frame.
+    skipped : int
+        Bytes that belong to no frame [-].
+    """
+    frames, place, skipped = [], 0, 0
+    while len(buffer) - place >= FRAME_BYTES:
+        frame = buffer[place : place + FRAME_BYTES]
+        if frame[0] == SYNC and frame[1] in (EDGE, HEARTBEAT) and crc8(frame[:-1]) == frame[-1]:
+            _, kind, sequence, flags, ticks, edges, _ = struct.unpack("<BBBBIBB", frame)
+            frames.append(Frame(kind, sequence, flags, ticks, edges))
+            place += FRAME_BYTES
+        else:
+            place, skipped = place + 1, skipped + 1
+    return frames, buffer[place:], skipped
+
+
+class Counting:
+    """Carries ticks and edges on over their wraps, and notices what is missing."""
+
+    def __init__(self) -> None:
+        self._last: Frame | None = None
+        self._ticks = self._edges = 0
+
+    def take(self, frame: Frame) -> Mark | None:
+        """The mark of the next frame; None when it is the frame before once more.
+
+        Parameters
+        ----------
+        frame : Frame
+            As it came.
+        """
+        last, self._last = self._last, frame
+        is_edge, index = frame.kind == EDGE, bool(frame.flags & INDEX)
+        if last is None:
+            return Mark(is_edge, 0, 0, index)
+        if frame == last:
+            return None
+        missing = (frame.sequence - last.sequence - 1) & 0xFF
+        ticks = (frame.ticks - last.ticks) & 0xFFFFFFFF
+        edges = (frame.edges - last.edges) & 0xFF
+        lost = bool(frame.flags & EDGES_LOST)
+        restarted = ticks >= 1 << 31
+        if restarted:
+            fault, ticks, edges = "the device's clock went back: it was started anew", 0, int(is_edge)
+        elif missing:
+            fault = f"{missing} frames are missing"
+        elif lost:
+            fault = "the device has lost edges"
+        elif edges != int(is_edge):
+            fault = f"the device counted {edges} edges where it sent {int(is_edge)}"
+        else:
+            fault = ""
+        self._ticks += ticks
+        self._edges += edges
+        return Mark(is_edge, self._ticks, self._edges, index, fault, lost, restarted)
+
+
+class DeviceClock:
+    """Lays the device's clock on the bench's: arrival less latency, where the latency is the least of late.
+
+    Parameters
+    ----------
+    window_ns : int
+        How long an arrival counts [ns].
+    """
+
+    def __init__(self, window_ns: int) -> None:
+        self._window_ns = window_ns
+        self._arrivals: deque[tuple[int, int]] = deque()  # arrival and offset, offsets rising
+
+    def saw(self, arrival_ns: int, device_ns: int) -> None:
+        """Note a frame.
+
+        Parameters
+        ----------
+        arrival_ns : int
+            When it came, on the bench's clock [ns].
+        device_ns : int
+            When it was made, on the device's [ns].
+        """
+        offset = arrival_ns - device_ns
+        while self._arrivals and self._arrivals[-1][1] >= offset:
+            self._arrivals.pop()
+        self._arrivals.append((arrival_ns, offset))
+        while arrival_ns - self._arrivals[0][0] > self._window_ns:
+            self._arrivals.popleft()
+
+    def bench_ns(self, device_ns: int) -> int:
+        """The bench's time at a time of the device [ns].
+
+        Parameters
+        ----------
+        device_ns : int
+            On the device's clock [ns].
+        """
+        return device_ns + self._arrivals[0][1]

@@ -1,0 +1,137 @@
+"""Where a device sits, out of its table in the bench file; each mistake in it as one line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from configs import ConfigError
+from rig.lines import Line, Timing
+from rig.lines.line import Reply
+from rig.lines.modbus import READ_HOLDING, Request, exchange
+
+if TYPE_CHECKING:
+    from rig.bench import Place
+
+FIRST_UNIT, LAST_UNIT = 1, 247  # of an RTU bus; 0 would be everyone's
+
+
+@dataclass(frozen=True)
+class ModbusUnit:
+    """A unit on a Modbus line.
+
+    Attributes
+    ----------
+    unit : int
+        Its address [-].
+    framing : str
+        ``rtu`` or ``tcp``.
+    """
+
+    unit: int
+    framing: str
+
+    def read(
+        self, line: Line, first: int, count: int, timing: Timing, function: int = READ_HOLDING
+    ) -> tuple[tuple[int, ...], Reply]:
+        """Read a block of registers once.
+
+        Parameters
+        ----------
+        line : Line
+            Where the unit is.
+        first, count : int
+            First register as on the wire, and how many [-].
+        timing : Timing
+            The device's.
+        function : int
+            `READ_HOLDING` or `READ_INPUT`.
+        """
+        return exchange(line, self.framing, Request(self.unit, function, first, count), timing)
+
+    def write(self, line: Line, first: int, values: tuple[int, ...], function: int, timing: Timing) -> None:
+        """Write registers once.
+
+        Parameters
+        ----------
+        line : Line
+            Where the unit is.
+        first : int
+            First register as on the wire [-].
+        values : tuple of int
+            0-65535 each [-].
+        function : int
+            `WRITE_ONE` or `WRITE_MANY`.
+        timing : Timing
+            The device's.
+        """
+        exchange(line, self.framing, Request(self.unit, function, first, len(values), values), timing)
+
+
+def modbus_unit(device: str, place: Place) -> ModbusUnit:
+    """Unit and framing of a Modbus device.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    place : Place
+        Its tables there.
+
+    Raises
+    ------
+    ConfigError
+        When the bench file does not say the unit, or the line carries no Modbus.
+    """
+    if place.line.kind == "keyboard":
+        raise ConfigError(f"devices.{device}.line: a Modbus device cannot be on a keyboard; name a serial or tcp line")
+    framing = place.line.framing or ("rtu" if place.line.kind == "serial" else "tcp")
+    unit = place.table.unit_id
+    if unit is None:
+        raise ConfigError(f"devices.{device}.unit_id: the key is missing; a Modbus device needs it (1 to 247)")
+    if framing == "rtu" and not FIRST_UNIT <= unit <= LAST_UNIT:
+        raise ConfigError(f"devices.{device}.unit_id: {unit} is no unit of an RTU bus; it is 1 to 247")
+    return ModbusUnit(unit, framing)
+
+
+def refuse_serial_number(device: str, place: Place, title: str) -> None:
+    """Refuse a serial number that nothing would check.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    place : Place
+        Its tables there.
+    title : str
+        The instrument, for the text.
+
+    Raises
+    ------
+    ConfigError
+        When the bench file gives one.
+    """
+    if place.table.serial_number:
+        raise ConfigError(
+            f"devices.{device}.serial_number: {title} does not tell its number over the wire as far as its file knows; "
+            "leave the key out, and write the number into 'calibration'"
+        )
+
+
+def refuse_keyboard(device: str, place: Place) -> None:
+    """Refuse a keyboard line for a device that has a cable.
+
+    Parameters
+    ----------
+    device : str
+        Its name in the bench file.
+    place : Place
+        Its tables there.
+
+    Raises
+    ------
+    ConfigError
+        When the line is a keyboard.
+    """
+    if place.line.kind == "keyboard":
+        raise ConfigError(f"devices.{device}.line: this instrument has a cable; name a serial or tcp line")

@@ -1,0 +1,75 @@
+"""Registers to numbers and back: the codec under every Modbus family."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Literal
+
+Kind = Literal["u16", "i16", "u32", "i32", "f32"]
+WordOrder = Literal["big", "little"]
+
+_FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
+
+
+def width_of(kind: Kind) -> int:
+    """How many registers a number takes [-].
+
+    Parameters
+    ----------
+    kind : str
+        ``u16``, ``i16``, ``u32``, ``i32`` or ``f32``.
+    """
+    return struct.calcsize(_FORMATS[kind]) // 2
+
+
+def number_of(words: Sequence[int], kind: Kind, order: WordOrder = "big") -> int | float:
+    """The number in one or two registers, as it came: before scale and offset.
+
+    Parameters
+    ----------
+    words : sequence of int
+        0-65535 each [-].
+    kind : str
+        How they are coded.
+    order : str
+        ``big``: the high word first. Within a register the high byte is always first.
+
+    Returns
+    -------
+    int or float
+        NaN and infinities included.
+    """
+    ordered = words if order == "big" else list(reversed(words))
+    number: int | float = struct.unpack(_FORMATS[kind], struct.pack(f">{len(ordered)}H", *ordered))[0]
+    return number
+
+
+def words_of(number: float, kind: Kind, order: WordOrder = "big") -> tuple[int, ...]:
+    """A number as registers; whole kinds are rounded.
+
+    Parameters
+    ----------
+    number : float
+        Before scale and offset, as `number_of` returns it [-].
+    kind : str
+        How it is coded.
+    order : str
+        ``big``: the high word first.
+
+    Returns
+    -------
+    tuple of int
+        0-65535 each.
+
+    Raises
+    ------
+    ValueError
+        When it does not fit.
+    """
+    try:
+        packed = struct.pack(_FORMATS[kind], number if kind == "f32" else round(number))
+    except (struct.error, OverflowError, ValueError):
+        raise ValueError(f"{number:g} does not fit a register of type {kind}") from None
+    words = struct.unpack(f">{len(packed) // 2}H", packed)
+    return words if order == "big" else tuple(reversed(words))

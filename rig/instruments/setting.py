@@ -1,0 +1,70 @@
+"""A set-point: ordered once, never repeated blindly, read back and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rig.instruments.instrument import InstrumentError
+from rig.instruments.polling import repeated
+from rig.lines import LineError, LostError
+from rig.readings import Quality
+
+
+def set_and_read_back(
+    value: float,
+    unit: str,
+    limits: tuple[float, float],
+    order: Callable[[], None],
+    read_back: Callable[[], float],
+    tolerance: float,
+    device: str,
+) -> float:
+    """Order a set-point and return what the device reads back.
+
+    Parameters
+    ----------
+    value : float
+        What to order [own unit].
+    unit : str
+        Its unit, for the text.
+    limits : (float, float)
+        Lowest and highest set-point [own unit].
+    order : callable
+        Sends the order, once.
+    read_back : callable
+        Asks what the device holds now; asked again once when the answer fails.
+    tolerance : float
+        How far the two may differ, by the device's resolution [own unit].
+    device : str
+        For the text.
+
+    Returns
+    -------
+    float
+        As read back [own unit].
+
+    Raises
+    ------
+    InstrumentError
+        When the value is outside the limits, the device refuses it, or holds another one.
+    LineError
+        When nobody answers.
+    """
+    lowest, highest = limits
+    if not lowest <= value <= highest:
+        raise InstrumentError(
+            f"{device}: {value:g} {unit} is not a set-point; it takes {lowest:g} to {highest:g} {unit}"
+        )
+    unconfirmed = ""
+    try:
+        order()
+    except LostError:
+        raise
+    except LineError as error:
+        if error.quality is Quality.EXCEPTION:
+            raise InstrumentError(f"{device} refuses {value:g} {unit}: {error}") from None
+        unconfirmed = f"; the order was not confirmed: {error}"
+    held = repeated(read_back, 1)
+    if not abs(held - value) <= tolerance:
+        raise InstrumentError(f"{device} was ordered {value:g} {unit} and reads back {held:g} {unit}{unconfirmed}")
+    return held

@@ -1,0 +1,86 @@
+"""What a regulator does by itself when it hears nothing: set and read back at the start, or waived by name."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from rig.bench import Bench
+from rig.instruments.instrument import InstrumentError
+from rig.interlock import SafetyError
+from rig.lines import LineError
+from rig.readings import Exchange
+
+
+class Commands(Protocol):
+    """Who can have a device do something: the acquisition."""
+
+    def command(self, device: str, action: str, argument: float | None = None, wait_s: float = 5.0) -> Exchange:
+        """Have a device do something, and wait until it is done.
+
+        Parameters
+        ----------
+        device : str
+            In the bench file.
+        action : str
+            What.
+        argument : float or None
+            Of a write [own unit].
+        wait_s : float
+            Longest wait, in real time [s].
+        """
+
+
+def regulators(bench: Bench) -> list[str]:
+    """The devices of a bench that can raise the pressure.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    """
+    return [device for device in bench.file.devices if hasattr(bench.build(device), "write")]
+
+
+def set_and_check(acquisition: Commands, bench: Bench) -> list[str]:
+    """Set the failsafe of every regulator; the driver reads it back.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+        Running.
+    bench : Bench
+        The bench.
+
+    Returns
+    -------
+    list of str
+        A line a regulator, for the record: what was set, or why not and that it is waived.
+
+    Raises
+    ------
+    SafetyError
+        When a regulator has none, or did not take it, and the bench file does not waive it by name.
+    """
+    waived = bench.file.safety.waive_failsafe
+    unknown = [name for name in waived if name not in bench.file.devices]
+    if unknown:
+        raise SafetyError(
+            f"[safety] waive_failsafe names '{unknown[0]}', and the bench has no such device "
+            f"({', '.join(bench.file.devices)})"
+        )
+    said, refused = [], []
+    for device in regulators(bench):
+        try:
+            said.append(f"{device}: {acquisition.command(device, 'failsafe').outcome}")
+        except (InstrumentError, LineError) as error:
+            if device in waived:
+                said.append(f"{device}: no communications failsafe, waived by the bench file ({error})")
+            else:
+                refused.append(
+                    f"{device}: would hold its pressure if this computer fell silent ({error}). Use a regulator with a "
+                    "communications failsafe, or accept that hardware alone vents then and write in the bench file: "
+                    f'[safety] waive_failsafe = ["{device}"]'
+                )
+    if refused:
+        raise SafetyError("\n".join(refused))
+    return said

@@ -1,0 +1,103 @@
+"""During the run: the last readings against the limits. The guard comes first; this is for what nobody predicted.
+
+A single reading beyond a limit trips: a false trip costs a run, a missed one a motor.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from rig.bench import RolesTable, SafetyTable
+from rig.readings import NS, Quality, Reading
+
+LEAST_REAL_S = 0.5  # on a clock faster than the wall's no signal is called lost sooner than this
+
+
+class View(Protocol):
+    """Who knows the latest readings: the acquisition."""
+
+    def last(self, channel: str) -> Reading | None:
+        """The newest reading of a channel, failed or not; None before the first.
+
+        Parameters
+        ----------
+        channel : str
+            ``device.channel``.
+        """
+
+
+class Limits:
+    """The trip rules of a bench. It remembers when each signal was last heard, and nothing else.
+
+    Parameters
+    ----------
+    safety : SafetyTable
+        The limits.
+    roles : RolesTable
+        Which channel is the speed, and which the pressure.
+    ambient_bar_abs : float
+        Of the room, for a gauge that counts from it [bar].
+    rate : float
+        Of the bench's clock [-].
+    """
+
+    def __init__(
+        self, safety: SafetyTable, roles: RolesTable, ambient_bar_abs: float = 1.01325, rate: float = 1.0
+    ) -> None:
+        self.safety, self.roles, self.ambient_bar_abs = safety, roles, ambient_bar_abs
+        self.longest_silence_s = max(safety.speed_stale_s, LEAST_REAL_S * rate if rate > 1.0 else 0.0)
+        self._heard_ns: dict[str, int] = {}
+        self._pressurised = False
+
+    def trip(self, view: View, now_ns: int, pressurised: bool) -> str | None:
+        """Why the line must be vented now; None when nothing is wrong. To be asked several times a second.
+
+        Parameters
+        ----------
+        view : View
+            The latest readings.
+        now_ns : int
+            Time of the bench [ns].
+        pressurised : bool
+            Whether the regulator is, or is being, set above zero: only then must the signals be there.
+        """
+        speed, pressure = view.last(self.roles.speed), view.last(self.roles.pressure)
+        if pressurised and not self._pressurised:  # what was silent before has not been silent under pressure
+            self._heard_ns = dict.fromkeys((self.roles.speed, self.roles.pressure), now_ns)
+        self._pressurised = pressurised
+        return (
+            self._beyond(speed, "speed", self.safety.highest_speed_rpm, "rpm", 0.0)
+            or self._beyond(pressure, "pressure", self.safety.highest_pressure_bar_abs, "bar abs", self._zero(pressure))
+            or self._silent(self.roles.speed, speed, now_ns, "speed")
+            or self._silent(self.roles.pressure, pressure, now_ns, "pressure")
+        )
+
+    def _zero(self, pressure: Reading | None) -> float:
+        return self.ambient_bar_abs if pressure is not None and pressure.channel.endswith("_gauge") else 0.0
+
+    @staticmethod
+    def _beyond(reading: Reading | None, what: str, limit: float, unit: str, zero: float) -> str | None:
+        """A value above the limit, or above its instrument's scale: then nobody knows how far."""
+        if reading is None or reading.value is None:
+            return None
+        value = reading.value + zero
+        if reading.quality is Quality.OVER_RANGE and reading.censored >= 0:
+            return f"{what} beyond the scale of {reading.name}: {value:.6g} {unit} or more, limit {limit:g} {unit}"
+        if reading.usable and value > limit:
+            return f"{what} {value:.6g} {unit} ({reading.name}), limit {limit:g} {unit}"
+        return None
+
+    def _silent(self, channel: str, reading: Reading | None, now_ns: int, what: str) -> str | None:
+        """No usable reading for too long while there is pressure."""
+        if not self._pressurised:
+            return None
+        if reading is not None and reading.usable:
+            self._heard_ns[channel] = max(self._heard_ns[channel], reading.reply_ns)
+        silence_s = (now_ns - self._heard_ns[channel]) / NS
+        if silence_s <= self.longest_silence_s:
+            return None
+        last = "nothing was ever read" if reading is None else f"the last reading is '{reading.quality}'"
+        return (
+            f"{what} signal lost: no usable reading of {channel} for {silence_s:.2f} s under pressure, limit "
+            f"{self.longest_silence_s:g} s; {last}"
+        )

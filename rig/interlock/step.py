@@ -1,0 +1,60 @@
+"""What the guard takes and gives: plateaus measured, the speed expected at the next, and whether it may be ordered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Point:
+    """One plateau.
+
+    Attributes
+    ----------
+    pressure_pa, speed_rad_s : float
+        Mean absolute pressure [Pa] and speed [rad/s].
+    speed_sd, pressure_sd : float
+        Of these means [rad/s, Pa].
+    """
+
+    pressure_pa: float
+    speed_rad_s: float
+    speed_sd: float
+    pressure_sd: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What is expected at a level [rpm].
+
+    Attributes
+    ----------
+    mean_rpm, upper99_rpm, lower99_rpm : float
+        Mean, and the speeds that are passed from above and below with 1 % each.
+    text : str
+        The same in words.
+    """
+
+    mean_rpm: float
+    upper99_rpm: float
+    lower99_rpm: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a level may be ordered, and why.
+
+    Attributes
+    ----------
+    allowed : bool
+        Whether.
+    text : str
+        The figures, and when refused what would do.
+    highest_pa_abs : float
+        The highest pressure that would be allowed now [Pa]; the level itself when it is allowed.
+    """
+
+    allowed: bool
+    text: str
+    highest_pa_abs: float

@@ -1,0 +1,246 @@
+"""A process of its own that sends the regulator to zero when the controller dies or hangs.
+
+It is started before the regulator is first raised, and has the bench file read and the driver built by then. The
+controller beats over a pipe, ten times a second, from a thread that does nothing else: a controller that is merely busy
+goes on beating, one that is stopped, or whose interpreter is stuck, does not. The system closes the pipe when the
+controller ends in any way, kill -9 included. Either way the watchdog opens the regulator's port (the lock of a dead
+controller falls with it) and orders zero, until it is read back. A release ends it without any of that.
+
+It leads a session of its own and ignores Ctrl-C, SIGTERM and SIGHUP, which are meant for the controller. It cannot help
+when the machine stops, or when both processes are killed at once: docs/safety.md.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rig.bench import Bench, LineTable
+from rig.clock import Clock
+from rig.interlock import SafetyError
+
+BEAT_S = 0.1
+SILENCE_S = 1.0  # without a beat, in real time, before the controller counts as hung
+START_S = 30.0  # for the process to read its files; a cold disk is slow
+END_S = 5.0
+BEAT, RELEASE = b".", b"R"
+READY = b"ready\n"
+FOLDER = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How to reach the regulator.
+
+    Attributes
+    ----------
+    bench_file : Path
+        The bench file; it and the instruments' files are read when the watchdog starts.
+    device : str
+        The regulator's name in it.
+    line : LineTable
+        Its line, with the port where it really is (on a virtual bench the pty or the TCP port in use).
+    rate : float
+        Of the bench's clock [-].
+    log : Path or None
+        Where a line of JSON says what was done; usually ``watchdog.jsonl`` of the run.
+    """
+
+    bench_file: Path
+    device: str
+    line: LineTable
+    rate: float = 1.0
+    log: Path | None = None
+
+    @classmethod
+    def of(
+        cls,
+        bench: Bench,
+        bench_file: Path,
+        clock: Clock,
+        log: Path | None = None,
+        where: Mapping[str, str | int] | None = None,
+    ) -> Plan:
+        """The plan for a bench's regulator.
+
+        Parameters
+        ----------
+        bench : Bench
+            The bench.
+        bench_file : Path
+            Where it was read from.
+        clock : Clock
+            Its clock.
+        log : Path or None
+            See the class.
+        where : mapping or None
+            ``port``, or ``host`` and ``tcp_port``, in place of what the bench file says.
+
+        Raises
+        ------
+        SafetyError
+            When the bench has no regulator.
+        """
+        device = bench.file.roles.regulator
+        if device is None:
+            raise SafetyError("the bench has no regulator, so a watchdog has nothing to set to zero")
+        table = bench.file.lines[bench.file.devices[device].line]
+        return cls(bench_file, device, table.model_copy(update=dict(where or {})), clock.rate, log)
+
+    def to_json(self) -> bytes:
+        """The plan as one line."""
+        table: dict[str, Any] = {
+            "bench_file": str(self.bench_file.resolve()),
+            "device": self.device,
+            "line": self.line.model_dump(),
+            "rate": self.rate,
+            "log": None if self.log is None else str(self.log.resolve()),
+        }
+        return json.dumps(table).encode() + b"\n"
+
+    @classmethod
+    def from_json(cls, text: bytes) -> Plan:
+        """A plan from `to_json`.
+
+        Parameters
+        ----------
+        text : bytes
+            One line.
+        """
+        table = json.loads(text)
+        log = None if table["log"] is None else Path(table["log"])
+        return cls(Path(table["bench_file"]), table["device"], LineTable(**table["line"]), table["rate"], log)
+
+
+class Beat(threading.Thread):
+    """Writes a beat into the pipe, and does nothing else, so that nothing else delays it.
+
+    Parameters
+    ----------
+    pipe : int
+        File descriptor of the writing end.
+    """
+
+    def __init__(self, pipe: int) -> None:
+        super().__init__(name="watchdog beat", daemon=True)
+        self._pipe = pipe
+        self._ending = threading.Event()
+
+    def run(self) -> None:
+        """Beat until `end`, or until nobody listens."""
+        while not self._ending.is_set():
+            try:
+                os.write(self._pipe, BEAT)
+            except BlockingIOError:
+                pass  # the pipe is full of beats that a stopped watchdog has not read
+            except OSError:
+                return
+            self._ending.wait(BEAT_S)
+
+    def end(self) -> None:
+        """Stop beating, and wait until it has stopped."""
+        self._ending.set()
+        self.join()
+
+
+class Watchdog:
+    """The controller's end. Use `start`, and `release` once the regulator is at zero.
+
+    Parameters
+    ----------
+    process : subprocess.Popen
+        The watchdog.
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        if process.stdin is None or process.stdout is None:
+            raise ValueError("the watchdog needs both its pipes")
+        self._process, self._pipe, self._said = process, process.stdin, process.stdout
+        os.set_blocking(self._pipe.fileno(), False)
+        self._beat = Beat(self._pipe.fileno())
+        self._beat.start()
+
+    @classmethod
+    def start(cls, plan: Plan) -> Watchdog:
+        """Start the process, and wait until it watches.
+
+        Parameters
+        ----------
+        plan : Plan
+            How to reach the regulator.
+
+        Raises
+        ------
+        SafetyError
+            When it does not get ready; the regulator must not be raised then.
+        """
+        places = [str(FOLDER), os.environ.get("PYTHONPATH", "")]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "rig.interlock.watching"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # it outlives the terminal
+            bufsize=0,
+            start_new_session=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(place for place in places if place)},
+        )
+        if process.stdin is not None:
+            with contextlib.suppress(OSError):
+                process.stdin.write(plan.to_json())
+        watchdog = cls(process)
+        watchdog._wait_until_ready()
+        return watchdog
+
+    @property
+    def pid(self) -> int:
+        """Of the process [-]."""
+        return self._process.pid
+
+    def fault(self) -> str | None:
+        """Why nobody watches any more; None while somebody does. A run without its watchdog is ended."""
+        code = self._process.poll()
+        if code is None:
+            return None
+        return f"the watchdog process has ended (exit code {code}); its log says why"
+
+    def release(self) -> None:
+        """End it without action; harmless when it has ended."""
+        self._beat.end()
+        with contextlib.suppress(OSError):
+            os.write(self._pipe.fileno(), RELEASE)
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._pipe.close()
+        self._said.close()
+
+    def __enter__(self) -> Watchdog:
+        """Already started."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Release it; the caller has set the regulator to zero by then."""
+        self.release()
+
+    def _wait_until_ready(self) -> None:
+        said = b""
+        if select.select([self._said], [], [], START_S)[0]:
+            said = os.read(self._said.fileno(), 4096)
+        if said != READY:
+            self.release()
+            why = said.decode(errors="replace").strip()[:500] or "it said nothing"
+            raise SafetyError(f"the watchdog of the regulator did not start: {why}")

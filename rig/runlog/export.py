@@ -1,0 +1,261 @@
+"""A run as a recording/1 folder: plateaus, zero phases and captures, with the figures of the instruments.
+
+Only usable readings go in; what was left out is counted in notes.txt beside the data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rig.readings import NS
+from rig.recording import Ambient, Column, Recording, RecordingFile, write_recording
+from rig.runlog.figures import Figures
+from rig.runlog.folder import RunError, write_whole
+from rig.runlog.phases import Phase, Series, captures, quantity_channels, series, zeros
+from rig.runlog.plateaus import PRESSURES, PlateauRow
+from rig.runlog.reader import Run
+from rig.runlog.schema import AmbientRecord
+
+NOTES = "notes.txt"
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What an export made.
+
+    Attributes
+    ----------
+    recording : Recording
+        As it was written.
+    notes : list of str
+        What was left out, and what was assumed.
+    """
+
+    recording: Recording
+    notes: list[str]
+
+
+def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exported:
+    """Write a run as a recording/1 folder.
+
+    Parameters
+    ----------
+    run : Run
+        Sealed or killed.
+    folder : Path
+        The folder to make.
+    unsettled : bool
+        Whether plateaus that had not settled are taken too.
+
+    Raises
+    ------
+    RunError
+        When the run is being written, or holds nothing that a recording could.
+    RecordingError
+        When the folder cannot be made.
+    """
+    exported = recording_of(run, unsettled)
+    write_recording(exported.recording, Path(folder))
+    text = "\n".join([f"exported from the run {run.name}", *exported.notes]) + "\n"
+    write_whole(Path(folder) / NOTES, text.encode("utf-8"))
+    return exported
+
+
+def recording_of(run: Run, unsettled: bool = False) -> Exported:
+    """A run as a recording, not written anywhere: what `fit` and `diagnose` take of a run folder.
+
+    Parameters
+    ----------
+    run : Run
+        Sealed or killed.
+    unsettled : bool
+        Whether plateaus that had not settled are taken too.
+
+    Raises
+    ------
+    RunError
+        When the run is being written, or holds nothing that a recording could.
+    """
+    if run.state == "being written":
+        raise RunError(f"{run.folder}: a program writes this run now; export it when it has ended")
+    notes = _about(run)
+    channels = quantity_channels(run)
+    figures = Figures(run, channels)
+    plateaus = _chosen(run, unsettled, notes)
+    zero_phases, left_out = zeros(run)
+    notes += left_out
+    files = [
+        file
+        for file in (
+            _steady(plateaus, figures, notes),
+            _zero(run, channels, zero_phases, figures, notes),
+            *_transients(run, channels, figures, notes),
+        )
+        if file is not None
+    ]
+    notes += _counted(run, channels, plateaus)
+    if not files:
+        raise RunError(
+            f"{run.folder}: nothing to export: {len(run.plateau_rows)} plateaus written, of which {len(plateaus)} can "
+            f"be used, and no zero phase or capture with readings; {'; '.join(notes[1:]) or 'the run ended too early'}"
+        )
+    columns = {name for file in files for name in file.columns}
+    recording = Recording(
+        folder=run.folder,
+        motor=run.start.motor,
+        ambient=_ambient(run),
+        channels={name: figures.channel(name) for name in channels if name in columns},
+        files=tuple(files),
+    )
+    return Exported(recording, notes)
+
+
+def _about(run: Run) -> list[str]:
+    notes = []
+    if run.start.simulated:
+        notes.append("simulated: the readings are those of a virtual bench")
+    if run.state != "finished":
+        reason = f" ({run.end.reason})" if run.end is not None and run.end.reason else ""
+        notes.append(f"the run is {run.state}{reason}")
+    notes += [f"{name} ends in a torn line; {dropped} bytes were left out" for name, dropped in run.torn.items()]
+    return notes
+
+
+def _chosen(run: Run, unsettled: bool, notes: list[str]) -> list[PlateauRow]:
+    """The plateaus that can be used, in the order of time."""
+    chosen = []
+    for plateau in run.plateaus:
+        found = set(plateau.means)
+        if not found & set(PRESSURES) or not found & {"speed_rpm", "flow_l_min"}:
+            notes.append(f"plateau {plateau.n}: left out, no pressure, or neither speed nor flow")
+        elif not plateau.settled and not unsettled:
+            notes.append(f"plateau {plateau.n}: left out, not settled ({plateau.note or 'no note'})")
+        else:
+            chosen.append(plateau)
+    return sorted(chosen, key=lambda plateau: (plateau.start_s, plateau.n))
+
+
+def _steady(plateaus: list[PlateauRow], figures: Figures, notes: list[str]) -> RecordingFile | None:
+    if not plateaus:
+        return None
+    columns = {"time_s": _column([(plateau.start_s + plateau.end_s) / 2.0 for plateau in plateaus])}
+    if len(set(columns["time_s"].values.tolist())) < len(plateaus):
+        notes.append("sweep.csv: without times, some plateaus have the same")
+        del columns["time_s"]
+    for name in figures.channels:
+        means = [plateau.means.get(name) for plateau in plateaus]
+        if any(mean is not None for mean in means):
+            values = [np.nan if mean is None else mean.mean for mean in means]
+            columns[name] = _column(values, [0 if mean is None else mean.censored for mean in means])
+    direction = np.array([plateau.direction for plateau in plateaus], dtype="<U4")
+    return RecordingFile("sweep.csv", "steady", 0.0, 1.0, len(plateaus), columns, direction)
+
+
+def _zero(
+    run: Run, channels: dict[str, str], phases: list[Phase], figures: Figures, notes: list[str]
+) -> RecordingFile | None:
+    """One row a zero phase, the mean of each channel."""
+    from rig.sweep.plateau import mean_of  # late: the sweep writes run logs
+
+    cells: dict[str, list[tuple[float, int]]] = {name: [] for name in channels}
+    errors: dict[str, list[float]] = {name: [] for name in channels}
+    for phase in phases:
+        for name, channel in channels.items():
+            read = series(run, channel, phase.start_s, phase.end_s)
+            mean = mean_of(read.time_ns / NS, read.value, read.censored)
+            value = np.nan if mean.mean is None or (name == "speed_rpm" and mean.mean < 0.0) else mean.mean
+            cells[name].append((value, mean.censored))
+            errors[name] += [mean.se] if mean.se else []
+    columns = {
+        name: _column([value for value, _ in found], [censored for _, censored in found])
+        for name, found in cells.items()
+        if any(not np.isnan(value) for value, _ in found)
+    }
+    if not columns:
+        notes += [f"{len(phases)} zero phases without a usable reading"] * bool(phases)
+        return None
+    times = [(phase.start_s + phase.end_s) / 2.0 for phase in phases]
+    if len(set(times)) == len(times):
+        columns = {"time_s": _column(times)} | columns
+    return RecordingFile("zero.csv", "zero", 0.0, figures.scale_of(errors), len(phases), columns)
+
+
+def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: list[str]) -> list[RecordingFile]:
+    files: list[RecordingFile] = []
+    for phase in captures(run):
+        stem = phase.kind.replace("-", "_")
+        number = 1 + sum(file.file.startswith(stem) for file in files)
+        name = f"{stem}.csv" if number == 1 else f"{stem}_{number}.csv"
+        read = {
+            column: series(run, channel, phase.start_s, phase.end_s)
+            for column, channel in channels.items()
+            if column != "inlet_temperature_c"
+        }
+        sampled = {column for column, found in read.items() if found.value.size}
+        if not sampled & set(PRESSURES) or not sampled & {"speed_rpm", "flow_l_min"}:
+            notes.append(f"{phase.kind} from {phase.start_s:.1f} s: left out, no pressure, or neither speed nor flow")
+            continue
+        files.append(_transient(name, phase, {column: read[column] for column in read if column in sampled}, figures))
+        for column, found in read.items():
+            if found.unusable or found.unverified:
+                words = f"{found.unusable} readings unusable and left out, {found.unverified} unverified"
+                notes.append(f"{name}, {column}: {words}")
+    return files
+
+
+def _transient(name: str, phase: Phase, read: dict[str, Series], figures: Figures) -> RecordingFile:
+    """Each channel at its own times: a row holds what was sampled then, and the other cells are empty."""
+    times = np.unique(np.concatenate([found.time_ns for found in read.values()]))
+    start_ns = round(phase.start_s * NS)
+    columns = {"time_s": _column((times - start_ns) / NS)}
+    for column, found in read.items():
+        values = np.full(times.size, np.nan)
+        censored = np.zeros(times.size, dtype=np.int8)
+        rows = np.searchsorted(times, found.time_ns)
+        values[rows] = np.maximum(found.value, 0.0) if column == "speed_rpm" else found.value
+        censored[rows] = found.censored
+        columns[column] = _column(values, censored)
+    if phase.event_s is not None:
+        is_open = (times >= round(phase.event_s * NS)) == (phase.kind == "spin-up")
+        columns["supply_open"] = _column(is_open.astype(np.float64))
+    scale = figures.sample_scale("speed_rpm" if "speed_rpm" in read else "flow_l_min")
+    return RecordingFile(name, "transient", phase.start_s, scale, times.size, columns)
+
+
+def _counted(run: Run, channels: dict[str, str], plateaus: list[PlateauRow]) -> list[str]:
+    """What there was beside checked readings, in the plateaus that were taken."""
+    notes = []
+    for name, channel in channels.items():
+        found = [series(run, channel, plateau.start_s, plateau.end_s) for plateau in plateaus]
+        unusable, unverified = sum(one.unusable for one in found), sum(one.unverified for one in found)
+        if unusable or unverified:
+            total = unusable + sum(one.value.size for one in found)
+            words = f"of {total} readings in the plateaus {unusable} were unusable and {unverified} unverified"
+            notes.append(f"{name} ({channel}): {words}")
+    return notes
+
+
+def _ambient(run: Run) -> Ambient:
+    """The room: start and end halved, half their difference as an error when that is larger than the stated one."""
+    start = run.start.ambient
+    end = (run.end.ambient_end if run.end is not None else None) or AmbientRecord()
+    pressure, pressure_sd = _between(start.pressure_bar_abs, end.pressure_bar_abs, start.pressure_sd_bar)
+    temperature, temperature_sd = _between(start.temperature_c, end.temperature_c, start.temperature_sd_k)
+    humidity, _ = _between(start.relative_humidity, end.relative_humidity, None)
+    return Ambient(pressure, pressure_sd, temperature, temperature_sd, humidity)
+
+
+def _between(start: float | None, end: float | None, sd: float | None) -> tuple[float | None, float | None]:
+    known = [value for value in (start, end) if value is not None]
+    if not known:
+        return None, None
+    spread = (max(known) - min(known)) / 2.0
+    return sum(known) / len(known), max(sd or 0.0, spread) or sd
+
+
+def _column(values: object, censored: object = None) -> Column:
+    array = np.asarray(values, dtype=np.float64)
+    return Column(array, np.zeros(array.size, np.int8) if censored is None else np.asarray(censored, dtype=np.int8))

@@ -1,0 +1,127 @@
+"""The figures of a run's instruments, as a recording states them: noise of a row, offset, scale, resolution."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from rig.recording import Channel
+from rig.recording.schema import ChannelTable, channel_of
+from rig.runlog.reader import Run
+from rig.runlog.schema import ChannelRecord
+
+TEMPERATURE_SHARE = (
+    2.0 / 293.0
+)  # of a standard-volume flow brought to an inlet state whose temperature was not measured
+
+
+class Figures:
+    """What is known of each quantity's instrument.
+
+    Parameters
+    ----------
+    run : Run
+        Its devices' records hold the figures, its plateaus the noise.
+    channels : mapping of str to str
+        Quantity to ``device.channel``.
+    """
+
+    def __init__(self, run: Run, channels: Mapping[str, str]) -> None:
+        self.channels = dict(channels)
+        self._records = {name: self._record(run, name) for name in channels}
+        self._errors = {name: _rms(self._plateau_errors(run, name)) for name in channels}
+        self._scatter = {name: _rms(self._plateau_scatter(run, name)) for name in channels}
+
+    def channel(self, name: str) -> Channel:
+        """A quantity's figures; its noise is the rms standard error of the plateau means.
+
+        Parameters
+        ----------
+        name : str
+            The quantity.
+        """
+        record = self._records[name]
+        stated = {
+            "noise_sd": self.noise_sd(name),
+            "bias_sd": record.bias_sd,
+            "scale_sd": record.scale_sd,
+            "resolution": record.resolution,
+        }
+        return channel_of(name, ChannelTable(**stated))
+
+    def noise_sd(self, name: str) -> float | None:
+        """Noise of one row of the steady file; the instrument's own where the plateaus do not show it.
+
+        Parameters
+        ----------
+        name : str
+            The quantity.
+        """
+        return self._errors[name] or self._records[name].noise_sd or None
+
+    def sample_scale(self, name: str) -> float:
+        """Noise of a single reading, times that of a row of the steady file [-].
+
+        Parameters
+        ----------
+        name : str
+            The quantity.
+        """
+        noise = self.noise_sd(name)
+        sample = self._records[name].noise_sd or self._scatter[name]
+        return _ratio(sample, noise)
+
+    def scale_of(self, errors: Mapping[str, list[float]]) -> float:
+        """Noise of rows with these standard errors, times that of the steady file: the largest of the quantities [-].
+
+        Parameters
+        ----------
+        errors : mapping of str to list of float
+            Standard errors by quantity [own unit].
+        """
+        ratios = [
+            _ratio(_rms(found), self.noise_sd(name)) for name, found in errors.items() if found and name != "speed_rpm"
+        ]
+        return max(ratios, default=1.0)
+
+    def _record(self, run: Run, name: str) -> ChannelRecord:
+        device, _, channel = self.channels[name].partition(".")
+        if device == "derived":
+            return self._derived(run)
+        table = run.start.devices.get(device)
+        return (table.channels.get(channel) if table else None) or ChannelRecord()
+
+    def _derived(self, run: Run) -> ChannelRecord:
+        """Figures of the derived flow: the meter's, brought to the inlet's state as the readings were, on average."""
+        device, _, channel = (run.start.roles.get("flow") or "").partition(".")
+        table = run.start.devices.get(device)
+        meter = (table.channels.get(channel) if table else None) or ChannelRecord()
+        samples = run.samples
+        used = samples[samples["value"].abs() > 0.0]
+        ours = used[used["device"] == "derived"]["value"].abs().mean()
+        theirs = used[(used["device"] == device) & (used["channel"] == channel)]["value"].abs().mean()
+        factor = float(ours / theirs) if theirs and math.isfinite(ours / theirs) else 1.0
+        return ChannelRecord(
+            noise_sd=None if meter.noise_sd is None else meter.noise_sd * factor,
+            bias_sd=None if meter.bias_sd is None else meter.bias_sd * factor,
+            scale_sd=None if meter.scale_sd is None else math.hypot(meter.scale_sd, TEMPERATURE_SHARE),
+            resolution=None if meter.resolution is None else meter.resolution * factor,
+        )
+
+    def _plateau_errors(self, run: Run, name: str) -> list[float]:
+        means = [plateau.means[name] for plateau in run.plateaus if name in plateau.means]
+        return [mean.se for mean in means if mean.se and not mean.censored]
+
+    def _plateau_scatter(self, run: Run, name: str) -> list[float]:
+        means = [plateau.means[name] for plateau in run.plateaus if name in plateau.means]
+        return [mean.se * math.sqrt(mean.n_eff) for mean in means if mean.se and mean.n_eff and not mean.censored]
+
+
+def _rms(values: list[float]) -> float | None:
+    return float(np.sqrt(np.mean(np.square(values)))) if values else None
+
+
+def _ratio(value: float | None, to: float | None) -> float:
+    return value / to if value and to else 1.0

@@ -1,0 +1,68 @@
+"""The whole lines of a file that a killed program may have left with a torn last one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from rig.runlog.folder import MAX_FILE_BYTES, RunError, open_plain
+
+BLOCK_BYTES = 1 << 20
+MAX_LINE_BYTES = 64 << 20
+
+
+def torn_bytes(path: Path) -> int:
+    """How many bytes at the end of a file belong to no whole line [bytes].
+
+    A line is whole when it ends in a line feed. A power cut may leave zero bytes where the last rows should be: a line
+    of which the file holds nothing but zeros to its end is torn too.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+    with open_plain(path, MAX_FILE_BYTES) as stream:
+        size = stream.seek(0, 2)
+        end, only_zeros = size, True
+        while end > 0:
+            start = max(0, end - BLOCK_BYTES)
+            stream.seek(start)
+            block = stream.read(end - start)
+            if only_zeros:
+                block = block.rstrip(b"\0")
+                only_zeros = not block
+            newline = block.rfind(b"\n")
+            if newline >= 0:
+                return size - (start + newline + 1)
+            end = start
+        return size
+
+
+def whole_lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """The lines of a file, from 1, without their line feeds; a torn last line is left out.
+
+    Parameters
+    ----------
+    path : Path
+        The file; a missing one has no lines.
+
+    Raises
+    ------
+    RunError
+        When it is no plain file or no text.
+    """
+    if not path.exists() and not path.is_symlink():
+        return
+    left = path.lstat().st_size - torn_bytes(path)
+    number = 0
+    with open_plain(path, MAX_FILE_BYTES) as stream:
+        while left > 0:
+            line = stream.readline(min(left, MAX_LINE_BYTES))
+            left -= len(line)
+            number += 1
+            if not line.endswith(b"\n"):
+                raise RunError(f"{path}, line {number}: longer than {MAX_LINE_BYTES} bytes; this is no file of a run")
+            if b"\0" in line:
+                raise RunError(f"{path}, line {number}: holds zero bytes; the file is damaged")
+            yield number, line[:-1]

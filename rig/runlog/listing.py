@@ -1,0 +1,196 @@
+"""What `spinbench runs` shows: a row a run, and one run in full."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.recording.mistakes import shown
+from rig.runlog.folder import PLATEAUS, SAMPLES, START, RunError, is_locked
+from rig.runlog.lines import whole_lines
+from rig.runlog.plateaus import QUANTITIES, Mean, PlateauRow
+from rig.runlog.reader import Run, read_end, read_start
+
+SHOWN_EVENTS = 40
+QUIET = {"state", "set-point", "statistics"}  # events that are no news in a summary
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """One run in the list.
+
+    Attributes
+    ----------
+    name, kind, bench, utc_start : str
+        From the start record.
+    outcome : str
+        ``finished``, ``aborted``, ``failed``, ``killed``, ``being written``, or ``unreadable: ...``.
+    rows, plateaus : int
+        Samples and plateaus [-].
+    simulated : bool
+        Whether the bench was a virtual one.
+    """
+
+    name: str
+    kind: str = ""
+    bench: str = ""
+    utc_start: str = ""
+    outcome: str = ""
+    rows: int = 0
+    plateaus: int = 0
+    simulated: bool = False
+
+
+def list_runs(root: Path) -> list[RunRow]:
+    """The runs of a folder, oldest first; other folders in it are passed over.
+
+    Parameters
+    ----------
+    root : Path
+        Where runs are kept.
+    """
+    if not root.is_dir():
+        return []
+    folders = [entry for entry in root.iterdir() if entry.is_dir() and (entry / START).exists()]
+    return [_row(folder) for folder in sorted(folders)]
+
+
+def _row(folder: Path) -> RunRow:
+    name = shown(folder.name, 100)
+    try:
+        start = read_start(folder)
+        locked = is_locked(folder)
+        end = read_end(folder)
+        outcome = str(end.outcome) if end is not None else "being written" if locked else "killed"
+        counts = dict(end.counts) if end is not None else {}
+        rows = counts.get("samples", -1) if counts else _lines(folder / SAMPLES)
+        plateaus = counts.get("plateaus", -1) if counts else _lines(folder / PLATEAUS)
+        begun = start.utc_start[:19].replace("T", " ")
+        return RunRow(name, start.kind, start.bench, begun, outcome, max(rows, 0), max(plateaus, 0), start.simulated)
+    except RunError as error:
+        return RunRow(name, outcome=f"unreadable: {shown(str(error).splitlines()[0], 120)}")
+
+
+def _lines(path: Path) -> int:
+    """Rows under the header."""
+    return max(sum(1 for _ in whole_lines(path)) - 1, 0)
+
+
+def find_run(name: str | Path, root: Path) -> Path:
+    """A run's folder, by its path, its name, or the beginning of its name.
+
+    Parameters
+    ----------
+    name : str or Path
+        What the person typed; ``last`` is the newest run.
+    root : Path
+        Where runs are kept.
+
+    Raises
+    ------
+    RunError
+        When there is no such run, or more than one.
+    """
+    path = Path(name)
+    if (path / START).exists() or len(path.parts) > 1:
+        return path
+    found = [row.name for row in list_runs(root) if str(name) == "last" or row.name.startswith(str(name))]
+    if str(name) == "last" and found:
+        return root / found[-1]
+    if str(name) in found or len(found) == 1:
+        return root / (str(name) if str(name) in found else found[0])
+    if found:
+        raise RunError(
+            f"{len(found)} runs in {root} begin with '{name}': {', '.join(found[:10])}; type more of the name"
+        )
+    raise RunError(f"no run in {root} is called '{name}'; `spinbench runs list` shows those there are")
+
+
+def summary(run: Run) -> str:
+    """One run in full, for reading: start, plateaus, what went wrong, end.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    """
+    return (
+        "\n".join([*_start_lines(run), "", *_plateau_lines(run), "", *_event_lines(run), "", *_end_lines(run)]) + "\n"
+    )
+
+
+def _start_lines(run: Run) -> list[str]:
+    start = run.start
+    ambient = start.ambient
+    room = [
+        "pressure not noted" if ambient.pressure_bar_abs is None else f"{ambient.pressure_bar_abs:.4f} bar",
+        "temperature not noted" if ambient.temperature_c is None else f"{ambient.temperature_c:.1f} degC",
+        "humidity not noted" if ambient.relative_humidity is None else f"{100.0 * ambient.relative_humidity:.0f} % RH",
+    ]
+    motor = start.motor if isinstance(start.motor, str) else str(start.motor.get("kind", "a motor given in full"))
+    lines = [
+        f"{shown(run.name, 100)}: {start.kind} on bench {_text(start.bench)}{', simulated' if start.simulated else ''}",
+        f"state      {run.state}",
+        f"start      {_text(start.utc_start)} UTC, operator {_text(start.operator) or 'not noted'}",
+        f"motor      {_text(motor)}, lubrication {_text(start.lubrication) or 'not noted'}",
+        f"room       {', '.join(room)}",
+    ]
+    if start.parent:
+        lines.append(f"parent     {_text(start.parent)}")
+    lines += [f"{key:<10} {_text(value)}" for key, value in start.imported.items()]
+    for name, device in start.devices.items():
+        known = ", ".join(_text(part) for part in (device.instrument, device.identity, device.calibration) if part)
+        lines.append(f"device     {_text(name)}: {known}{f' ({_text(device.trust)})' if device.trust else ''}")
+    return lines
+
+
+def _plateau_lines(run: Run) -> list[str]:
+    if not run.plateaus:
+        return ["no plateaus"]
+    names = [name for name in QUANTITIES if any(name in plateau.means for plateau in run.plateaus)]
+    lines = ["  n  way   " + "  ".join(f"{name:>22}" for name in names) + "  note"]
+    for plateau in run.plateaus:
+        cells = "  ".join(f"{_mean(plateau, name):>22}" for name in names)
+        note = "; ".join(word for word in ("" if plateau.settled else "not settled", _text(plateau.note)) if word)
+        lines.append(f"{plateau.n:>3}  {plateau.direction:<5} {cells}  {note}".rstrip())
+    gone = len({row.n for row in run.plateau_rows}) - len(run.plateaus)
+    return lines + [f"{gone} plateaus were taken back"] * bool(gone)
+
+
+def _mean(plateau: PlateauRow, name: str) -> str:
+    mean: Mean | None = plateau.means.get(name)
+    if mean is None:
+        return ""
+    sign = {-1: "<", 0: "", 1: ">"}[mean.censored]
+    return f"{sign}{mean.mean:.5g}" + (f" +- {mean.se:.2g}" if mean.se is not None else "")
+
+
+def _event_lines(run: Run) -> list[str]:
+    news = [event for event in run.events if event.event not in QUIET]
+    lines = [f"{len(run.events)} events" + (f", the last {SHOWN_EVENTS} that are news:" if news else "")]
+    for event in news[-SHOWN_EVENTS:]:
+        details = ", ".join(f"{_text(str(key))}={_text(str(value))}" for key, value in event.details.items())
+        lines.append(f"{event.time_s:10.2f} s  {_text(event.event)}  {shown(details, 160)}".rstrip())
+    return lines
+
+
+def _end_lines(run: Run) -> list[str]:
+    qualities = ", ".join(f"{count} {quality}" for quality, count in run.samples["quality"].value_counts().items())
+    lines = [f"samples    {len(run.samples)}{f' ({qualities})' if qualities else ''}"]
+    lines += [f"torn       {name}: {dropped} bytes at its end are left out" for name, dropped in run.torn.items()]
+    if run.end is None:
+        killed = "killed: there is no end record; `spinbench runs repair` seals the run"
+        return [
+            *lines,
+            "end        a program writes it now" if run.state == "being written" else f"end        {killed}",
+        ]
+    end = run.end
+    lines.append(f"end        {_text(end.utc_end)} UTC, {end.outcome}{f': {_text(end.reason)}' if end.reason else ''}")
+    if end.vented is not None:
+        lines.append(f"line       {'vented' if end.vented else 'NOT known to be vented'}")
+    return lines
+
+
+def _text(text: str) -> str:
+    """Text of a file, fit for a terminal."""
+    return shown(text, 200)

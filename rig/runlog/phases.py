@@ -1,0 +1,156 @@
+"""The stretches of a run that an export looks at: zero phases, captures, and the readings within them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.acquisition.derived import CHANNEL as DERIVED_CHANNEL
+from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
+from rig.readings import NS, USABLE, Quality
+from rig.runlog.plateaus import columns_of
+from rig.runlog.reader import Run
+from rig.runlog.schema import EventLine
+
+ZERO, CAPTURE = "zero", "capture"
+CAPTURES = ("coast-down", "spin-up")
+_USABLE = [quality.value for quality in USABLE]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A stretch of a run.
+
+    Attributes
+    ----------
+    kind : str
+        ``zero``, ``coast-down`` or ``spin-up``.
+    start_s, end_s : float
+        On the bench's clock [s].
+    event_s : float or None
+        Of a capture: when the supply was shut or opened [s].
+    """
+
+    kind: str
+    start_s: float
+    end_s: float
+    event_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Series:
+    """The usable readings of one channel over a stretch, oldest first, and how many others there were.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (n,)
+        On the bench's clock [ns].
+    value : ndarray, shape (n,)
+        In the channel's unit.
+    censored : ndarray of int, shape (n,)
+        -1 and 1 beyond the scale [-].
+    unusable, unverified : int
+        Readings that failed, and those among the usable ones that nothing checked [-].
+    """
+
+    time_ns: NDArray[np.int64]
+    value: NDArray[np.float64]
+    censored: NDArray[np.int64]
+    unusable: int
+    unverified: int
+
+
+def quantity_channels(run: Run) -> dict[str, str]:
+    """The channel of each quantity, ``device.channel``, by the name of its recording/1 column.
+
+    Parameters
+    ----------
+    run : Run
+        Its roles say it; for the flow, the derived channel goes before the meter's own.
+    """
+    columns = columns_of(run.start.roles)
+    channels = {column: run.start.roles[role] or "" for role, column in columns.items()}
+    if "flow_l_min" in channels and (run.samples["device"] == DERIVED_DEVICE).any():
+        channels["flow_l_min"] = f"{DERIVED_DEVICE}.{DERIVED_CHANNEL}"
+    elif "flow_l_min" in channels and channels["flow_l_min"].partition(".")[2] != "flow_l_min":
+        del channels["flow_l_min"]  # standard litres, and nothing brought them to the inlet's state
+    return channels
+
+
+def series(run: Run, channel: str, start_s: float, end_s: float) -> Series:
+    """The readings of a channel over a stretch.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    channel : str
+        ``device.channel``.
+    start_s, end_s : float
+        Both ends are taken in [s].
+    """
+    device, _, name = channel.partition(".")
+    samples = run.samples
+    time_ns = samples["time_ns"].to_numpy()
+    within = samples[(time_ns >= round(start_s * NS)) & (time_ns <= round(end_s * NS))]
+    rows = within[(within["device"] == device) & (within["channel"] == name)]
+    usable = rows["value"].notna().to_numpy() & rows["quality"].isin(_USABLE).to_numpy()
+    kept = rows[usable]
+    order = np.argsort(kept["time_ns"].to_numpy(), kind="stable")
+    return Series(
+        kept["time_ns"].to_numpy()[order],
+        kept["value"].to_numpy()[order],
+        kept["censored"].to_numpy()[order],
+        int((~usable).sum()),
+        int((kept["quality"] == Quality.UNVERIFIED.value).sum()),
+    )
+
+
+def zeros(run: Run) -> tuple[list[Phase], list[str]]:
+    """The zero phases of a run, and what was left out.
+
+    Parameters
+    ----------
+    run : Run
+        Its events ``zero`` hold ``start_s``, ``end_s`` and ``vented``.
+    """
+    events = [event for event in run.events if event.event == ZERO]
+    phases = [Phase(ZERO, *_span(event)) for event in events if event.details.get("vented") is not False]
+    notes = [f"a zero phase was left out: the line was not vented ({len(events) - len(phases)} times)"]
+    if not events and run.start.kind == ZERO:
+        phases = [_whole(run, ZERO)]
+    return phases, notes if len(phases) < len(events) else []
+
+
+def captures(run: Run) -> list[Phase]:
+    """The captures of a run.
+
+    Parameters
+    ----------
+    run : Run
+        Its events ``capture`` hold ``which``, ``start_s``, ``event_s`` and ``end_s``; a run of kind ``coast-down`` or
+        ``spin-up`` without such an event is one capture from end to end.
+    """
+    phases = []
+    for event in run.events:
+        which = event.details.get("which")
+        if event.event == CAPTURE and which in CAPTURES and "end_s" in event.details:
+            when = event.details.get("event_s")
+            phases.append(Phase(which, *_span(event), float(when) if isinstance(when, int | float) else None))
+    if not phases and run.start.kind in CAPTURES:
+        phases.append(_whole(run, run.start.kind))
+    return phases
+
+
+def _span(event: EventLine) -> tuple[float, float]:
+    """From when to when; an event that does not say it has no length."""
+    ends = (event.details.get(key) for key in ("start_s", "end_s"))
+    start, end = (float(value) if isinstance(value, int | float) else event.time_s for value in ends)
+    return start, end
+
+
+def _whole(run: Run, kind: str) -> Phase:
+    times = run.samples["time_s"]
+    return Phase(kind, float(times.min()), float(times.max())) if len(times) else Phase(kind, 0.0, 0.0)

@@ -1,0 +1,225 @@
+"""A run as it stands on disk: sealed, killed, or being written at this moment. Reading changes nothing.
+
+The samples are read at once, the wire line by line. A torn last line is left out and named; anything else that is no
+run/1 is refused with file and line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from rig.readings import Exchange, Reading
+from rig.runlog import plateaus, rows
+from rig.runlog.folder import (
+    APPENDED,
+    END,
+    EVENTS,
+    MAX_RECORD_BYTES,
+    PLATEAUS,
+    SAMPLES,
+    START,
+    WIRE,
+    RunError,
+    is_locked,
+    read_bytes,
+)
+from rig.runlog.lines import torn_bytes, whole_lines
+from rig.runlog.plateaus import PlateauRow
+from rig.runlog.samples import read_samples, reading_of
+from rig.runlog.schema import EndRecord, EventLine, StartRecord, WireLine, parse
+
+MAX_EVENTS = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    start : StartRecord
+        What was known at the start.
+    end : EndRecord or None
+        None when the run was killed, or is being written.
+    state : str
+        ``finished``, ``aborted``, ``failed``, ``killed`` or ``being written``.
+    samples : DataFrame
+        A row a reading: those of samples.csv, with ``time_ns``, ``request_ns`` and ``reply_ns`` as integers [ns] and
+        ``time_s`` [s] beside them; ``value`` is NaN where there is none.
+    events : list of EventLine
+        In the order of the file.
+    plateaus : list of PlateauRow
+        Those that count.
+    plateau_rows : list of PlateauRow
+        Every row of the file, with those that were replaced or taken back.
+    torn : dict of str to int
+        Files that end in a torn line, with the bytes that were left out [bytes].
+    """
+
+    folder: Path
+    start: StartRecord
+    end: EndRecord | None
+    state: str
+    samples: pd.DataFrame
+    events: list[EventLine]
+    plateaus: list[PlateauRow]
+    plateau_rows: list[PlateauRow]
+    torn: dict[str, int]
+
+    @property
+    def name(self) -> str:
+        """The folder's name."""
+        return self.folder.name
+
+    @property
+    def sealed(self) -> bool:
+        """Whether there is an end record."""
+        return self.end is not None
+
+    @property
+    def has_wire(self) -> bool:
+        """Whether the bytes on the wire were kept."""
+        return (self.folder / WIRE).exists()
+
+    @cached_property
+    def _first_rows(self) -> NDArray[np.intp]:
+        """Where each exchange's rows begin; one entry more than there are exchanges."""
+        last = int(self.samples["exchange"].iloc[-1]) if len(self.samples) else 0
+        return np.searchsorted(self.samples["exchange"].to_numpy(), np.arange(1, last + 2))
+
+    def readings_of(self, exchange: int) -> tuple[Reading, ...]:
+        """The readings of an exchange, bit for bit as they were written.
+
+        Parameters
+        ----------
+        exchange : int
+            Its number, from 1 [-].
+        """
+        if not 1 <= exchange < len(self._first_rows):
+            return ()
+        first, last = self._first_rows[exchange - 1 : exchange + 1]
+        return tuple(reading_of(row) for row in self.samples.iloc[first:last].itertuples(index=False))
+
+    def wire_lines(self) -> Iterator[WireLine]:
+        """The lines of wire.jsonl.
+
+        Raises
+        ------
+        RunError
+            File, line and what is wrong.
+        """
+        path = self.folder / WIRE
+        for number, data in whole_lines(path):
+            line = parse(WireLine, data, f"{path}, line {number}")
+            if line.n != number:
+                raise RunError(f"{path}, line {number}: its number is {line.n}; lines are missing or not in order")
+            yield line
+
+    def exchanges(self) -> Iterator[tuple[int, Exchange]]:
+        """Every exchange with its number, its bytes and its readings, in the order of the log.
+
+        Raises
+        ------
+        RunError
+            File, line and what is wrong.
+        """
+        for line in self.wire_lines():
+            try:
+                yield line.n, rows.exchange_of(line, self.readings_of(line.n))
+            except ValueError:
+                raise RunError(f"{self.folder / WIRE}, line {line.n}: its bytes are not hexadecimal") from None
+
+
+def read_run(folder: Path) -> Run:
+    """Read a run.
+
+    Parameters
+    ----------
+    folder : Path
+        The run's folder.
+
+    Returns
+    -------
+    Run
+        Whatever state it is in.
+
+    Raises
+    ------
+    RunError
+        When the folder holds no run/1, or a file of it is damaged beyond a torn last line.
+    """
+    folder = Path(folder)
+    start = read_start(folder)
+    # Asked before the files are looked at: a run that ends meanwhile is "being written", not torn and "killed".
+    locked = is_locked(folder)
+    end = read_end(folder)
+    torn = {}
+    for name in APPENDED:
+        path = folder / name
+        if (path.exists() or path.is_symlink()) and (dropped := torn_bytes(path)):
+            torn[name] = dropped
+    samples = read_samples(folder / SAMPLES)
+    events = read_events(folder / EVENTS)
+    plateau_rows = plateaus.read(folder / PLATEAUS)
+    state = end.outcome if end is not None else "being written" if locked else "killed"
+    return Run(folder, start, end, str(state), samples, events, plateaus.in_use(plateau_rows), plateau_rows, torn)
+
+
+def read_start(folder: Path) -> StartRecord:
+    """The start record of a run; RunError when the folder holds none.
+
+    Parameters
+    ----------
+    folder : Path
+        The run's folder.
+    """
+    if folder.is_symlink():
+        raise RunError(f"{folder}: a symbolic link, which is refused; name the folder itself")
+    if not folder.is_dir():
+        raise RunError(f"{folder}: no such folder; `spinbench runs` lists the runs there are")
+    path = folder / START
+    if not path.exists() and not path.is_symlink():
+        raise RunError(f"{folder}: holds no {START}, so it is no run (or one that never began)")
+    return parse(StartRecord, read_bytes(path, MAX_RECORD_BYTES), str(path))
+
+
+def read_end(folder: Path) -> EndRecord | None:
+    """The end record of a run; None when there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        The run's folder.
+    """
+    path = folder / END
+    if not path.exists() and not path.is_symlink():
+        return None
+    return parse(EndRecord, read_bytes(path, MAX_RECORD_BYTES), str(path))
+
+
+def read_events(path: Path) -> list[EventLine]:
+    """The events of a run.
+
+    Parameters
+    ----------
+    path : Path
+        events.jsonl; a missing one has none.
+    """
+    events = []
+    for number, data in whole_lines(path):
+        if number > MAX_EVENTS:
+            raise RunError(f"{path}: more than {MAX_EVENTS} events; this is no run of spinbench")
+        line = parse(EventLine, data, f"{path}, line {number}")
+        if line.n != number:
+            raise RunError(f"{path}, line {number}: its number is {line.n}; lines are missing or not in order")
+        events.append(line)
+    return events

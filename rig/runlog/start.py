@@ -1,0 +1,136 @@
+"""The start record of a bench: what is known when a run begins, whole files included."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rig.bench import Bench
+from rig.clock import Clock
+from rig.runlog.rows import plain, utc_text
+from rig.runlog.schema import (
+    AmbientRecord,
+    ChannelRecord,
+    ClockRecord,
+    DeviceRecord,
+    Kind,
+    SourceRecord,
+    StartRecord,
+)
+
+PACKAGES = ("spinbench", "numpy", "scipy", "pandas", "pydantic", "pyserial", "pymodbus")
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What no instrument tells.
+
+    Attributes
+    ----------
+    operator : str
+        Who runs the bench.
+    ambient : AmbientRecord or None
+        The room; the bench file's when left out.
+    lubrication : str or None
+        The bench file's when left out.
+    minutes_running : float or None
+        How long the motor has run before [min].
+    parent : str or None
+        The run that this one continues, or replays.
+    """
+
+    operator: str = ""
+    ambient: AmbientRecord | None = None
+    lubrication: str | None = None
+    minutes_running: float | None = None
+    parent: str | None = None
+
+
+def start_record(
+    bench: Bench,
+    kind: Kind,
+    clock: Clock,
+    identities: Mapping[str, str],
+    circumstances: Circumstances = Circumstances(),
+    simulated: bool = False,
+    more: Mapping[str, Any] | None = None,
+) -> StartRecord:
+    """What start.json says of a run on a bench.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    kind : str
+        The run's kind.
+    clock : Clock
+        The bench's clock.
+    identities : mapping of str to str
+        What each device said of itself.
+    circumstances : Circumstances
+        What no instrument tells.
+    simulated : bool
+        Whether the bench is a virtual one.
+    more : mapping, optional
+        Further keys, such as ``sweep``; they replace those of the bench file.
+    """
+    file = bench.file
+    record: dict[str, Any] = {
+        "kind": kind,
+        "bench": bench.name,
+        "title": file.title,
+        "utc_start": utc_text(clock.utc_start_ns),
+        "clock": ClockRecord(rate=clock.rate, utc_start_ns=clock.utc_start_ns),
+        "operator": circumstances.operator,
+        "simulated": simulated,
+        "parent": circumstances.parent,
+        "motor": file.motor,
+        "lubrication": file.lubrication if circumstances.lubrication is None else circumstances.lubrication,
+        "minutes_running": circumstances.minutes_running,
+        "ambient": circumstances.ambient or AmbientRecord(**file.ambient.model_dump()),
+        "roles": file.roles.model_dump(),
+        "devices": {name: _device(bench, name, identities.get(name, "")) for name in file.devices},
+        "versions": versions(),
+        "sources": {name: source(data) for name, data in bench.sources.items()},
+        "sweep": file.sweep.model_dump(),
+        "safety": file.safety.model_dump(),
+    }
+    return StartRecord(**(record | {key: plain(value) for key, value in (more or {}).items()}))
+
+
+def _device(bench: Bench, name: str, identity: str) -> DeviceRecord:
+    table, settings = bench.file.devices[name], bench.instruments[name]
+    channels = {
+        channel: ChannelRecord(**figures.model_dump()) for channel, figures in bench.build(name).channels.items()
+    }
+    return DeviceRecord(
+        instrument=table.instrument,
+        line=table.line,
+        identity=identity[:2000],
+        trust=settings.trust,
+        calibration=table.calibration,
+        channels=channels,
+        title=settings.title,
+        serial_number=table.serial_number,
+        period_s=table.period_s,
+    )
+
+
+def versions() -> dict[str, str]:
+    """The program's version, Python's, and those of the packages that carry the data."""
+    found = {"python": platform.python_version(), "system": platform.platform()[:200]}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def source(data: bytes) -> SourceRecord:
+    """A configuration file as it is kept in start.json."""
+    return SourceRecord(sha256=hashlib.sha256(data).hexdigest(), text=data.decode("utf-8", "backslashreplace"))

@@ -1,0 +1,135 @@
+"""The units that an import knows. A unit is said, never guessed, and a pressure's says absolute or gauge.
+
+A value in the column's unit is ``value * factor + offset``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from rig.runlog.folder import RunError
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of one quantity, and how it becomes that of the recording/1 column."""
+
+    quantity: str
+    factor: float
+    offset: float = 0.0
+
+
+_PRESSURE = {
+    "bar": 1.0,
+    "mbar": 1e-3,
+    "hPa": 1e-3,
+    "kPa": 1e-2,
+    "Pa": 1e-5,
+    "MPa": 10.0,
+    "psi": 0.0689475729,
+    "atm": 1.01325,
+}
+_FLOW = {
+    "L/min": 1.0,
+    "L/s": 60.0,
+    "L/h": 1.0 / 60.0,
+    "m3/h": 1000.0 / 60.0,
+    "m3/min": 1000.0,
+    "m3/s": 60_000.0,
+    "cfm": 28.316846592,
+}
+_STANDARD_FLOW = {
+    "sL/min": 1.0,
+    "NL/min": 1.0,
+    "Nm3/h": 1000.0 / 60.0,
+    "sm3/h": 1000.0 / 60.0,
+    "scfm": 28.316846592,
+}
+_OTHERS = {
+    "speed": {"rpm": 1.0, "krpm": 1000.0, "rad/s": 30.0 / math.pi, "rev/s": 60.0, "deg/s": 1.0 / 6.0},
+    "pulse rate": {"Hz": 60.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    "time of day": {"ISO": 1.0, "hh:mm:ss": 1.0},
+    "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "kN m": 1000.0, "lbf ft": 1.3558179483},
+    "force": {"N": 1.0, "kN": 1000.0, "mN": 1e-3, "kgf": 9.80665, "lbf": 4.4482216153},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "m/min": 1.0 / 60.0, "km/h": 1.0 / 3.6},
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254},
+    "angle": {"rad": 1.0, "deg": math.pi / 180.0, "rev": 2.0 * math.pi},
+    "flag": {"0/1": 1.0},
+    "words": {"words": 1.0},
+}
+UNITS = {
+    **{f"{name} abs": Unit("absolute pressure", factor) for name, factor in _PRESSURE.items()},
+    **{f"{name} gauge": Unit("gauge pressure", factor) for name, factor in _PRESSURE.items()},
+    **{name: Unit("flow", factor) for name, factor in _FLOW.items()},
+    **{name: Unit("standard flow", factor) for name, factor in _STANDARD_FLOW.items()},
+    **{name: Unit(quantity, factor) for quantity, units in _OTHERS.items() for name, factor in units.items()},
+    "degC": Unit("temperature", 1.0),
+    "K": Unit("temperature", 1.0, -273.15),
+    "degF": Unit("temperature", 5.0 / 9.0, -160.0 / 9.0),
+}
+QUANTITIES = {
+    "time_s": ("time", "time of day"),
+    "pressure_bar_abs": ("absolute pressure",),
+    "pressure_bar_gauge": ("gauge pressure",),
+    "flow_l_min": ("flow", "standard flow"),
+    "speed_rpm": ("speed", "pulse rate"),
+    "inlet_temperature_c": ("temperature",),
+    "supply_open": ("flag",),
+    "rotor_locked": ("flag",),
+    "direction": ("words",),
+    "torque_nm": ("torque",),
+    "force_n": ("force",),
+    "velocity_m_s": ("velocity",),
+    "angle_rad": ("angle",),
+}
+INTEGRALS = {"velocity_m_s": "length", "speed_rpm": "angle"}  # of what the column is the rate of change
+_RPM = 30.0 / math.pi
+
+
+def known_units(column: str, differentiate: bool = False) -> list[str]:
+    """The units that a column may come in.
+
+    Parameters
+    ----------
+    column : str
+        A recording/1 column.
+    differentiate : bool
+        Whether it is made from a length or an angle.
+    """
+    quantities = (INTEGRALS.get(column, ""),) if differentiate else QUANTITIES[column]
+    return [name for name, unit in UNITS.items() if unit.quantity in quantities]
+
+
+def unit_of(column: str, name: str, differentiate: bool = False) -> Unit:
+    """The unit of a column's source.
+
+    Parameters
+    ----------
+    column : str
+        A recording/1 column.
+    name : str
+        As the mapping says it.
+    differentiate : bool
+        Whether the column is the rate of change of what the source holds.
+
+    Raises
+    ------
+    RunError
+        When the unit is missing, unknown, or of another quantity. The text lists those that would do.
+    """
+    known = known_units(column, differentiate)
+    listed = ", ".join(known)
+    if differentiate and not known:
+        raise RunError(f"{column} is not made by differentiating; {' and '.join(INTEGRALS)} are")
+    if not name:
+        raise RunError(f"the unit is missing; units are said and never guessed: one of {listed}")
+    if name in known:
+        unit = UNITS[name]
+        return Unit(unit.quantity, unit.factor * _RPM) if differentiate and column == "speed_rpm" else unit
+    if f"{name} abs" in UNITS:
+        raise RunError(f"the unit '{name}' does not say absolute or gauge; write '{name} abs' or '{name} gauge'")
+    if name in UNITS:
+        raise RunError(f"'{name}' is a unit of {UNITS[name].quantity}, and {column} comes in one of {listed}")
+    raise RunError(f"the unit '{name[:40]}' is not known; known for {column}: {listed}")

@@ -1,0 +1,221 @@
+"""The room at the start and the end of a run, and what the motor has been through: from the bench file, the command
+line, or the person.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from rig.bench import Bench
+from rig.runlog import AmbientRecord
+
+Ask = Callable[[str], str]  # from a prompt to what was typed; EOFError when nobody is there
+MOST_TEXT = 200
+MOST_TRIES = 5
+
+
+class AmbientError(ValueError):
+    """Something of the room is not known, and nobody is there to be asked. The text names the options."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What the command line says; None where it says nothing.
+
+    Attributes
+    ----------
+    pressure_bar_abs, temperature_c, relative_humidity : float or None
+        The room [bar, degree Celsius, 0 to 1].
+    lubrication : str or None
+        Oil, and when it was last given.
+    minutes_running : float or None
+        How long the motor has run today before this [min].
+    """
+
+    pressure_bar_abs: float | None = None
+    temperature_c: float | None = None
+    relative_humidity: float | None = None
+    lubrication: str | None = None
+    minutes_running: float | None = None
+
+
+@dataclass(frozen=True)
+class Ambient:
+    """The room, and what the motor has been through.
+
+    Attributes
+    ----------
+    pressure_bar_abs, pressure_sd_bar, temperature_c, relative_humidity : float
+        The room [bar, bar, degree Celsius, 0 to 1].
+    lubrication : str
+        Oil, and when it was last given.
+    minutes_running : float
+        How long the motor has run before [min].
+    sources : dict of str to str
+        Where each is from: ``bench file``, ``option`` or ``asked``.
+    """
+
+    pressure_bar_abs: float
+    pressure_sd_bar: float
+    temperature_c: float
+    relative_humidity: float
+    lubrication: str
+    minutes_running: float
+    sources: dict[str, str]
+
+    def record(self) -> AmbientRecord:
+        """As the run log keeps it."""
+        return AmbientRecord(
+            pressure_bar_abs=self.pressure_bar_abs,
+            pressure_sd_bar=self.pressure_sd_bar,
+            temperature_c=self.temperature_c,
+            relative_humidity=self.relative_humidity,
+        )
+
+
+@dataclass(frozen=True)
+class _Figure:
+    """A number that may be asked for: its prompt, bounds, and factor from what is typed."""
+
+    prompt: str
+    low: float
+    high: float
+    unit: str
+    factor: float = 1.0
+    hint: str = ""
+
+
+FIGURES = {
+    "pressure_bar_abs": _Figure(
+        "Ambient pressure [mbar], at this height and not reduced to sea level",
+        500.0,
+        1200.0,
+        "mbar",
+        1e-3,
+        "; 1013 is usual at sea level, about 12 less for each 100 m",
+    ),
+    "temperature_c": _Figure("Room temperature [degC]", -20.0, 60.0, "degC"),
+    "relative_humidity": _Figure("Relative humidity [%]", 0.0, 100.0, "%", 1e-2),
+    "minutes_running": _Figure("Minutes that the motor has run today", 0.0, 1440.0, "min"),
+}
+OPTIONS = {field.name: f"--{field.name.replace('_', '-')}" for field in fields(Given)}
+OPTIONS |= {"pressure_bar_abs": "--ambient-pressure-bar-abs", "temperature_c": "--ambient-temperature-c"}
+ROOM = ("pressure_bar_abs", "temperature_c", "relative_humidity")
+
+
+def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -> Ambient:
+    """The room at the start of a run: options before the bench file, and the person for what neither says.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    given : Given or None
+        The options.
+    ask : callable or None
+        Puts a prompt and returns what was typed; None when nobody is there.
+
+    Raises
+    ------
+    AmbientError
+        When something is missing and nobody is there, or an option is implausible.
+    """
+    given = given or Given()
+    known, sources = _known(bench, given)
+    missing = [field.name for field in fields(Given) if known.get(field.name) is None]
+    if missing and ask is None:
+        wanted = ", ".join(OPTIONS[name] for name in missing)
+        raise AmbientError(
+            f"{bench.name}: the room is not known and nobody can be asked; give {wanted}, or put the room's figures in "
+            "[ambient] and lubrication in the bench file"
+        )
+    for name in missing:
+        known[name] = _asked(name, ask)
+        sources[name] = "asked"
+    return Ambient(pressure_sd_bar=bench.file.ambient.pressure_sd_bar, sources=sources, **known)
+
+
+def at_end(start: Ambient, minutes: float, ask: Ask | None = None) -> Ambient:
+    """The room at the end: what was asked at the start is asked again; an empty answer keeps it.
+
+    Parameters
+    ----------
+    start : Ambient
+        At the start.
+    minutes : float
+        That the run took [min].
+    ask : callable or None
+        As in `at_start`.
+    """
+    end = replace(start, minutes_running=start.minutes_running + minutes)
+    if ask is None:
+        return end
+    changed = {}
+    for name in ROOM:
+        if start.sources.get(name) == "asked":
+            changed[name] = _asked(name, ask, getattr(start, name))
+    return replace(end, **changed)
+
+
+def _known(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
+    known: dict[str, Any] = {}
+    sources: dict[str, str] = {}
+    of_file = {name: getattr(bench.file.ambient, name) for name in ROOM}
+    of_file["lubrication"] = bench.file.lubrication or None
+    if bench.file.virtual is not None:
+        of_file |= {"minutes_running": 0.0, "lubrication": bench.file.lubrication}
+    for field in fields(Given):
+        name, option = field.name, getattr(given, field.name)
+        if option is not None:
+            known[name], sources[name] = _plausible(name, option), "option"
+        elif of_file.get(name) is not None:
+            known[name], sources[name] = of_file[name], "bench file"
+    return known, sources
+
+
+def _plausible(name: str, option: Any) -> Any:
+    figure = FIGURES.get(name)
+    if figure is None:
+        return str(option)[:MOST_TEXT]
+    typed = option / figure.factor
+    if not figure.low <= typed <= figure.high:
+        low, high = figure.low * figure.factor, figure.high * figure.factor
+        raise AmbientError(f"{OPTIONS[name]} {option:g}: expected {low:g} to {high:g}")
+    return float(option)
+
+
+def _asked(name: str, ask: Ask | None, default: float | None = None) -> Any:
+    """Put the question until the answer is plausible."""
+    if ask is None:
+        raise AmbientError(f"give {OPTIONS[name]}")
+    figure = FIGURES.get(name)
+    prompt = "Lubrication (oil, when last given; Enter for none)" if figure is None else figure.prompt
+    if figure is not None and default is not None:
+        prompt += f" (Enter for {default / figure.factor:.6g}, as at the start)"
+    why = ""
+    for _ in range(MOST_TRIES):
+        try:
+            text = ask(f"{why}{prompt}: ").strip()[:MOST_TEXT]
+        except EOFError:
+            raise AmbientError(f"nobody answered '{prompt}'; give {OPTIONS[name]}") from None
+        if figure is None:
+            return text or "none"
+        if not text and default is not None:
+            return default
+        value, why = _number(text, figure)
+        if value is not None:
+            return value
+    raise AmbientError(f"'{prompt}' was not answered usably {MOST_TRIES} times; give {OPTIONS[name]}")
+
+
+def _number(text: str, figure: _Figure) -> tuple[float | None, str]:
+    try:
+        typed = float(text.removesuffix(figure.unit).strip())
+    except ValueError:
+        return None, f"'{text[:20]}' is not a number with a decimal point. "
+    if not math.isfinite(typed) or not figure.low <= typed <= figure.high:
+        return None, f"{typed:g} {figure.unit} is not plausible ({figure.low:g} to {figure.high:g}{figure.hint}). "
+    return typed * figure.factor, ""

@@ -1,0 +1,124 @@
+"""One run in time within a sweep: rest, lead, event, end. Part of the sweep's machine, and as pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rig.readings import NS
+from rig.sweep import judge
+from rig.sweep.orders import VENTED, Ask, CaptureEnd, CaptureStart, Order, Say, SetPressure, View
+
+LEAD_S = 0.5  # recorded before the event
+REST_TIMEOUT_S = 30.0
+LONGER = 3.0  # the event's predicted duration, times this, is recorded,
+LEAST_S = 2.0  # and no less: valves and regulators have their own delay
+
+
+@dataclass(frozen=True)
+class CaptureTask:
+    """A capture to be made.
+
+    Attributes
+    ----------
+    kind : str
+        ``coast-down``: from speed, the line vented; ``spin-up``: from rest, the set-point in one step.
+    level_bar_abs : float
+        Absolute pressure before or after [bar].
+    expected_s : float
+        Predicted duration of the event [s].
+    """
+
+    kind: str
+    level_bar_abs: float
+    expected_s: float
+
+
+class Capturing:
+    """Goes through one capture.
+
+    Parameters
+    ----------
+    task : CaptureTask
+        What is to be captured.
+    ambient_bar : float
+        The room's pressure [bar].
+    now_ns : int
+        Time of the bench [ns].
+    by_hand : bool
+        Whether a person moves the valve.
+
+    Attributes
+    ----------
+    over : bool
+        Whether it is done.
+    """
+
+    def __init__(self, task: CaptureTask, ambient_bar: float, now_ns: int, by_hand: bool = False) -> None:
+        self.task = task
+        self.over = False
+        self._ambient_bar, self._by_hand = ambient_bar, by_hand
+        self._since_ns = now_ns
+        self._start_ns: int | None = None
+        self._event_ns: int | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """How long is recorded after the event [s]."""
+        return max(LONGER * self.task.expected_s, LEAST_S)
+
+    def advance(self, now_ns: int, view: View) -> list[Order]:
+        """Go on.
+
+        Parameters
+        ----------
+        now_ns : int
+            Time of the bench [ns].
+        view : View
+            What the bench shows.
+        """
+        if self._start_ns is None:
+            return self._in_rest(now_ns, view)
+        if self._event_ns is None:
+            if now_ns - self._start_ns < LEAD_S * NS:
+                return []
+            self._event_ns = now_ns
+            return self._event()
+        if self._by_hand and view.answer is None:
+            self._event_ns = now_ns  # the person has the valve in hand: it is moved within this second
+            return []
+        if now_ns - self._event_ns < self.duration_s * NS:
+            return []
+        self.over = True
+        end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns)
+        return [end] if self.task.kind == "coast-down" else [SetPressure(VENTED), end]
+
+    def _event(self) -> list[Order]:
+        down = self.task.kind == "coast-down"
+        if not self._by_hand:
+            return [SetPressure(VENTED if down else self.task.level_bar_abs)]
+        words = "Shut the valve at once" if down else f"Open the valve at once, to {self.task.level_bar_abs:g} bar abs"
+        return [Ask(f"{words}, and press Enter")]
+
+    def cut_short(self, now_ns: int) -> list[Order]:
+        """End the recording now.
+
+        Parameters
+        ----------
+        now_ns : int
+            Time of the bench [ns].
+        """
+        self.over = True
+        if self._start_ns is None:
+            return []
+        return [CaptureEnd(self.task.kind, self._start_ns, self._event_ns or now_ns, now_ns)]
+
+    def _in_rest(self, now_ns: int, view: View) -> list[Order]:
+        if self.task.kind == "spin-up":
+            unquiet = judge.not_at_rest(view, self._ambient_bar)
+            if unquiet and now_ns - self._since_ns < REST_TIMEOUT_S * NS:
+                return []
+            if unquiet:
+                self.over = True
+                return [Say(f"spin-up left out: {unquiet}", warning=True)]
+        self._start_ns = now_ns
+        return [CaptureStart(self.task.kind, self.task.level_bar_abs)]

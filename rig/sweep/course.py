@@ -1,0 +1,63 @@
+"""What a sweep goes through, and the states it can be in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from rig.bench import SweepTable
+from rig.sweep.capturing import CaptureTask
+from rig.sweep.plan import Step
+
+
+class State(StrEnum):
+    """Where the sweep is."""
+
+    ZERO = "zero"
+    NEXT = "next"
+    RAMP = "ramp"
+    SETTLE = "settle"
+    DWELL = "dwell"
+    CAPTURE = "capture"
+    VENT = "vent"
+    DONE = "done"
+    ABORTED = "aborted"
+    FAILED = "failed"
+
+
+ENDED = frozenset({State.DONE, State.ABORTED, State.FAILED})
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the machine goes through.
+
+    Attributes
+    ----------
+    steps : sequence of Step
+        The plateaus.
+    captures : sequence of CaptureTask
+        After the plateaus.
+    table : SweepTable
+        Times and limits.
+    ambient_bar : float
+        The room's pressure [bar].
+    roles : tuple of str
+        What a plateau holds.
+    zero_channels : tuple of str
+        Full names; read with the line vented.
+    by_hand : bool
+        Whether a person sets the pressure.
+    zeros : tuple of str
+        ``start``, ``end`` or both.
+    """
+
+    steps: Sequence[Step]
+    captures: Sequence[CaptureTask]
+    table: SweepTable
+    ambient_bar: float
+    roles: tuple[str, ...]
+    zero_channels: tuple[str, ...]
+    by_hand: bool = False
+    zeros: tuple[str, ...] = ("start", "end")

@@ -1,0 +1,190 @@
+"""Who else has a part in a sweep: the guard, the limits, the operator, and whoever watches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from rig.interlock.step import Point, Verdict
+from rig.sweep.orders import Predict, Trip, View
+from rig.sweep.plateau import Plateau
+
+BAR = 1e5  # Pa
+RAD_S = math.pi / 30.0  # in one rpm
+
+
+class Progress(Protocol):
+    """Where a run tells how far it is."""
+
+    def say(self, text: str, warning: bool = False) -> None:
+        """Tell the person something.
+
+        Parameters
+        ----------
+        text : str
+            One line.
+        warning : bool
+            Whether it should stand out.
+        """
+
+    def advance(self, done: int, total: int, text: str) -> None:
+        """How far it is.
+
+        Parameters
+        ----------
+        done, total : int
+            Plateaus and captures [-].
+        text : str
+            What is being done.
+        """
+
+
+class Person(Protocol):
+    """The person at a hand valve."""
+
+    def ask(self, text: str) -> None:
+        """Put a question, and do not wait."""
+
+    def answer(self) -> str | None:
+        """What was answered to the last question; None until then."""
+
+
+class Silent:
+    """Nobody watches, and nobody answers."""
+
+    def say(self, text: str, warning: bool = False) -> None:
+        """Nothing."""
+
+    def advance(self, done: int, total: int, text: str) -> None:
+        """Nothing."""
+
+    def ask(self, text: str) -> None:
+        """Nothing."""
+
+    def answer(self) -> str | None:
+        """Never."""
+        return None
+
+
+def allow_all(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
+    """A guard that refuses nothing.
+
+    Parameters
+    ----------
+    level_bar_abs : float
+        Where to [bar].
+    plateaus : sequence of Plateau
+        So far.
+    """
+    return Verdict(True, "no guard", level_bar_abs * BAR)
+
+
+def never_trip(view: View, now_ns: int, pressurised: bool) -> str | None:
+    """Limits that nothing passes.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    now_ns : int
+        Time of the bench [ns].
+    pressurised : bool
+        Whether there may be pressure.
+    """
+    return None
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """What a run is given.
+
+    Attributes
+    ----------
+    predict : callable
+        The guard; `guarded` makes one.
+    trip : callable
+        `rig.interlock.limits.Limits.trip`.
+    stops : callable
+        How often the operator has asked to stop, such as ``lambda: stop.asked``.
+    progress : Progress
+        Who is told.
+    person : Person
+        Who turns a hand valve.
+    on_plateau : callable
+        Called with each `Plateau`.
+    """
+
+    predict: Predict = allow_all
+    trip: Trip = never_trip
+    stops: Callable[[], int] = lambda: 0
+    progress: Progress = field(default_factory=Silent)
+    person: Person = field(default_factory=Silent)
+    on_plateau: Callable[[Plateau], None] = lambda plateau: None
+
+
+class Guarding(Protocol):
+    """`rig.interlock.guard.Guard`."""
+
+    def verdict(self, level: float, points: Sequence[Point]) -> Verdict:
+        """Whether a level may be ordered next.
+
+        Parameters
+        ----------
+        level : float
+            Absolute pressure [Pa].
+        points : sequence of Point
+            The plateaus so far.
+        """
+
+
+def guarded(guard: Guarding, ambient_bar: float, is_gauge: bool, pressure_sd_bar: float = 0.0) -> Predict:
+    """The guard as the machine asks it.
+
+    Parameters
+    ----------
+    guard : Guard
+        Of the motor.
+    ambient_bar : float
+        The room's pressure [bar].
+    is_gauge : bool
+        Whether the bench's pressure channel counts from the room's.
+    pressure_sd_bar : float
+        What a mean pressure may be off by beyond its scatter [bar].
+    """
+
+    def predict(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
+        points = points_of(plateaus, ambient_bar if is_gauge else 0.0, pressure_sd_bar)
+        return guard.verdict(level_bar_abs * BAR, points)
+
+    return predict
+
+
+def points_of(plateaus: Sequence[Plateau], added_bar: float, pressure_sd_bar: float = 0.0) -> list[Point]:
+    """The plateaus that tell the guard something: those with a pressure and a speed on the scale, or at rest.
+
+    Parameters
+    ----------
+    plateaus : sequence of Plateau
+        So far.
+    added_bar : float
+        From the channel's zero to absolute [bar].
+    pressure_sd_bar : float
+        What a mean pressure may be off by beyond its scatter [bar].
+    """
+    points = []
+    for plateau in plateaus:
+        pressure, speed = plateau.means.get("pressure"), plateau.means.get("speed")
+        if pressure is None or speed is None or pressure.mean is None or speed.mean is None or pressure.censored:
+            continue
+        if speed.censored > 0 or (speed.censored < 0 and speed.mean > 0.0):
+            continue
+        point = Point(
+            (pressure.mean + added_bar) * BAR,
+            max(speed.mean, 0.0) * RAD_S,
+            (speed.se or 0.0) * RAD_S,
+            math.hypot(pressure.se or 0.0, pressure_sd_bar) * BAR,
+        )
+        points.append(point)
+    return points

@@ -1,0 +1,169 @@
+"""What the readings of a moment say to the sweep: at rest, vented, settled, off the level."""
+
+from __future__ import annotations
+
+from rig.bench import SweepTable
+from rig.readings import NS, Reading
+from rig.sweep.orders import View
+from rig.sweep.plateau import Mean, mean_of
+from rig.sweep.settle import settled
+
+VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less, and the motor does not turn
+NEAR_AMBIENT_BAR = 0.2  # a sweep is not begun with more in a line that should be vented
+AT_REST_RPM = 1.0
+OFF_LEVEL_BAR = 0.05
+OFF_LEVEL = 0.03  # of the level
+FRESH_S = 2.0  # what is older says nothing of now
+
+
+def pressure_abs(view: View, ambient_bar: float) -> float | None:
+    """The line's pressure by the newest reading [bar abs]; None where there is none.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    ambient_bar : float
+        Added to a gauge pressure [bar].
+    """
+    reading = view.last("pressure")
+    if reading is None or not reading.usable or reading.value is None:
+        return None
+    return reading.value + (ambient_bar if reading.channel.endswith("_gauge") else 0.0)
+
+
+def is_vented(view: View, ambient_bar: float) -> bool:
+    """Whether the gauge says that the line is vented.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    ambient_bar : float
+        The room's pressure [bar].
+    """
+    return _is_within(view, ambient_bar, VENTED_WITHIN_BAR)
+
+
+def is_near_ambient(view: View, ambient_bar: float) -> bool:
+    """Whether the gauge shows no more than an offset could.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    ambient_bar : float
+        The room's pressure [bar].
+    """
+    return _is_within(view, ambient_bar, NEAR_AMBIENT_BAR)
+
+
+def not_at_rest(view: View, ambient_bar: float) -> str:
+    """Why this is no zero: pressure in the line, or a rotor that turns; empty when it is one.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    ambient_bar : float
+        The room's pressure [bar].
+    """
+    missing = not_reading(view)
+    if missing:
+        return missing
+    if not is_vented(view, ambient_bar):
+        shown = pressure_abs(view, ambient_bar)
+        return f"the gauge shows {shown:.3f} bar abs, the room has {ambient_bar:.3f}"
+    speed = view.last("speed")
+    if speed is not None and speed.usable and not _stands(speed):
+        return f"the rotor still turns, at {speed.value:g} rpm"
+    return ""
+
+
+def not_reading(view: View) -> str:
+    """Which of pressure and speed gives no reading, and why; empty when both do.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    """
+    for role in ("pressure", "speed"):
+        reading = view.last(role)
+        if reading is None:
+            return f"there is no reading of the {role} yet"
+        if not reading.usable:
+            why = f": {reading.detail}" if reading.detail else ""
+            return f"the {role} ({reading.name}) cannot be read: {reading.quality}{why}"
+    return ""
+
+
+def not_settled(view: View, table: SweepTable, since_ns: int, now_ns: int) -> str:
+    """Why pressure or speed has not settled; empty when both have.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    table : SweepTable
+        Window and limits.
+    since_ns, now_ns : int
+        Only readings between these count [ns].
+    """
+    start_ns = max(since_ns, now_ns - int(table.window_s * NS))
+    limits = {
+        "pressure": (table.pressure_slope_bar_s, None),
+        "speed": (table.speed_slope_rpm_s, table.speed_scatter_rpm),
+    }
+    for role, (slope, scatter) in limits.items():
+        window = view.window(role, start_ns, now_ns)
+        verdict = settled(window.time_s, window.value, table.window_s, slope, scatter)
+        if not verdict.settled:
+            return f"{role}: {verdict.why}"
+    return ""
+
+
+def mean(view: View, channel: str, start_ns: int, end_ns: int) -> Mean:
+    """What a channel read between two times.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    channel : str
+        Full name or role.
+    start_ns, end_ns : int
+        Bench times [ns].
+    """
+    window = view.window(channel, start_ns, end_ns)
+    return mean_of(window.time_s, window.value, window.censored, window.quality)
+
+
+def remarks(means: dict[str, Mean], level_bar_abs: float, view: View, ambient_bar: float) -> list[str]:
+    """What a person should know of a plateau.
+
+    Parameters
+    ----------
+    means : dict of str to Mean
+        By role.
+    level_bar_abs : float
+        What was asked for [bar].
+    view : View
+        The bench.
+    ambient_bar : float
+        The room's pressure [bar].
+    """
+    notes = [f"{role}: {mean.note}" for role, mean in means.items() if mean.note]
+    shown = pressure_abs(view, ambient_bar)
+    if shown is not None and abs(shown - level_bar_abs) > max(OFF_LEVEL_BAR, OFF_LEVEL * level_bar_abs):
+        notes.append(f"the gauge shows {shown:.3f} bar abs where {level_bar_abs:g} was asked for")
+    return notes
+
+
+def _is_within(view: View, ambient_bar: float, most_bar: float) -> bool:
+    shown = pressure_abs(view, ambient_bar)
+    return shown is not None and shown - ambient_bar <= most_bar
+
+
+def _stands(speed: Reading) -> bool:
+    return speed.value is not None and (abs(speed.value) < AT_REST_RPM or speed.censored < 0)

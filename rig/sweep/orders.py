@@ -1,0 +1,140 @@
+"""What the machine of a sweep is shown, and what it wants done. Both are data; the runner does the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from rig.acquisition.channels import Window
+from rig.readings import Reading
+from rig.sweep.plan import Step
+from rig.sweep.plateau import Mean, Plateau
+
+VENTED = 0.0  # bar abs: a set-point that asks for no pressure at all, whatever the regulator calls it
+
+FINISHED, ABORTED, FAILED = "finished", "aborted", "failed"
+
+
+class View(Protocol):
+    """What can be known of the bench at one moment."""
+
+    stops: int  # how often the operator has asked to stop
+    answer: str | None  # to the last `Ask`, once
+
+    def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
+        """The usable readings between two times.
+
+        Parameters
+        ----------
+        channel : str
+            ``device.channel``, or a role.
+        start_ns, end_ns : int
+            Bench times [ns].
+        """
+
+    def last(self, channel: str) -> Reading | None:
+        """The newest reading, failed or not."""
+
+
+class Verdict(Protocol):
+    """Whether a level may be gone to, and why or why not."""
+
+    @property
+    def allowed(self) -> bool:
+        """Whether it may."""
+
+    @property
+    def text(self) -> str:
+        """In words, with the figures."""
+
+
+Predict = Callable[[float, Sequence[Plateau]], Verdict]  # from a level [bar abs] and the plateaus so far
+Trip = Callable[[View, int, bool], str | None]  # from view, time and whether there may be pressure: why to vent now
+
+
+@dataclass(frozen=True)
+class SetPressure:
+    """Set the line's pressure [bar abs]; `VENTED` for none."""
+
+    bar_abs: float
+
+
+@dataclass(frozen=True)
+class Ask:
+    """Ask the person at the valve, and go on meanwhile."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Say:
+    """Tell the person."""
+
+    text: str
+    warning: bool = False
+
+
+@dataclass(frozen=True)
+class Entered:
+    """A state was entered, for the log."""
+
+    state: str
+    details: dict[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Record:
+    """A plateau was taken."""
+
+    plateau: Plateau
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Every channel with the line vented and the rotor at rest: ``which`` is start or end."""
+
+    which: str
+    start_ns: int
+    end_ns: int
+    means: dict[str, Mean]
+    vented: bool
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A level, and with it the higher ones, is left out."""
+
+    level_bar_abs: float
+    text: str
+    left_out: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class CaptureStart:
+    """Read every tooth from now on."""
+
+    kind: str
+    level_bar_abs: float
+
+
+@dataclass(frozen=True)
+class CaptureEnd:
+    """Back to ordinary reading."""
+
+    kind: str
+    start_ns: int
+    event_ns: int
+    end_ns: int
+
+
+@dataclass(frozen=True)
+class Finish:
+    """It is over: ``finished``, ``aborted`` or ``failed``, and why."""
+
+    outcome: str
+    reason: str
+    vented: bool
+
+
+Order = SetPressure | Ask | Say | Entered | Record | Zero | Refused | CaptureStart | CaptureEnd | Finish

@@ -1,0 +1,129 @@
+"""The levels of a sweep in their order."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+UP, DOWN = "up", "down"
+SAME_BAR = 1e-6  # levels closer than this are the same
+
+
+class SweepError(ValueError):
+    """A sweep cannot be run as it was asked for. The text says why and what to change."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One plateau to be taken.
+
+    Attributes
+    ----------
+    level_bar_abs : float
+        Absolute pressure [bar].
+    direction : str
+        ``up`` or ``down``: from which side the level is approached, or for the first of a falling leg, the leg.
+    repeat : int
+        From 1 [-].
+    by_way_of_bar_abs : float or None
+        A higher pressure to go to first [bar]: a level of a falling leg is never approached from below, also where the
+        levels above it are left out.
+    """
+
+    level_bar_abs: float
+    direction: str
+    repeat: int
+    by_way_of_bar_abs: float | None = None
+
+    @property
+    def key(self) -> tuple[float, str, int]:
+        """What makes it the same step in another run of the same sweep."""
+        return (round(self.level_bar_abs / SAME_BAR) * SAME_BAR, self.direction, self.repeat)
+
+
+def plan(
+    levels_bar_abs: Sequence[float],
+    order: str = "up-down",
+    repeats: int = 1,
+    seed: int = 1,
+    finished: Collection[Step] = (),
+) -> list[Step]:
+    """The steps of a sweep.
+
+    Parameters
+    ----------
+    levels_bar_abs : sequence of float
+        Absolute pressures [bar], in any order; a level that stands twice is taken once.
+    order : str
+        ``up``, ``down``, ``up-down`` (the top level is the last of the rising leg and the first of the falling one),
+        ``down-up`` (likewise with the lowest), or ``random``: each repeat in its own order.
+    repeats : int
+        How often the whole is gone through [-].
+    seed : int
+        Of the random order [-].
+    finished : collection of Step
+        What an earlier run of this sweep has taken; left out here.
+
+    Returns
+    -------
+    list of Step
+        In order.
+
+    Raises
+    ------
+    SweepError
+        When there is no level, or an order of another name.
+    """
+    rising = sorted({round(level, 9) for level in levels_bar_abs})
+    if not rising:
+        raise SweepError("a sweep needs at least one level: give levels_bar_abs in [sweep]")
+    generator = random.Random(seed)
+    steps: list[Step] = []
+    for repeat in range(1, repeats + 1):
+        if order == "random":
+            steps += _shuffled(rising, repeat, generator, steps)
+        else:
+            steps += [step for leg in _legs(order) for step in _leg(rising, leg, repeat)]
+    return _left(steps, finished, order)
+
+
+def _legs(order: str) -> tuple[str, ...]:
+    if order not in ("up", "down", "up-down", "down-up"):
+        raise SweepError(f"the order '{order}' is not one of up, down, up-down, down-up, random")
+    return tuple(order.split("-"))
+
+
+def _leg(rising: list[float], direction: str, repeat: int) -> list[Step]:
+    levels = rising if direction == UP else rising[::-1]
+    return [Step(level, direction, repeat) for level in levels]
+
+
+def _shuffled(rising: list[float], repeat: int, generator: random.Random, before: list[Step]) -> list[Step]:
+    levels = rising.copy()
+    generator.shuffle(levels)
+    last = before[-1].level_bar_abs if before else 0.0
+    steps = []
+    for level in levels:
+        steps.append(Step(level, UP if level >= last else DOWN, repeat))
+        last = level
+    return steps
+
+
+def _left(steps: list[Step], finished: Collection[Step], order: str) -> list[Step]:
+    """The steps that are not finished, each approached from the side that it says."""
+    if order == "random":  # the side depends on the neighbour; a level is done when its repeat is
+        done = {(step.key[0], step.repeat) for step in finished}
+        left = [step for step in steps if (step.key[0], step.repeat) not in done]
+    else:
+        taken = {step.key for step in finished}
+        left = [step for step in steps if step.key not in taken]
+    return [_from_its_side(step, left[index - 1] if index else None, steps) for index, step in enumerate(left)]
+
+
+def _from_its_side(step: Step, before: Step | None, steps: list[Step]) -> Step:
+    start = before.level_bar_abs if before else 0.0
+    if step.direction == UP or start >= step.level_bar_abs:
+        return step
+    above = [other.level_bar_abs for other in steps if other.level_bar_abs > step.level_bar_abs]
+    return Step(step.level_bar_abs, step.direction, step.repeat, min(above)) if above else step

@@ -1,0 +1,116 @@
+"""From a bench file to what a run goes through."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from rig.bench import Bench
+from rig.sweep import capture
+from rig.sweep.ambient import Ambient
+from rig.sweep.capturing import CaptureTask
+from rig.sweep.course import Course
+from rig.sweep.plan import Step, SweepError, plan
+
+
+def sweep_course(bench: Bench, ambient: Ambient, finished: Collection[Step] = ()) -> tuple[Course, list[str]]:
+    """What a sweep goes through.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    ambient : Ambient
+        The room.
+    finished : collection of Step
+        What the run that this one continues has taken.
+
+    Returns
+    -------
+    course : Course
+        Plateaus, then captures.
+    remarks : list of str
+        Captures that are left out because the bench cannot resolve them, and why.
+
+    Raises
+    ------
+    SweepError
+        When a level is above the bench's limit or below the room's pressure, or nothing is left to be done.
+    """
+    table = bench.file.sweep
+    check_levels(bench, ambient, [*table.levels_bar_abs, *filter(None, [table.capture_level_bar_abs])])
+    steps = plan(table.levels_bar_abs, table.order, table.repeats, table.seed, finished)
+    if finished and not steps:
+        raise SweepError("the run to be continued has taken every level; there is nothing left to do")
+    captures, remarks = [], []
+    for kind in table.captures:
+        try:
+            captures.append(capture.capture_task(bench, ambient, kind))
+        except capture.CaptureError as error:
+            remarks.append(str(error))
+    return _course(bench, ambient, steps, captures, ("start", "end")), remarks
+
+
+def capture_course(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: float | None = None) -> Course:
+    """What a single run in time goes through.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    ambient : Ambient
+        The room.
+    kind : str
+        ``coast-down``, ``spin-up`` or ``zero``.
+    level_bar_abs : float or None
+        Absolute pressure [bar]; the bench file's capture level, or its highest level, when left out.
+
+    Raises
+    ------
+    CaptureError
+        When the bench cannot resolve it.
+    """
+    if kind not in capture.KINDS:
+        raise capture.CaptureError(f"no capture is called '{kind:.40}'; known are {', '.join(capture.KINDS)}")
+    if kind == "zero":
+        return _course(bench, ambient, [], [], ("start",))
+    level = capture.level_of(bench) if level_bar_abs is None else level_bar_abs
+    check_levels(bench, ambient, [level])
+    return _course(bench, ambient, [], [capture.capture_task(bench, ambient, kind, level)], ("start", "end"))
+
+
+def check_levels(bench: Bench, ambient: Ambient, levels_bar_abs: Collection[float]) -> None:
+    """Refuse levels that are none.
+
+    Parameters
+    ----------
+    bench : Bench
+        For its limit.
+    ambient : Ambient
+        The room.
+    levels_bar_abs : collection of float
+        Absolute pressures [bar].
+
+    Raises
+    ------
+    SweepError
+        Above the limit, or not above the room's pressure.
+    """
+    highest = bench.file.safety.highest_pressure_bar_abs
+    for level in levels_bar_abs:
+        if level > highest:
+            raise SweepError(f"level {level:g} bar abs is above safety.highest_pressure_bar_abs, {highest:g} bar")
+        if level <= ambient.pressure_bar_abs:
+            raise SweepError(
+                f"level {level:g} bar abs is not above the room's {ambient.pressure_bar_abs:g} bar; levels are "
+                "absolute, not gauge"
+            )
+
+
+def _course(
+    bench: Bench, ambient: Ambient, steps: list[Step], captures: list[CaptureTask], zeros: tuple[str, ...]
+) -> Course:
+    file = bench.file
+    roles = tuple(role for role in ("pressure", "flow", "speed", "temperature") if getattr(file.roles, role))
+    channels = tuple(f"{device}.{channel}" for device in file.devices for channel in bench.build(device).channels)
+    by_hand = file.roles.regulator is None
+    return Course(steps, captures, file.sweep, ambient.pressure_bar_abs, roles, channels, by_hand, zeros)

@@ -1,0 +1,350 @@
+"""Runs a course on a bench: shows the machine what the bench shows, and does what the machine wants.
+
+On every way out of here the regulator is told to give no pressure.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from rig.acquisition import Acquisition, Window
+from rig.acquisition.actions import FAULTS
+from rig.bench import Bench
+from rig.readings import NS, Reading
+from rig.runlog import columns_of
+from rig.sweep.course import Course
+from rig.sweep.hooks import Hooks
+from rig.sweep.machine import SweepMachine
+from rig.sweep.orders import (
+    VENTED,
+    Ask,
+    CaptureEnd,
+    CaptureStart,
+    Entered,
+    Finish,
+    Order,
+    Record,
+    Refused,
+    Say,
+    SetPressure,
+    Zero,
+)
+from rig.sweep.plan import Step, SweepError
+from rig.sweep.plateau import Mean, Plateau
+
+PERIOD_REAL_S = 0.05  # between two looks at the bench
+CAPTURE_REAL_S = 0.01  # while every tooth is read
+COMMAND_REAL_S = 5.0
+VENT_TRIES = 3
+
+
+class PlateauSink(Protocol):
+    """Where plateaus are written: `rig.runlog.RunWriter`."""
+
+    def plateau(self, row: Mapping[str, Any]) -> None:
+        """Write a plateau: columns of plateaus.csv."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes
+    ----------
+    outcome : str
+        ``finished``, ``aborted`` or ``failed``.
+    reason : str
+        Why, when not finished.
+    vented : bool
+        Whether the gauge, or the person, said at the end that the line is without pressure.
+    plateaus : list of Plateau
+        What was taken.
+    left_out : list of Step
+        What the guard refused.
+    """
+
+    outcome: str
+    reason: str
+    vented: bool
+    plateaus: list[Plateau]
+    left_out: list[Step]
+
+
+class BenchView:
+    """The bench as the machine sees it.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+        Running.
+    """
+
+    def __init__(self, acquisition: Acquisition) -> None:
+        self._acquisition = acquisition
+        self.stops = 0
+        self.answer: str | None = None
+
+    def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
+        """The usable readings between two times.
+
+        Parameters
+        ----------
+        channel : str
+            ``device.channel``, or a role.
+        start_ns, end_ns : int
+            Bench times [ns].
+        """
+        return self._acquisition.between(channel, start_ns, end_ns)
+
+    def last(self, channel: str) -> Reading | None:
+        """The newest reading of a channel or role; None before the first."""
+        return self._acquisition.last(channel)
+
+
+class Runner:
+    """Carries out a machine's orders on a bench.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+        Running.
+    sink : PlateauSink
+        Where plateaus are written.
+    bench : Bench
+        The bench.
+    course : Course
+        What is gone through.
+    hooks : Hooks
+        Guard, limits, operator and audience.
+    """
+
+    def __init__(self, acquisition: Acquisition, sink: PlateauSink, bench: Bench, course: Course, hooks: Hooks) -> None:
+        self.acquisition, self.sink, self.course, self.hooks = acquisition, sink, course, hooks
+        self.clock = acquisition.clock
+        self.machine = SweepMachine(course, hooks.predict, hooks.trip)
+        self.view = BenchView(acquisition)
+        self.regulator = bench.file.roles.regulator
+        self.to_set_point = set_points(bench, course.ambient_bar)
+        self.speed_device = bench.file.roles.speed.partition(".")[0]
+        self.reads_teeth = hasattr(bench.build(self.speed_device), "poll_edges")
+        self.columns = columns_of(bench.file.roles.model_dump())
+        self.total = len(course.steps) + len(course.captures)
+        self.left_out: list[Step] = []
+        self.finish: Finish | None = None
+        self._capturing = False
+        self._dead = ""  # what the regulator's last fault was
+
+    def run(self) -> Outcome:
+        """Go through the course.
+
+        Returns
+        -------
+        Outcome
+            Also when it failed; what is not the bench's fault is raised once the regulator is at zero.
+        """
+        try:
+            while self.finish is None:
+                self._turn()
+        finally:
+            released = self._release()
+        finish = self.finish
+        vented = finish.vented and released
+        return Outcome(finish.outcome, finish.reason, vented, list(self.machine.plateaus), self.left_out)
+
+    def _turn(self) -> None:
+        self.view.stops = self.hooks.stops()
+        self.view.answer = self.hooks.person.answer() if self.course.by_hand else None
+        self._carry_out(self.machine.advance(self.clock.now_ns(), self.view))
+        if self._capturing:
+            self._read_teeth()
+        if self.finish is None:
+            self.clock.sleep(self.clock.rate * (CAPTURE_REAL_S if self._capturing else PERIOD_REAL_S))
+
+    def _carry_out(self, orders: Sequence[Order]) -> None:
+        for order in orders:
+            if isinstance(order, SetPressure) and not self._set(order.bar_abs):
+                failing = self.machine.fail(self.clock.now_ns(), f"{self.regulator}: {self._dead}")
+                if failing:  # what was to follow no longer holds
+                    self._carry_out(failing)
+                    return
+            self._do(order)
+
+    def _do(self, order: Order) -> None:
+        match order:
+            case Ask():
+                self._note("asked", text=order.text)
+                self.hooks.person.ask(order.text)
+            case Say():
+                self._note("warning" if order.warning else "note", text=order.text)
+                self.hooks.progress.say(order.text, order.warning)
+            case Entered():
+                self._note("state", state=order.state, **order.details)
+                self.hooks.progress.advance(self.total - self.machine.tasks_left, self.total, _words(order))
+            case Record():
+                self._record(order.plateau)
+            case Zero():
+                self._note("zero", **_zero_details(order))
+            case Refused():
+                self.left_out += order.left_out
+                levels = [[step.level_bar_abs, step.direction, step.repeat] for step in order.left_out]
+                self._note("level refused", level_bar_abs=order.level_bar_abs, text=order.text, left_out=levels)
+            case CaptureStart():
+                self._capturing = self.reads_teeth
+                self._note("capture start", capture=order.kind, level_bar_abs=order.level_bar_abs)
+            case CaptureEnd():
+                self._end_capture(order)
+            case Finish():
+                self.finish = order
+
+    def _set(self, bar_abs: float) -> bool:
+        """Write a set-point, and tell whether it was taken."""
+        if self.regulator is None:
+            return True
+        value = self.to_set_point(bar_abs)
+        try:
+            self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S)
+        except FAULTS as error:
+            self._note("set-point not taken", value=value, error=str(error))
+            if str(error) != self._dead:
+                self._dead = str(error)
+                self.hooks.progress.say(f"the regulator does not take {value:g}: {error}", True)
+            return False
+        self._dead = ""
+        self._note("set-point", device=self.regulator, value=value, bar_abs=bar_abs if bar_abs != VENTED else None)
+        return True
+
+    def _record(self, plateau: Plateau) -> None:
+        self.sink.plateau(plateau.row(self.columns))
+        means = {role: dataclasses.asdict(mean) for role, mean in plateau.means.items()}
+        self._note("plateau", plateau=plateau.number, level_bar_abs=plateau.step.level_bar_abs, means=means)
+        self.hooks.progress.say(sentence(plateau))
+        self.hooks.on_plateau(plateau)
+
+    def _read_teeth(self) -> None:
+        try:
+            self.acquisition.command(self.speed_device, "capture", None, COMMAND_REAL_S)
+        except FAULTS as error:
+            self._note("capture failed", error=str(error))
+            self._capturing = False
+
+    def _end_capture(self, order: CaptureEnd) -> None:
+        self._capturing = False
+        times = {"start_s": order.start_ns / NS, "event_s": order.event_ns / NS, "end_s": order.end_ns / NS}
+        self._note("capture end", capture=order.kind, **times)
+
+    def _release(self) -> bool:
+        """No pressure, whatever happened before; True when the regulator took the order, or a person has the valve."""
+        if self.regulator is None:
+            return True
+        for _ in range(VENT_TRIES):
+            try:
+                self.acquisition.command(self.regulator, "write", self.to_set_point(VENTED), COMMAND_REAL_S)
+            except Exception as error:  # whatever it is, there is nothing better to do than to try again and to say so
+                self._dead = str(error)
+            else:
+                return True
+        self.hooks.progress.say(f"the regulator is not known to be at zero: close the supply ({self._dead})", True)
+        return False
+
+    def _note(self, kind: str, **details: Any) -> None:
+        self.acquisition.event(kind, None, **details)
+
+
+def run_course(
+    acquisition: Acquisition, sink: PlateauSink, bench: Bench, course: Course, hooks: Hooks | None = None
+) -> Outcome:
+    """Go through a course on a bench whose acquisition runs.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+        Started; it is not stopped here.
+    sink : PlateauSink
+        Where plateaus are written.
+    bench : Bench
+        The bench.
+    course : Course
+        From `rig.sweep.planning.course_of`.
+    hooks : Hooks or None
+        Guard, limits, operator and audience; none of them when left out.
+
+    Returns
+    -------
+    Outcome
+        Finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
+    """
+    return Runner(acquisition, sink, bench, course, hooks or Hooks()).run()
+
+
+def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:
+    """From an absolute pressure [bar] to the regulator's set-point, as a function.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    ambient_bar : float
+        The room's pressure [bar].
+
+    Raises
+    ------
+    SweepError
+        When the regulator's unit is not known here.
+    """
+    device = bench.file.roles.regulator
+    if device is None:
+        return lambda bar_abs: bar_abs
+    driver: Any = bench.build(device)
+    zero = {"bar gauge": ambient_bar, "bar abs": 0.0}.get(driver.unit)
+    if zero is None:
+        raise SweepError(f"{device}: its set-point is in '{driver.unit}'; a sweep needs bar gauge or bar abs")
+    none = max(driver.lowest, 0.0)
+
+    def set_point(bar_abs: float) -> float:
+        if bar_abs == VENTED:
+            return float(none)
+        return float(min(max(bar_abs - zero, none), driver.highest))
+
+    return set_point
+
+
+def sentence(plateau: Plateau) -> str:
+    """A plateau in one line.
+
+    Parameters
+    ----------
+    plateau : Plateau
+        As taken.
+    """
+    parts = [f"{plateau.step.level_bar_abs:g} bar abs {plateau.step.direction}"]
+    units = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
+    parts += [_figure(plateau.means[role], unit) for role, unit in units.items() if role in plateau.means]
+    if not plateau.settled:
+        parts.append("not settled")
+    return ", ".join(parts)
+
+
+def _figure(mean: Mean, unit: str) -> str:
+    if mean.mean is None:
+        return f"no {unit}"
+    sign = {-1: "<", 0: "", 1: ">"}[mean.shown_censored]
+    error = f" +- {mean.se:.2g}" if mean.se else ""
+    return f"{sign}{mean.mean:.5g}{error} {unit}"
+
+
+def _zero_details(order: Zero) -> dict[str, Any]:
+    return {
+        "which": order.which,
+        "start_s": order.start_ns / NS,
+        "end_s": order.end_ns / NS,
+        "vented": order.vented,
+        "channels": {name: {"mean": mean.mean, "se": mean.se, "n": mean.n} for name, mean in order.means.items()},
+    }
+
+
+def _words(order: Entered) -> str:
+    target = order.details.get("target_bar_abs")
+    return f"{order.state} {target:g} bar abs" if isinstance(target, float) else order.state

@@ -1,0 +1,31 @@
+"""`python -m rig.virtual BENCH --state DIR [--rate R] [--owner PID] [--seed N]`: serve a bench until told to stop."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+
+def main() -> int:
+    """Serve, and return the exit code: 0, or 2 when the bench file cannot be served."""
+    parser = argparse.ArgumentParser(prog="python -m rig.virtual", description="Serve a bench that is not there.")
+    parser.add_argument("bench", type=Path, help="bench file, or the name of one in configs/benches")
+    parser.add_argument("--state", type=Path, required=True, metavar="DIR", help="where ports.json and the links go")
+    parser.add_argument("--rate", type=float, help="seconds of the bench in one of the wall; the file's when left out")
+    parser.add_argument("--owner", type=int, metavar="PID", help="end 10 s after this process")
+    parser.add_argument("--seed", type=int, help="of noise, errors and faults; the file's when left out")
+    options = parser.parse_args()
+
+    from rig.virtual.serve import serve
+
+    try:
+        serve(options.bench, options.state, options.rate, options.owner, options.seed)
+    except (ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

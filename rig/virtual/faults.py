@@ -1,0 +1,253 @@
+"""The menu of faults: what can go wrong on the wire, on a line or a device, in a window of time or by chance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+import pydantic
+
+import configs
+from configs import ConfigError, Strict
+
+# kind: what it does. The first group acts on a reply on its way out, the second on what the reply says, the third on
+# an instrument's value, the fourth on a cable or a device once, at `from_s`.
+BYTES = {
+    "late": "the reply comes by_s later",
+    "split": "the reply comes in two parts, by_s apart",
+    "dropped": "the reply does not come",
+    "doubled": "the reply comes twice",
+    "corrupt": "one bit of the reply is another",
+    "noise": "count bytes of noise come before the reply",
+    "echo": "the request comes back before the reply",
+}
+MODBUS = {
+    "wrong_unit": "the next unit's number answers",
+    "wrong_function": "the answer is to another function",
+    "wrong_count": "one register too many is answered",
+    "exception": "the answer is the Modbus exception code",
+}
+VALUES = {"frozen": "the instrument repeats its last value", "nan": "the instrument gives no number"}
+ONCE = {
+    "unplug": "the cable is out for by_s",
+    "power_cycle": "the device is without power for by_s, and starts as from the factory",
+}
+KINDS = BYTES | MODBUS | VALUES | ONCE
+BY_S = {"late": 0.5, "split": 0.05, "unplug": 3.0, "power_cycle": 2.0}
+MOST_S = 1e6
+
+NotNegative = Annotated[float, pydantic.Field(ge=0.0, le=MOST_S)]
+
+
+class Fault(Strict):
+    """One fault.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    line, device : str
+        Where: the one or the other; a line means every device on it.
+    chance : float
+        That it happens to a reply [-].
+    from_s, to_s : float
+        Window on the bench's clock [s].
+    by_s : float or None
+        How late, how far apart, or how long [s]; the kind's own when left out.
+    count : int
+        Bytes of noise [-].
+    code : int
+        Of the exception [-].
+    """
+
+    kind: str
+    line: str = ""
+    device: str = ""
+    chance: Annotated[float, pydantic.Field(gt=0.0, le=1.0)] = 1.0
+    from_s: NotNegative = 0.0
+    to_s: NotNegative = MOST_S
+    by_s: NotNegative | None = None
+    count: Annotated[int, pydantic.Field(ge=1, le=64)] = 3
+    code: Annotated[int, pydantic.Field(ge=1, le=255)] = 4
+
+    @property
+    def span_s(self) -> float:
+        """``by_s``, or the kind's own."""
+        return BY_S.get(self.kind, 0.0) if self.by_s is None else self.by_s
+
+
+@dataclass(frozen=True)
+class Place:
+    """What faults may be laid on: each line's devices, and the devices that speak Modbus."""
+
+    devices_of: Mapping[str, Iterable[str]]
+    modbus: frozenset[str]
+
+
+def read_fault(table: Mapping[str, Any], place: Place, where: str) -> Fault:
+    """A fault from its table.
+
+    Parameters
+    ----------
+    table : mapping
+        Of the bench file, or of a request to the running bench.
+    place : Place
+        The bench's lines and devices.
+    where : str
+        For the error text.
+
+    Raises
+    ------
+    ConfigError
+        One line a mistake.
+    """
+    whole_numbers = {"chance", "from_s", "to_s", "by_s"}
+    table = {key: float(v) if key in whole_numbers and type(v) is int else v for key, v in table.items()}
+    fault = configs.validate(Fault, table, where)
+    mistakes = list(_mistakes(fault, table, place))
+    if mistakes:
+        raise ConfigError("\n".join(f"{where}: {mistake}" for mistake in mistakes))
+    return fault
+
+
+def _mistakes(fault: Fault, table: Mapping[str, Any], place: Place) -> Iterable[str]:
+    if fault.kind not in KINDS:
+        yield f"there is no fault '{fault.kind[:40]}'; known: {', '.join(KINDS)}"
+        return
+    devices = {device: line for line, found in place.devices_of.items() for device in found}
+    if bool(fault.line) == bool(fault.device):
+        yield "a fault is laid on a line or on a device: name one of the two"
+    elif fault.line and fault.line not in place.devices_of:
+        yield f"there is no virtual line '{fault.line[:40]}' ({', '.join(place.devices_of)})"
+    elif fault.device and fault.device not in devices:
+        yield f"there is no virtual device '{fault.device[:40]}' ({', '.join(devices)})"
+    elif fault.kind == "unplug" and fault.device:
+        yield f"a line is unplugged, not a device: name the line '{devices[fault.device]}'"
+    elif fault.kind == "power_cycle" and fault.line:
+        yield f"a device is power-cycled, not a line: name one of {', '.join(place.devices_of[fault.line])}"
+    elif fault.kind in MODBUS:
+        on = [fault.device] if fault.device else place.devices_of[fault.line]
+        if not place.modbus.intersection(on):
+            yield f"'{fault.kind}' is a fault of Modbus, which {', '.join(on)} does not speak"
+    if fault.to_s <= fault.from_s:
+        yield f"to_s ({fault.to_s:g}) is not after from_s ({fault.from_s:g})"
+    if fault.kind in ONCE and ("chance" in table or "to_s" in table):
+        yield f"'{fault.kind}' happens once, at from_s, for by_s: it has no chance and no to_s"
+    if "by_s" in table and fault.kind not in BY_S:
+        yield f"by_s means nothing to '{fault.kind}' (only to {', '.join(BY_S)})"
+    if "count" in table and fault.kind != "noise":
+        yield f"count means nothing to '{fault.kind}' (only to noise)"
+    if "code" in table and fault.kind != "exception":
+        yield f"code means nothing to '{fault.kind}' (only to exception)"
+
+
+@dataclass
+class Faults:
+    """The faults in force.
+
+    Attributes
+    ----------
+    chance : Generator
+        Source of chance.
+    place : Place
+        The bench's lines and devices.
+    active : list of Fault
+        Those laid on replies and values; those that happen once are the bench's to carry out.
+    counts : dict of str to int
+        How often each kind has happened [-].
+    """
+
+    chance: np.random.Generator
+    place: Place
+    active: list[Fault] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def add(self, fault: Fault) -> None:
+        """Lay one more fault."""
+        self.active.append(fault)
+
+    def clear(self) -> None:
+        """Take all faults back."""
+        self.active.clear()
+
+    def happening(self, device: str, time_ns: int, kinds: Iterable[str]) -> list[Fault]:
+        """Which faults befall a device now; chance is drawn anew at each call.
+
+        Parameters
+        ----------
+        device : str
+            In the bench file.
+        time_ns : int
+            Time of the bench [ns].
+        kinds : iterable of str
+            Those asked about.
+        """
+        now_s = time_ns / 1e9
+        found = []
+        for fault in self.active:
+            if fault.kind not in kinds or not fault.from_s <= now_s < fault.to_s:
+                continue
+            if fault.device != device and device not in self.place.devices_of.get(fault.line, ()):
+                continue
+            if fault.chance < 1.0 and self.chance.random() >= fault.chance:
+                continue
+            self.counts[fault.kind] = self.counts.get(fault.kind, 0) + 1
+            found.append(fault)
+        return found
+
+    def happens(self, kind: str, device: str, time_ns: int) -> bool:
+        """Whether a fault of one kind befalls a device now.
+
+        Parameters
+        ----------
+        kind : str
+            One of `KINDS`.
+        device : str
+            In the bench file.
+        time_ns : int
+            Time of the bench [ns].
+        """
+        return bool(self.happening(device, time_ns, (kind,)))
+
+
+def damage(
+    frame: bytes, request: bytes, faults: Iterable[Fault], chance: np.random.Generator
+) -> list[tuple[float, bytes]]:
+    """What is sent in place of a reply.
+
+    Parameters
+    ----------
+    frame : bytes
+        The reply.
+    request : bytes
+        What it answers; empty for what comes unasked.
+    faults : iterable of Fault
+        Those that befall it.
+    chance : Generator
+        Source of chance.
+
+    Returns
+    -------
+    list of (float, bytes)
+        Parts to be sent, each so long [s] after the reply was due.
+    """
+    kinds = {fault.kind: fault for fault in faults}
+    if "dropped" in kinds:
+        return []
+    if "corrupt" in kinds and frame:
+        place = int(chance.integers(len(frame)))
+        frame = frame[:place] + bytes([frame[place] ^ 1 << int(chance.integers(8))]) + frame[place + 1 :]
+    if "doubled" in kinds:
+        frame += frame
+    if "noise" in kinds:
+        frame = chance.bytes(kinds["noise"].count) + frame
+    if "echo" in kinds:
+        frame = request + frame
+    late_s = kinds["late"].span_s if "late" in kinds else 0.0
+    if "split" in kinds and len(frame) > 1:
+        cut = math.ceil(len(frame) / 2)
+        return [(late_s, frame[:cut]), (late_s + kinds["split"].span_s, frame[cut:])]
+    return [(late_s, frame)]

@@ -1,0 +1,83 @@
+"""A person who reads dials, scripted: what the tests of the manual bench type at the prompt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Dial:
+    """A scale with a pointer, a float or digits.
+
+    Attributes
+    ----------
+    lowest, highest : float
+        Ends of the scale; beyond them only that can be said [own unit].
+    division : float
+        What a person reads to: a fifth of a mark, the last digit [own unit].
+    parallax_sd : float
+        1-sigma error of reading it from not quite the front [own unit].
+    """
+
+    lowest: float
+    highest: float
+    division: float
+    parallax_sd: float = 0.0
+
+
+# A dial gauge to 4 bar absolute with marks of 0.1, a glass rotameter to 100 L/min, a tachometer held by hand.
+PRESSURE_BAR_ABS = Dial(0.0, 4.0, 0.02, 0.007)
+PRESSURE_BAR_GAUGE = Dial(0.0, 3.0, 0.02, 0.007)
+FLOW_L_MIN = Dial(10.0, 100.0, 1.0, 0.4)
+SPEED_RPM = Dial(5.0, 99_999.0, 1.0, 0.3)
+
+
+def read_dial(true: float, dial: Dial, chance: np.random.Generator | None = None) -> str:
+    """What a person says a dial shows: a number, or ``<10`` or ``>100`` where the pointer is off the scale.
+
+    Parameters
+    ----------
+    true : float
+        Where the pointer really is [own unit].
+    dial : Dial
+        Its scale.
+    chance : Generator or None
+        Source of parallax; none when left out.
+    """
+    seen = true + (dial.parallax_sd * chance.standard_normal() if chance is not None else 0.0)
+    decimals = max(0, math.ceil(-math.log10(dial.division) - 1e-9))
+    if seen > dial.highest:
+        return f">{dial.highest:.{decimals}f}"
+    if seen < dial.lowest:
+        return f"<{dial.lowest:.{decimals}f}"
+    said = round(seen / dial.division) * dial.division + 0.0  # no -0
+    return f"{said:.{decimals}f}"
+
+
+def answer(
+    pressure_bar: float,
+    flow_l_min: float,
+    speed_rpm: float,
+    chance: np.random.Generator | None = None,
+    dials: tuple[Dial, Dial, Dial] = (PRESSURE_BAR_ABS, FLOW_L_MIN, SPEED_RPM),
+) -> str:
+    """One line for one plateau, such as ``2.00 72 394``.
+
+    Parameters
+    ----------
+    pressure_bar : float
+        At the gauge, absolute or above ambient as its dial is [bar].
+    flow_l_min : float
+        Where the meter's float stands [L/min].
+    speed_rpm : float
+        Of the shaft [rpm].
+    chance : Generator or None
+        Source of parallax; none when left out.
+    dials : tuple of Dial
+        Of pressure, flow and speed.
+    """
+    pairs = zip((pressure_bar, flow_l_min, abs(speed_rpm)), dials, strict=True)
+    return " ".join(read_dial(true, dial, chance) for true, dial in pairs)

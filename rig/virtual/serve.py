@@ -1,0 +1,259 @@
+"""The virtual bench put together: lines, instruments, the motor behind them, and the faults of the bench file."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+from configs import ConfigError
+from model.motor import read_motor
+from rig.bench import Bench, BenchFile, LineTable, read_bench
+from rig.clock import Clock
+from rig.lines.opening import timing_of
+from rig.readings import NS
+from rig.virtual.bus import Bus
+from rig.virtual.control import Control
+from rig.virtual.faults import ONCE, Fault, Faults, Place, read_fault
+from rig.virtual.loop import Loop
+from rig.virtual.plant import BAR, Plant, read_truth
+from rig.virtual.sensors import ZERO_C, generator
+from rig.virtual.served import World, serve_bench
+from rig.virtual.wires import PtyWire, SocketWire
+
+PORTS = "ports.json"
+TICK_S = 0.004  # of the wall
+OWNER_LOOK_S = 0.5
+OUTLIVES_OWNER_S = 10.0  # of the wall: long enough for a watchdog to send the regulator to zero
+
+
+def virtual_lines(file: BenchFile) -> dict[str, LineTable]:
+    """The lines that the virtual bench serves: their port or host is ``virtual``.
+
+    Parameters
+    ----------
+    file : BenchFile
+        The bench.
+    """
+    return {name: line for name, line in file.lines.items() if "virtual" in (line.port, line.host)}
+
+
+class VirtualServer:
+    """A bench being served; everything happens in the thread that calls `run`.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench file and its instruments'.
+    folder : Path
+        Where ports.json and the symbolic links are put.
+    rate : float or None
+        Seconds of the bench in one of the wall [-]; the file's when left out.
+    seed : int or None
+        Of everything that is left to chance [-]; the file's when left out.
+    """
+
+    def __init__(self, bench: Bench, folder: Path, rate: float | None = None, seed: int | None = None) -> None:
+        virtual = bench.file.virtual
+        if virtual is None:
+            raise ConfigError(f"{bench.name}: the bench file has no [virtual] table, so there is nothing to simulate")
+        self.bench, self.folder = bench, folder
+        self.seed = virtual.seed if seed is None else seed
+        lines = virtual_lines(bench.file)
+        devices_of = {
+            name: [device for device, table in bench.file.devices.items() if table.line == name] for name in lines
+        }
+        plant = _plant(bench)
+        place = Place(devices_of, frozenset())
+        self.faults = Faults(generator(self.seed, "faults"), place)
+        self.clock = Clock(virtual.rate if rate is None else rate)
+        self.world = World(plant, self.faults, self.seed, self.clock.rate)
+        self.served = serve_bench(bench, self.world, [device for found in devices_of.values() for device in found])
+        speaking = frozenset(name for name, device in self.served.items() if device.speaks == "modbus")
+        self.faults.place = self.place = Place(devices_of, speaking)
+        first = [
+            read_fault(table, self.place, f"{bench.name}: virtual.faults.{i}") for i, table in enumerate(virtual.faults)
+        ]
+        self.loop = Loop(self.clock)
+        self.buses = {name: self._bus(name, line) for name, line in lines.items()}
+        self.control = Control(self)
+        for fault in first:
+            self.add_fault(fault)
+
+    def _bus(self, name: str, line: LineTable) -> Bus:
+        devices = [self.served[device] for device in self.place.devices_of[name]]
+        framing = line.framing or ("rtu" if line.kind == "serial" else "tcp")
+        bus = Bus(name, framing, devices, self.loop, self.world, generator(self.seed, "line", name))
+        if line.kind == "serial":
+            bus.wire = PtyWire(self.loop, self.folder / f"{name}.tty", timing_of(line).byte_s, bus.receive)
+        else:
+            bus.wire = SocketWire(self.loop, bus.receive)
+        return bus
+
+    def add_fault(self, fault: Fault) -> None:
+        """Lay a fault, or let it happen at its time.
+
+        Parameters
+        ----------
+        fault : Fault
+            Checked by `read_fault`.
+        """
+        if fault.kind not in ONCE:
+            self.faults.add(fault)
+            return
+        when_ns = max(self.clock.now_ns(), int(fault.from_s * NS))
+        if fault.kind == "unplug":
+            wire = self.buses[fault.line].wire
+            self.loop.at(when_ns, wire.unplug)
+            self.loop.at(when_ns + int(fault.span_s * NS), lambda: self.plug(fault.line))
+        else:
+            self.loop.at(when_ns, lambda: self.power_cycle(fault.device, fault.span_s))
+
+    def plug(self, line: str) -> None:
+        """Put a line's cable in.
+
+        Parameters
+        ----------
+        line : str
+            In the bench file.
+        """
+        wire = self.buses[line].wire
+        if not wire.plugged:
+            wire.plug()
+
+    def power_cycle(self, device: str, span_s: float) -> None:
+        """Take a device's power for some time.
+
+        Parameters
+        ----------
+        device : str
+            In the bench file.
+        span_s : float
+            How long [s].
+        """
+        bus = next(bus for name, bus in self.buses.items() if device in self.place.devices_of[name])
+        switch_off = getattr(self.served[device], "switch_off", None)
+        if switch_off is not None:
+            self.world.plant.advance(self.clock.now_ns())
+            switch_off()
+        bus.switch_off(device, self.clock.now_ns() + int(span_s * NS))
+
+    def run(self, owner: int | None = None) -> None:
+        """Serve until the loop is told to stop.
+
+        Parameters
+        ----------
+        owner : int or None
+            Process that this bench is for [-]; it ends some time after that one.
+        """
+        try:
+            for bus in self.buses.values():
+                bus.wire.plug()
+            self.control.open()
+            self.loop.every(TICK_S, self._tick)
+            if owner is not None:
+                self.loop.every(OWNER_LOOK_S, _OwnerWatch(owner, self.loop))
+            _write_whole(self.folder / PORTS, json.dumps(self.ports()))
+            self.loop.run()
+        finally:
+            for bus in self.buses.values():
+                bus.wire.unplug()
+            self.control.close()
+            (self.folder / PORTS).unlink(missing_ok=True)
+
+    def ports(self) -> dict[str, Any]:
+        """What ports.json holds."""
+        return {
+            "pid": os.getpid(),
+            "rate": self.clock.rate,
+            "clock_start_ns": self.clock.start_ns,
+            "lines": {name: bus.wire.address() for name, bus in self.buses.items()},
+            "control": self.control.address(),
+        }
+
+    def _tick(self) -> None:
+        now_ns = self.clock.now_ns()
+        self.world.plant.advance(now_ns)
+        for bus in self.buses.values():
+            bus.tick(now_ns)
+
+
+class _OwnerWatch:
+    """Stops the loop some time after a process is gone."""
+
+    def __init__(self, owner: int, loop: Loop) -> None:
+        self.owner, self.loop = owner, loop
+        self.left_s = OUTLIVES_OWNER_S
+
+    def __call__(self) -> None:
+        if _lives(self.owner):
+            return
+        self.left_s -= OWNER_LOOK_S
+        if self.left_s <= 0.0:
+            self.loop.stop()
+
+
+def _lives(process: int) -> bool:
+    """Whether a process runs; one that is killed and not yet waited for does not."""
+    with contextlib.suppress(OSError, IndexError):
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+        return state not in "ZX"
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _plant(bench: Bench) -> Plant:
+    """Line and motor as they really are: the motor's file, in the bench's room, with the truth of the bench file."""
+    ambient = bench.file.ambient
+    room: dict[str, float] = {}
+    if ambient.pressure_bar_abs is not None:
+        room["ambient_pressure"] = ambient.pressure_bar_abs * BAR
+    if ambient.temperature_c is not None:
+        room["ambient_temperature"] = room["inlet_temperature"] = ambient.temperature_c + ZERO_C
+    if ambient.relative_humidity is not None:
+        room["relative_humidity"] = ambient.relative_humidity
+    motor = read_motor(bench.file.motor).with_values(room)
+    truth = bench.file.virtual.truth if bench.file.virtual else {}
+    motor, line = read_truth(motor, truth, bench.name)
+    trial = Plant(motor, line)  # compiles the model before the clock starts
+    trial.order(2.0)
+    trial.advance(NS // 10)
+    return Plant(motor, line)
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Nobody sees half of it."""
+    beside = path.with_name(f".{path.name}.new")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)
+
+
+def serve(path: Path, folder: Path, rate: float | None, owner: int | None, seed: int | None) -> None:
+    """Read a bench file and serve it.
+
+    Parameters
+    ----------
+    path : Path
+        The bench file, or the name of one in configs/benches.
+    folder : Path
+        Made when missing.
+    rate : float or None
+        Seconds of the bench in one of the wall [-].
+    owner : int or None
+        Process that this bench is for [-].
+    seed : int or None
+        Of chance [-].
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    server = VirtualServer(read_bench(path), folder.resolve(), rate, seed)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: server.loop.stop())
+    server.run(owner)

@@ -1,0 +1,502 @@
+"""The instruments' codecs on documented bytes, and on any bytes: what is damaged never reads as good."""
+
+import math
+import re
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from configs import ConfigError
+from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, edge_frames, keller_30x, lutron, manual, modbus
+from rig.instruments.instrument import ChannelFile, instrument_of, read_instrument
+from rig.instruments.registers import number_of, width_of, words_of
+from rig.instruments.values import Value, bounded
+from rig.lines import BadReplyError
+from rig.lines import modbus as wire
+from rig.readings import Quality
+
+BAR = ChannelFile(unit="bar", lowest=0.0, highest=10.0)
+
+
+def asked(text):
+    """The registers in a documented answer, and the question that it answers."""
+    question, answer = (bytes.fromhex(part) for part in text.split("->"))
+    request = wire.Request(question[0], question[1], *struct.unpack(">HH", question[2:6]))
+    assert wire.encode(request, "rtu", 0) == question
+    return wire.decode(request, "rtu", 0, answer)
+
+
+def file_of(**changes):
+    """A generic Modbus file with one channel, as TOML would give it."""
+    data = {"format": "instrument/1", "family": "modbus", "title": "t", "source": "s", "trust": "documented"}
+    channel = {"address": 16, "type": "u16", "unit": "L/min", **changes.pop("channel", {})}
+    return modbus.Settings.model_validate(data | {"channels": {"flow_l_min": channel}} | changes)
+
+
+# The documents' own examples.
+
+
+def test_the_keller_manual_s_answer_is_six_bar():
+    words = asked("01 03 00 02 00 02 65 CB -> 01 03 04 40 C0 00 00 EF CF")
+    assert keller_30x.decode(words + (0, 0, 0, 0), ["pressure_bar_abs"])["pressure_bar_abs"] == Value(6.0, raw="6.0")
+
+
+def test_the_siargo_manual_s_answer_is_20_340_litres():
+    words = asked("01 03 00 3A 00 02 E4 06 -> 01 03 04 00 00 4F 74 CE 24")
+    settings = read_instrument("siargo_mf5700")
+    assert modbus.block_of(settings) == (0x003A, 2)
+    assert modbus.decode(settings, words)["flow_sl_min"].value == pytest.approx(20.340, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "frame"),
+    [
+        ("red_lion_paxi", 0xF7, "F7 03 00 06 00 02 30 9C"),
+        ("bronkhorst_el_flow", 1, "01 03 A1 00 00 02 E7 F7"),
+        ("siargo_mf5700", 1, "01 03 00 3A 00 02 E4 06"),
+    ],
+)
+def test_a_file_asks_the_documented_question(name, unit, frame):
+    request = wire.Request(unit, wire.READ_HOLDING, *modbus.block_of(read_instrument(name)))
+    assert wire.encode(request, "rtu", 0) == bytes.fromhex(frame)
+
+
+def test_the_alicat_block_holds_the_documented_question():
+    settings = read_instrument("alicat_pc_modbus")
+    assert settings.numbering == "from 1"
+    first = alicat_modbus.STATUS - 1 + alicat_modbus.QUANTITIES["pressure"]
+    request = wire.Request(1, wire.READ_HOLDING, first, 2)
+    assert wire.encode(request, "rtu", 0) == bytes.fromhex("01 03 04 B2 00 02 65 1C")
+
+
+def test_the_suto_manual_s_bytes_are_read_low_word_first():
+    assert number_of((0x0A11, 0x42C5), "f32", "little") == struct.unpack(">f", bytes.fromhex("42C50A11"))[0]
+
+
+def test_the_lutron_manual_s_frame_is_431_0():
+    frame = bytes.fromhex("02 34 31 30 38 30 31 30 30 30 30 34 33 31 30 0D")
+    assert lutron.decode(frame) == lutron.Frame("1", "08", 431.0)
+
+
+def test_an_alicat_frame_is_taken_apart_by_the_layout():
+    fields, flags = alicat.decode("A +014.70 +025.00 +010.1 Air MOV HLD", "A", ["pressure_bar_abs", "-", "flow", "gas"])
+    assert fields == {"pressure_bar_abs": "+014.70", "-": "+025.00", "flow": "+010.1", "gas": "Air"}
+    assert flags == ("MOV", "HLD")
+
+
+# Registers.
+
+
+@given(st.sampled_from(["u16", "i16", "u32", "i32"]), st.sampled_from(["big", "little"]), st.data())
+def test_a_whole_number_survives_its_registers(kind, order, data):
+    bits = 16 * width_of(kind)
+    low = -(2 ** (bits - 1)) if kind.startswith("i") else 0
+    number = data.draw(st.integers(low, low + 2**bits - 1))
+    assert number_of(words_of(number, kind, order), kind, order) == number
+
+
+@given(st.floats(width=32, allow_nan=False), st.sampled_from(["big", "little"]))
+def test_a_float_survives_its_registers(number, order):
+    assert number_of(words_of(number, "f32", order), "f32", order) == number
+
+
+@given(st.lists(st.integers(0, 65535), min_size=2, max_size=2), st.sampled_from(["u32", "i32", "f32"]))
+def test_words_survive_the_number_they_are(words, kind):
+    number = number_of(words, kind)
+    assert math.isnan(number) or words_of(number, kind) == tuple(words)
+
+
+def test_a_number_beyond_its_registers_is_refused():
+    with pytest.raises(ValueError, match="70000 does not fit a register of type u16"):
+        words_of(70_000.0, "u16")
+
+
+# Limits, faults and marks.
+
+
+def test_a_number_that_is_none_is_a_fault():
+    assert bounded(Value(math.nan), BAR).quality is Quality.EXCEPTION
+    assert bounded(Value(math.nan), BAR).value is None
+
+
+@pytest.mark.parametrize(("number", "limit", "side"), [(10.5, 10.0, 1), (math.inf, 10.0, 1), (-0.1, 0.0, -1)])
+def test_beyond_the_scale_is_over_range_at_the_limit(number, limit, side):
+    found = bounded(Value(number), BAR)
+    assert (found.quality, found.value, found.censored) == (Quality.OVER_RANGE, limit, side)
+
+
+def test_infinity_without_a_known_limit_has_no_value():
+    found = bounded(Value(-math.inf), ChannelFile(unit="bar"))
+    assert (found.quality, found.value, found.censored) == (Quality.OVER_RANGE, None, -1)
+
+
+@pytest.mark.parametrize(
+    ("raw", "value", "quality"),
+    [
+        (320, 32.0, Quality.OK),
+        (64000, 100.0, Quality.OVER_RANGE),
+        (64001, 2.0, Quality.OVER_RANGE),
+        (65535, None, Quality.EXCEPTION),
+    ],
+)
+def test_a_raw_number_may_stand_for_a_state(raw, value, quality):
+    marks = {"over_range": [64000], "under_range": [64001], "invalid": [65535]}
+    settings = file_of(channel={"scale": 0.1, "lowest": 2.0, "highest": 100.0, **marks})
+    found = bounded(modbus.decode(settings, (raw,))["flow_l_min"], settings.channels["flow_l_min"])
+    assert (found.value, found.quality, found.raw) == (value, quality, str(raw))
+
+
+def test_a_setting_of_the_device_that_the_file_does_not_expect_is_a_fault():
+    settings = read_instrument("mindman_mfp01")
+    words = [0] * modbus.block_of(settings)[1]
+    for check in settings.expect:
+        words[check.address - 5] = check.values[0]
+    words[0] = 425
+    assert modbus.decode(settings, words)["flow_sl_min"].value == pytest.approx(42.5)
+    words[0x000A - 5] = 1
+    found = modbus.decode(settings, words)["flow_sl_min"]
+    assert (found.value, found.quality) == (None, Quality.EXCEPTION)
+    assert "register 10 holds 1, not 0: reference state" in found.detail
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"expect": [{"address": 200, "values": [1], "meaning": "m"}]},
+            "registers 16 to 200, 185 in all; a poll reads one block of at most 125",
+        ),
+        ({"channel": {"scale": 0}}, "scale is 0"),
+        ({"channel": {"address": 65535, "type": "f32"}}, "beyond register 65535"),
+        (
+            {"setpoint": {"address": 1, "type": "u16", "unit": "bar", "lowest": 1.0, "highest": 1.0}},
+            "lowest lies below",
+        ),
+    ],
+)
+def test_a_modbus_file_that_makes_no_sense_is_refused(changes, words):
+    with pytest.raises(ValueError, match=re.escape(words)):
+        file_of(**changes)
+
+
+# Alicat.
+
+
+@pytest.mark.parametrize(
+    ("flags", "pressure", "flow"),
+    [
+        ("", Quality.OK, Quality.OK),
+        ("HLD LCK", Quality.OK, Quality.OK),
+        ("POV", Quality.OVER_RANGE, Quality.OK),
+        ("MOV", Quality.OK, Quality.OVER_RANGE),
+        ("TOV OVR", Quality.OK, Quality.OK),
+        ("ADC", Quality.EXCEPTION, Quality.EXCEPTION),
+        ("EXH MOV", Quality.EXCEPTION, Quality.EXCEPTION),
+    ],
+)
+def test_an_alicat_flag_marks_what_it_speaks_of_and_is_never_dropped(flags, pressure, flow):
+    numbers = {"pressure_bar_abs": 2.0, "flow_sl_min": 99.0}
+    found = alicat.judge(numbers, dict.fromkeys(numbers, "raw"), flags.split())
+    assert (found["pressure_bar_abs"].quality, found["flow_sl_min"].quality) == (pressure, flow)
+    assert all(value.detail == flags for value in found.values())
+
+
+def test_an_over_range_alicat_value_is_kept_as_a_limit():
+    found = alicat.judge({"flow_sl_min": 99.0}, {"flow_sl_min": "+099.00"}, ["MOV"])["flow_sl_min"]
+    assert (found.value, found.censored) == (99.0, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("B +1.0 +1.0", "not from unit A"),
+        ("A +1.0", "has 1 fields"),
+        ("A +1.0 +1.0 XYZ", "'XYZ' is no flag"),
+        ("A +1.0 Air", "'Air' stands where the layout has setpoint"),
+        ("", "not from unit A"),
+    ],
+)
+def test_what_is_no_alicat_frame_is_damaged(text, words):
+    with pytest.raises(BadReplyError, match=re.escape(words)):
+        alicat.decode(text, "A", ["pressure_bar_abs", "setpoint"])
+
+
+def test_an_alicat_question_mark_is_a_refusal():
+    with pytest.raises(BadReplyError, match="unit A refuses") as refused:
+        alicat.decode("A ?", "A", ["pressure_bar_abs"])
+    assert refused.value.quality is Quality.EXCEPTION
+
+
+@pytest.mark.parametrize(
+    ("bits", "flags"),
+    [
+        (0, []),
+        (1 << 6, ["POV"]),
+        (1 << 4 | 1 << 5, ["MOV"]),
+        (1 << 9 | 1 << 8, ["HLD", "ADC"]),
+        (1 << 20, ["status bit 20"]),
+    ],
+)
+def test_alicat_status_bits_have_the_flags_names(bits, flags):
+    assert alicat_modbus.flags_of(bits) == flags
+
+
+def test_an_alicat_status_bit_that_nobody_knows_is_a_fault():
+    settings = read_instrument("alicat_pc_modbus")
+    words = (1 << 4, 0, *words_of(2.0, "f32"), *[0] * 6)  # bit 20
+    found = alicat_modbus.decode(words, settings.channels)["pressure_bar_abs"]
+    assert (found.value, found.quality, found.detail) == (None, Quality.EXCEPTION, "status bit 20")
+
+
+@given(st.text(st.characters(max_codepoint=255), max_size=60))
+def test_no_text_does_more_to_the_alicat_codec_than_be_refused(text):
+    try:
+        fields, _ = alicat.decode(text, "A", ["pressure_bar_abs", "setpoint"])
+    except BadReplyError:
+        return
+    assert all(math.isfinite(float(field)) for field in fields.values())
+
+
+# Generic text.
+
+
+def text_file(**changes):
+    data = {"format": "instrument/1", "family": "ascii", "title": "t", "source": "s", "trust": "documented"}
+    data |= {"query": "?\r", "pattern": r"(?P<speed_rpm>\S{1,12}) rpm", "channels": {"speed_rpm": {"unit": "rpm"}}}
+    return ascii.Settings.model_validate(data | changes)
+
+
+def decode_text(line, **channel):
+    settings = text_file(channels={"speed_rpm": {"unit": "rpm", **channel}})
+    return ascii.decode(line, re.compile(settings.pattern), settings.channels)["speed_rpm"]
+
+
+def test_a_named_group_is_a_channel():
+    assert decode_text(b"394.8 rpm") == Value(394.8, raw="394.8")
+
+
+@pytest.mark.parametrize(
+    "line", [b"394.8 rpm ", b"x394.8 rp", b"", b"\xff\xfe rpm", b"3,9 rpm", b"nan rpm", b"0x10 rpm"]
+)
+def test_a_line_of_another_form_is_damaged(line):
+    with pytest.raises(BadReplyError):
+        decode_text(line)
+
+
+def test_a_word_may_stand_for_over_range():
+    assert decode_text(b"OL rpm", over_range=["OL"]).value == math.inf
+
+
+@given(st.binary(max_size=80))
+def test_no_bytes_do_more_to_the_text_codec_than_be_refused(line):
+    try:
+        value = decode_text(line)
+    except BadReplyError:
+        return
+    assert math.isfinite(value.value)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "words"),
+    [
+        (r"(?P<speed_rpm>\d+", "not a regular expression"),
+        (r"(?P<speed_rpm>(\d+)+)", "could take forever"),
+        (r"(?P<speed_rpm>.*.*.*.*.*)", "could take forever"),
+        (r"(?P<speed_rpm>(a|a){2,90})(?P=speed_rpm)", "could take forever"),
+        (r"(?P<flow>\d+)", "its named groups are"),
+    ],
+)
+def test_a_pattern_that_cannot_be_used_is_refused(pattern, words):
+    with pytest.raises(ValueError, match=words):
+        text_file(pattern=pattern)
+
+
+@pytest.mark.parametrize(
+    "pattern", [r"(?P<speed_rpm>[+-]?\d{1,9}(\.\d*)?) *\w+", r"(?P<speed_rpm>\S++) .*+.*+.*+.*+.*+"]
+)
+def test_a_pattern_that_ends_soon_is_taken(pattern):
+    assert text_file(pattern=pattern).pattern == pattern
+
+
+# Lutron.
+
+
+@given(
+    st.sampled_from("1234"),
+    st.from_regex(r"[0-9]{2}", fullmatch=True),
+    st.integers(0, 99_999_999),
+    st.booleans(),
+    st.integers(0, 3),
+)
+def test_a_lutron_frame_survives(display, unit_code, digits, negative, decimals):
+    frame = lutron.Frame(display, unit_code, digits / 10**decimals * (-1 if negative else 1))
+    assert lutron.decode(lutron.encode(frame, decimals)) == frame
+
+
+@given(st.binary(max_size=40), st.integers(0, 40), st.binary(max_size=15))
+def test_a_lutron_frame_is_found_in_noise(before, place, after):
+    frame = lutron.encode(lutron.Frame("1", "08", 431.0), 1)
+    frames, rest = lutron.cut(before.replace(b"\x02", b"") + frame + after.replace(b"\x02", b""))
+    assert (frames, rest) == ([frame], b"")
+
+
+@given(st.binary(max_size=100))
+def test_any_bytes_may_come_to_the_lutron_codec(noise):
+    frames, rest = lutron.cut(noise)
+    assert all(math.isfinite(lutron.decode(frame).value) for frame in frames)
+    assert len(rest) < lutron.FRAME_BYTES
+
+
+@pytest.mark.parametrize("place", [0, 1, 5, 6, 10, 15])
+def test_a_damaged_lutron_byte_is_no_frame(place):
+    frame = bytearray(lutron.encode(lutron.Frame("1", "08", 431.0), 1))
+    frame[place] ^= 0x40
+    assert lutron.cut(bytes(frame))[0] == []
+
+
+# Analogue output.
+
+
+def test_counts_and_set_point_span_the_range():
+    output = adam_4024.Range(code=0x32, name="0-10 V", low_counts=2048, high_counts=4095)
+    assert [adam_4024.counts_of(value, (0.0, 5.0), output) for value in (0.0, 2.5, 5.0)] == [2048, 3072, 4095]
+    assert adam_4024.value_of(4095, (0.0, 5.0), output) == 5.0
+
+
+@given(st.floats(0.0, 5.0))
+def test_a_set_point_survives_its_counts_within_half_a_count(value):
+    output = adam_4024.Range(code=0x31, name="4-20 mA", low_counts=0, high_counts=4095)
+    held = adam_4024.value_of(adam_4024.counts_of(value, (0.0, 5.0), output), (0.0, 5.0), output)
+    assert abs(held - value) <= 0.5001 * 5.0 / 4095
+
+
+# Edge frames.
+
+FRAMES = st.builds(
+    edge_frames.Frame,
+    st.sampled_from([edge_frames.EDGE, edge_frames.HEARTBEAT]),
+    st.integers(0, 255),
+    st.integers(0, 7),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 255),
+)
+
+
+def test_the_check_value_of_the_crc_is_the_catalogue_s():
+    assert edge_frames.crc8(b"123456789") == 0xF4
+
+
+@given(st.lists(FRAMES, max_size=5), st.binary(max_size=9))
+def test_edge_frames_survive_and_what_is_half_there_waits(frames, tail):
+    tail = tail.replace(b"\xa5", b"\x00")[:9]
+    found, rest, skipped = edge_frames.cut(b"".join(map(edge_frames.encode, frames)) + tail)
+    assert (found, rest, skipped) == (frames, tail, 0)
+
+
+@given(FRAMES, st.integers(0, 79))
+def test_one_wrong_bit_is_no_edge_frame(frame, bit):
+    data = bytearray(edge_frames.encode(frame))
+    data[bit // 8] ^= 1 << bit % 8
+    assert edge_frames.cut(bytes(data))[0] == []
+
+
+@given(FRAMES, st.integers(1, 0xFFFFFFFF), st.integers(0, 255))
+def test_ticks_and_edges_are_carried_on_over_their_wraps(frame, ticks, steps):
+    counting = edge_frames.Counting()
+    counting.take(frame)
+    total = 0
+    for step in range(1, steps % 5 + 1):
+        total += ticks % (1 << 20)
+        mark = counting.take(
+            edge_frames.Frame(
+                edge_frames.EDGE,
+                (frame.sequence + step) & 0xFF,
+                0,
+                (frame.ticks + total) & 0xFFFFFFFF,
+                (frame.edges + step) & 0xFF,
+            )
+        )
+        assert (mark.ticks, mark.edges, mark.fault) == (total, step, "")
+
+
+# Entries by hand.
+
+COLUMNS = {
+    "pressure_bar_abs": ChannelFile(unit="bar", lowest=0.0, highest=6.0),
+    "flow_l_min": ChannelFile(unit="L/min", lowest=10.0, highest=100.0),
+    "speed_rpm": ChannelFile(unit="rpm"),
+}
+
+
+def test_an_entry_is_one_line():
+    found = manual.decode_entry("  2.00 72\t394 \n", COLUMNS)
+    assert [value.value for value in found.values()] == [2.0, 72.0, 394.0]
+    assert {value.quality for value in found.values()} == {Quality.MANUAL}
+    assert found["pressure_bar_abs"].raw == "2.00"
+
+
+@pytest.mark.parametrize(("word", "value", "side"), [("<10", 10.0, -1), (">100", 100.0, 1)])
+def test_off_the_scale_is_a_limit(word, value, side):
+    found = manual.decode_entry(f"2.00 {word} 394", COLUMNS)["flow_l_min"]
+    assert (found.value, found.censored, found.quality) == (value, side, Quality.MANUAL)
+
+
+def test_a_dash_is_a_gap():
+    assert manual.decode_entry("2.00 - 394", COLUMNS)["flow_l_min"].value is None
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("2,00 72 394", "pressure_bar_abs: '2,00' has a comma; write the decimals after a dot"),
+        ("2.00 72", "2 entries where there are 3 columns"),
+        ("2.00 72 394 1", "4 entries"),
+        ("2.00bar 72 394", "not a number alone; the unit is bar"),
+        ("2.00 5 394", "below the scale; type <10 if it reads less"),
+        ("2.00 101 394", "above the scale; type >100"),
+        ("2.00 72 1e3", "not a number alone"),
+        ("2.00 72 nan", "not a number alone"),
+        ("2.00 72 ٣", r"not a number alone"),
+        ("", "0 entries"),
+        ("1 " * 150, "300 characters"),
+    ],
+)
+def test_an_entry_in_doubt_is_refused_with_what_to_type(line, words):
+    with pytest.raises(manual.EntryError, match=re.escape(words)):
+        manual.decode_entry(line, COLUMNS)
+
+
+@given(st.text(max_size=60))
+def test_no_line_does_more_to_the_entry_codec_than_be_refused(line):
+    try:
+        found = manual.decode_entry(line, COLUMNS)
+    except manual.EntryError:
+        return
+    assert all(value.value is None or math.isfinite(value.value) for value in found.values())
+
+
+# Files.
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("keller_30x_abs", ("[channels.temperature_c]", "[channels.temp]"), "channels.temp: a Keller 30X has"),
+        ("edge_counter_20", ("teeth = 20", "teeth = 0"), "'teeth'"),
+        ("adam_4024_regulator", ("code = 0x30", "code = 0x31"), "the same code stands twice"),
+        ("alicat_pc_ascii", ('"setpoint"]', '"-"]'), "layout: it holds pressure_bar_abs where"),
+        ("alicat_pc_modbus", ('numbering = "from 1"\n', ""), "the key 'numbering' is missing"),
+        ("manual_bench", ('"speed_rpm"]', '"speed"]'), "columns: "),
+        ("siargo_mf5700", ("address = 0x003A", "register = 0x003A"), "unknown key 'channels.flow_sl_min.register'"),
+        ("lutron_tachometer", ('display = "1"', 'display = "12"'), "display"),
+    ],
+)
+def test_a_mistake_in_an_instrument_s_file_is_told_in_a_line(name, change, words):
+    from rig.instruments.instrument import FOLDER
+
+    text = (FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+    assert change[0] in text
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        instrument_of(text.replace(*change).encode(), name)

@@ -1,0 +1,294 @@
+"""The run log, written and read back: every reading to the bit, whatever happens to the program that writes it."""
+
+import fcntl
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from rig.readings import NS, Event, Exchange, Quality
+from rig.runlog import RunError, RunWriter, read_run, verify
+from rig.runlog.folder import Lock, is_locked
+from rig.runlog.listing import list_runs
+from tests.synthetic_runs import UTC_START_NS, poll, reading, start_of, write_sweep
+
+ROOT = Path(__file__).resolve().parents[1]
+ODD = (
+    reading("tach", "speed_rpm", 0.1 + 0.2, 1_234_567_891, Quality.OK, raw="+000.30", detail='a, "b"\nc'),
+    reading("tach", "speed_rpm", None, 2 * NS, Quality.TIMEOUT, retries=3, detail="no answer within 0.3 s"),
+    reading("tach", "speed_rpm", 100.0, 3 * NS, Quality.OVER_RANGE, censored=1),
+    reading("tach", "speed_rpm", -1e-17, -5, Quality.UNVERIFIED, raw="-1e-17"),
+)
+
+
+def new_writer(root, **changes):
+    return RunWriter.create(root, start_of(**changes))
+
+
+def test_a_finished_run_is_read_back_whole(tmp_path):
+    run = read_run(write_sweep(tmp_path))
+    assert (run.state, run.torn, run.end.vented) == ("finished", {}, True)
+    assert run.end.counts == {
+        "exchanges": sum(1 for _ in run.exchanges()),
+        "samples": len(run.samples),
+        "events": len(run.events),
+        "plateaus": 14,
+    }
+    assert len(run.plateaus) == 14
+    assert verify(run.folder) == []
+
+
+def test_a_reading_is_read_back_to_the_bit(tmp_path):
+    events = (Event("tx", 5, b"\x00\xff"), Event("silence", 6), Event("lost", 7, "weg, é".encode()))
+    written = Exchange("usb", "tach", "write", 1.0 / 3.0, events, ODD, "no answer")
+    with new_writer(tmp_path) as writer:
+        writer.exchange(Exchange("usb", "", "open"))
+        writer.exchange(written)
+        writer.end("finished")
+    (_, empty), (number, found) = read_run(writer.folder).exchanges()
+    assert (empty, number) == (Exchange("usb", "", "open"), 2)
+    harmless = ODD[0].detail.replace("\n", "\\n")
+    assert found.readings[0].detail == harmless
+    assert found.readings[1:] == ODD[1:]
+    assert found.readings[0].value == 0.1 + 0.2
+    assert (found.events, found.argument, found.outcome) == (events, 1.0 / 3.0, "no answer")
+
+
+def test_the_same_exchanges_give_the_same_bytes(tmp_path):
+    first, second = (write_sweep(tmp_path) for _ in range(2))
+    for name in ("samples.csv", "wire.jsonl", "events.jsonl", "plateaus.csv"):
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+def test_text_of_a_device_that_a_spreadsheet_would_run_gets_an_apostrophe(tmp_path):
+    texts = ["=cmd|'/c calc'!A1", "+1+1", "@SUM(A1)", "-2+3", "'quoted", "-3.25"]
+    with new_writer(tmp_path) as writer:
+        for text in texts:
+            writer.exchange(
+                Exchange("usb", "tach", "poll", None, (), (reading("tach", "speed_rpm", 1.0, 1, raw=text),))
+            )
+        writer.end("finished")
+    cells = [line.split(",")[13] for line in (writer.folder / "samples.csv").read_text().splitlines()[1:]]
+    assert cells == [*(f"'{text}" for text in texts[:5]), "-3.25"]
+    assert list(read_run(writer.folder).samples["raw"]) == texts
+
+
+def test_text_of_a_device_is_bounded_and_stays_on_its_line(tmp_path):
+    with new_writer(tmp_path) as writer:
+        text = "x\r\n\x00\ud800" * 1000
+        writer.exchange(Exchange("usb", "t", "poll", None, (), (reading("t", "speed_rpm", 1.0, 1, detail=text),)))
+        writer.event("gap", 1, text=text)
+        writer.end("finished")
+    run = read_run(writer.folder)
+    assert len(run.samples) == len(run.events) == 1
+    assert len(run.samples["detail"][0]) < 3000
+
+
+def test_a_run_without_the_wire_still_counts_its_exchanges(tmp_path):
+    run = read_run(write_sweep(tmp_path, wire=False))
+    assert not run.has_wire
+    assert run.samples["exchange"].iloc[-1] == run.end.counts["exchanges"]
+    assert verify(run.folder) == []
+
+
+def test_times_are_kept_as_utc_beside_the_bench_s_own(tmp_path):
+    with new_writer(tmp_path) as writer:
+        writer.exchange(poll("tach", {"speed_rpm": 1.0}, 1_500_000_000))
+        writer.event("set-point", 1_500_000_000, pressure_bar_abs=2.0)
+    row = read_run(writer.folder).samples.iloc[0]
+    assert (row.time_s, row.request_ns, row.utc) == (1.5, 1_498_000_000, "2026-05-28T20:26:41.500000Z")
+    assert read_run(writer.folder).events[0].utc == row.utc
+
+
+def test_a_taken_name_gets_a_number(tmp_path):
+    names = []
+    for _ in range(3):
+        with new_writer(tmp_path) as writer:
+            names.append(writer.name)
+    assert names == [f"20260528-202640_synthetic_sweep{end}" for end in ("", "-2", "-3")]
+
+
+def test_a_bench_s_name_cannot_lead_out_of_the_folder(tmp_path):
+    with new_writer(tmp_path / "runs", bench="../../etc/passwd") as writer:
+        assert writer.folder.parent == tmp_path / "runs"
+        assert "/" not in writer.name
+
+
+def test_an_event_holds_what_json_can(tmp_path):
+    with new_writer(tmp_path) as writer:
+        writer.event("statistics", NS, n="mine", rate=float("nan"), quality=Quality.OK, many=range(3), path=Path("a"))
+    (event,) = read_run(writer.folder).events
+    assert (event.n, event.time_s, event.event) == (1, 1.0, "statistics")
+    assert event.details == {"n_": "mine", "rate": "nan", "quality": "ok", "many": "range(0, 3)", "path": "a"}
+
+
+def test_a_later_row_replaces_a_plateau_or_takes_it_back(tmp_path):
+    with new_writer(tmp_path) as writer:
+        writer.plateau({"n": 1, "speed_rpm": 100.0, "note": "first try"})
+        writer.plateau({"n": 2, "speed_rpm": "<10"})
+        writer.plateau({"n": 1, "speed_rpm": 101.0})
+        writer.plateau({"n": 2, "used": False})
+    run = read_run(writer.folder)
+    assert [(plateau.n, plateau.means["speed_rpm"].mean) for plateau in run.plateaus] == [(1, 101.0)]
+    assert len(run.plateau_rows) == 4
+    assert run.plateau_rows[1].means["speed_rpm"].censored == -1
+
+
+def test_a_plateau_column_that_is_none_is_refused(tmp_path):
+    with new_writer(tmp_path) as writer, pytest.raises(RunError, match="no column is called speed_rps"):
+        writer.plateau({"n": 1, "speed_rps": 4.0})
+
+
+def test_a_closed_run_takes_nothing_more(tmp_path):
+    with new_writer(tmp_path) as writer:
+        writer.end("aborted", "stopped by the operator", vented=True)
+        with pytest.raises(RunError, match="the run is closed"):
+            writer.event("late", 0)
+        with pytest.raises(RunError, match="closed already"):
+            writer.end("finished")
+    run = read_run(writer.folder)
+    assert (run.state, run.end.reason) == ("aborted", "stopped by the operator")
+
+
+def test_a_run_that_is_being_written_is_shown_as_that_and_readable(tmp_path):
+    with new_writer(tmp_path) as writer:
+        writer.exchange(poll("tach", {"speed_rpm": 1.0}, 1))
+        assert read_run(writer.folder).state == list_runs(tmp_path)[0].outcome == "being written"
+        assert len(read_run(writer.folder).samples) == 1
+    assert read_run(writer.folder).state == "killed"
+
+
+def test_two_programs_cannot_write_one_run(tmp_path):
+    with new_writer(tmp_path) as writer:
+        assert is_locked(writer.folder)
+        with pytest.raises(RunError, match="another program writes this run"):
+            Lock(writer.folder)
+        second = [sys.executable, "-c", f"from rig.runlog.folder import *; Lock(Path({str(writer.folder)!r}))"]
+        found = subprocess.run(second, capture_output=True, text=True, timeout=60, check=False)
+        assert "another program writes this run" in found.stderr
+    Lock(writer.folder).release()
+
+
+def test_a_full_disk_ends_the_run_with_whole_lines(tmp_path):
+    """The kernel's limit on a file's size stands in for the full disk: the write that crosses it is cut short."""
+    code = f"""
+import resource, signal, sys
+sys.path.insert(0, {str(ROOT)!r})
+from pathlib import Path
+from tests.synthetic_runs import poll, start_of
+from rig.runlog import RunError, RunWriter
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+writer = RunWriter.create(Path({str(tmp_path)!r}), start_of())
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY))
+rows = 0
+try:
+    while True:
+        writer.exchange(poll("tach", {{"speed_rpm": 1.0}}, rows + 1))
+        rows += 1
+except RunError as error:
+    print(error)
+writer.end("finished")
+print(rows)
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert found.returncode == 0, found.stderr
+    *error, rows = found.stdout.splitlines()
+    assert "cannot be written (File too large); the run ends here" in error[0]
+    run = read_run(next(tmp_path.iterdir()))
+    assert (run.state, run.torn, len(run.samples)) == ("failed", {}, int(rows))
+    assert "File too large" in run.end.reason
+    assert verify(run.folder) == []
+
+
+def test_what_is_written_is_put_on_the_disk_without_being_asked(tmp_path, monkeypatch):
+    synced = []
+    real = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle).st_ino) or real(handle))
+    with RunWriter.create(tmp_path, start_of(), sync_s=0.02) as writer:
+        wanted = {(writer.folder / name).stat().st_ino for name in ("samples.csv", "wire.jsonl")}
+        writer.exchange(poll("tach", {"speed_rpm": 1.0}, 1))
+        for _ in range(500):
+            if wanted <= set(synced):
+                break
+            time.sleep(0.01)
+    assert wanted <= set(synced)
+
+
+KILLED = """
+import sys
+sys.path.insert(0, {tests!r})
+from pathlib import Path
+from tests.synthetic_runs import poll, start_of
+from rig.runlog import RunWriter
+writer = RunWriter.create(Path({root!r}), start_of())
+row = 0
+while True:
+    row += 1
+    writer.exchange(poll("tach", {{"speed_rpm": float(row)}}, row))
+    if row % 7 == 0:
+        writer.event("step", row, row=row)
+    sys.stdout.write(f"{{row}}\\n")
+    sys.stdout.flush()
+"""
+
+
+def test_a_killed_program_loses_no_acknowledged_row(tmp_path):
+    """kill -9 at ten random moments; what it had acknowledged on a pipe is all there, in order, with its wire."""
+    moments = random.Random(3)
+    for trial in range(10):
+        root = tmp_path / str(trial)
+        code = KILLED.format(tests=str(ROOT), root=str(root))
+        child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+        assert child.stdout is not None
+        first = child.stdout.readline()
+        time.sleep(moments.uniform(0.0, 0.15))
+        child.send_signal(signal.SIGKILL)
+        said = (first + child.stdout.read()).decode()
+        child.wait()
+        acknowledged = int(said[: said.rindex("\n")].split("\n")[-1])
+        run = read_run(next(root.iterdir()))
+        values = run.samples["value"].tolist()
+        assert run.state == "killed"
+        assert len(values) >= acknowledged > 0
+        assert values == [float(row) for row in range(1, len(values) + 1)]
+        assert sum(1 for _ in run.exchanges()) >= acknowledged
+        assert [event.details["row"] for event in run.events][: acknowledged // 7] == list(
+            range(7, acknowledged + 1, 7)
+        )
+
+
+def test_the_start_record_is_there_whole_or_not_at_all(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "rename", fail)
+    with pytest.raises(RunError, match=r"start.json: cannot be written \(No space left on device\)"):
+        new_writer(tmp_path)
+    (folder,) = tmp_path.iterdir()
+    assert not (folder / "start.json").exists()
+    assert not is_locked(folder)
+    assert list_runs(tmp_path) == []
+
+
+def test_the_start_record_says_what_the_run_was(tmp_path):
+    with new_writer(tmp_path, parent="an_earlier_run", lubrication="oil mist") as writer:
+        record = json.loads((writer.folder / "start.json").read_text())
+    assert (record["format"], record["parent"], record["lubrication"]) == ("run/1", "an_earlier_run", "oil mist")
+    assert record["clock"] == {"rate": 1.0, "utc_start_ns": UTC_START_NS}
+    assert record["devices"]["gauge"]["channels"]["pressure_bar_abs"]["bias_sd"] == 0.005
+
+
+def test_a_lock_ends_with_its_process(tmp_path):
+    with new_writer(tmp_path) as writer:
+        folder = writer.folder
+    handle = os.open(folder / ".lock", os.O_RDWR)
+    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    assert is_locked(folder)
+    os.close(handle)
+    assert not is_locked(folder)

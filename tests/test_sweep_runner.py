@@ -1,0 +1,232 @@
+"""The runner: set-points in the regulator's unit, events and plateaus into the log, and no pressure on every way out."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from rig.interlock.limits import Limits
+from rig.runlog import plateaus as table
+from rig.sweep.ambient import at_start
+from rig.sweep.hooks import Hooks, guarded, points_of
+from rig.sweep.plan import Step, SweepError
+from rig.sweep.planning import sweep_course
+from rig.sweep.plateau import Mean, Plateau
+from rig.sweep.runner import run_course, set_points
+from tests.sweep_lab import AMBIENT, LabAcquisition, LabBench
+
+
+def run(acquisition, **hooks):
+    bench = acquisition.bench
+    course, _ = sweep_course(bench, at_start(bench, GIVEN))
+    return run_course(acquisition, acquisition, bench, course, Hooks(**hooks))
+
+
+GIVEN = SimpleNamespace(
+    pressure_bar_abs=None, temperature_c=None, relative_humidity=None, lubrication=None, minutes_running=0.0
+)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    acquisition = LabAcquisition(LabBench())
+    heard = []
+    outcome = run(acquisition, on_plateau=heard.append)
+    return SimpleNamespace(acquisition=acquisition, outcome=outcome, heard=heard)
+
+
+def test_a_whole_sweep_is_finished_and_vented(whole):
+    assert (whole.outcome.outcome, whole.outcome.vented) == ("finished", True)
+    assert [plateau.step.level_bar_abs for plateau in whole.outcome.plateaus] == [1.3, 1.6]
+
+
+def test_set_points_are_written_in_the_regulator_s_unit(whole):
+    assert max(whole.acquisition.writes) == pytest.approx(1.6 - AMBIENT)
+
+
+def test_the_last_set_point_is_zero(whole):
+    assert whole.acquisition.writes[-1] == 0.0
+
+
+def test_each_plateau_goes_to_the_log_as_a_row_that_the_run_s_table_takes(whole):
+    assert [row["n"] for row in whole.acquisition.plateaus] == [1, 2]
+    for row in whole.acquisition.plateaus:
+        assert table.line(row)
+        assert row["speed_rpm"] == pytest.approx(412.0 * (row["level_bar_abs"] - 1.04), abs=1.0)
+        assert row["flow_l_min_n"] > 30
+
+
+def test_each_plateau_is_shown_to_who_listens(whole):
+    assert whole.heard == whole.outcome.plateaus
+
+
+def test_the_states_and_the_zeros_are_in_the_log(whole):
+    kinds = [kind for kind, _ in whole.acquisition.events]
+    states = [details["state"] for kind, details in whole.acquisition.events if kind == "state"]
+    assert states[:3] == ["zero", "next", "ramp"]
+    assert states[-1] == "done"
+    zeros = [details for kind, details in whole.acquisition.events if kind == "zero"]
+    assert [zero["which"] for zero in zeros] == ["start", "end"]
+    assert set(zeros[0]["channels"]) == {"gauge.pressure_bar_abs", "tach.speed_rpm", "meter.flow_l_min"}
+    assert zeros[0]["start_s"] < zeros[0]["end_s"]
+    assert kinds.count("plateau") == 2
+
+
+def test_the_progress_counts_plateaus():
+    told = []
+    progress = SimpleNamespace(
+        say=lambda text, warning=False: None, advance=lambda done, total, text: told.append((done, total))
+    )
+    run(LabAcquisition(LabBench()), progress=progress)
+    assert told[0] == (0, 2)
+    assert told[-1] == (2, 2)
+
+
+@pytest.mark.parametrize("state", ["zero", "ramp", "settle", "dwell", "next"])
+def test_a_regulator_that_dies_fails_the_run_and_is_tried_again_to_the_end(state):
+    acquisition = LabAcquisition(LabBench())
+    acquisition.before[state] = lambda a: setattr(a, "dead_regulator", True)
+    said = []
+    progress = SimpleNamespace(
+        say=lambda text, warning=False: said.append(text), advance=lambda done, total, text: None
+    )
+    outcome = run(acquisition, progress=progress)
+    assert outcome.outcome == "failed"
+    assert "nothing within 0.3 s" in outcome.reason
+    assert not outcome.vented
+    assert acquisition.writes[-3:] == [0.0] * 3
+    assert any("close the supply" in text for text in said)
+
+
+def test_a_regulator_that_comes_back_is_vented():
+    acquisition = LabAcquisition(LabBench())
+    acquisition.before["dwell"] = lambda a: setattr(a, "dead_regulator", True)
+    acquisition.before["state of the end"] = lambda a: None
+    acquisition.before["set-point not taken"] = lambda a: setattr(a, "dead_regulator", False)
+    outcome = run(acquisition)
+    assert (outcome.outcome, outcome.vented) == ("failed", True)
+
+
+def test_a_lost_speed_signal_aborts_with_its_name():
+    acquisition = LabAcquisition(LabBench())
+    limits = Limits(acquisition.bench.file.safety, acquisition.bench.file.roles, AMBIENT)
+    acquisition.before["dwell"] = lambda a: a.lab.dead.add("speed")
+    outcome = run(acquisition, trip=limits.trip)
+    assert outcome.outcome == "aborted"
+    assert "speed signal lost" in outcome.reason
+    assert "tach.speed_rpm" in outcome.reason
+    assert outcome.vented
+    assert acquisition.writes[-1] == 0.0
+
+
+def test_an_operator_s_stop_aborts_and_keeps_the_plateaus():
+    acquisition = LabAcquisition(LabBench())
+    stops = []
+    outcome = run(acquisition, stops=lambda: len(stops), on_plateau=stops.append)
+    assert (outcome.outcome, outcome.reason) == ("aborted", "stopped by the operator")
+    assert len(outcome.plateaus) == 1
+    assert acquisition.writes[-1] == 0.0
+
+
+def test_what_is_nobody_s_fault_but_ours_is_raised_with_the_regulator_at_zero():
+    acquisition = LabAcquisition(LabBench())
+
+    def broken(plateau):
+        raise ZeroDivisionError("a mistake of ours")
+
+    with pytest.raises(ZeroDivisionError):
+        run(acquisition, on_plateau=broken)
+    assert acquisition.writes[-1] == 0.0
+
+
+def test_a_keyboard_interrupt_leaves_the_regulator_at_zero():
+    acquisition = LabAcquisition(LabBench())
+
+    def interrupted(plateau):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(acquisition, on_plateau=interrupted)
+    assert acquisition.writes[-1] == 0.0
+
+
+def test_a_refused_level_is_in_the_log_with_all_that_are_left_out():
+    acquisition = LabAcquisition(LabBench())
+    outcome = run(acquisition, predict=lambda level, p: SimpleNamespace(allowed=level < 1.5, text="too fast"))
+    assert outcome.left_out == [Step(1.6, "up", 1)]
+    (refused,) = [details for kind, details in acquisition.events if kind == "level refused"]
+    assert refused == {"level_bar_abs": 1.6, "text": "too fast", "left_out": [[1.6, "up", 1]]}
+
+
+def test_teeth_are_read_while_a_capture_is_made():
+    bench = LabBench(teeth=60, captures=["coast-down"], capture_level_bar_abs=2.0, levels_bar_abs=[1.6])
+    acquisition = LabAcquisition(bench)
+    outcome = run(acquisition)
+    assert outcome.outcome == "finished", outcome.reason
+    kinds = [kind for kind, _ in acquisition.events]
+    assert kinds.index("capture start") < kinds.index("capture end")
+    read = [i for i, command in enumerate(acquisition.commands) if command[1] == "capture"]
+    assert len(read) > 20
+    assert ("dac", "write", 0.0) in acquisition.commands[read[0] : read[-1]]
+    (end,) = [details for kind, details in acquisition.events if kind == "capture end"]
+    assert end["start_s"] < end["event_s"] < end["end_s"]
+
+
+def test_a_capture_that_the_bench_cannot_resolve_is_left_out_with_the_reason():
+    bench = LabBench(captures=["coast-down"], levels_bar_abs=[1.6])
+    course, remarks = sweep_course(bench, at_start(bench, GIVEN))
+    assert course.captures == []
+    assert "samples would fall in it" in remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "bar_abs", "expected"),
+    [("bar gauge", 2.0, 2.0 - AMBIENT), ("bar abs", 2.0, 2.0), ("bar gauge", 0.0, 0.0), ("bar gauge", 9.0, 5.0)],
+)
+def test_absolute_pressures_become_set_points(unit, bar_abs, expected):
+    assert set_points(LabBench(unit=unit), AMBIENT)(bar_abs) == pytest.approx(expected)
+
+
+def test_a_regulator_in_another_unit_is_refused():
+    with pytest.raises(SweepError, match="psi"):
+        set_points(LabBench(unit="psi"), AMBIENT)
+
+
+@pytest.mark.parametrize(("levels", "says"), [([3.5], "highest_pressure_bar_abs"), ([0.6], "not gauge")])
+def test_levels_beyond_the_bench_are_refused(levels, says):
+    bench = LabBench(levels_bar_abs=levels)
+    with pytest.raises(SweepError, match=says):
+        sweep_course(bench, at_start(bench, GIVEN))
+
+
+def test_a_parent_that_took_everything_leaves_nothing_to_continue():
+    bench = LabBench()
+    with pytest.raises(SweepError, match="nothing left"):
+        sweep_course(bench, at_start(bench, GIVEN), [Step(1.3, "up", 1), Step(1.6, "up", 1)])
+
+
+# What the guard is told.
+
+
+def plateau_of(pressure, speed):
+    return Plateau(1, Step(1.6, "up", 1), 0, 1, True, {"pressure": pressure, "speed": speed})
+
+
+def test_the_guard_gets_absolute_pressures_and_the_errors_of_the_means():
+    plateau = plateau_of(Mean(0.6, 0.001, 30), Mean(230.0, 0.3, 30))
+    (point,) = points_of([plateau], AMBIENT, pressure_sd_bar=0.01)
+    assert point.pressure_pa == pytest.approx((0.6 + AMBIENT) * 1e5)
+    assert point.speed_rad_s == pytest.approx(24.0855, abs=1e-3)
+    assert point.pressure_sd == pytest.approx(1005.0, abs=1.0)
+
+
+def test_a_rotor_at_rest_tells_the_guard_something_and_a_speed_off_the_scale_nothing():
+    rest = plateau_of(Mean(1.1, 0.001, 30), Mean(0.0, None, 30, censored=-1))
+    off = plateau_of(Mean(1.6, 0.001, 30), Mean(500.0, None, 30, censored=1))
+    assert [point.speed_rad_s for point in points_of([rest, off], 0.0)] == [0.0]
+
+
+def test_the_guard_is_asked_in_pascals():
+    asked = []
+    guard = SimpleNamespace(verdict=lambda level, points: asked.append((level, len(points))))
+    guarded(guard, AMBIENT, is_gauge=True)(1.6, [])
+    assert asked == [(pytest.approx(1.6e5), 0)]
