@@ -93,7 +93,8 @@ class LabBench:
     def __init__(self, teeth=None, update_s=0.0, unit="bar gauge", **more):
         self.name, self.file = "lags", bench_file(**more)
         self.instruments = {
-            name: SimpleNamespace(update_s=update_s if name == "tach" else 0.0, teeth=teeth) for name in self.file.devices
+            name: SimpleNamespace(update_s=update_s if name == "tach" else 0.0, teeth=teeth)
+            for name in self.file.devices
         }
         self.drivers = {
             "gauge": SimpleNamespace(channels={"pressure_bar_abs": None}),

@@ -138,7 +138,7 @@ class Bench:
                 self.writer.exchange(poll("gauge", {PRESSURE: 1.013 + (2.0 - 1.013) * share}, time_ns + 1_000_000))
         self.time_ns = start_ns + 1_500_000_000
         span = {"start_s": start_ns / NS, "event_s": event_s, "end_s": self.time_ns / NS}
-        self.writer.event("capture", self.time_ns, which=which, **span)
+        self.writer.event("capture end", self.time_ns, capture=which, **span)
 
 
 def write_sweep(root: Path, seal: bool = True, wire: bool = True, captures: bool = True, **changes: Any) -> Path:

@@ -1,12 +1,14 @@
 """The run log, written and read back: every reading to the bit, whatever happens to the program that writes it."""
 
 import fcntl
+import itertools
 import json
 import os
 import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -220,47 +222,44 @@ def test_what_is_written_is_put_on_the_disk_without_being_asked(tmp_path, monkey
     assert wanted <= set(synced)
 
 
-KILLED = """
-import sys
-sys.path.insert(0, {tests!r})
-from pathlib import Path
-from tests.synthetic_runs import poll, start_of
-from rig.runlog import RunWriter
-writer = RunWriter.create(Path({root!r}), start_of())
-row = 0
-while True:
-    row += 1
-    writer.exchange(poll("tach", {{"speed_rpm": float(row)}}, row))
-    if row % 7 == 0:
-        writer.event("step", row, row=row)
-    sys.stdout.write(f"{{row}}\\n")
-    sys.stdout.flush()
-"""
+def write_until_killed(root, acknowledged):
+    """Rows as fast as they go, each said on a pipe once it is written."""
+    writer = RunWriter.create(root, start_of(), sync_s=0.01)
+    for row in itertools.count(1):
+        writer.exchange(poll("tach", {"speed_rpm": float(row)}, row))
+        if row % 7 == 0:
+            writer.event("step", row, row=row)
+        os.write(acknowledged, f"{row}\n".encode())
 
 
 def test_a_killed_program_loses_no_acknowledged_row(tmp_path):
-    """kill -9 at ten random moments; what it had acknowledged on a pipe is all there, in order, with its wire."""
+    """kill -9 at ten random moments; what was acknowledged is all there, in order, with its bytes on the wire."""
     moments = random.Random(3)
     for trial in range(10):
         root = tmp_path / str(trial)
-        code = KILLED.format(tests=str(ROOT), root=str(root))
-        child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
-        assert child.stdout is not None
-        first = child.stdout.readline()
-        time.sleep(moments.uniform(0.0, 0.15))
-        child.send_signal(signal.SIGKILL)
-        said = (first + child.stdout.read()).decode()
-        child.wait()
-        acknowledged = int(said[: said.rindex("\n")].split("\n")[-1])
+        reading_end, writing_end = os.pipe()
+        child = os.fork()
+        if child == 0:
+            try:
+                write_until_killed(root, writing_end)
+            finally:
+                os._exit(1)
+        os.close(writing_end)
+        said = os.read(reading_end, 1)
+        threading.Timer(moments.uniform(0.0, 0.2), os.kill, (child, signal.SIGKILL)).start()
+        while more := os.read(reading_end, 65536):
+            said += more
+        os.close(reading_end)
+        assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+        acknowledged = int(said[: said.rindex(b"\n")].split(b"\n")[-1])
         run = read_run(next(root.iterdir()))
         values = run.samples["value"].tolist()
         assert run.state == "killed"
         assert len(values) >= acknowledged > 0
         assert values == [float(row) for row in range(1, len(values) + 1)]
         assert sum(1 for _ in run.exchanges()) >= acknowledged
-        assert [event.details["row"] for event in run.events][: acknowledged // 7] == list(
-            range(7, acknowledged + 1, 7)
-        )
+        steps = [event.details["row"] for event in run.events]
+        assert steps[: acknowledged // 7] == list(range(7, acknowledged + 1, 7))
 
 
 def test_the_start_record_is_there_whole_or_not_at_all(tmp_path, monkeypatch):

@@ -44,7 +44,7 @@ def test_a_heavier_rotor_takes_longer():
 
 
 def test_a_motor_that_does_not_run_is_refused_in_words():
-    with pytest.raises(CaptureError, match="stalls at 1.03 bar"):
+    with pytest.raises(CaptureError, match=r"stalls at 1\.03 bar"):
         expected(MOTOR, "coast-down", 1.03)
 
 

@@ -22,7 +22,9 @@ ALLOWED = SimpleNamespace(allowed=True, text="")
 class Walk:
     """Drives a machine on a lab and keeps every order; things happen when a state is entered."""
 
-    def __init__(self, steps=None, captures=(), lab=None, predict=None, trip=None, by_hand=False, zeros=("start", "end")):
+    def __init__(
+        self, steps=None, captures=(), lab=None, predict=None, trip=None, by_hand=False, zeros=("start", "end")
+    ):
         self.lab = lab or Lab()
         steps = plan(LEVELS, "up-down") if steps is None else steps
         roles, channels = ("pressure", "flow", "speed"), ("gauge.pressure_bar_abs", "tach.speed_rpm")

@@ -1,4 +1,4 @@
-"""The runner: set-points in the regulator's unit, events and plateaus into the log, and no pressure on every way out."""
+"""The runner: set-points in the regulator's unit, everything into the log, and no pressure on every way out."""
 
 from types import SimpleNamespace
 
@@ -163,11 +163,11 @@ def test_teeth_are_read_while_a_capture_is_made():
     outcome = run(acquisition)
     assert outcome.outcome == "finished", outcome.reason
     kinds = [kind for kind, _ in acquisition.events]
-    assert kinds.index("capture start") < kinds.index("capture end")
+    assert kinds.index("capture start") < kinds.index("capture")
     read = [i for i, command in enumerate(acquisition.commands) if command[1] == "capture"]
     assert len(read) > 20
     assert ("dac", "write", 0.0) in acquisition.commands[read[0] : read[-1]]
-    (end,) = [details for kind, details in acquisition.events if kind == "capture end"]
+    (end,) = [details for kind, details in acquisition.events if kind == "capture"]
     assert end["start_s"] < end["event_s"] < end["end_s"]
 
 

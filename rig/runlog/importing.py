@@ -231,7 +231,7 @@ def _write_part(writer: RunWriter, part: Converted, plateaus: int) -> int:
     if part.entry.kind == "zero":
         writer.event(ZERO, last, which=part.entry.file, vented=True, **span)
     elif part.entry.kind == "transient":
-        writer.event(CAPTURE, last, which=_which(part), file=part.entry.file, **span, **_supply(part, times_ns))
+        writer.event(CAPTURE, last, capture=_which(part), file=part.entry.file, **span, **_supply(part, times_ns))
     return plateaus
 
 

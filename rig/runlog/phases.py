@@ -14,7 +14,7 @@ from rig.runlog.plateaus import columns_of
 from rig.runlog.reader import Run
 from rig.runlog.schema import EventLine
 
-ZERO, CAPTURE = "zero", "capture"
+ZERO, CAPTURE = "zero", "capture end"
 CAPTURES = ("coast-down", "spin-up")
 _USABLE = [quality.value for quality in USABLE]
 
@@ -130,12 +130,12 @@ def captures(run: Run) -> list[Phase]:
     Parameters
     ----------
     run : Run
-        Its events ``capture`` hold ``which``, ``start_s``, ``event_s`` and ``end_s``; a run of kind ``coast-down`` or
-        ``spin-up`` without such an event is one capture from end to end.
+        Its events ``capture end`` hold ``capture`` (the kind), ``start_s``, ``event_s`` and ``end_s``; a run of kind
+        ``coast-down`` or ``spin-up`` without such an event is one capture from end to end.
     """
     phases = []
     for event in run.events:
-        which = event.details.get("which")
+        which = event.details.get("capture")
         if event.event == CAPTURE and which in CAPTURES and "end_s" in event.details:
             when = event.details.get("event_s")
             phases.append(Phase(which, *_span(event), float(when) if isinstance(when, int | float) else None))

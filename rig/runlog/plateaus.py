@@ -43,7 +43,7 @@ class Mean:
     n_eff : float or None
         Independent readings that the samples are worth [-].
     n : int
-        Usable samples [-].
+        Usable samples [-]; 0 where it was not noted.
     censored : int
         -1 when the true value is below `mean`, 1 when it is above [-].
     """
@@ -192,7 +192,9 @@ def _plateau(cells: dict[str, str], place: str) -> PlateauRow:
         if cells[name]:
             value, censored = _signed(cells[name], f"{place}, column {name}")
             se, n_eff = (_float(cells[f"{name}{part}"], f"{place}, column {name}{part}") for part in ("_se", "_n_eff"))
-            means[name] = Mean(value, se, n_eff, _integer(cells[f"{name}_n"], f"{place}, column {name}_n"), censored)
+            means[name] = Mean(
+                value, se, n_eff, _integer(cells[f"{name}_n"] or "0", f"{place}, column {name}_n"), censored
+            )
     level = _float(cells["level_bar_abs"], f"{place}, column level_bar_abs")
     start, end = (_float(cells[name], f"{place}, column {name}") for name in ("start_s", "end_s"))
     flags = {name: _integer(cells[name], f"{place}, column {name}") != 0 for name in ("settled", "used")}

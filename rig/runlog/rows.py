@@ -152,7 +152,7 @@ def wire_line(n: int, exchange: Exchange) -> bytes:
         "argument": exchange.argument,
         "events": [[event.kind, event.time_ns, event.data.hex()] for event in exchange.events],
         "readings": len(exchange.readings),
-        "outcome": exchange.outcome[:4000],
+        "outcome": clean(exchange.outcome)[:4000],
     }
     return json_line(line)
 
@@ -179,8 +179,10 @@ def event_line(n: int, kind: str, time_ns: int, utc_start_ns: int, details: Mapp
     details : mapping
         What else is to be said; a key of the line's own is kept under ``<key>_``.
     """
-    line = {"n": n, "time_s": time_ns / NS, "utc": utc_text(utc_start_ns + time_ns), "event": kind[:200]}
-    return json_line(line | {f"{key}_" if key in line else str(key): plain(part) for key, part in details.items()})
+    line = {"n": n, "time_s": time_ns / NS, "utc": utc_text(utc_start_ns + time_ns), "event": clean(kind)[:200]}
+    return json_line(
+        line | {f"{key}_" if key in line else clean(str(key)): plain(part) for key, part in details.items()}
+    )
 
 
 def json_line(tree: Mapping[str, Any]) -> bytes:
@@ -207,7 +209,12 @@ def plain(value: Any, depth: int = 0) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
     if depth < MAX_DEPTH and isinstance(value, Mapping):
-        return {str(key)[:200]: plain(part, depth + 1) for key, part in value.items()}
+        return {clean(str(key))[:200]: plain(part, depth + 1) for key, part in value.items()}
     if depth < MAX_DEPTH and isinstance(value, list | tuple | set | frozenset):
         return [plain(part, depth + 1) for part in value]
-    return str(value)[:4000]
+    return clean(str(value))[:4000]
+
+
+def clean(text: str) -> str:
+    """Text that UTF-8 can hold: half a surrogate pair, as Python makes of a byte that is none, becomes an escape."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")

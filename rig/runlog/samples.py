@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -120,19 +120,28 @@ def _check_order(samples: pd.DataFrame, path: Path) -> None:
         )
 
 
-def reading_of(row: Any) -> Reading:
-    """The reading of a row of the table, bit for bit as it was written."""
+def reading_of(cells: Mapping[str, np.ndarray], row: int) -> Reading:
+    """The reading of a row, bit for bit as it was written.
+
+    Parameters
+    ----------
+    cells : mapping of str to ndarray
+        The table's columns.
+    row : int
+        From 0 [-].
+    """
+    value = float(cells["value"][row])
     return Reading(
-        device=row.device,
-        channel=row.channel,
-        value=None if np.isnan(row.value) else row.value,
-        unit=row.unit,
-        quality=Quality(row.quality),
-        time_ns=row.time_ns,
-        request_ns=row.request_ns,
-        reply_ns=row.reply_ns,
-        retries=row.retries,
-        raw=row.raw,
-        detail=row.detail,
-        censored=row.censored,
+        device=cells["device"][row],
+        channel=cells["channel"][row],
+        value=None if math.isnan(value) else value,
+        unit=cells["unit"][row],
+        quality=Quality(cells["quality"][row]),
+        time_ns=int(cells["time_ns"][row]),
+        request_ns=int(cells["request_ns"][row]),
+        reply_ns=int(cells["reply_ns"][row]),
+        retries=int(cells["retries"][row]),
+        raw=cells["raw"][row],
+        detail=cells["detail"][row],
+        censored=int(cells["censored"][row]),
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 from rig.bench import Bench
 from rig.clock import Clock
-from rig.runlog.rows import plain, utc_text
+from rig.runlog.rows import clean, plain, utc_text
 from rig.runlog.schema import (
     AmbientRecord,
     ChannelRecord,
@@ -85,7 +85,7 @@ def start_record(
         "title": file.title,
         "utc_start": utc_text(clock.utc_start_ns),
         "clock": ClockRecord(rate=clock.rate, utc_start_ns=clock.utc_start_ns),
-        "operator": circumstances.operator,
+        "operator": clean(circumstances.operator),
         "simulated": simulated,
         "parent": circumstances.parent,
         "motor": file.motor,
@@ -110,7 +110,7 @@ def _device(bench: Bench, name: str, identity: str) -> DeviceRecord:
     return DeviceRecord(
         instrument=table.instrument,
         line=table.line,
-        identity=identity[:2000],
+        identity=clean(identity)[:2000],
         trust=settings.trust,
         calibration=table.calibration,
         channels=channels,

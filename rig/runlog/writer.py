@@ -215,7 +215,7 @@ class RunWriter:
             utc_end_ns = time.time_ns()
             record = EndRecord(
                 outcome=outcome,
-                reason=reason[:4000],
+                reason=rows.clean(reason)[:4000],
                 utc_end=rows.utc_text(utc_end_ns),
                 counts=dict(self.counts),
                 sha256={name: sha256_of(self.folder / name) for name in files},

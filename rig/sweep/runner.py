@@ -6,7 +6,7 @@ On every way out of here the regulator is told to give no pressure.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -32,8 +32,10 @@ from rig.sweep.orders import (
     SetPressure,
     Zero,
 )
-from rig.sweep.plan import Step, SweepError
-from rig.sweep.plateau import Mean, Plateau
+from rig.sweep.plan import Step
+from rig.sweep.plateau import Plateau
+from rig.sweep.setpoints import set_points
+from rig.sweep.words import sentence
 
 PERIOD_REAL_S = 0.05  # between two looks at the bench
 CAPTURE_REAL_S = 0.01  # while every tooth is read
@@ -193,7 +195,7 @@ class Runner:
                 self._note("level refused", level_bar_abs=order.level_bar_abs, text=order.text, left_out=levels)
             case CaptureStart():
                 self._capturing = self.reads_teeth
-                self._note("capture start", capture=order.kind, level_bar_abs=order.level_bar_abs)
+                self._note("capture start", which=order.kind, level_bar_abs=order.level_bar_abs)
             case CaptureEnd():
                 self._end_capture(order)
             case Finish():
@@ -233,7 +235,7 @@ class Runner:
     def _end_capture(self, order: CaptureEnd) -> None:
         self._capturing = False
         times = {"start_s": order.start_ns / NS, "event_s": order.event_ns / NS, "end_s": order.end_ns / NS}
-        self._note("capture end", capture=order.kind, **times)
+        self._note("capture", which=order.kind, **times)
 
     def _release(self) -> bool:
         """No pressure, whatever happened before; True when the regulator took the order, or a person has the valve."""
@@ -277,62 +279,6 @@ def run_course(
         Finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
     """
     return Runner(acquisition, sink, bench, course, hooks or Hooks()).run()
-
-
-def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:
-    """From an absolute pressure [bar] to the regulator's set-point, as a function.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    ambient_bar : float
-        The room's pressure [bar].
-
-    Raises
-    ------
-    SweepError
-        When the regulator's unit is not known here.
-    """
-    device = bench.file.roles.regulator
-    if device is None:
-        return lambda bar_abs: bar_abs
-    driver: Any = bench.build(device)
-    zero = {"bar gauge": ambient_bar, "bar abs": 0.0}.get(driver.unit)
-    if zero is None:
-        raise SweepError(f"{device}: its set-point is in '{driver.unit}'; a sweep needs bar gauge or bar abs")
-    none = max(driver.lowest, 0.0)
-
-    def set_point(bar_abs: float) -> float:
-        if bar_abs == VENTED:
-            return float(none)
-        return float(min(max(bar_abs - zero, none), driver.highest))
-
-    return set_point
-
-
-def sentence(plateau: Plateau) -> str:
-    """A plateau in one line.
-
-    Parameters
-    ----------
-    plateau : Plateau
-        As taken.
-    """
-    parts = [f"{plateau.step.level_bar_abs:g} bar abs {plateau.step.direction}"]
-    units = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
-    parts += [_figure(plateau.means[role], unit) for role, unit in units.items() if role in plateau.means]
-    if not plateau.settled:
-        parts.append("not settled")
-    return ", ".join(parts)
-
-
-def _figure(mean: Mean, unit: str) -> str:
-    if mean.mean is None:
-        return f"no {unit}"
-    sign = {-1: "<", 0: "", 1: ">"}[mean.shown_censored]
-    error = f" +- {mean.se:.2g}" if mean.se else ""
-    return f"{sign}{mean.mean:.5g}{error} {unit}"
 
 
 def _zero_details(order: Zero) -> dict[str, Any]:

@@ -203,11 +203,11 @@ class Alicat:
             return GAS
         if entry == "setpoint":
             decimals = self.settings.setpoint.decimals if self.settings.setpoint else 2
-            return f"{self.part.setpoint:+0{5 + decimals}.{decimals}f}"
+            return f"{self.part.setpoint + 0.0:+0{5 + decimals}.{decimals}f}"  # no -0
         if entry not in numbers:
             return "+000.00"
         decimals = decimals_of(self.part.sensors[entry], self.settings.channels[entry].scale)
-        return f"{numbers[entry]:+0{5 + decimals}.{decimals}f}"
+        return f"{numbers[entry] + 0.0:+0{5 + decimals}.{decimals}f}"
 
 
 def decimals_of(sensor: Sensor, scale: float) -> int:

@@ -1,0 +1,213 @@
+"""A whole run played back, its samples beside those of the log, row by row and bit by bit."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from rig.bench import BENCH_SOURCE, Bench, bench_of, instrument_source
+from rig.readings import NS, Exchange
+from rig.replay.player import Player
+from rig.runlog import Run, RunError, RunWriter
+from rig.runlog.folder import SAMPLES
+from rig.runlog.lines import whole_lines
+from rig.runlog.rows import sample_line
+
+SHOWN = 5
+
+
+class Listener(Protocol):
+    """Who is told how far a replay is, and hears each exchange."""
+
+    def __call__(self, done: int, exchange: Exchange) -> None:
+        """After an exchange.
+
+        Parameters
+        ----------
+        done : int
+            Exchanges played [-].
+        exchange : Exchange
+            The last.
+        """
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What a replay gave.
+
+    Attributes
+    ----------
+    exchanges, samples : int
+        Played, and read out of them [-].
+    logged : int
+        Rows that the run's samples.csv holds [-].
+    different : int
+        Rows that are not the same to the bit, those missing on either side included [-].
+    differences : tuple of str
+        The first few, in words.
+    asked : tuple of str
+        Where today's drivers ask something else than was asked.
+    tail : int
+        Rows more than the log has, of a run that was killed between its two files [-].
+    """
+
+    exchanges: int
+    samples: int
+    logged: int
+    different: int
+    differences: tuple[str, ...]
+    asked: tuple[str, ...]
+    tail: int
+
+    @property
+    def same(self) -> bool:
+        """Whether every sample of the log came again, bit for bit."""
+        return self.different == 0 and not self.asked
+
+
+def bench_of_run(run: Run) -> Bench:
+    """The bench as it was, from the texts that the run kept.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Raises
+    ------
+    RunError
+        When it kept none.
+    ConfigError
+        When today's program does not take them any more.
+    """
+    sources = {name: source.text.encode() for name, source in run.start.sources.items()}
+    if BENCH_SOURCE not in sources:
+        raise RunError(f"{run.folder}: its start record holds no bench file, so there is nothing to replay it with")
+    return bench_of(run.start.bench, sources, f"{run.folder.name}: {BENCH_SOURCE}")
+
+
+def replay(
+    run: Run,
+    bench: Bench | None = None,
+    writer: RunWriter | None = None,
+    real_time: bool = False,
+    listener: Listener | None = None,
+) -> Replayed:
+    """Play a run back through today's drivers and compare the samples.
+
+    Parameters
+    ----------
+    run : Run
+        The run; with its bytes.
+    bench : Bench or None
+        With mended instrument files; those that the run kept when left out.
+    writer : RunWriter or None
+        Gets the exchanges and events of the replay, where it is kept as a run of its own.
+    real_time : bool
+        Whether to wait as long between two exchanges as it took then.
+    listener : Listener or None
+        Who is told.
+
+    Returns
+    -------
+    Replayed
+        The comparison.
+
+    Raises
+    ------
+    RunError
+        When the run kept no bytes, or is damaged.
+    """
+    if not run.has_wire:
+        raise RunError(f"{run.folder}: the bytes on the wire were not kept, so there is nothing to replay")
+    player = Player(bench or bench_of_run(run), run.start.simulated, run.start.ambient.model_dump())
+    logged = (line for _, line in itertools.islice(whole_lines(run.folder / SAMPLES), 1, None))
+    pace = _Pace(real_time)
+    events = iter(run.events)
+    pending = next(events, None)
+    found: list[str] = []
+    played = made = rows = different = 0
+    ended = False
+    for number, exchange in run.exchanges():
+        again = player.play(exchange)
+        pace.wait(again)
+        when_s = again.events[-1].time_ns / NS if again.events else 0.0
+        while writer is not None and pending is not None and pending.time_s <= when_s:
+            writer.event(pending.event, int(pending.time_s * NS), **pending.details)
+            pending = next(events, None)
+        if writer is not None:
+            writer.exchange(again)
+        for reading in again.readings:
+            made += 1
+            new = sample_line(made, number, reading, run.start.clock.utc_start_ns).rstrip(b"\n")
+            old = None if ended else next(logged, None)
+            ended = old is None
+            rows += old is not None
+            if old is not None and old != new:
+                different += 1
+                if len(found) < SHOWN:
+                    found.append(f"row {made}: {_text(old)} is now {_text(new)}")
+        played += 1
+        if listener is not None:
+            listener(played, again)
+    lost = sum(1 for _ in logged)
+    while writer is not None and pending is not None:
+        writer.event(pending.event, int(pending.time_s * NS), **pending.details)
+        pending = next(events, None)
+    tail = made - rows
+    if lost:
+        found.append(f"{lost} rows of the log did not come again")
+    if tail and run.state != "killed":
+        found.append(f"{tail} rows came that the log does not have")
+        different += tail
+    return Replayed(played, made, rows + lost, different + lost, tuple(found), tuple(player.differences[:SHOWN]), tail)
+
+
+def mended_bench(run: Run, instruments: Iterable[str], folder: Path) -> Bench:
+    """The run's bench with today's files of some instruments.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    instruments : iterable of str
+        Names in configs/instruments.
+    folder : Path
+        configs/instruments.
+    """
+    sources = {name: source.text.encode() for name, source in run.start.sources.items()}
+    for name in instruments:
+        path = folder / f"{name}.toml"
+        if instrument_source(name) not in sources:
+            raise RunError(f"{run.folder}: no device of this run is a '{name}'")
+        if not path.is_file():
+            raise RunError(f"{path}: no such file")
+        sources[instrument_source(name)] = path.read_bytes()
+    return bench_of(run.start.bench, sources, f"{run.folder.name}: {BENCH_SOURCE}")
+
+
+class _Pace:
+    """Waits as long between two exchanges as it took then, when that is wanted."""
+
+    def __init__(self, real_time: bool, sleep: Callable[[float], None] = time.sleep) -> None:
+        self.real_time, self.sleep = real_time, sleep
+        self._start: tuple[int, float] | None = None
+
+    def wait(self, exchange: Exchange) -> None:
+        if not self.real_time or not exchange.events:
+            return
+        now_ns = exchange.events[-1].time_ns
+        if self._start is None:
+            self._start = (now_ns, time.monotonic())
+        began_ns, began = self._start
+        left = (now_ns - began_ns) / NS - (time.monotonic() - began)
+        if left > 0.0:
+            self.sleep(left)
+
+
+def _text(line: bytes) -> str:
+    return line.decode("utf-8", errors="replace")[:160]

@@ -1,0 +1,186 @@
+"""Talking with a person at a terminal: prompts, typed lines with their times, and the commands among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rig.bench import LineTable
+from rig.clock import Clock
+from rig.lines import LostError, Port
+from rig.lines.keyboard import KeyboardPort
+from rig.lines.opening import port_of
+from rig.readings import NS
+
+MOST_CHARACTERS = 200
+MOST_BUFFER = 65_536
+LOOK_REAL_S = 0.2  # how often a wait looks whether the operator has asked to stop
+
+
+class StoppedError(Exception):
+    """The operator has asked to stop while a prompt was open."""
+
+
+class EndedError(Exception):
+    """Nobody can type any more."""
+
+
+@dataclass(frozen=True)
+class Typed:
+    """One line.
+
+    Attributes
+    ----------
+    text : str
+        Without its end, printable, at most 200 characters.
+    asked_ns, typed_ns : int
+        When the prompt was shown and when the line was there [ns].
+    """
+
+    text: str
+    asked_ns: int
+    typed_ns: int
+
+
+class Conversation:
+    """Prompts and answers over a keyboard port.
+
+    Parameters
+    ----------
+    port : KeyboardPort
+        The terminal, or a pipe.
+    clock : Clock
+        The bench's.
+    stops : callable
+        How often the operator has asked to stop by other means than typing, such as Ctrl-C.
+    """
+
+    def __init__(self, port: KeyboardPort, clock: Clock, stops: Callable[[], int] = lambda: 0) -> None:
+        self.port, self.clock = port, clock
+        self.stops = stops
+        self.log: Callable[..., None] = lambda kind, **details: None
+        self._seen_stops = 0
+        self._buffer = b""
+        port.open()
+
+    def ports(self, name: str, table: LineTable, clock: Clock) -> Port:
+        """The ports of a bench, with this one for its keyboard: what `Acquisition` is given.
+
+        Parameters
+        ----------
+        name : str
+            The line's.
+        table : LineTable
+            Of the bench file.
+        clock : Clock
+            The bench's.
+        """
+        return self.port if table.kind == "keyboard" else port_of(name, table, clock)
+
+    def say(self, text: str) -> None:
+        """Show a line."""
+        self.port.write(f"{text}\n".encode("utf-8", "replace"))
+
+    def show(self, text: str) -> None:
+        """Show text without an end of line, over what stands there."""
+        self.port.write(f"\r{text}".encode("utf-8", "replace"))
+
+    def ask(self, prompt: str) -> Typed:
+        """Show a prompt and wait for a line.
+
+        Parameters
+        ----------
+        prompt : str
+            What to show.
+
+        Raises
+        ------
+        StoppedError
+            When the operator has asked to stop meanwhile.
+        EndedError
+            When the input has ended.
+        """
+        try:
+            asked_ns = self.port.write(prompt.encode("utf-8", "replace"))
+            while b"\n" not in self._buffer:
+                self._look_for_stop()
+                _, data = self.port.read(self.clock.now_ns() + int(LOOK_REAL_S * self.clock.rate * NS))
+                self._buffer = (self._buffer + data.replace(b"\r", b"\n"))[-MOST_BUFFER:]
+        except LostError as error:
+            raise EndedError(str(error)) from None
+        line, _, self._buffer = self._buffer.partition(b"\n")
+        text = line.decode("utf-8", "replace").strip()
+        text = "".join(c if c.isprintable() else " " for c in text)[: MOST_CHARACTERS + 1]
+        typed = Typed(text, asked_ns, self.clock.now_ns())
+        self.log("typed", prompt=prompt.strip()[-MOST_CHARACTERS:], text=text)
+        return typed
+
+    def ask_text(self, prompt: str) -> str:
+        """The same for `rig.sweep.ambient`: only the text, and EOFError when nobody can type.
+
+        Parameters
+        ----------
+        prompt : str
+            What to show.
+        """
+        try:
+            return self.ask(prompt).text
+        except EndedError as error:
+            raise EOFError(str(error)) from None
+
+    def wait(self, seconds: float) -> None:
+        """Count down.
+
+        Parameters
+        ----------
+        seconds : float
+            Bench time [s].
+        """
+        end_ns = self.clock.now_ns() + int(seconds * NS)
+        while (left_ns := end_ns - self.clock.now_ns()) > 0:
+            self._look_for_stop()
+            self.show(f"  {left_ns / NS:4.0f} s ")
+            self.clock.sleep(min(left_ns / NS, self.clock.rate))
+        self.show("         \r")
+
+    def _look_for_stop(self) -> None:
+        if self.stops() > self._seen_stops:
+            self._seen_stops = self.stops()
+            raise StoppedError
+
+
+@dataclass(frozen=True)
+class Command:
+    """A word that is not an entry, and what follows it."""
+
+    word: str
+    rest: str = ""
+
+
+COMMANDS = {
+    "repeat": "take this level again (at a new level: the one before, once more)",
+    "undo": "take the last plateau back, and do it again",
+    "skip": "leave this level out",
+    "note": "note TEXT: keep a remark with this plateau",
+    "stop": "end the run; the valve is closed first",
+    "help": "this",
+}
+
+
+def command_of(text: str) -> Command | None:
+    """The command that a line is; None for an entry.
+
+    Parameters
+    ----------
+    text : str
+        As typed.
+    """
+    word, _, rest = text.partition(" ")
+    return Command(word.lower(), rest.strip()) if word.lower() in COMMANDS else None
+
+
+def help_text() -> str:
+    """What can be typed, a line each."""
+    lines = [f"  {word:<7} {text}" for word, text in COMMANDS.items()]
+    lines += ["  <10 or >100: off the scale; -: not read; Enter alone: it is set, count down"]
+    return "\n".join(lines)

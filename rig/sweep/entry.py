@@ -1,0 +1,105 @@
+"""What typed readings amount to: whether they agree, and the mean of a plateau made of them. Pure functions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rig.instruments.instrument import ChannelFile
+from rig.readings import Reading
+from rig.sweep.plan import UP
+from rig.sweep.plateau import Mean, mean_of
+
+AGREE_NOISE = 3.0  # standard deviations of a difference
+AGREE_RESOLUTION = 2.0
+OVERSHOT_BAR = 0.02
+FAR_BAR, FAR = 0.05, 0.03  # a reading so far from the level may be a slip of the pen
+
+
+def agree(first: Mapping[str, Reading], second: Mapping[str, Reading], channels: Mapping[str, ChannelFile]) -> bool:
+    """Whether two entries agree within what the instruments scatter.
+
+    Parameters
+    ----------
+    first, second : mapping of str to Reading
+        By channel.
+    channels : mapping of str to ChannelFile
+        With the figures.
+    """
+    return all(_alike(first[name], second[name], channel) for name, channel in channels.items())
+
+
+def _alike(first: Reading, second: Reading, channel: ChannelFile) -> bool:
+    if first.value is None or second.value is None or first.censored != second.censored:
+        return first.value is None and second.value is None
+    noise = AGREE_NOISE * math.sqrt(2.0) * (channel.noise_sd or 0.0)
+    within = max(noise, AGREE_RESOLUTION * (channel.resolution or 0.0))
+    return abs(first.value - second.value) <= within * (1.0 + 1e-9)
+
+
+def mean_of_entries(readings: Sequence[Reading]) -> Mean:
+    """The mean of a channel's typed readings.
+
+    Parameters
+    ----------
+    readings : sequence of Reading
+        Oldest first; those without a value do not count.
+    """
+    usable = [reading for reading in readings if reading.usable]
+    return mean_of(
+        np.array([reading.time_ns / 1e9 for reading in usable]),
+        np.array([reading.value for reading in usable], dtype=np.float64),
+        np.array([reading.censored for reading in usable], dtype=np.int64),
+        [reading.quality for reading in usable],
+    )
+
+
+def with_drift(before: Mean, after: Reading | None) -> Mean:
+    """The mean pressure of a plateau whose pressure was read again at its end.
+
+    The other readings lie somewhere between; the pressure that belongs to them is anywhere between the two, so the
+    middle is taken, with the error of a rectangular distribution, the drift over the root of 12.
+
+    Parameters
+    ----------
+    before : Mean
+        Of the entries.
+    after : Reading or None
+        Read at the end; None when it was not.
+    """
+    if after is None or not after.usable or after.value is None or before.mean is None:
+        return before
+    if before.censored or after.censored:
+        return before
+    drift = after.value - before.mean
+    se = math.hypot(before.se or 0.0, drift / math.sqrt(12.0))
+    qualities = before.qualities | {str(after.quality): before.qualities.get(str(after.quality), 0) + 1}
+    return Mean(before.mean + 0.5 * drift, se, before.n + 1, before.n + 1.0, 0, drift, None, qualities, before.note)
+
+
+def remarks(pressure_bar_abs: float | None, level_bar_abs: float, direction: str) -> list[str]:
+    """What to tell the person of a pressure reading: overshot, or far from the level.
+
+    Parameters
+    ----------
+    pressure_bar_abs : float or None
+        As read [bar].
+    level_bar_abs : float
+        As asked for [bar].
+    direction : str
+        ``up`` or ``down``.
+    """
+    if pressure_bar_abs is None:
+        return []
+    off = pressure_bar_abs - level_bar_abs
+    if abs(off) > max(FAR_BAR, FAR * level_bar_abs):
+        return [f"{pressure_bar_abs:.3f} bar abs was typed where {level_bar_abs:g} was asked for"]
+    if (off if direction == UP else -off) > OVERSHOT_BAR:
+        side, back = ("below", "down") if direction == UP else ("above", "up")
+        return [
+            f"{pressure_bar_abs:.3f} bar abs is beyond {level_bar_abs:g}, which is approached from {side}: "
+            f"go well {back} and come back, and type repeat"
+        ]
+    return []

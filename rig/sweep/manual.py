@@ -1,0 +1,372 @@
+"""A sweep whose instruments a person reads: one prompt a plateau, answered in one line.
+
+Channels that are not typed are averaged from the prompt to the end of the plateau. Whatever is typed is in the log.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from typing import Any
+
+from rig.acquisition import Acquisition
+from rig.bench import Bench
+from rig.instruments.manual import EntryError, ManualEntry, decode_entry, example
+from rig.readings import NS, Reading
+from rig.runlog import columns_of
+from rig.sweep import entry
+from rig.sweep.conversation import Command, Conversation, EndedError, StoppedError, Typed, command_of, help_text
+from rig.sweep.course import Course
+from rig.sweep.hooks import Hooks
+from rig.sweep.orders import ABORTED, FINISHED
+from rig.sweep.plan import UP, Step, SweepError
+from rig.sweep.plateau import Mean, Plateau, mean_of
+from rig.sweep.runner import BenchView, Outcome, PlateauSink, sentence
+
+MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
+COMMAND_REAL_S = 5.0
+RECORDED_REAL_S = 2.0  # in which a reading is in the log
+
+
+class _Jumped(Exception):  # noqa: N818 - not an error: a command that leaves the level
+    """A command that leaves the level: repeat, undo or skip."""
+
+    def __init__(self, command: Command) -> None:
+        super().__init__(command.word)
+        self.command = command
+
+
+class ManualSweep:
+    """Goes through the steps with a person.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+        Running, with the conversation's ports.
+    sink : PlateauSink
+        Where plateaus are written.
+    bench : Bench
+        With one manual instrument on a keyboard line.
+    course : Course
+        Its steps and its table; captures are not made by hand.
+    conversation : Conversation
+        The person.
+    hooks : Hooks
+        Guard and limits.
+    """
+
+    def __init__(
+        self,
+        acquisition: Acquisition,
+        sink: PlateauSink,
+        bench: Bench,
+        course: Course,
+        conversation: Conversation,
+        hooks: Hooks,
+    ) -> None:
+        self.acquisition, self.sink, self.bench, self.course = acquisition, sink, bench, course
+        self.person, self.hooks, self.clock = conversation, hooks, acquisition.clock
+        self.table = course.table
+        self.device = manual_device(bench)
+        driver = bench.build(self.device)
+        self.typed = driver.channels if isinstance(driver, ManualEntry) else {}
+        self.columns = columns_of(bench.file.roles.model_dump())
+        device, _, self.pressure = bench.file.roles.pressure.partition(".")
+        self.pressure_typed = device == self.device
+        self.is_gauge = self.pressure.endswith("_gauge")
+        self.steps: deque[Step] = deque(course.steps)
+        self.plateaus: list[Plateau] = []
+        self.left_out: list[Step] = []
+        self._numbered = 0
+        self._note = ""
+        self._view = BenchView(acquisition)
+        conversation.log = self._event
+
+    def run(self) -> Outcome:
+        """Take the zero, every level, and the zero again.
+
+        Returns
+        -------
+        Outcome
+            ``vented`` is what the person said.
+        """
+        outcome, reason = FINISHED, ""
+        self.person.say("Type help for what can be typed.")
+        try:
+            self._zero("start")
+            while self.steps:
+                self._step(self.steps.popleft())
+        except StoppedError:
+            outcome, reason = ABORTED, "stopped by the operator"
+        except EndedError as error:
+            outcome, reason = ABORTED, str(error)
+        except SweepTripped as error:
+            outcome, reason = ABORTED, str(error)
+            self.person.say(f"*** {reason} ***")
+        vented = self._close_valve()
+        if vented and outcome == FINISHED:
+            try:
+                self._zero("end")
+            except (StoppedError, EndedError, SweepTripped) as error:
+                self._event("note", text=f"no zero at the end: {error or 'stopped'}")
+        if not vented:
+            reason = f"{reason}; nobody has said that the valve is closed".removeprefix("; ")
+        return Outcome(outcome, reason, vented, list(self.plateaus), self.left_out)
+
+    def _step(self, step: Step) -> None:
+        """One level, until it is taken, left out, or left."""
+        verdict = self.hooks.predict(step.level_bar_abs, self.plateaus)
+        if not verdict.allowed:
+            self._refuse(step, verdict.text)
+            return
+        self._event("state", state="level", level_bar_abs=step.level_bar_abs, direction=step.direction)
+        try:
+            self._take(step)
+        except _Jumped as jump:
+            self._jump(step, jump.command)
+
+    def _take(self, step: Step) -> None:
+        self._note = ""
+        self.person.say(self._heading(step))
+        start_ns = self.clock.now_ns()
+        entries = [self._entry("")]
+        wanted = self.table.agreeing_readings or 1
+        while not self._agreed(entries, wanted) and len(entries) < MOST_ENTRIES:
+            left = f"again, until {wanted} agree: " if len(entries) < wanted else "they differ; again: "
+            entries.append(self._entry(left))
+        settled = self._agreed(entries, wanted)
+        after = self._pressure_now() if self.pressure_typed else None
+        self._record(step, start_ns, entries[-wanted:], after, settled)
+
+    def _agreed(self, entries: list[dict[str, Reading]], wanted: int) -> bool:
+        last = entries[-wanted:]
+        return len(last) == wanted and all(entry.agree(last[0], other, self.typed) for other in last[1:])
+
+    def _record(
+        self, step: Step, start_ns: int, entries: list[dict[str, Reading]], after: Reading | None, settled: bool
+    ) -> None:
+        end_ns = self.clock.now_ns()
+        means = {role: self._mean(role, entries, start_ns, end_ns) for role in self.course.roles}
+        if after is not None:
+            means["pressure"] = entry.with_drift(means["pressure"], after)
+        said = entry.remarks(self._absolute(means["pressure"].mean), step.level_bar_abs, step.direction)
+        for text in said:
+            self.person.say(f"  ! {text}")
+        notes = [self._note, *said, "" if settled else f"no {self.table.agreeing_readings} readings agreed"]
+        self._numbered += 1
+        plateau = Plateau(
+            self._numbered, step, start_ns, end_ns, settled, means, "; ".join(note for note in notes if note)
+        )
+        self.plateaus.append(plateau)
+        self.sink.plateau(plateau.row(self.columns))
+        details = {role: dataclasses.asdict(mean) for role, mean in means.items()}
+        self._event("plateau", plateau=plateau.number, level_bar_abs=step.level_bar_abs, means=details)
+        self.person.say(f"  {sentence(plateau)}")
+        self.hooks.on_plateau(plateau)
+
+    def _mean(self, role: str, entries: list[dict[str, Reading]], start_ns: int, end_ns: int) -> Mean:
+        """Of the typed readings where the role's channel is typed, or comes of one that is; else of the polled ones."""
+        if role in entries[0]:
+            return entry.mean_of_entries([one[role] for one in entries])
+        window = self.acquisition.between(role, start_ns, end_ns)
+        return mean_of(window.time_s, window.value, window.censored, window.quality)
+
+    # Prompts.
+
+    def _heading(self, step: Step) -> str:
+        gauge = step.level_bar_abs - self.course.ambient_bar
+        side = "from below" if step.direction == UP else "from above"
+        way = "" if step.by_way_of_bar_abs is None else f" (go up to {step.by_way_of_bar_abs:.2f} first)"
+        wait = f"wait {self.table.dwell_s:g} s"
+        if self.table.agreeing_readings:
+            wait = f"read until {self.table.agreeing_readings} readings agree"
+        count = f"[{len(self.plateaus) + 1}/{len(self.plateaus) + 1 + len(self.steps)}]"
+        return f"{count} set {step.level_bar_abs:.3f} bar abs = {gauge:.3f} bar gauge, {side}{way}, then {wait}"
+
+    def _entry(self, lead: str) -> dict[str, Reading]:
+        """Ask for one line of readings, and obey commands until there is one."""
+        prompt = f"  {lead}{example(self.typed)}: "
+        while True:
+            typed = self._asked(prompt)
+            if not typed.text:
+                self.person.wait(self.table.dwell_s)
+                continue
+            try:
+                decode_entry(typed.text, self.typed)
+            except EntryError as error:
+                self.person.say(f"  {error}")
+                continue
+            return self._read(typed.text, typed)
+
+    def _pressure_now(self) -> Reading | None:
+        """The pressure read again, to see whether it has drifted."""
+        while True:
+            typed = self._asked("  pressure now? (Enter when it was not read) ")
+            if not typed.text:
+                return None
+            words = [typed.text if name == self.pressure else "-" for name in self.typed]
+            text = " ".join(words)
+            try:
+                decode_entry(text, self.typed)
+            except EntryError as error:
+                self.person.say(f"  {error}")
+                continue
+            return self._read(text, typed)["pressure"]
+
+    def _asked(self, prompt: str) -> Typed:
+        """A line that is no command; notes and help are dealt with here, others leave the level."""
+        while True:
+            typed = self.person.ask(prompt)
+            command = command_of(typed.text)
+            if command is None:
+                return typed
+            if command.word == "stop":
+                raise StoppedError
+            if command.word == "help":
+                self.person.say(help_text())
+            elif command.word == "note":
+                self._note = f"{self._note}; {command.rest}".removeprefix("; ")
+                self._event("note", text=command.rest)
+            else:
+                raise _Jumped(command)
+
+    def _read(self, text: str, typed: Typed) -> dict[str, Reading]:
+        """Have the entry decoded and logged as any instrument's; by role, and by channel."""
+        self.person.port.feed(f"{text}\n".encode(), typed.asked_ns, typed.typed_ns)
+        exchange = self.acquisition.command(self.device, "poll", None, COMMAND_REAL_S)
+        found = {reading.channel: reading for reading in exchange.readings}
+        for role in self.course.roles:
+            reading = self._logged(role, typed.typed_ns)
+            if reading is not None:
+                found[role] = reading
+        reason = self.hooks.trip(self._view, self.clock.now_ns(), False)
+        if reason is not None:
+            raise SweepTripped(reason)
+        return found
+
+    def _logged(self, role: str, typed_ns: int) -> Reading | None:
+        """The reading that a typed channel, or one derived from it, got for a role; None when it is not typed."""
+        name = getattr(self.bench.file.roles, role)
+        if name is None or name.partition(".")[0] != self.device:
+            return None
+        wait_s = RECORDED_REAL_S
+        while wait_s > 0.0:  # the recorder has a thread of its own
+            last = self.acquisition.last(role)
+            if last is not None and last.time_ns >= typed_ns:
+                return last
+            self.clock.sleep(0.002 * self.clock.rate)
+            wait_s -= 0.002
+        return None
+
+    # Commands that leave a level.
+
+    def _jump(self, step: Step, command: Command) -> None:
+        self._event("command", command=command.word, level_bar_abs=step.level_bar_abs)
+        if command.word == "skip":
+            self.left_out.append(step)
+            self.person.say(f"  {step.level_bar_abs:g} bar abs is left out")
+            return
+        self.steps.appendleft(step)
+        if command.word == "undo":
+            self._undo()
+        elif self.plateaus and self._untouched():
+            last = self.plateaus[-1].step
+            self.steps.appendleft(dataclasses.replace(last, repeat=last.repeat + 1))
+
+    def _untouched(self) -> bool:
+        """Whether nothing was typed for the level since its heading, so that a repeat means the one before."""
+        last = self.acquisition.last(f"{self.device}.{next(iter(self.typed))}")
+        return last is None or last.time_ns <= self.plateaus[-1].end_ns
+
+    def _undo(self) -> None:
+        if not self.plateaus:
+            self.person.say("  there is no plateau to take back")
+            return
+        last = self.plateaus.pop()
+        self.sink.plateau(last.row(self.columns) | {"used": False})
+        self._event("plateau taken back", plateau=last.number)
+        self.steps.appendleft(last.step)
+        self.person.say(f"  plateau {last.number} at {last.step.level_bar_abs:g} bar abs is taken back")
+
+    def _refuse(self, step: Step, text: str) -> None:
+        gone = [step, *(other for other in self.steps if other.level_bar_abs >= step.level_bar_abs)]
+        self.steps = deque(other for other in self.steps if other.level_bar_abs < step.level_bar_abs)
+        self.left_out += gone
+        levels = [[one.level_bar_abs, one.direction, one.repeat] for one in gone]
+        self._event("level refused", level_bar_abs=step.level_bar_abs, text=text, left_out=levels)
+        self.person.say(f"  ! {step.level_bar_abs:g} bar abs and above are left out: {text}")
+
+    # Begin and end.
+
+    def _zero(self, which: str) -> None:
+        self.person.say(f"Zero at the {which}: valve closed, line vented, rotor at rest. (skip leaves it out)")
+        start_ns = self.clock.now_ns()
+        while True:
+            try:
+                found = self._entry("")
+                break
+            except _Jumped as jump:
+                if jump.command.word == "skip":
+                    self._event("note", text=f"no zero at the {which}")
+                    return
+                self.person.say("  there is nothing to go back to")
+        end_ns = max(self.clock.now_ns(), *(reading.time_ns for reading in found.values()))
+        channels = {
+            f"{self.device}.{name}": {"mean": found[name].value, "se": None, "n": 1, "censored": found[name].censored}
+            for name in self.typed
+        }
+        self._event("zero", which=which, start_s=start_ns / NS, end_s=end_ns / NS, vented=True, channels=channels)
+
+    def _close_valve(self) -> bool:
+        """Say it, and wait until the person says that it is done. Until then the bench counts as unvented."""
+        self._event("unvented", text="the valve is open until the person says otherwise")
+        self.person.say("CLOSE THE VALVE.")
+        while True:
+            try:
+                answer = self.person.ask("  Is it closed, and the line vented? (Enter for yes) ")
+            except (EndedError, StoppedError):
+                self._event("unvented", text="nobody has said that the valve is closed")
+                return False
+            if answer.text.lower() in ("", "y", "yes", "closed"):
+                self._event("vented", text="said by the person")
+                return True
+
+    def _absolute(self, pressure: float | None) -> float | None:
+        if pressure is None:
+            return None
+        return pressure + (self.course.ambient_bar if self.is_gauge else 0.0)
+
+    def _event(self, kind: str, **details: Any) -> None:
+        self.acquisition.event(kind, None, **details)
+
+
+class SweepTripped(Exception):  # noqa: N818 - what it is called at a bench
+    """A typed reading is beyond a limit of the bench."""
+
+
+def run_manual(
+    acquisition: Acquisition,
+    sink: PlateauSink,
+    bench: Bench,
+    course: Course,
+    conversation: Conversation,
+    hooks: Hooks | None = None,
+) -> Outcome:
+    """Go through a course with a person who reads the instruments.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+        Started, with ``conversation.ports``; it is not stopped here.
+    sink : PlateauSink
+        Where plateaus are written.
+    bench : Bench
+        With one manual instrument.
+    course : Course
+        From `rig.sweep.planning.sweep_course`.
+    conversation : Conversation
+        The person.
+    hooks : Hooks or None
+        Guard and limits; none when left out.
+    """
+    return ManualSweep(acquisition, sink, bench, course, conversation, hooks or Hooks()).run()

@@ -1,0 +1,267 @@
+"""The edge counter over a pty: times of teeth become speeds and angles, and nothing lost passes unseen."""
+
+import math
+import os
+import pty
+import select
+import threading
+import tty
+
+import pytest
+
+from rig.bench import DeviceTable, LineTable, Place
+from rig.clock import Clock
+from rig.instruments import edge_counter
+from rig.instruments.edge_frames import EDGE, HEARTBEAT, DeviceClock, Frame, encode
+from rig.instruments.instrument import IdentityError, read_instrument
+from rig.lines import Line, Timing
+from rig.lines.serial import SerialPort
+from rig.readings import Quality
+
+TIMING = Timing(timeout_s=0.2, slowest_reply_s=0.2, quiet_s=0.005)
+TICKS_A_SECOND = 1_000_000  # of 1000 ns, which a driver assumes until the device has told
+
+
+class Counter:
+    """The device's end: makes frames with a clock, a count and a sequence of its own."""
+
+    def __init__(self):
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.slave)
+        self.ticks, self.edges, self.sequence = 0xFFFF_0000, 250, 250  # all of them wrap soon
+
+    def frame(self, kind, after_s, flags=0, edges=None):
+        self.ticks = (self.ticks + round(after_s * TICKS_A_SECOND)) & 0xFFFFFFFF
+        self.edges = (self.edges + (kind == EDGE if edges is None else edges)) & 0xFF
+        self.sequence = (self.sequence + 1) & 0xFF
+        return encode(Frame(kind, self.sequence, flags, self.ticks, self.edges))
+
+    def teeth(self, count, after_s, **more):
+        return b"".join(self.frame(EDGE, after_s, **more) for _ in range(count))
+
+    def beats(self, count):
+        return b"".join(self.frame(HEARTBEAT, 0.05) for _ in range(count))
+
+    def send(self, data):
+        os.write(self.master, data)
+
+    def asked(self, wait_s=0.0):
+        return os.read(self.master, 100) if select.select([self.master], [], [], wait_s)[0] else b""
+
+
+@pytest.fixture
+def tach():
+    """A driver of a wheel of 20 teeth on an open line, and its counter."""
+    counter, clock = Counter(), Clock()
+    line = Line("usb", SerialPort(os.ttyname(counter.slave), clock), clock, TIMING)
+    line.open()
+    driver = edge_counter.EdgeCounter("tach", read_instrument("edge_counter_20"))
+    driver.open(line)
+    yield driver, line, counter
+    line.close()
+    os.close(counter.master)
+    os.close(counter.slave)
+
+
+def poll(tach, data):
+    driver, line, counter = tach
+    counter.send(data)
+    (reading,) = driver.poll(line)
+    return reading
+
+
+def capture(tach, data):
+    driver, line, counter = tach
+    counter.send(data)
+    return driver.poll_edges(line)
+
+
+def test_a_poll_is_the_mean_over_the_whole_teeth_since_the_last(tach):
+    _, _, counter = tach
+    first = poll(tach, counter.teeth(11, 0.01))  # 20 teeth in 0.2 s: 300 rpm
+    assert first.value == pytest.approx(300.0)
+    assert (first.quality, first.raw, first.channel) == (Quality.OK, "10 edges in 100000 ticks", "speed_rpm")
+    second = poll(tach, counter.teeth(4, 0.01) + counter.teeth(2, 0.02))
+    assert second.value == pytest.approx(60.0 * 6 / 20 / 0.08)
+    assert second.time_ns > first.time_ns
+
+
+def test_the_device_is_started_before_it_is_listened_to(tach):
+    _, _, counter = tach
+    poll(tach, counter.teeth(2, 0.01))
+    assert counter.asked() == b"S\n"
+
+
+def test_a_frame_in_two_pieces_is_read_whole(tach):
+    driver, line, counter = tach
+    data = counter.teeth(5, 0.01)
+    later = threading.Timer(0.02, counter.send, [data[17:]])
+    later.start()
+    assert poll(tach, data[:17]).value == pytest.approx(300.0)
+    later.join()
+
+
+def test_a_poll_waits_for_a_tooth_while_heartbeats_come(tach):
+    _, _, counter = tach
+    poll(tach, counter.teeth(3, 0.01))
+    later = threading.Timer(0.02, counter.send, [counter.frame(HEARTBEAT, 0.05) + counter.frame(EDGE, 0.01)])
+    later.start()
+    assert poll(tach, counter.frame(HEARTBEAT, 0.05)).value == pytest.approx(3.0 / 0.11)
+    later.join()
+
+
+def test_heartbeats_alone_are_standstill_read_as_zero_or_less(tach):
+    _, _, counter = tach
+    poll(tach, counter.teeth(3, 0.01))
+    standing = poll(tach, counter.beats(11))
+    assert (standing.value, standing.quality, standing.censored) == (0.0, Quality.OK, -1)
+    assert poll(tach, counter.beats(1)).censored == -1
+    # the first tooth after a stand says when, not how fast
+    assert poll(tach, counter.teeth(1, 0.01) + counter.teeth(2, 0.02)).value == pytest.approx(150.0)
+
+
+def test_silence_is_a_timeout_and_the_device_is_started_again(tach):
+    driver, line, counter = tach
+    reading = poll(tach, counter.teeth(2, 0.01))
+    assert counter.asked() == b"S\n"
+    (reading,) = driver.poll(line)
+    assert (reading.value, reading.quality) == (None, Quality.TIMEOUT)
+    assert counter.asked() == b""
+    driver.poll(line)
+    assert counter.asked() == b"S\n"
+    driver.poll(line)
+    assert driver.failing
+
+
+@pytest.mark.parametrize(
+    ("spoil", "quality", "words"),
+    [
+        (lambda data: data[:30] + data[40:], Quality.CRC, "1 frames are missing"),
+        (lambda data: data[:34] + b"\x00" + data[35:], Quality.CRC, "1 frames are missing"),
+        (lambda data: data[:30] + b"\x00\xa5E\x00" + data[30:], Quality.OK, ""),
+        (lambda data: data[:30] + data[20:30] + data[30:], Quality.OK, ""),
+    ],
+    ids=["dropped", "corrupt", "noise between", "doubled"],
+)
+def test_a_spoiled_stream_gives_no_wrong_speed(tach, spoil, quality, words):
+    _, _, counter = tach
+    reading = poll(tach, spoil(counter.teeth(11, 0.01)))
+    assert (reading.quality, reading.detail) == (quality, words)
+    assert reading.value == (pytest.approx(300.0) if quality is Quality.OK else None)
+    assert poll(tach, counter.teeth(10, 0.01)).value == pytest.approx(300.0)
+
+
+def test_edges_that_the_device_lost_are_an_exception(tach):
+    _, _, counter = tach
+    poll(tach, counter.teeth(3, 0.01))
+    reading = poll(tach, counter.teeth(2, 0.01) + counter.frame(EDGE, 0.05, flags=1))
+    assert (reading.value, reading.quality) == (None, Quality.EXCEPTION)
+    assert "the device has lost edges" in reading.detail
+
+
+def test_a_count_that_jumps_is_not_believed(tach):
+    _, _, counter = tach
+    reading = poll(tach, counter.teeth(3, 0.01) + counter.frame(EDGE, 0.01, edges=2))
+    assert (reading.value, reading.quality) == (None, Quality.CRC)
+
+
+def test_a_counter_that_was_started_anew_is_noticed(tach):
+    _, _, counter = tach
+    poll(tach, counter.teeth(3, 0.01))
+    counter.ticks = 0x7000_0000
+    assert "was started anew" in poll(tach, counter.teeth(3, 0.01)).detail
+    assert poll(tach, counter.teeth(3, 0.01)).value == pytest.approx(300.0)
+
+
+def test_bytes_without_a_frame_are_damage(tach):
+    assert poll(tach, bytes(300)).quality is Quality.CRC
+
+
+def test_a_capture_gives_speed_and_angle_at_each_tooth(tach):
+    _, _, counter = tach
+    readings = capture(tach, counter.teeth(1, 0.01) + counter.teeth(1, 0.01, flags=2) + counter.teeth(1, 0.02))
+    assert [reading.channel for reading in readings] == [
+        "angle_rad",
+        "speed_rpm",
+        "angle_rad",
+        "speed_rpm",
+        "angle_rad",
+    ]
+    speeds = [reading for reading in readings if reading.channel == "speed_rpm"]
+    angles = [reading for reading in readings if reading.channel == "angle_rad"]
+    assert [speed.value for speed in speeds] == pytest.approx([300.0, 150.0])
+    assert [angle.value for angle in angles] == pytest.approx([0.0, math.pi / 10, math.pi / 5])
+    assert [angle.detail for angle in angles] == ["", "index tooth", ""]
+    assert [b.time_ns - a.time_ns for a, b in zip(angles, angles[1:], strict=False)] == [10_000_000, 20_000_000]
+
+
+def test_a_capture_goes_on_over_standstill_and_loss(tach):
+    _, _, counter = tach
+    capture(tach, counter.teeth(3, 0.01))
+    assert capture(tach, counter.beats(2)) == []
+    (standing,) = capture(tach, counter.beats(9))
+    assert (standing.value, standing.censored) == (0.0, -1)
+    assert [reading.channel for reading in capture(tach, counter.teeth(1, 0.01))] == ["angle_rad"]
+    counter.sequence += 3
+    speed, angle = capture(tach, counter.teeth(1, 0.01))
+    assert (speed.value, speed.quality, angle.quality) == (None, Quality.CRC, Quality.CRC)
+
+
+def test_a_tooth_s_time_is_the_device_s_on_the_quickest_way_here():
+    clock = DeviceClock(window_ns=1000)
+    clock.saw(arrival_ns=10_500, device_ns=100)  # 400 late
+    assert clock.bench_ns(100) == 10_500
+    clock.saw(arrival_ns=10_300, device_ns=300)
+    assert clock.bench_ns(100) == 10_100
+    clock.saw(arrival_ns=11_200, device_ns=500)  # late again, and the quick one still counts
+    assert clock.bench_ns(500) == 10_500
+    clock.saw(arrival_ns=12_000, device_ns=1900)  # the quick one is too old
+    assert clock.bench_ns(1900) == 12_000
+
+
+def identify(tach, answer, serial_number=""):
+    _, line, counter = tach
+    driver = edge_counter.EdgeCounter("tach", read_instrument("edge_counter_20"), serial_number)
+    ended = threading.Event()
+    heard = []
+
+    def answers():
+        while not ended.is_set():
+            heard.append(counter.asked(0.01))
+            if b"I\n" in heard[-1]:
+                counter.send(answer)
+
+    thread = threading.Thread(target=answers)
+    thread.start()
+    try:
+        return driver.identify(line)
+    finally:
+        ended.set()
+        thread.join()
+        tach[2].heard = b"".join([*heard, counter.asked(0.01)])
+
+
+def test_a_counter_tells_its_number_even_while_it_sends(tach):
+    _, _, counter = tach
+    counter.send(counter.teeth(3, 0.01))
+    found = identify(tach, counter.teeth(1, 0.01)[3:] + b"EDGE1 K42 1.2 teeth=20 tick_ns=250\n", "K42")
+    assert found == "edge counter K42, firmware 1.2, 20 teeth, ticks of 250 ns"
+    assert counter.heard == b"X\nI\nS\n"
+
+
+@pytest.mark.parametrize(
+    ("answer", "serial_number", "words"),
+    [
+        (b"EDGE1 K42 1.2 teeth=60 tick_ns=250\n", "", "set to 60 teeth .* its file says 20 teeth"),
+        (b"EDGE1 K42 1.2 teeth=20 tick_ns=250\n", "K43", "number 'K42' answers, the bench file says 'K43'"),
+    ],
+)
+def test_another_counter_is_told(tach, answer, serial_number, words):
+    with pytest.raises(IdentityError, match=words):
+        identify(tach, answer, serial_number)
+
+
+def test_an_edge_counter_is_built_from_its_place():
+    place = Place(DeviceTable(instrument="i", line="usb"), LineTable(kind="serial", port="p", paced=False))
+    driver = edge_counter.build("tach", read_instrument("edge_counter_20"), place)
+    assert set(driver.channels) == {"speed_rpm", "angle_rad"}
