@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,10 +18,17 @@ if TYPE_CHECKING:
     from calibration.sampling import Progress
     from model.motor import Motor
     from model.reproduction import Measured
+    from rig.bench import Bench
+    from rig.recording import Recording
+    from rig.runlog import Run
+    from rig.sweep.ambient import Ambient, Given
+    from rig.sweep.course import Course
 
 PUBLISHED_SWEEP = Path(__file__).resolve().parent / "logs" / "published_sweep"
 
-UNUSABLE_INPUT, NOT_CONVERGED = 2, 3
+LOGS = Path("logs")  # of the folder that the program is started in: runs are data, not part of the program
+
+UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED = 2, 3, 4
 # Errors that are told in words instead of with a traceback, by their class's full name (which needs no import), and
 # the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.
 EXIT_CODES = {
@@ -31,7 +38,16 @@ EXIT_CODES = {
     "calibration.sampling.ChainError": UNUSABLE_INPUT,
     "configs.ConfigError": UNUSABLE_INPUT,
     "model.performance.OperatingPointError": UNUSABLE_INPUT,
+    "rig.acquisition.recorder.RecorderError": RUN_FAILED,
+    "rig.instruments.instrument.IdentityError": UNUSABLE_INPUT,
+    "rig.instruments.instrument.InstrumentError": UNUSABLE_INPUT,
+    "rig.interlock.SafetyError": UNUSABLE_INPUT,
+    "rig.lines.port.LineError": UNUSABLE_INPUT,
     "rig.recording.contents.RecordingError": UNUSABLE_INPUT,
+    "rig.runlog.folder.RunError": UNUSABLE_INPUT,
+    "rig.sweep.ambient.AmbientError": UNUSABLE_INPUT,
+    "rig.sweep.plan.SweepError": UNUSABLE_INPUT,
+    "rig.virtual.launch.VirtualBenchError": UNUSABLE_INPUT,
     "model.performance.NotSettledError": NOT_CONVERGED,
 }
 
@@ -41,6 +57,12 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+runs_app = typer.Typer(
+    help="The runs that were logged: list, show, verify, repair, export, import.", no_args_is_help=True
+)
+app.add_typer(runs_app, name="runs")
 
 
 class TransientKind(StrEnum):
@@ -58,6 +80,25 @@ SetOption = Annotated[
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for standard output.")
 ]
+
+
+BenchArgument = Annotated[
+    Path, typer.Argument(metavar="BENCH", help="A bench file, or the name of one in configs/benches.")
+]
+RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run's folder, name, or its beginning; 'last'.")]
+LogsOption = Annotated[Path, typer.Option("--logs", metavar="DIR", help="Where runs are kept.")]
+RateOption = Annotated[
+    float | None,
+    typer.Option(min=0.1, max=50.0, help="Of a virtual bench: its seconds in one of the wall; the file's if left out."),
+]
+
+
+class CaptureKind(StrEnum):
+    """Single runs in time, and the vented zero."""
+
+    COAST_DOWN = "coast-down"
+    SPIN_UP = "spin-up"
+    ZERO = "zero"
 
 
 def main() -> None:
@@ -187,7 +228,7 @@ def sensitivity(
 
 @app.command()
 def fit(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder.")],
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder, or a run's.")],
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", metavar="DIR", help="Report, posterior and chain; a killed fit goes on."),
@@ -213,9 +254,8 @@ def fit(
     from calibration import posterior
     from calibration.report import files, fit_page, simulation
     from calibration.sampling import Settings
-    from rig.recording import read_recording
 
-    read = read_recording(recording)
+    read = _recording(recording)
     for words in read.warnings:
         print(f"spinbench: {words}", file=sys.stderr)
     settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
@@ -288,6 +328,343 @@ def reproduce(
     files.write_files(out, reproduction.report(found, motor["port_lap"].value))
     files.write_file(place, text)
     print(f"{place}: the article's results beside ours; figures, tables and JSON in {out}")
+
+
+@app.command()
+def sweep(
+    bench: BenchArgument,
+    logs: LogsOption = LOGS,
+    operator: Annotated[str, typer.Option(help="Who runs the bench.")] = "",
+    rate: RateOption = None,
+    ambient_pressure_bar_abs: Annotated[float | None, typer.Option(help="Of the room [bar].")] = None,
+    ambient_temperature_c: Annotated[float | None, typer.Option(help="Of the room [degC].")] = None,
+    relative_humidity: Annotated[float | None, typer.Option(help="Of the room, 0 to 1.")] = None,
+    lubrication: Annotated[str | None, typer.Option(help="Oil, and when it was last given.")] = None,
+    minutes_running: Annotated[float | None, typer.Option(help="How long the motor has run today [min].")] = None,
+    resume: Annotated[
+        str | None, typer.Option("--continue", metavar="RUN", help="A new run that takes the levels this one did not.")
+    ] = None,
+    wire: Annotated[bool, typer.Option("--wire/--no-wire", help="Keep the bytes, so that it can be replayed.")] = True,
+) -> None:
+    """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
+    from rig.sweep.ambient import Given
+    from rig.sweep.continuing import finished_steps
+
+    given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
+    parent = _run(resume, logs) if resume else None
+    finished = finished_steps(parent) if parent else ()
+
+    def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
+        from rig.sweep.planning import sweep_course
+
+        return sweep_course(read, ambient, finished)
+
+    _take(bench, logs, "sweep", course, given, operator, rate, parent.name if parent else None, wire)
+
+
+@app.command()
+def capture(
+    bench: BenchArgument,
+    kind: Annotated[CaptureKind, typer.Option(help="What is taken.")],
+    level_bar_abs: Annotated[
+        float | None, typer.Option(help="Pressure, absolute [bar]; the bench file's if left out.")
+    ] = None,
+    logs: LogsOption = LOGS,
+    operator: Annotated[str, typer.Option(help="Who runs the bench.")] = "",
+    rate: RateOption = None,
+    ambient_pressure_bar_abs: Annotated[float | None, typer.Option(help="Of the room [bar].")] = None,
+    ambient_temperature_c: Annotated[float | None, typer.Option(help="Of the room [degC].")] = None,
+    relative_humidity: Annotated[float | None, typer.Option(help="Of the room, 0 to 1.")] = None,
+    lubrication: Annotated[str | None, typer.Option(help="Oil, and when it was last given.")] = None,
+    minutes_running: Annotated[float | None, typer.Option(help="How long the motor has run today [min].")] = None,
+) -> None:
+    """Take a coast-down, a spin-up or a vented zero at the highest rate; refused where the bench cannot resolve it."""
+    from rig.sweep.ambient import Given
+
+    given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
+
+    def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
+        from rig.sweep.planning import capture_course
+
+        return capture_course(read, ambient, kind.value, level_bar_abs), []
+
+    _take(bench, logs, kind.value, course, given, operator, rate, None, True)
+
+
+def _take(
+    path: Path,
+    logs: Path,
+    kind: str,
+    course: Callable[[Bench, Ambient], tuple[Course, list[str]]],
+    given: Given,
+    operator: str,
+    rate: float | None,
+    parent: str | None,
+    wire: bool,
+) -> None:
+    """A run on a bench with a regulator, from the room's figures to the sealed folder."""
+    from rig.bench import bench_path, read_bench
+    from rig.running import Wanted, place_of, run
+    from rig.sweep.ambient import at_start
+    from rig.terminal import Terminal, asker
+
+    place = bench_path(path)
+    bench = read_bench(place)
+    ask = asker()
+    ambient = at_start(bench, given, ask)
+    planned, remarks = course(bench, ambient)
+    with Terminal(f"{kind} on {bench.name}") as terminal, place_of(bench, place, rate) as there:
+        for words in remarks:
+            terminal.say(words, True)
+        wanted = Wanted(kind, logs, operator, parent, wire, terminal, ask)
+        folder, outcome = run(bench, place, there, planned, ambient, wanted)
+    print(f"{folder}: {outcome.outcome}{f', {outcome.reason}' if outcome.reason else ''}")
+    if not outcome.vented:
+        print("spinbench: the line is NOT known to be without pressure: close the supply", file=sys.stderr)
+    if outcome.outcome != "finished":
+        raise typer.Exit(RUN_FAILED)
+
+
+@app.command()
+def doctor(
+    bench: BenchArgument,
+    scan: Annotated[
+        bool, typer.Option("--scan", help="Try Modbus addresses 1 to 16 where a device is silent.")
+    ] = False,
+) -> None:
+    """Examine a bench: ports, identities, rates, and known culprits with their cure; exit code 2 on a fault."""
+    from rich.console import Console
+
+    from rig.bench import bench_path, read_bench
+    from rig.doctor import Level, examine, table
+    from rig.running import place_of
+
+    place = bench_path(bench)
+    read = read_bench(place)
+    with place_of(read, place, 1.0) as there:
+        console = Console(stderr=True)
+        with console.status(f"examining {read.name}"):
+            findings = examine(read, there.ports, there.clock, scan_units=range(1, 17) if scan else ())
+    Console(width=None if sys.stdout.isatty() else 140).print(table(findings))
+    if any(finding.level is Level.FAULT for finding in findings):
+        raise typer.Exit(UNUSABLE_INPUT)
+
+
+@app.command()
+def virtual(
+    bench: BenchArgument,
+    state: Annotated[
+        Path, typer.Option("--state", metavar="DIR", help="Where ports.json and the links to the ptys go.")
+    ],
+    rate: RateOption = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of noise, errors and faults; the file's if left out.")
+    ] = None,
+) -> None:
+    """Serve a virtual bench until Ctrl-C, for another program; a sweep on a virtual bench starts its own."""
+    from rig.bench import bench_path
+    from rig.virtual.serve import serve
+
+    state.mkdir(parents=True, exist_ok=True)
+    print(f"serving {bench} until Ctrl-C; {state / 'ports.json'} tells the ports", file=sys.stderr)
+    serve(bench_path(bench), state, rate, None, seed)
+
+
+@app.command()
+def replay(
+    run: RunArgument,
+    logs: LogsOption = LOGS,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="As slowly as it was; else as fast as it goes.")
+    ] = False,
+    mended: Annotated[
+        list[str] | None,
+        typer.Option(metavar="INSTRUMENT", help="Take today's file of this instrument instead of the run's own."),
+    ] = None,
+    save: Annotated[bool, typer.Option("--save", help="Keep the new samples as a run that names this one.")] = False,
+    with_model: Annotated[
+        bool, typer.Option("--with-model", help="Drive the model with the recorded pressure.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Where the comparison with the model goes.")
+    ] = None,
+) -> None:
+    """Play a run's bytes back through the drivers; exit code 4 unless every sample comes again, bit for bit."""
+    from configs import FOLDER
+    from rig.replay.replaying import bench_of_run, mended_bench
+    from rig.replay.replaying import replay as play
+    from rig.replay.saving import writer_for
+
+    read = _run(run, logs)
+    bench = mended_bench(read, mended, FOLDER / "instruments") if mended else bench_of_run(read)
+    with contextlib.ExitStack() as kept:
+        writer = kept.enter_context(writer_for(read, bench, logs)) if save else None
+        with _counting(f"replay of {read.name}", read.exchange_count) as tell:
+            found = play(read, bench, writer, real_time, lambda done, exchange: tell(done))
+        if writer is not None:
+            writer.end("finished", f"replay of {read.name}")
+            print(f"{writer.folder}: the new samples")
+    verdict = "the same, bit for bit" if found.same else f"{found.different} differ"
+    print(f"{read.name}: {found.exchanges} exchanges, {found.samples} samples of {found.logged}: {verdict}")
+    for words in (*found.asked, *found.differences):
+        print(f"spinbench: {words}", file=sys.stderr)
+    if found.tail and read.state == "killed":
+        print(f"spinbench: {found.tail} more rows than the log: it was killed between its files", file=sys.stderr)
+    if with_model:
+        _against_model(read, out)
+    if not found.same and not (mended or save):
+        raise typer.Exit(RUN_FAILED)
+
+
+def _against_model(run: Run, out: Path | None) -> None:
+    """Measured against simulated speed and flow in time."""
+    from calibration.report import files, replay_comparison
+    from model.motor import read_motor
+    from model.replayed import drive, in_room
+    from rig.replay.channels import STEP_S, channels_of
+
+    measured = channels_of(run)
+    room = run.start.ambient
+    motor = in_room(read_motor(str(run.start.motor)), room.pressure_bar_abs, room.temperature_c, room.relative_humidity)
+    with _counting("model", 1) as tell:
+        simulated = drive(motor, measured.pressure_time_s, measured.pressure_pa, STEP_S)
+        tell(1)
+    compared = replay_comparison.compare(measured, simulated)
+    if out is not None:
+        files.write_files(out, replay_comparison.report(run.name, measured, simulated, compared))
+        print(f"spinbench: the comparison is {out / 'replay.png'}, its figures replay.csv", file=sys.stderr)
+    _print(replay_comparison.table(compared))
+
+
+@runs_app.command("list")
+def list_all(logs: LogsOption = LOGS) -> None:
+    """List the runs."""
+    from rich.table import Table
+
+    from rig.runlog.listing import list_runs
+
+    found = list_runs(logs)
+    if not found:
+        print(f"no runs in {logs}", file=sys.stderr)
+        return
+    table = Table("run", "kind", "bench", "started (UTC)", "outcome", "rows", "plateaus")
+    for row in found:
+        bench = f"{row.bench} (virtual)" if row.simulated else row.bench
+        table.add_row(row.name, row.kind, bench, row.utc_start, row.outcome, str(row.rows), str(row.plateaus))
+    _print(table)
+
+
+@runs_app.command()
+def show(run: RunArgument, logs: LogsOption = LOGS) -> None:
+    """Show a run: its start, its plateaus, what went wrong, its end."""
+    from rig.runlog.listing import summary
+
+    print(summary(_run(run, logs)))
+
+
+@runs_app.command()
+def verify(run: RunArgument, logs: LogsOption = LOGS) -> None:
+    """Compare a run with its hashes and counts; exit code 4 when something is not as it was sealed."""
+    from rig.runlog import verify as check
+    from rig.runlog.listing import find_run
+
+    folder = find_run(run, logs)
+    findings = check(folder)
+    for words in findings or ["as it was sealed"]:
+        print(f"{folder}: {words}")
+    if findings:
+        raise typer.Exit(RUN_FAILED)
+
+
+@runs_app.command()
+def repair(run: RunArgument, logs: LogsOption = LOGS) -> None:
+    """Seal a run that was killed; nothing but a torn last line is dropped, and it is said which."""
+    from rig.runlog import repair as mend
+    from rig.runlog.listing import find_run
+
+    folder = find_run(run, logs)
+    for words in mend(folder):
+        print(f"{folder}: {words}")
+
+
+@runs_app.command()
+def export(
+    run: RunArgument,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR|FILE", help="A folder to make, or a .parquet file.")],
+    logs: LogsOption = LOGS,
+    unsettled: Annotated[bool, typer.Option("--unsettled", help="Plateaus that had not settled too.")] = False,
+) -> None:
+    """Export a run as a recording/1 folder, or its samples as Parquet."""
+    from rig.runlog.export import export_recording
+    from rig.runlog.parquet import export_parquet
+
+    read = _run(run, logs)
+    if out.suffix == ".parquet":
+        export_parquet(read, out)
+    else:
+        for words in export_recording(read, out, unsettled).notes:
+            print(f"spinbench: {words}", file=sys.stderr)
+    print(out)
+
+
+@runs_app.command("import")
+def import_data(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV or TDMS files.")],
+    mapping: Annotated[Path, typer.Option("--mapping", metavar="FILE", help="What their columns are, units and all.")],
+    logs: LogsOption = LOGS,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Of another rig: the recording to make.")
+    ] = None,
+) -> None:
+    """Import data taken elsewhere, as a run; of a rig that is not this motor, as a recording."""
+    from rig.runlog.importing import import_files
+    from rig.runlog.mapping import read_mapping
+
+    read = read_mapping(mapping)
+    if not isinstance(read.file.motor, str) and out is None:
+        raise typer.BadParameter(f"{mapping} is of another rig: name the recording to make with -o")
+    print(import_files(files, read, logs if out is None else out))
+
+
+def _run(name: str, logs: Path) -> Run:
+    """A run, by what the person typed."""
+    from rig.runlog import read_run
+    from rig.runlog.listing import find_run
+
+    return read_run(find_run(name, logs))
+
+
+def _recording(path: Path) -> Recording:
+    """A recording: a recording/1 folder, or what a run's plateaus and captures amount to."""
+    from rig.recording import read_recording
+    from rig.runlog.folder import START
+
+    if not (path / START).exists():
+        return read_recording(path)
+    from rig.runlog import read_run
+    from rig.runlog.export import recording_of
+
+    exported = recording_of(read_run(path))
+    for words in exported.notes:
+        print(f"spinbench: {words}", file=sys.stderr)
+    return exported.recording
+
+
+@contextlib.contextmanager
+def _counting(name: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A bar on standard error, for what can be counted."""
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    with Bar(console=Console(stderr=True)) as bar:
+        task = bar.add_task(name, total=max(total, 1))
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _print(table: object) -> None:
+    from rich.console import Console
+
+    Console(width=None if sys.stdout.isatty() else 140).print(table)
 
 
 def _motor(name: str, assignments: list[str] | None) -> Motor:

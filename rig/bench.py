@@ -214,9 +214,7 @@ def read_bench(path: Path) -> Bench:
     ConfigError
         All mistakes, a line each.
     """
-    path = Path(path)
-    if not path.suffix and not path.exists():
-        path = FOLDER / f"{path.name}.toml"
+    path = bench_path(path)
     source = configs.read_source(path)
     data = configs.parse_toml(source, str(path))
     sources = {BENCH_SOURCE: source}
@@ -226,6 +224,18 @@ def read_bench(path: Path) -> Bench:
         if isinstance(name, str) and (INSTRUMENTS / f"{name}.toml").is_file():
             sources[instrument_source(name)] = configs.read_source(INSTRUMENTS / f"{name}.toml")
     return bench_of(path.stem, sources, str(path))
+
+
+def bench_path(path: Path) -> Path:
+    """The bench file that a person means: a path, or the name of one in configs/benches.
+
+    Parameters
+    ----------
+    path : Path
+        What was typed.
+    """
+    path = Path(path)
+    return FOLDER / f"{path.name}.toml" if not path.suffix and not path.exists() else path
 
 
 def instrument_source(instrument: str) -> str:

@@ -1,7 +1,8 @@
 """One run on a bench, from its start record to its end record: everything of the rig put together.
 
-The order is that of safety: the instruments are identified before there is a run, the failsafes are set and the watchdog
-watches before the regulator is first raised, and whatever happens then, the regulator is at zero before the run is sealed.
+The order is that of safety: the instruments are identified before there is a run, the failsafes are set and the
+watchdog watches before the regulator is first raised, and whatever happens then, the regulator is at zero before the run
+is sealed.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import time
 import tty
 
 SPEEDS = {getattr(termios, f"B{baud}"): baud for baud in (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)}
-ADAM = {0: 0, 1: 0, 2: 0, 3: 0, 200: 0x35, 201: 0x35, 202: 0x35, 203: 0x35}
+ADAM = {0: 0, 1: 0, 2: 0, 3: 0, 200: 0x31, 201: 0x31, 202: 0x31, 203: 0x31}  # 4-20 mA
 ADAM |= {210: 0x4024, 211: 0, 212: 0x0100, 213: 0, 214: 1, 215: 0}
 
 
@@ -27,13 +27,14 @@ def crc(data: bytes) -> bytes:
 class ModbusPeer:
     """Registers of some units behind a pty.
 
-    `baud`: answers only where the port is set to it; elsewhere `garbage`, if any. `delay_s`: before each answer.
+    `baud`: answers only where the port is set to it; elsewhere `garbage`, if any. `byte_s`: pace of the wire.
+    `delay_s`: before each answer.
     `read_only`: registers that refuse a write. `writes`: (monotonic seconds, unit, register, value).
     """
 
-    def __init__(self, units, baud=None, garbage=b"", delay_s=0.0, read_only=()):
+    def __init__(self, units, baud=None, garbage=b"", byte_s=10 / 19200, delay_s=0.0, read_only=()):
         self.units, self.baud, self.garbage = units, baud, garbage
-        self.delay_s, self.read_only = delay_s, set(read_only)
+        self.byte_s, self.delay_s, self.read_only = byte_s, delay_s, set(read_only)
         self.writes: list[tuple[float, int, int, int]] = []
         self.answers = 0
         self._master, self._slave = pty.openpty()
@@ -76,8 +77,8 @@ class ModbusPeer:
             if len(buffer) < length:
                 continue
             frame, buffer = buffer[:length], b""
-            time.sleep(self.delay_s)
             answer = self._answer(frame)
+            time.sleep(self.delay_s + (len(frame) + len(answer)) * self.byte_s)
             if answer:
                 self.answers += 1
                 os.write(self._master, answer)

@@ -1,5 +1,6 @@
 """The edge counter over a pty: times of teeth become speeds and angles, and nothing lost passes unseen."""
 
+import itertools
 import math
 import os
 import pty
@@ -93,7 +94,7 @@ def test_the_device_is_started_before_it_is_listened_to(tach):
 
 
 def test_a_frame_in_two_pieces_is_read_whole(tach):
-    driver, line, counter = tach
+    _, _, counter = tach
     data = counter.teeth(5, 0.01)
     later = threading.Timer(0.02, counter.send, [data[17:]])
     later.start()
@@ -104,9 +105,10 @@ def test_a_frame_in_two_pieces_is_read_whole(tach):
 def test_a_poll_waits_for_a_tooth_while_heartbeats_come(tach):
     _, _, counter = tach
     poll(tach, counter.teeth(3, 0.01))
-    later = threading.Timer(0.02, counter.send, [counter.frame(HEARTBEAT, 0.05) + counter.frame(EDGE, 0.01)])
+    beat = counter.beats(1)
+    later = threading.Timer(0.02, counter.send, [counter.beats(1) + counter.teeth(1, 0.01)])
     later.start()
-    assert poll(tach, counter.frame(HEARTBEAT, 0.05)).value == pytest.approx(3.0 / 0.11)
+    assert poll(tach, beat).value == pytest.approx(3.0 / 0.11)
     later.join()
 
 
@@ -165,10 +167,11 @@ def test_a_count_that_jumps_is_not_believed(tach):
     assert (reading.value, reading.quality) == (None, Quality.CRC)
 
 
-def test_a_counter_that_was_started_anew_is_noticed(tach):
+@pytest.mark.parametrize("ticks", [0x3000_0000, 0x7000_0000, 0xA000_0000])
+def test_a_counter_that_was_started_anew_is_noticed(tach, ticks):
     _, _, counter = tach
     poll(tach, counter.teeth(3, 0.01))
-    counter.ticks = 0x7000_0000
+    counter.ticks = ticks
     assert "was started anew" in poll(tach, counter.teeth(3, 0.01)).detail
     assert poll(tach, counter.teeth(3, 0.01)).value == pytest.approx(300.0)
 
@@ -192,7 +195,7 @@ def test_a_capture_gives_speed_and_angle_at_each_tooth(tach):
     assert [speed.value for speed in speeds] == pytest.approx([300.0, 150.0])
     assert [angle.value for angle in angles] == pytest.approx([0.0, math.pi / 10, math.pi / 5])
     assert [angle.detail for angle in angles] == ["", "index tooth", ""]
-    assert [b.time_ns - a.time_ns for a, b in zip(angles, angles[1:], strict=False)] == [10_000_000, 20_000_000]
+    assert [b.time_ns - a.time_ns for a, b in itertools.pairwise(angles)] == [10_000_000, 20_000_000]
 
 
 def test_a_capture_goes_on_over_standstill_and_loss(tach):
@@ -210,13 +213,13 @@ def test_a_capture_goes_on_over_standstill_and_loss(tach):
 def test_a_tooth_s_time_is_the_device_s_on_the_quickest_way_here():
     clock = DeviceClock(window_ns=1000)
     clock.saw(arrival_ns=10_500, device_ns=100)  # 400 late
-    assert clock.bench_ns(100) == 10_500
+    assert clock.offset_ns == 10_400
     clock.saw(arrival_ns=10_300, device_ns=300)
-    assert clock.bench_ns(100) == 10_100
+    assert clock.offset_ns == 10_000
     clock.saw(arrival_ns=11_200, device_ns=500)  # late again, and the quick one still counts
-    assert clock.bench_ns(500) == 10_500
+    assert clock.offset_ns == 10_000
     clock.saw(arrival_ns=12_000, device_ns=1900)  # the quick one is too old
-    assert clock.bench_ns(1900) == 12_000
+    assert clock.offset_ns == 10_100
 
 
 def identify(tach, answer, serial_number=""):

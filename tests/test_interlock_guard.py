@@ -58,7 +58,7 @@ def covered():
     random = np.random.default_rng(3)
     guard = Guard(MOTOR, gauge_sd_pa=GAUGE_SD_PA)
     found = []
-    while len(found) < 300:
+    while len(found) < 1000:
         truth = drawn_truth(random)
         known = int(random.integers(1, LEVELS.size))
         speed_sd, pressure_sd = 0.05, 100.0

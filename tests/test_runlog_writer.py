@@ -116,6 +116,13 @@ def test_a_taken_name_gets_a_number(tmp_path):
     assert names == [f"20260528-202640_synthetic_sweep{end}" for end in ("", "-2", "-3")]
 
 
+def test_a_replay_keeps_the_times_of_its_parent_under_a_name_of_its_own(tmp_path):
+    with new_writer(tmp_path, utc_start="2026-06-01T12:00:00Z") as writer:
+        writer.exchange(poll("tach", {"speed_rpm": 1.0}, 0))
+    assert writer.name.startswith("20260601-120000_")
+    assert read_run(writer.folder).samples["utc"][0] == "2026-05-28T20:26:40.000000Z"
+
+
 def test_a_bench_s_name_cannot_lead_out_of_the_folder(tmp_path):
     with new_writer(tmp_path / "runs", bench="../../etc/passwd") as writer:
         assert writer.folder.parent == tmp_path / "runs"

@@ -191,6 +191,13 @@ def test_a_line_that_is_not_paced_is_quicker_than_its_baud_rate_would_be(tmp_pat
     assert quickest < 21 * 10 / 19200
 
 
+def test_at_another_baud_rate_nothing_is_understood(modbus):
+    with modbus.serial("bus", baud=9600) as port:
+        assert asked(port) == b""
+    with modbus.serial("bus") as port:
+        assert len(asked(port)) == 9
+
+
 def test_requests_seen_are_told(modbus, bus):
     asked(bus)
     last = modbus.ask(do="log", line="bus", last=1)["requests"]
@@ -288,9 +295,9 @@ def test_exception(modbus, rtu):
 
 
 def test_frozen(modbus, bus):
-    assert len({asked(bus)[3:7] for _ in range(4)}) > 1  # noise
+    assert len({asked(bus)[3:7] for _ in range(3)}) > 1  # noise
     modbus.ask(do="fault", kind="frozen", device="gauge")
-    assert len({asked(bus)[3:7] for _ in range(4)}) == 1
+    assert len({asked(bus)[3:7] for _ in range(3)}) == 1
 
 
 def test_nan(modbus, bus):
@@ -456,7 +463,7 @@ def test_a_lutron_meter_sends_its_frames_unasked(words):
     words.ask(do="supply", pressure_bar_abs=1.9)
     words.wait_until(lambda state: state["speed_rpm"] > 300.0)
     time.sleep(0.2)
-    with words.serial("meter") as port:
+    with words.serial("meter", baud=9600) as port:
         port.reset_input_buffer()
         port.read_until(b"\r")
         frame = port.read(16)

@@ -18,7 +18,8 @@ import configs
 from rig.bench import read_bench
 from rig.lines.opening import line_of
 from rig.readings import Quality
-from rig.virtual import VirtualBenchError, launch, serve
+from rig.virtual import VirtualBenchError, launch
+from rig.virtual.launch import ask
 
 ROOT = configs.FOLDER.parent
 BENCHES = ("virtual", "virtual_alicat")
@@ -64,17 +65,16 @@ def test_the_rig_s_own_drivers_identify_and_read_every_instrument(name):
     bench = read_bench(Path(name))
     with launch(name, rate=20.0) as found:
         lines = lines_of(bench, found)
+        for line in lines.values():
+            line.open()
         for device, table in bench.file.devices.items():
             driver, line = bench.build(device), lines[table.line]
-            with contextlib.suppress(AttributeError):
-                _ = line.port.open
-            if not line.take_events():
-                line.open()
             driver.open(line)
             assert driver.identify(line)
             readings = driver.poll(line)
             assert {reading.channel for reading in readings} <= set(driver.channels)
             assert {reading.quality for reading in readings} <= {Quality.OK, Quality.UNVERIFIED}
+        for line in lines.values():
             line.close()
 
 
@@ -143,7 +143,10 @@ def test_what_is_not_json_is_refused(running):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("rate = 20.0", 'rate = 20.0\nfaults = [{kind = "slow", line = "bus"}]'), "virtual.faults.0: there is no fault"),
+        (
+            ("rate = 20.0", 'rate = 20.0\nfaults = [{kind = "slow", line = "bus"}]'),
+            "virtual.faults.0: there is no fault",
+        ),
         (("rate = 20.0", "rate = 20.0\ntruth = {f_overal = 0.07}"), "virtual.truth.f_overal: no such parameter"),
         (("[virtual]", "[virtuel]"), "unknown key 'virtuel'"),
     ],
@@ -165,14 +168,14 @@ def test_sigterm_ends_the_bench_and_takes_its_links_away(state_folder):
     assert list(state_folder.iterdir()) == []
 
 
-def test_the_bench_outlives_its_owner_s_kill_9_and_then_ends(state_folder, monkeypatch):
+def test_the_bench_outlives_its_owner_s_kill_9_and_then_ends(state_folder):
     owner = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
-    process = start(state_folder, "--owner", str(owner.pid))
+    process = start(state_folder, "--owner", str(owner.pid), "--linger", "2")
     ports = json.loads((state_folder / "ports.json").read_text())
     owner.kill()  # and nobody waits for it yet: a zombie is gone too
     died = time.monotonic()
-    time.sleep(2.0)
-    assert launch.__globals__["ask"](ports, {"do": "state"})["ok"]
+    time.sleep(0.7)
+    assert ask(ports, {"do": "state"})["ok"]
     assert process.wait(30.0) == 0
-    assert time.monotonic() - died > serve.OUTLIVES_OWNER_S - 2.0 * serve.OWNER_LOOK_S
+    assert time.monotonic() - died > 1.4
     owner.wait()

@@ -239,7 +239,7 @@ class Served:
             if done(state):
                 return state
             time.sleep(0.02)
-        raise AssertionError(f"not within {real_s} s: {({k: v for k, v in state.items() if k != 'history'})}")
+        raise AssertionError(f"not within {real_s} s: { ({k: v for k, v in state.items() if k != 'history'}) }")
 
 
 @contextlib.contextmanager
@@ -260,7 +260,7 @@ def serving(found, folder: Path, rate=20.0, seed=1):
     assert not thread.is_alive()
 
 
-def everything(file, quiet_s=0.25):
+def everything(file, quiet_s=0.2):
     """What a line sends until it is quiet for some real time."""
     data = b""
     while select.select([file], [], [], quiet_s)[0]:

@@ -25,6 +25,7 @@ LONGEST_BACK_OFF_S = 2.0
 PROBE_S = 2.0  # a failing device is asked no more often than this,
 PROBE_SHARE = 0.05  # and takes no more than this share of the line's time
 IDLE_S = 0.5
+CAPTURE_PAUSE_S = 0.2  # of real time after a capture, in which the device is not polled
 KEPT_TIMES = 20_000
 
 
@@ -196,6 +197,10 @@ class Worker(threading.Thread):
         device = self.devices[command.device]
         exchange, fault = actions.perform(self.line, command.device, device.driver, command.action, command.argument)
         self._put(exchange)
+        if command.action == actions.CAPTURE and device.period_ns is not None:
+            # a poll between two captures would take edges into a mean
+            pause_ns = max(device.period_ns, int(CAPTURE_PAUSE_S * self.clock.rate * NS))
+            device.due_ns = self.clock.now_ns() + pause_ns
         if fault is None:
             command.done.set_result(exchange)
             return

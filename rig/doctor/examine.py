@@ -13,7 +13,7 @@ from rig.doctor.finding import Finding, Level, printable
 from rig.doctor.host import Host
 from rig.doctor.trials import Ports
 from rig.instruments.instrument import IdentityError, InstrumentError
-from rig.lines import BadReplyError, Line, LineError, LostError
+from rig.lines import Line, LineError, LostError
 from rig.lines.line import LEAST_REAL_WAIT_S
 from rig.lines.modbus import RefusedError
 from rig.lines.opening import line_of, port_of
@@ -100,9 +100,10 @@ class _Examination:
     def _of_devices(self, line: Line, table: LineTable, devices: list[str]) -> list[Finding]:
         found: list[Finding] = []
         taken: dict[str, tuple[float, float]] = {}
-        silent: dict[str, LineError] = {}
+        silent: dict[str, tuple[LineError, bool]] = {}
         for device in devices:
             driver: Any = self.bench.build(device)
+            line.take_events()
             try:
                 driver.open(line)
                 identity = printable(driver.identify(line)) or "a device"
@@ -115,7 +116,7 @@ class _Examination:
                 fix = "it is another model, or set up in another way, than the instrument file says"
                 found.append(Finding(Level.FAULT, device, f"answers, but refuses: {printable(str(error))}", fix))
             except LineError as error:
-                silent[device] = error
+                silent[device] = (error, any(event.kind == "rx" for event in line.take_events()))
             else:
                 findings, cost_s = self._measured(line, device, driver, identity)
                 found += findings
@@ -135,27 +136,26 @@ class _Examination:
         found = measure.of_device(device, identity, latency, period_s, timeout_s, self.clock.real_s(settings.update_s))
         return found, latency.p50_s if latency.failures < latency.polls else None
 
-    def _of_silent(self, table: LineTable, silent: dict[str, LineError], anyone: bool) -> list[Finding]:
+    def _of_silent(self, table: LineTable, silent: dict[str, tuple[LineError, bool]], anyone: bool) -> list[Finding]:
         """Devices that gave no answer: a wrong baud rate when the whole line is dumb, else address or power."""
         found = []
-        for device, error in silent.items():
-            garbage = isinstance(error, BadReplyError)
+        for device, (error, garbage) in silent.items():
             said = f"bytes come, but no answer: {error}" if garbage else f"nobody answers: {error}"
-            fix = "check power, cable (A and B swapped?) and the address"
+            fix, sure = "check power, cable (A and B swapped?) and the address", False
             if table.kind == "serial" and table.paced and not anyone:
                 right = trials.other_settings(self.bench, device, self.ports, self.clock)
                 if right is not None:
                     key, value = ("baud", right.baud) if right.baud != table.baud else ("parity", f'"{right.parity}"')
                     said += f". It answers at {right.baud} baud, parity {right.parity}"
-                    fix = f"write {key} = {value} into [lines.{self.bench.file.devices[device].line}]"
+                    sure, fix = True, f"write {key} = {value} into [lines.{self.bench.file.devices[device].line}]"
                 else:
                     said += f". It answers at no other of the usual settings either ({_tried(table)})"
             unit = self.bench.file.devices[device].unit_id
-            if self.scan_units and unit is not None:
+            if self.scan_units and unit is not None and not sure:
                 others = trials.other_units(self.bench, device, self.scan_units, self.ports, self.clock)
                 said += f". Not unit {unit}, but unit {', '.join(map(str, others))} answers" if others else ""
                 fix = f"write unit_id = {others[0]} into [devices.{device}]" if others else fix
-            elif unit is not None:
+            elif unit is not None and not sure:
                 fix += "; a scan of a few addresses finds a wrong unit_id"
             found.append(Finding(Level.FAULT, device, printable(said), fix))
         return found

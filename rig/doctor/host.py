@@ -144,7 +144,7 @@ def why_closed(host: Host, where: str, port: str, error: Exception) -> Finding:
         What opening it gave.
     """
     path = Path(port)
-    if not path.exists():
+    if not os.path.exists(port):  # noqa: PTH110 (where we may not look there is nothing for us, and no error)
         there = host.serial_ports()
         listed = f"there are {_listed(there)}" if there else "no USB serial port is there at all"
         fix = (

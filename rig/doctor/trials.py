@@ -47,7 +47,7 @@ def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock) -> Lin
 
 
 def other_units(bench: Bench, device: str, units: Sequence[int], ports: Ports, clock: Clock) -> list[int]:
-    """The Modbus addresses, of some, at which a device answers; it need not be the one configured.
+    """The Modbus addresses, of some that no device of the line has, at which somebody answers, whoever it is.
 
     Parameters
     ----------
@@ -64,12 +64,11 @@ def other_units(bench: Bench, device: str, units: Sequence[int], ports: Ports, c
     """
     of_device = bench.file.devices[device]
     table = bench.file.lines[of_device.line]
+    taken = {other.unit_id for other in bench.file.devices.values() if other.line == of_device.line}
     found = []
     for unit in units:
         changed = of_device.model_copy(update={"unit_id": unit})
-        if unit != of_device.unit_id and _answers(
-            built(bench, device, changed, table), of_device.line, table, ports, clock
-        ):
+        if unit not in taken and _answers(built(bench, device, changed, table), of_device.line, table, ports, clock):
             found.append(unit)
     return found
 

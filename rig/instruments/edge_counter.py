@@ -29,6 +29,7 @@ IDENTITY = re.compile(rb"EDGE1 ([\w.-]{1,32}) ([\w.-]{1,32}) teeth=(\d{1,4}) tic
 SPEED, ANGLE = "speed_rpm", "angle_rad"
 FEWEST_READS = 3  # before a poll gives up on a counter that sends and does not count
 MOST_IDENTITY_BYTES = 4096  # frames may still come before it
+MOST_GAP_S = 1.0  # between two frames: heartbeats come twenty times as often
 MOST_BARREN = 200  # bytes without a frame: the baud rate is wrong, or another device sends
 FULL_READ = 2048  # a read of so many bytes may have left more behind
 
@@ -70,6 +71,7 @@ class EdgeCounter:
         self._serial_number = serial_number
         self._tick_ns = 1000
         self._failed = 0
+        self._capture_offset_ns: int | None = None  # of a capture: its times are the device's, shifted once
         self._reset()
 
     @property
@@ -113,8 +115,8 @@ class EdgeCounter:
             raise IdentityError(
                 f"{self.device}: number '{serial}' answers, the bench file says '{self._serial_number}'"
             )
-        self._reset()
         self._tick_ns = tick_ns
+        self._reset()
         self._started = True
         line.tell(START)
         return f"edge counter {serial}, firmware {firmware}, {teeth} teeth, ticks of {tick_ns} ns"
@@ -127,6 +129,7 @@ class EdgeCounter:
         line : Line
             Where the device is.
         """
+        self._capture_offset_ns = None
         seen: list[Mark] = []
         arrivals: list[int] = []
         longest_ns = (self.settings.standstill_s + self.settings.silence_s) * NS
@@ -156,6 +159,8 @@ class EdgeCounter:
         except (NoReplyError, BadReplyError) as error:
             return self._failure(line, error)
         self._failed = 0
+        if marks and self._capture_offset_ns is None:
+            self._capture_offset_ns = self._clock.offset_ns
         readings = []
         for mark in marks:
             if mark.is_edge:
@@ -169,11 +174,13 @@ class EdgeCounter:
     def _reset(self) -> None:
         self._rest = b""
         self._started = False
-        self._counting = Counting()
+        self._counting = Counting(int(MOST_GAP_S * NS / self._tick_ns))
         self._clock = DeviceClock(int(self.settings.clock_window_s * NS))
         self._from: Mark | None = None  # the last edge before what is not yet in a reading
         self._quiet_since: int | None = None  # ticks of the last edge, or of the first frame
-        self._arrival_ns = self._last_ns = 0
+        self._arrival_ns = 0
+        self._last_ns: int | None = None  # time of the newest reading
+        self._capture_offset_ns = None
         self._barren = 0  # bytes since the last frame
 
     def _marks(self, line: Line) -> list[Mark]:
@@ -198,6 +205,7 @@ class EdgeCounter:
         marks = [mark for frame in frames if (mark := self._counting.take(frame)) is not None]
         if any(mark.restarted for mark in marks):
             self._clock = DeviceClock(int(self.settings.clock_window_s * NS))
+            self._capture_offset_ns = self._last_ns = None
         if marks:
             self._clock.saw(arrival_ns, marks[-1].ticks * self._tick_ns)
         self._arrival_ns = arrival_ns
@@ -264,7 +272,10 @@ class EdgeCounter:
         return self._reading(SPEED, Value(None, _quality(mark), detail=mark.fault), mark)
 
     def _reading(self, name: str, value: Value, mark: Mark) -> Reading:
-        time_ns = max(self._last_ns, self._clock.bench_ns(mark.ticks * self._tick_ns))  # never backwards
+        offset_ns = self._clock.offset_ns if self._capture_offset_ns is None else self._capture_offset_ns
+        time_ns = mark.ticks * self._tick_ns + offset_ns
+        if self._last_ns is not None:
+            time_ns = max(self._last_ns, time_ns)  # never backwards when a quicker frame moves the offset
         self._last_ns = time_ns
         return reading_of(
             self.device, name, self.channels[name], value, Times(time_ns, self._arrival_ns, self._arrival_ns)

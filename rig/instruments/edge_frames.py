@@ -121,9 +121,16 @@ def cut(buffer: bytes) -> tuple[list[Frame], bytes, int]:
 
 
 class Counting:
-    """Carries ticks and edges on over their wraps, and notices what is missing."""
+    """Carries ticks and edges on over their wraps, and notices what is missing.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    most_ticks : int
+        Between two frames when none is missing [-]; heartbeats see to it. More is a clock that began anew.
+    """
+
+    def __init__(self, most_ticks: int = 1 << 31) -> None:
+        self._most_ticks = most_ticks
         self._last: Frame | None = None
         self._ticks = self._edges = 0
 
@@ -145,9 +152,9 @@ class Counting:
         ticks = (frame.ticks - last.ticks) & 0xFFFFFFFF
         edges = (frame.edges - last.edges) & 0xFF
         lost = bool(frame.flags & EDGES_LOST)
-        restarted = ticks >= 1 << 31
+        restarted = ticks >= 1 << 31 or (ticks > self._most_ticks and not missing)
         if restarted:
-            fault, ticks, edges = "the device's clock went back: it was started anew", 0, int(is_edge)
+            fault, ticks, edges = "the device's clock jumped: it was started anew", 0, int(is_edge)
         elif missing:
             fault = f"{missing} frames are missing"
         elif lost:
@@ -191,12 +198,7 @@ class DeviceClock:
         while arrival_ns - self._arrivals[0][0] > self._window_ns:
             self._arrivals.popleft()
 
-    def bench_ns(self, device_ns: int) -> int:
-        """The bench's time at a time of the device [ns].
-
-        Parameters
-        ----------
-        device_ns : int
-            On the device's clock [ns].
-        """
-        return device_ns + self._arrivals[0][1]
+    @property
+    def offset_ns(self) -> int:
+        """The bench's time less the device's, by the quickest frame of late [ns]."""
+        return self._arrivals[0][1]

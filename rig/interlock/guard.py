@@ -41,25 +41,17 @@ DISCREPANCY = Discrepancy(sd=0.04, length=float(np.log(2.0)))
 LEAST_LOG_SD, LEAST_SD_RAD_S = 0.003, 0.1  # no reading counts for more; ripple and stiction are not modelled to 1 rpm
 TURNING_RAD_S = 0.2  # 2 rpm: below, the rotor stands
 MOST_POINTS = 100  # the latest
-DRAWS = 1024
+DRAWS = 512
 GAUGE_NODES_BAR = np.array([0.08, 0.12, 0.16, 0.2, 0.25, 0.3, 0.4, 0.55, 0.8, 1.2, 1.8, 3.0, 5.0])  # straight between
 FLOOR_NM = 1e-3  # a torque below has no logarithm worth having
-SAME_LOG_F = 0.1  # f a tenth off: the torque left by the ripple is still right
+F_SHARES = np.array([0.002, 0.2, 0.4, 0.6, 0.8, 0.998])  # quantiles of f for which the curves are solved
+F_ROUNDS = 4  # f from the torque from f: a round gains a digit or two, for the torque hardly depends on f
 NEAREST_PA = 1000.0  # no pressure is counted as nearer to the ambient's than this
 
 
-class _Curves(NamedTuple):
-    """Of each draw: the f it was solved for, and f times the speed at the nodes."""
-
-    log_f: np.ndarray
-    torque: np.ndarray
-    running: np.ndarray
-
-
 class _Knowledge(NamedTuple):
-    """What the points say: curves, log f and weight of each draw, and the belief they come from, if there are any."""
+    """What the points say: log f and weight of each draw, and the belief they come from, if there are any."""
 
-    curves: _Curves
     log_f: np.ndarray
     weights: np.ndarray
     held: Belief | None
@@ -100,7 +92,12 @@ class Guard:
             quantity = QUANTITIES[name]
             values = np.clip(_of_prior(motor, name, normal[:, column]), quantity.low, quantity.high)
             self._sets[:, list(QUANTITIES).index(name)] = values * quantity.to_si
-        self._before = self._curves(self._prior.quantiles(self._share))
+        self._log_f = self._prior.quantiles(F_SHARES)
+        solved = np.array([self._solved(log_f) for log_f in self._log_f])  # shape (n_f, n_draws, n_nodes, columns)
+        running = solved[..., steady.STATUS] == steady.RUNNING
+        self._lowest = np.minimum(np.argmax(running, axis=2), self._nodes.size - 2)  # node that still runs
+        speed = np.where(running, solved[..., steady.SPEED_OUT], 0.0)
+        self._curves = speed * np.exp(self._log_f)[:, None, None]  # torque that f has to take
         self._known: tuple[tuple[Point, ...], _Knowledge] | None = None
 
     def predict(self, level_pa_abs: float, points: Sequence[Point]) -> Prediction:
@@ -122,7 +119,7 @@ class Guard:
         if level_pa_abs <= self._ambient_pa:
             return Prediction(0.0, 0.0, 0.0, f"{level_pa_abs / BAR:.2f} bar abs: vented, 0 rpm")
         known = self._knowledge(tuple(points[-MOST_POINTS:]))
-        torque, _ = self._torque(known.curves, level_pa_abs + self._off_pa[:, None])
+        torque, _ = self._torque(known.log_f, level_pa_abs + self._off_pa[:, None])
         speeds = np.maximum(torque[:, 0], 0.0) / np.exp(known.log_f) * RPM
         log_mean, log_sd = np.zeros(DRAWS), np.full(DRAWS, DISCREPANCY.sd)
         if known.held is not None:
@@ -189,7 +186,7 @@ class Guard:
         if standing is None or level <= standing.pressure_pa:
             return ""
         known = self._knowledge(_turning(points))
-        if float(known.weights @ self._chances(known.curves, standing)) >= STANDS_FOR_A_REASON:
+        if float(known.weights @ self._chances(known.log_f, standing)) >= STANDS_FOR_A_REASON:
             return ""
         return (
             f"{level / BAR:.2f} bar abs refused: the rotor stands at {standing.pressure_pa / BAR:.2f} bar abs, where "
@@ -205,9 +202,9 @@ class Guard:
 
     def _unlearnt(self, standing: Point | None) -> _Knowledge:
         """The priors. A rotor at rest tells from where on it may turn, give or take static friction; no more."""
-        weights = np.ones(DRAWS) if standing is None else self._chances(self._before, standing) + 1e-12
         log_f = self._prior.quantiles(self._share)
-        return _Knowledge(self._before, log_f, weights / weights.sum(), None, np.empty(0))
+        weights = np.ones(DRAWS) if standing is None else self._chances(log_f, standing) + 1e-12
+        return _Knowledge(log_f, weights / weights.sum(), None, np.empty(0))
 
     def _learnt(self, points: tuple[Point, ...]) -> _Knowledge:
         pressure = np.array([p.pressure_pa for p in points])
@@ -215,48 +212,51 @@ class Guard:
         speed_sd = np.hypot(np.array([p.speed_sd for p in points]), LEAST_SD_RAD_S)
         pressure_sd = np.array([p.pressure_sd for p in points])
         place = self._place(pressure)
-        curves = self._before
-        for _ in range(4):  # until each draw's torque was solved with about the f that it is used with
-            torque, slope = self._torque(curves, pressure[None, :])
+        shared = DISCREPANCY.covariance(place, place)
+        log_f = self._prior.quantiles(np.full(DRAWS, 0.5))
+        for _ in range(F_ROUNDS):
+            torque, slope = self._torque(log_f, pressure[None, :])
             torque = np.maximum(torque, FLOOR_NM)
             noise_sd = np.sqrt(LEAST_LOG_SD**2 + (speed_sd / speed) ** 2 + (slope * pressure_sd / torque) ** 2)
-            shared = DISCREPANCY.covariance(place, place)
             held = belief.update(np.log(speed) - np.log(torque), noise_sd, shared, self._prior)
-            weights = belief.normalised(held.log_weight)
-            mean = np.clip(held.mean, self._prior.low, self._prior.high)
-            if np.sqrt(weights @ (mean - curves.log_f) ** 2) < SAME_LOG_F:
-                break
-            curves = self._curves(mean)
-        return _Knowledge(curves, belief.draw(held, self._prior, self._share), weights, held, place)
+            log_f = np.clip(held.mean, self._prior.low, self._prior.high)
+        log_f = belief.draw(held, self._prior, self._share)
+        return _Knowledge(log_f, belief.normalised(held.log_weight), held, place)
 
-    def _curves(self, log_f: np.ndarray) -> _Curves:
-        """The torque left for f, shape (n_draws, n_nodes), solved with an f for each draw."""
+    def _solved(self, log_f: float) -> np.ndarray:
+        """Steady states of the draws at the nodes with one f, shape (n_draws, n_nodes, columns)."""
         sets = self._sets.copy()
         sets[:, F_OVERALL] = np.exp(log_f)
-        solved = steady.solve(sets, self._readings, np.tile(self._nodes, (DRAWS, 1)), self._gas)
-        running = solved[..., steady.STATUS] == steady.RUNNING
-        return _Curves(log_f, np.where(running, solved[..., steady.SPEED_OUT], 0.0) * np.exp(log_f)[:, None], running)
+        return steady.solve(sets, self._readings, np.tile(self._nodes, (DRAWS, 1)), self._gas)
 
-    def _torque(self, curves: _Curves, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Torque and its slope at pressures of shape (n_draws or 1, n), the shift added.
+    def _torque(self, log_f: np.ndarray, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Torque that f has to take, and its slope, at pressures of shape (n_draws or 1, n), the shift added.
 
-        Below the lowest node that runs the lowest piece between two that do goes on, through zero.
+        Below the lowest node that runs, the lowest piece between two that do goes on, through zero.
         """
         P = np.broadcast_to(pressure + self._shift_pa[:, None], (DRAWS, pressure.shape[1]))
-        lowest = np.minimum(np.argmax(curves.running, axis=1), self._nodes.size - 2)
-        piece = np.clip(np.searchsorted(self._nodes, P) - 1, lowest[:, None], self._nodes.size - 2)
-        low = np.take_along_axis(curves.torque, piece, axis=1)
-        rise = np.take_along_axis(curves.torque, piece + 1, axis=1) - low
-        slope = rise / (self._nodes[piece + 1] - self._nodes[piece])
-        return low + slope * (P - self._nodes[piece]), slope
+        at = np.clip(np.searchsorted(self._log_f, log_f) - 1, 0, self._log_f.size - 2)
+        share = ((log_f - self._log_f[at]) / (self._log_f[at + 1] - self._log_f[at]))[:, None]
+        (low, low_slope), (high, high_slope) = (self._on_curve(i, P) for i in (at, at + 1))
+        return low + share * (high - low), low_slope + share * (high_slope - low_slope)
 
-    def _chances(self, curves: _Curves, standing: Point) -> np.ndarray:
+    def _on_curve(self, i: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Value and slope on the curves of f number i of each draw."""
+        k = np.arange(DRAWS)
+        piece = np.searchsorted(self._nodes, P) - 1
+        piece = np.clip(piece, self._lowest[i, k][:, None], self._nodes.size - 2)
+        start, end = (self._curves[i[:, None], k[:, None], node] for node in (piece, piece + 1))
+        slope = (end - start) / (self._nodes[piece + 1] - self._nodes[piece])
+        return start + slope * (P - self._nodes[piece]), slope
+
+    def _chances(self, log_f: np.ndarray, standing: Point) -> np.ndarray:
         """How likely each draw's rotor is to stand where it does, shape (n_draws,) [-]."""
-        torque, slope = self._torque(curves, np.array([[standing.pressure_pa]]))
+        torque, slope = self._torque(log_f, np.array([[standing.pressure_pa]]))
         beyond = torque[:, 0] / np.maximum(
             slope[:, 0], 1e-12
         )  # the pressure from which it turns; the ripple may say more
-        lowest = np.argmax(curves.running, axis=1)
+        nearest = np.argmin(np.abs(log_f[:, None] - self._log_f), axis=1)
+        lowest = self._lowest[nearest, np.arange(DRAWS)]
         turns_from = 0.5 * (self._nodes[np.maximum(lowest - 1, 0)] + self._nodes[lowest])
         beyond = np.minimum(beyond, standing.pressure_pa + self._shift_pa - turns_from)
         return np.asarray(np.exp(-np.maximum(beyond, 0.0) / STATIC_PA))

@@ -91,11 +91,15 @@ class Run:
         """Whether the bytes on the wire were kept."""
         return (self.folder / WIRE).exists()
 
+    @property
+    def exchange_count(self) -> int:
+        """Exchanges that the samples belong to [-]; those at the end without a reading are not counted."""
+        return int(self.samples["exchange"].iloc[-1]) if len(self.samples) else 0
+
     @cached_property
     def _first_rows(self) -> NDArray[np.intp]:
         """Where each exchange's rows begin; one entry more than there are exchanges."""
-        last = int(self.samples["exchange"].iloc[-1]) if len(self.samples) else 0
-        return np.searchsorted(self.samples["exchange"].to_numpy(), np.arange(1, last + 2))
+        return np.searchsorted(self.samples["exchange"].to_numpy(), np.arange(1, self.exchange_count + 2))
 
     @cached_property
     def _cells(self) -> dict[str, NDArray[Any]]:

@@ -67,6 +67,14 @@ def utc_text(utc_ns: int) -> str:
     return (_EPOCH + datetime.timedelta(microseconds=utc_ns // 1000)).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
+def utc_ns(text: str) -> int:
+    """UTC since 1970 [ns] of a time in ISO 8601, which is UTC where it names no zone; ValueError for anything else."""
+    time = datetime.datetime.fromisoformat(text)
+    return (
+        round((time.replace(tzinfo=time.tzinfo or datetime.UTC) - _EPOCH) / datetime.timedelta(microseconds=1)) * 1000
+    )
+
+
 def harmless(text: str, length: int = MAX_TEXT) -> str:
     """Text fit for a CSV cell: bounded, on one line, and with an apostrophe before what a spreadsheet would run.
 

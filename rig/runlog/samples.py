@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from rig.runlog.lines import whole_lines
 
 MAX_SAMPLES = 20_000_000
 BLOCK_ROWS = 50_000
+_DIGITS = re.compile(r"[0-9.e+-]*", re.ASCII)
 _QUALITIES = {quality.value for quality in Quality}
 
 
@@ -85,6 +87,8 @@ def _block(cells: list[list[str]], path: Path, first: int) -> pd.DataFrame:
 
 def _converted(name: str, texts: Iterable[str]) -> dict[str, object]:
     """A column's cells as numbers or text; ValueError when one of them is not what it should be."""
+    if name in ("n", "exchange", "retries", "censored", "value") and not _DIGITS.fullmatch("".join(texts)):
+        raise ValueError  # Python reads more as a number than a run holds: 1_000, digits of other scripts
     if name in ("n", "exchange", "retries", "censored"):
         return {name: np.array([int(text) for text in texts], dtype=np.int64)}
     if name == "value":

@@ -22,7 +22,7 @@ from rig.runlog.folder import (
     sha256_of,
     write_whole,
 )
-from rig.runlog.reader import Run, read_run
+from rig.runlog.reader import Run, read_end, read_run, read_start
 from rig.runlog.schema import EndRecord, dump
 
 REPAIRED = "killed; repaired"
@@ -45,24 +45,22 @@ def verify(folder: Path) -> list[str]:
         When the folder holds no run.
     """
     folder = Path(folder)
+    if not (folder / START).exists():
+        read_start(folder)  # says what is missing
     findings = _strangers(folder)
     try:
+        end = read_end(folder)
+        findings += _changed(folder, end) if end is not None else []
         run = read_run(folder)
+        counts, unfit = _counted(run)
     except RunError as error:
-        if not (folder / START).is_file():
-            raise
         return [*findings, *str(error).splitlines()]
-    if run.end is None:
-        findings.append(
-            "no end record: a program writes this run now"
-            if run.state == "being written"
-            else "no end record: the run was killed; `spinbench runs repair` seals what there is"
-        )
-    else:
-        findings += _changed(folder, run.end)
+    if run.state == "being written":
+        findings.append("no end record: a program writes this run now")
+    elif run.state == "killed":
+        findings.append("no end record: the run was killed; `spinbench runs repair` seals what there is")
     findings += [f"{name}: its last line is torn, {dropped} bytes are left out" for name, dropped in run.torn.items()]
-    counts, wire_findings = _counted(run)
-    findings += wire_findings
+    findings += unfit
     if run.end is not None:
         findings += [
             f"the end record counts {said} {what}, the files hold {counts[what]}"

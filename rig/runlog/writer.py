@@ -80,7 +80,11 @@ class RunWriter:
         RunError
             When the folder cannot be made.
         """
-        folder = make_folder(Path(root), run_name(start.clock.utc_start_ns, start.bench, start.kind))
+        try:
+            begun_ns = rows.utc_ns(start.utc_start)
+        except ValueError:
+            raise RunError(f"utc_start '{start.utc_start}' is no time in ISO 8601") from None
+        folder = make_folder(Path(root), run_name(begun_ns, start.bench, start.kind))
         writer = cls(folder, start, wire, sync_s)
         try:
             writer._open(SAMPLES, rows.HEADER)

@@ -1,18 +1,15 @@
-"""The no-load sweep: which levels, when a plateau is settled, what it amounts to, and the machine that goes through it.
+"""The sweep: which levels, when a plateau is settled, what it amounts to, and who goes through it.
 
-plan      levels in their order
-series    means, slopes and their errors from correlated readings (pure)
-settle    whether readings have settled (pure)
-plateau   means and standard errors of a plateau (pure)
-orders    what the machine of a sweep is shown, and what it wants done
-course    what a sweep goes through, and its states
-judge     what the readings of a moment say (pure)
-machine   goes through the course (pure)
-capturing one run in time within it (pure)
-runner    does what the machine wants, on a bench
-capture   single runs in time, and whether the bench can resolve them
-ambient   the room at the start and the end of a run
-entry     what a person types in answer to a prompt (pure)
-manual    a sweep whose instruments a person reads
-sheet     a printed sheet, and its entry afterwards
+plan      levels in their order (pure)
+series, settle, plateau     means, slopes, errors and verdicts of readings (pure)
+orders, course, judge, capturing, machine     the states of a sweep, what it is shown and what it wants (pure)
+hooks     who else has a part: guard, limits, operator, audience
+setpoints, runner           the machine's orders carried out on a bench
+capture   whether the bench can resolve a run in time
+ambient   the room at the start and the end
+planning  from a bench file to a course
+entry     what typed readings amount to (pure)
+by_hand, conversation, prompter, manual       a sweep whose instruments a person reads
+sheet, sheet_entry          the same on paper
+words     what a run says to a person
 """

@@ -31,14 +31,16 @@ from rig.sweep.orders import (
     Say,
     SetPressure,
     Trip,
+    Verdict,
     View,
     Zero,
 )
-from rig.sweep.plan import SAME_BAR, Step
+from rig.sweep.plan import SAME_BAR, UP, Step, stepping_stone
 from rig.sweep.plateau import Plateau
 
 WRITE_EVERY_S = 0.2  # set-points of a ramp: a bus has other things to do
 JUDGE_EVERY_S = 0.25
+PA_IN_BAR = 1e5
 VENT_TIMEOUT_S = 15.0
 VENT_AGAIN_S = 1.0  # the order to vent is repeated until the gauge says so
 
@@ -209,9 +211,9 @@ class SweepMachine:
             return [*self._release(), *self._enter(State.VENT, now_ns)]
         task = self._tasks.popleft()
         verdict = self._predict(task.level_bar_abs, self.plateaus)
-        if not verdict.allowed:
-            return self._refuse(task, verdict.text)
         self._task, self._notes, self._settled = task, [], True
+        if not verdict.allowed:
+            return self._before(task, verdict, now_ns) or self._refuse(task, verdict.text)
         if isinstance(task, CaptureTask) and task.kind == "spin-up":
             self._capturing = self._capture(task, now_ns)
             return [*self._release(), *self._enter(State.CAPTURE, now_ns, capture=task.kind)]
@@ -221,7 +223,20 @@ class SweepMachine:
             self._targets.appendleft(way)
         return self._start_ramp(now_ns)
 
+    def _before(self, task: Step | CaptureTask, verdict: Verdict, now_ns: int) -> list[Order]:
+        """A plateau on the way to a refused level, where that lets the guard see farther; nothing where not."""
+        taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self.plateaus)]
+        stone = stepping_stone(task.level_bar_abs, verdict.highest_pa_abs / PA_IN_BAR, taken)
+        if stone is None or not self._predict(stone, self.plateaus).allowed:
+            return []
+        self._tasks.appendleft(task)
+        self._task = Step(stone, UP, 1)
+        self._notes.append("added on the guard's account")
+        self._targets = deque([stone])
+        return [Say(f"a plateau at {stone:g} bar abs comes first: {verdict.text}"), *self._start_ramp(now_ns)]
+
     def _refuse(self, task: Step | CaptureTask, text: str) -> list[Order]:
+        self._task = None
         ceiling = task.level_bar_abs - SAME_BAR
         gone = [task, *(other for other in self._tasks if other.level_bar_abs >= ceiling)]
         self._tasks = deque(other for other in self._tasks if other.level_bar_abs < ceiling)

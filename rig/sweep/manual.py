@@ -11,29 +11,21 @@ from typing import Any
 
 from rig.acquisition import Acquisition
 from rig.bench import Bench
-from rig.instruments.manual import EntryError, ManualEntry, decode_entry, example
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.sweep import entry
-from rig.sweep.conversation import Command, Conversation, EndedError, StoppedError, Typed, command_of, help_text
+from rig.sweep.conversation import Command, Conversation, EndedError, StoppedError
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.orders import ABORTED, FINISHED
-from rig.sweep.plan import UP, Step, SweepError
+from rig.sweep.plan import UP, Step, stepping_stone
 from rig.sweep.plateau import Mean, Plateau, mean_of
-from rig.sweep.runner import BenchView, Outcome, PlateauSink, sentence
+from rig.sweep.prompter import JumpedError, Prompter, TrippedError
+from rig.sweep.runner import Outcome, PlateauSink
+from rig.sweep.words import sentence
 
+PA_IN_BAR = 1e5
 MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
-COMMAND_REAL_S = 5.0
-RECORDED_REAL_S = 2.0  # in which a reading is in the log
-
-
-class _Jumped(Exception):  # noqa: N818 - not an error: a command that leaves the level
-    """A command that leaves the level: repeat, undo or skip."""
-
-    def __init__(self, command: Command) -> None:
-        super().__init__(command.word)
-        self.command = command
 
 
 class ManualSweep:
@@ -67,19 +59,13 @@ class ManualSweep:
         self.acquisition, self.sink, self.bench, self.course = acquisition, sink, bench, course
         self.person, self.hooks, self.clock = conversation, hooks, acquisition.clock
         self.table = course.table
-        self.device = manual_device(bench)
-        driver = bench.build(self.device)
-        self.typed = driver.channels if isinstance(driver, ManualEntry) else {}
+        self.prompter = Prompter(acquisition, bench, course, conversation, hooks.trip)
         self.columns = columns_of(bench.file.roles.model_dump())
-        device, _, self.pressure = bench.file.roles.pressure.partition(".")
-        self.pressure_typed = device == self.device
-        self.is_gauge = self.pressure.endswith("_gauge")
+        self.is_gauge = self.prompter.pressure.endswith("_gauge")
         self.steps: deque[Step] = deque(course.steps)
         self.plateaus: list[Plateau] = []
         self.left_out: list[Step] = []
         self._numbered = 0
-        self._note = ""
-        self._view = BenchView(acquisition)
         conversation.log = self._event
 
     def run(self) -> Outcome:
@@ -100,14 +86,14 @@ class ManualSweep:
             outcome, reason = ABORTED, "stopped by the operator"
         except EndedError as error:
             outcome, reason = ABORTED, str(error)
-        except SweepTripped as error:
+        except TrippedError as error:
             outcome, reason = ABORTED, str(error)
             self.person.say(f"*** {reason} ***")
         vented = self._close_valve()
         if vented and outcome == FINISHED:
             try:
                 self._zero("end")
-            except (StoppedError, EndedError, SweepTripped) as error:
+            except (StoppedError, EndedError, TrippedError) as error:
                 self._event("note", text=f"no zero at the end: {error or 'stopped'}")
         if not vented:
             reason = f"{reason}; nobody has said that the valve is closed".removeprefix("; ")
@@ -117,46 +103,51 @@ class ManualSweep:
         """One level, until it is taken, left out, or left."""
         verdict = self.hooks.predict(step.level_bar_abs, self.plateaus)
         if not verdict.allowed:
-            self._refuse(step, verdict.text)
-            return
+            taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self.plateaus)]
+            stone = stepping_stone(step.level_bar_abs, verdict.highest_pa_abs / PA_IN_BAR, taken)
+            if stone is None or not self.hooks.predict(stone, self.plateaus).allowed:
+                self._refuse(step, verdict.text)
+                return
+            self.person.say(f"  a plateau at {stone:g} bar abs comes first: {verdict.text}")
+            self.steps.appendleft(step)
+            step = Step(stone, UP, 1)
         self._event("state", state="level", level_bar_abs=step.level_bar_abs, direction=step.direction)
         try:
             self._take(step)
-        except _Jumped as jump:
+        except JumpedError as jump:
             self._jump(step, jump.command)
 
     def _take(self, step: Step) -> None:
-        self._note = ""
+        self.prompter.note = ""
         self.person.say(self._heading(step))
         start_ns = self.clock.now_ns()
-        entries = [self._entry("")]
+        entries = [self.prompter.entry()]
         wanted = self.table.agreeing_readings or 1
         while not self._agreed(entries, wanted) and len(entries) < MOST_ENTRIES:
             left = f"again, until {wanted} agree: " if len(entries) < wanted else "they differ; again: "
-            entries.append(self._entry(left))
+            entries.append(self.prompter.entry(left))
         settled = self._agreed(entries, wanted)
-        after = self._pressure_now() if self.pressure_typed else None
-        self._record(step, start_ns, entries[-wanted:], after, settled)
+        said = entry.remarks(self._shown_bar(), step.level_bar_abs, step.direction)
+        for text in said:
+            self.person.say(f"  ! {text}")
+        after = self.prompter.pressure_now() if self.prompter.pressure_is_typed else None
+        self._record(step, start_ns, entries[-wanted:], after, said if settled else [*said, self._differ()])
 
     def _agreed(self, entries: list[dict[str, Reading]], wanted: int) -> bool:
         last = entries[-wanted:]
-        return len(last) == wanted and all(entry.agree(last[0], other, self.typed) for other in last[1:])
+        return len(last) == wanted and all(entry.agree(last[0], other, self.prompter.typed) for other in last[1:])
 
     def _record(
-        self, step: Step, start_ns: int, entries: list[dict[str, Reading]], after: Reading | None, settled: bool
+        self, step: Step, start_ns: int, entries: list[dict[str, Reading]], after: Reading | None, said: list[str]
     ) -> None:
         end_ns = self.clock.now_ns()
         means = {role: self._mean(role, entries, start_ns, end_ns) for role in self.course.roles}
         if after is not None:
             means["pressure"] = entry.with_drift(means["pressure"], after)
-        said = entry.remarks(self._absolute(means["pressure"].mean), step.level_bar_abs, step.direction)
-        for text in said:
-            self.person.say(f"  ! {text}")
-        notes = [self._note, *said, "" if settled else f"no {self.table.agreeing_readings} readings agreed"]
+        notes = [note for note in (self.prompter.note, *said) if note]
+        settled = self._differ() not in said
         self._numbered += 1
-        plateau = Plateau(
-            self._numbered, step, start_ns, end_ns, settled, means, "; ".join(note for note in notes if note)
-        )
+        plateau = Plateau(self._numbered, step, start_ns, end_ns, settled, means, "; ".join(notes))
         self.plateaus.append(plateau)
         self.sink.plateau(plateau.row(self.columns))
         details = {role: dataclasses.asdict(mean) for role, mean in means.items()}
@@ -171,8 +162,6 @@ class ManualSweep:
         window = self.acquisition.between(role, start_ns, end_ns)
         return mean_of(window.time_s, window.value, window.censored, window.quality)
 
-    # Prompts.
-
     def _heading(self, step: Step) -> str:
         gauge = step.level_bar_abs - self.course.ambient_bar
         side = "from below" if step.direction == UP else "from above"
@@ -182,81 +171,6 @@ class ManualSweep:
             wait = f"read until {self.table.agreeing_readings} readings agree"
         count = f"[{len(self.plateaus) + 1}/{len(self.plateaus) + 1 + len(self.steps)}]"
         return f"{count} set {step.level_bar_abs:.3f} bar abs = {gauge:.3f} bar gauge, {side}{way}, then {wait}"
-
-    def _entry(self, lead: str) -> dict[str, Reading]:
-        """Ask for one line of readings, and obey commands until there is one."""
-        prompt = f"  {lead}{example(self.typed)}: "
-        while True:
-            typed = self._asked(prompt)
-            if not typed.text:
-                self.person.wait(self.table.dwell_s)
-                continue
-            try:
-                decode_entry(typed.text, self.typed)
-            except EntryError as error:
-                self.person.say(f"  {error}")
-                continue
-            return self._read(typed.text, typed)
-
-    def _pressure_now(self) -> Reading | None:
-        """The pressure read again, to see whether it has drifted."""
-        while True:
-            typed = self._asked("  pressure now? (Enter when it was not read) ")
-            if not typed.text:
-                return None
-            words = [typed.text if name == self.pressure else "-" for name in self.typed]
-            text = " ".join(words)
-            try:
-                decode_entry(text, self.typed)
-            except EntryError as error:
-                self.person.say(f"  {error}")
-                continue
-            return self._read(text, typed)["pressure"]
-
-    def _asked(self, prompt: str) -> Typed:
-        """A line that is no command; notes and help are dealt with here, others leave the level."""
-        while True:
-            typed = self.person.ask(prompt)
-            command = command_of(typed.text)
-            if command is None:
-                return typed
-            if command.word == "stop":
-                raise StoppedError
-            if command.word == "help":
-                self.person.say(help_text())
-            elif command.word == "note":
-                self._note = f"{self._note}; {command.rest}".removeprefix("; ")
-                self._event("note", text=command.rest)
-            else:
-                raise _Jumped(command)
-
-    def _read(self, text: str, typed: Typed) -> dict[str, Reading]:
-        """Have the entry decoded and logged as any instrument's; by role, and by channel."""
-        self.person.port.feed(f"{text}\n".encode(), typed.asked_ns, typed.typed_ns)
-        exchange = self.acquisition.command(self.device, "poll", None, COMMAND_REAL_S)
-        found = {reading.channel: reading for reading in exchange.readings}
-        for role in self.course.roles:
-            reading = self._logged(role, typed.typed_ns)
-            if reading is not None:
-                found[role] = reading
-        reason = self.hooks.trip(self._view, self.clock.now_ns(), False)
-        if reason is not None:
-            raise SweepTripped(reason)
-        return found
-
-    def _logged(self, role: str, typed_ns: int) -> Reading | None:
-        """The reading that a typed channel, or one derived from it, got for a role; None when it is not typed."""
-        name = getattr(self.bench.file.roles, role)
-        if name is None or name.partition(".")[0] != self.device:
-            return None
-        wait_s = RECORDED_REAL_S
-        while wait_s > 0.0:  # the recorder has a thread of its own
-            last = self.acquisition.last(role)
-            if last is not None and last.time_ns >= typed_ns:
-                return last
-            self.clock.sleep(0.002 * self.clock.rate)
-            wait_s -= 0.002
-        return None
 
     # Commands that leave a level.
 
@@ -275,7 +189,7 @@ class ManualSweep:
 
     def _untouched(self) -> bool:
         """Whether nothing was typed for the level since its heading, so that a repeat means the one before."""
-        last = self.acquisition.last(f"{self.device}.{next(iter(self.typed))}")
+        last = self.acquisition.last(f"{self.prompter.device}.{next(iter(self.prompter.typed))}")
         return last is None or last.time_ns <= self.plateaus[-1].end_ns
 
     def _undo(self) -> None:
@@ -303,17 +217,22 @@ class ManualSweep:
         start_ns = self.clock.now_ns()
         while True:
             try:
-                found = self._entry("")
+                found = self.prompter.entry()
                 break
-            except _Jumped as jump:
+            except JumpedError as jump:
                 if jump.command.word == "skip":
                     self._event("note", text=f"no zero at the {which}")
                     return
                 self.person.say("  there is nothing to go back to")
         end_ns = max(self.clock.now_ns(), *(reading.time_ns for reading in found.values()))
         channels = {
-            f"{self.device}.{name}": {"mean": found[name].value, "se": None, "n": 1, "censored": found[name].censored}
-            for name in self.typed
+            f"{self.prompter.device}.{name}": {
+                "mean": found[name].value,
+                "se": None,
+                "n": 1,
+                "censored": found[name].censored,
+            }
+            for name in self.prompter.typed
         }
         self._event("zero", which=which, start_s=start_ns / NS, end_s=end_ns / NS, vented=True, channels=channels)
 
@@ -331,17 +250,18 @@ class ManualSweep:
                 self._event("vented", text="said by the person")
                 return True
 
-    def _absolute(self, pressure: float | None) -> float | None:
-        if pressure is None:
+    def _differ(self) -> str:
+        return f"no {self.table.agreeing_readings} readings agreed"
+
+    def _shown_bar(self) -> float | None:
+        """The pressure as read last [bar abs]."""
+        reading = self.acquisition.last("pressure")
+        if reading is None or not reading.usable or reading.value is None:
             return None
-        return pressure + (self.course.ambient_bar if self.is_gauge else 0.0)
+        return reading.value + (self.course.ambient_bar if self.is_gauge else 0.0)
 
     def _event(self, kind: str, **details: Any) -> None:
         self.acquisition.event(kind, None, **details)
-
-
-class SweepTripped(Exception):  # noqa: N818 - what it is called at a bench
-    """A typed reading is beyond a limit of the bench."""
 
 
 def run_manual(

@@ -48,6 +48,10 @@ class Verdict(Protocol):
     def text(self) -> str:
         """In words, with the figures."""
 
+    @property
+    def highest_pa_abs(self) -> float:
+        """The highest pressure that would be allowed now [Pa]."""
+
 
 Predict = Callable[[float, Sequence[Plateau]], Verdict]  # from a level [bar abs] and the plateaus so far
 Trip = Callable[[View, int, bool], str | None]  # from view, time and whether there may be pressure: why to vent now

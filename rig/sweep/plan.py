@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 UP, DOWN = "up", "down"
 SAME_BAR = 1e-6  # levels closer than this are the same
+STONE_GRID_BAR = 0.01
+LEAST_STONE_BAR = 0.02  # above what was taken: less teaches the guard nothing
 
 
 class SweepError(ValueError):
@@ -86,6 +89,29 @@ def plan(
         else:
             steps += [step for leg in _legs(order) for step in _leg(rising, leg, repeat)]
     return _left(steps, finished, order)
+
+
+def stepping_stone(level_bar_abs: float, highest_bar_abs: float, taken_bar_abs: Sequence[float]) -> float | None:
+    """A level to take before one that the guard refuses: from there it sees farther.
+
+    Parameters
+    ----------
+    level_bar_abs : float
+        Refused [bar].
+    highest_bar_abs : float
+        The highest that would be allowed now [bar].
+    taken_bar_abs : sequence of float
+        Levels of the plateaus so far, or the room's pressure [bar].
+
+    Returns
+    -------
+    float or None
+        In hundredths of a bar; None where it would be no step worth the time.
+    """
+    stone = math.floor(highest_bar_abs / STONE_GRID_BAR + 1e-6) * STONE_GRID_BAR
+    if stone >= level_bar_abs or stone < max(taken_bar_abs) + LEAST_STONE_BAR:
+        return None
+    return round(stone, 9)
 
 
 def _legs(order: str) -> tuple[str, ...]:

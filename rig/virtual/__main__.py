@@ -13,14 +13,15 @@ def main() -> int:
     parser.add_argument("bench", type=Path, help="bench file, or the name of one in configs/benches")
     parser.add_argument("--state", type=Path, required=True, metavar="DIR", help="where ports.json and the links go")
     parser.add_argument("--rate", type=float, help="seconds of the bench in one of the wall; the file's when left out")
-    parser.add_argument("--owner", type=int, metavar="PID", help="end 10 s after this process")
+    parser.add_argument("--owner", type=int, metavar="PID", help="end some time after this process")
+    parser.add_argument("--linger", type=float, default=10.0, metavar="S", help="how long after it, in real seconds")
     parser.add_argument("--seed", type=int, help="of noise, errors and faults; the file's when left out")
     options = parser.parse_args()
 
     from rig.virtual.serve import serve
 
     try:
-        serve(options.bench, options.state, options.rate, options.owner, options.seed)
+        serve(options.bench, options.state, options.rate, options.owner, options.seed, options.linger)
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2

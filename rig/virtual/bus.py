@@ -16,7 +16,7 @@ from rig.virtual.faults import BYTES, MODBUS, Fault, damage
 from rig.virtual.loop import Loop
 from rig.virtual.modbus_device import ModbusDevice
 from rig.virtual.served import World
-from rig.virtual.wires import PtyWire, SocketWire
+from rig.virtual.wires import Wire
 
 TURNAROUND_S = 0.003  # from the end of a request to the start of its answer
 SILENCE_S = 0.02  # of the wall: half a frame that is not carried on for so long is none
@@ -49,7 +49,7 @@ class Bus:
     ) -> None:
         self.name, self.framing, self.devices = name, framing, devices
         self.loop, self.world, self.chance = loop, world, chance
-        self.wire: PtyWire | SocketWire
+        self.wire: Wire
         self.log: deque[tuple[float, str, str]] = deque(maxlen=MOST_LOG)  # time [s], device, request in hex
         self.without_power: dict[str, int] = {}  # device: until when [ns]
         self._buffers: dict[int, bytes] = {}

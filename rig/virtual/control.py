@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from configs import ConfigError
 from rig.readings import NS
 from rig.virtual.faults import BY_S, read_fault
-from rig.virtual.wires import SocketWire
+from rig.virtual.sockets import SocketWire
 
 if TYPE_CHECKING:
     from rig.virtual.serve import VirtualServer
@@ -54,7 +54,7 @@ class Control:
     def _receive(self, caller: int, data: bytes, _: int) -> None:
         buffer = self._buffers.pop(caller, b"") + data
         while b"\n" in buffer:
-            line, _, buffer = buffer.partition(b"\n")
+            line, buffer = buffer.split(b"\n", 1)
             answer = self._answer(line)
             self._wire.send(caller, json.dumps(answer).encode() + b"\n")
         if buffer and len(buffer) <= MOST_REQUEST:
@@ -94,7 +94,8 @@ class Control:
     def _state(self, request: Mapping[str, Any]) -> dict[str, Any]:
         server, plant = self.server, self.server.world.plant
         since_s = _number(request, "since_s", 0.0)
-        points = [point for point in plant.history if point[0] >= since_s][-MOST_POINTS:]
+        newest = itertools.islice(reversed(plant.history), MOST_POINTS)
+        points = list(itertools.takewhile(lambda point: point[0] >= since_s, newest))[::-1]
         columns = list(zip(*points, strict=True)) or [(), (), (), ()]
         inlet_k = plant.motor.si("inlet_temperature")
         return {

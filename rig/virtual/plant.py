@@ -31,6 +31,7 @@ METER_LAG_S = 0.2  # the flow meter's, first order; the motor draws air in pulse
 HISTORY_NS = 20_000_000
 MOST_HISTORY = 60_000
 MOST_GASES = 1000
+MOST_SETPOINTS = 10_000
 # What the truth may change besides the motor's parameters, with its value when left out.
 LINE_TRUTH = {"regulator_lag_s": 0.3, "vent_lag_s": 0.03, "regulator_gain": 1.0, "comm_safety_s": 2.0}
 
@@ -117,7 +118,8 @@ class Plant:
         self.flow_kg_s = 0.0  # through the meter, with its lag
         self.state = rest_state(motor)
         self.listeners: list[Listener] = []
-        self.setpoints: list[tuple[float, float]] = [(0.0, self.ambient_bar)]  # time [s] and pressure ordered
+        # time [s] and pressure ordered [bar abs]
+        self.setpoints: deque[tuple[float, float]] = deque([(0.0, self.ambient_bar)], maxlen=MOST_SETPOINTS)
         # time [s], pressure [bar abs], speed [rpm], flow [kg/s]
         self.history: deque[tuple[float, float, float, float]] = deque(maxlen=MOST_HISTORY)
         self._next_history_ns = 0.0

@@ -121,6 +121,7 @@ class Sensor:
         self.bias = (figures.bias_sd or 0.0) * self._chance.standard_normal()
         self.scale = (figures.scale_sd or 0.0) * self._chance.standard_normal()
         self.drift_per_s = (figures.bias_sd or 0.0) * DRIFT / DRIFT_S * self._chance.standard_normal()
+        self._counts = channel.startswith("speed")  # marks that pass: none at standstill, and never fewer
         self._last: float | None = None
         self._last_ns = 0
 
@@ -138,7 +139,11 @@ class Sensor:
         return math.nan if self.faults.happens("nan", self.device, time_ns) else self._last
 
     def _measure(self, time_ns: int) -> float:
-        value = self.truth() * (1.0 + self.scale) + self.bias + self.drift_per_s * time_ns / NS
+        truth = self.truth()
+        if self._counts and truth == 0.0:
+            return 0.0
+        value = truth * (1.0 + self.scale) + self.bias + self.drift_per_s * time_ns / NS
         value += (self.figures.noise_sd or 0.0) * self._chance.standard_normal()
         step = self.figures.resolution
-        return round(value / step) * step if step else value
+        value = round(value / step) * step if step else value
+        return max(0.0, value) if self._counts else value

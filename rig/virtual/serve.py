@@ -22,12 +22,13 @@ from rig.virtual.loop import Loop
 from rig.virtual.plant import BAR, Plant, read_truth
 from rig.virtual.sensors import ZERO_C, generator
 from rig.virtual.served import World, serve_bench
-from rig.virtual.wires import PtyWire, SocketWire
+from rig.virtual.sockets import SocketWire
+from rig.virtual.terminals import PtyWire
 
 PORTS = "ports.json"
 TICK_S = 0.004  # of the wall
 OWNER_LOOK_S = 0.5
-OUTLIVES_OWNER_S = 10.0  # of the wall: long enough for a watchdog to send the regulator to zero
+LINGER_S = 10.0  # of the wall: long enough for a watchdog to send the regulator to zero
 
 
 def virtual_lines(file: BenchFile) -> dict[str, LineTable]:
@@ -88,7 +89,8 @@ class VirtualServer:
         framing = line.framing or ("rtu" if line.kind == "serial" else "tcp")
         bus = Bus(name, framing, devices, self.loop, self.world, generator(self.seed, "line", name))
         if line.kind == "serial":
-            bus.wire = PtyWire(self.loop, self.folder / f"{name}.tty", timing_of(line).byte_s, bus.receive)
+            link = self.folder / f"{name}.tty"
+            bus.wire = PtyWire(self.loop, link, timing_of(line).byte_s, line.baud, bus.receive)
         else:
             bus.wire = SocketWire(self.loop, bus.receive)
         return bus
@@ -141,13 +143,15 @@ class VirtualServer:
             switch_off()
         bus.switch_off(device, self.clock.now_ns() + int(span_s * NS))
 
-    def run(self, owner: int | None = None) -> None:
+    def run(self, owner: int | None = None, linger_s: float = LINGER_S) -> None:
         """Serve until the loop is told to stop.
 
         Parameters
         ----------
         owner : int or None
-            Process that this bench is for [-]; it ends some time after that one.
+            Process that this bench is for [-].
+        linger_s : float
+            How long after that process this one ends, on the wall's clock [s].
         """
         try:
             for bus in self.buses.values():
@@ -155,7 +159,7 @@ class VirtualServer:
             self.control.open()
             self.loop.every(TICK_S, self._tick)
             if owner is not None:
-                self.loop.every(OWNER_LOOK_S, _OwnerWatch(owner, self.loop))
+                self.loop.every(OWNER_LOOK_S, _OwnerWatch(owner, linger_s, self.loop))
             _write_whole(self.folder / PORTS, json.dumps(self.ports()))
             self.loop.run()
         finally:
@@ -184,9 +188,8 @@ class VirtualServer:
 class _OwnerWatch:
     """Stops the loop some time after a process is gone."""
 
-    def __init__(self, owner: int, loop: Loop) -> None:
-        self.owner, self.loop = owner, loop
-        self.left_s = OUTLIVES_OWNER_S
+    def __init__(self, owner: int, linger_s: float, loop: Loop) -> None:
+        self.owner, self.left_s, self.loop = owner, linger_s, loop
 
     def __call__(self) -> None:
         if _lives(self.owner):
@@ -236,7 +239,14 @@ def _write_whole(path: Path, text: str) -> None:
     beside.replace(path)
 
 
-def serve(path: Path, folder: Path, rate: float | None, owner: int | None, seed: int | None) -> None:
+def serve(
+    path: Path,
+    folder: Path,
+    rate: float | None = None,
+    owner: int | None = None,
+    seed: int | None = None,
+    linger_s: float = LINGER_S,
+) -> None:
     """Read a bench file and serve it.
 
     Parameters
@@ -251,9 +261,11 @@ def serve(path: Path, folder: Path, rate: float | None, owner: int | None, seed:
         Process that this bench is for [-].
     seed : int or None
         Of chance [-].
+    linger_s : float
+        How long after the owner this process ends, on the wall's clock [s].
     """
     folder.mkdir(parents=True, exist_ok=True)
     server = VirtualServer(read_bench(path), folder.resolve(), rate, seed)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.loop.stop())
-    server.run(owner)
+    server.run(owner, linger_s)

@@ -1,0 +1,77 @@
+"""The channels of a run as series in SI, for what compares them with a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.readings import NS
+from rig.runlog import Run, RunError
+from rig.runlog.phases import Series, quantity_channels, series
+
+PASCAL_PER_BAR = 1e5
+RAD_S_PER_RPM = np.pi / 30.0
+M3_S_PER_L_MIN = 1.0 / 60_000.0
+LONG_S = 1e9
+STEP_S = 0.05  # of what the model gives to be set beside it
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run measured, usable readings only.
+
+    Attributes
+    ----------
+    pressure_time_s, pressure_pa : ndarray, shape (m,)
+        Absolute line pressure [s], [Pa].
+    speed_time_s, speed_rad_s : ndarray, shape (n,)
+        Speed [s], [rad/s].
+    flow_time_s, flow_m3_s : ndarray, shape (k,)
+        Flow at the inlet [s], [m3/s].
+    """
+
+    pressure_time_s: np.ndarray
+    pressure_pa: np.ndarray
+    speed_time_s: np.ndarray
+    speed_rad_s: np.ndarray
+    flow_time_s: np.ndarray
+    flow_m3_s: np.ndarray
+
+
+def channels_of(run: Run) -> Measured:
+    """The channels of a run's roles.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Raises
+    ------
+    RunError
+        When it has no pressure or no speed.
+    """
+    names = quantity_channels(run)
+    pressure = next((name for name in ("pressure_bar_abs", "pressure_bar_gauge") if name in names), None)
+    if pressure is None or "speed_rpm" not in names:
+        raise RunError(f"{run.folder}: no pressure or no speed was read, so there is nothing to drive a model with")
+    added = 0.0
+    if pressure.endswith("_gauge"):
+        added = run.start.ambient.pressure_bar_abs or 1.01325
+    P = _all(run, names[pressure])
+    n = _all(run, names["speed_rpm"])
+    q = _all(run, names["flow_l_min"]) if "flow_l_min" in names else None
+    nothing = np.empty(0)
+    return Measured(
+        P.time_ns / NS,
+        (P.value + added) * PASCAL_PER_BAR,
+        n.time_ns / NS,
+        n.value * RAD_S_PER_RPM,
+        nothing if q is None else q.time_ns / NS,
+        nothing if q is None else q.value * M3_S_PER_L_MIN,
+    )
+
+
+def _all(run: Run, channel: str) -> Series:
+    return series(run, channel, -LONG_S, LONG_S)

@@ -1,0 +1,76 @@
+"""A person at a terminal: how far the run is, what happened, and questions answered in a line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from types import TracebackType
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+
+class Terminal:
+    """A bar on standard error, with what is said above it; a context manager.
+
+    Parameters
+    ----------
+    title : str
+        What runs.
+    """
+
+    def __init__(self, title: str) -> None:
+        self.console = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f}"))
+        self.bar = Progress(*columns, TimeElapsedColumn(), console=self.console)
+        self.title = title
+        self._task = self.bar.add_task(escape(title), total=1.0)
+
+    def __enter__(self) -> Terminal:
+        self.bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bar.stop()
+
+    def say(self, text: str, warning: bool = False) -> None:
+        """Tell the person something.
+
+        Parameters
+        ----------
+        text : str
+            One line.
+        warning : bool
+            Whether it should stand out.
+        """
+        self.bar.print(f"[yellow]{escape(text)}[/yellow]" if warning else escape(text), highlight=False)
+
+    def advance(self, done: int, total: int, text: str) -> None:
+        """How far it is.
+
+        Parameters
+        ----------
+        done, total : int
+            Plateaus and captures [-].
+        text : str
+            What is being done.
+        """
+        self.bar.update(self._task, description=escape(f"{self.title}: {text}"), completed=done, total=max(total, 1))
+
+
+def asker() -> Callable[[str], str] | None:
+    """What puts a prompt to the person; None when standard input is no terminal."""
+    if not sys.stdin.isatty():
+        return None
+
+    def ask(prompt: str) -> str:
+        print(f"{prompt}: ", end="", file=sys.stderr, flush=True)
+        line = sys.stdin.readline(4096)
+        if not line:
+            raise EOFError("the terminal was closed")
+        return line.rstrip("\n")
+
+    return ask

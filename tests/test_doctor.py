@@ -1,0 +1,321 @@
+"""The doctor, culprit by culprit: real bytes over pseudo-terminals, real processes, files in place of /proc."""
+
+import fcntl
+import os
+import pickle
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from rig.bench import read_bench
+from rig.doctor import Finding, Level, examine, table
+from rig.doctor.host import Host
+from tests.modbus_peer import ADAM, ModbusPeer
+
+KELLER = {2: 0x3F80, 3: 0, 4: 0, 5: 0, 6: 0x41A0, 7: 0}  # 1 bar, 0, 20 degree Celsius
+BENCH = """
+format = "bench/1"
+title = "a gauge and a regulator"
+[lines.bus]
+kind = "serial"
+port = "{port}"
+baud = {baud}
+timeout_s = {timeout_s}
+slowest_reply_s = {timeout_s}
+[devices.gauge]
+instrument = "keller_30x_abs"
+line = "bus"
+unit_id = {gauge}
+period_s = {period_s}
+[devices.regulator]
+instrument = "adam_4024_regulator"
+line = "bus"
+unit_id = 2
+channel = 0
+span = [0.0, 5.0]
+period_s = 0.5
+[roles]
+pressure = "gauge.pressure_bar_abs"
+flow = "gauge.temperature_c"
+speed = "gauge.temperature_c"
+regulator = "regulator"
+[sweep]
+levels_bar_abs = [1.5]
+"""
+
+
+@pytest.fixture
+def host(tmp_path):
+    """A machine on which nothing runs and no port is."""
+    for name in ("proc", "sys", "dev"):
+        (tmp_path / "host" / name).mkdir(parents=True)
+    root = tmp_path / "host"
+    return Host(root / "proc", root / "sys", root / "dev")
+
+
+@pytest.fixture
+def bench_on(tmp_path):
+    """A bench file with these keys."""
+
+    def make(port, baud=19200, timeout_s=0.15, gauge=1, period_s=0.2):
+        path = tmp_path / "bench.toml"
+        path.write_text(BENCH.format(port=port, baud=baud, timeout_s=timeout_s, gauge=gauge, period_s=period_s))
+        return read_bench(path)
+
+    return make
+
+
+def peer(**more):
+    return ModbusPeer({1: dict(KELLER), 2: dict(ADAM)}, **more)
+
+
+def of(findings, where, level):
+    return [finding for finding in findings if (finding.where, finding.level) == (where, level)]
+
+
+def only(findings, where, level):
+    (finding,) = of(findings, where, level)
+    return finding
+
+
+def faults(findings):
+    return [finding for finding in findings if finding.level is not Level.OK]
+
+
+def test_a_sound_bench_has_no_fault_and_its_figures_are_told(bench_on, host):
+    with peer() as device:
+        findings = examine(bench_on(device.path), host=host, polls=5)
+    assert faults(findings) == []
+    assert "Keller 30X, absolute at unit 1" in only(findings, "gauge", Level.OK).what
+    assert "asked 5 /s, bears" in only(findings, "gauge", Level.OK).what
+    assert "% of the line's time (gauge" in only(findings, "line bus", Level.OK).what
+
+
+def test_nothing_is_written_into_the_regulator(bench_on, host):
+    with peer() as device:
+        examine(bench_on(device.path), host=host, polls=2)
+        assert device.writes == []
+
+
+def test_a_device_that_is_slower_than_asked_is_a_fault_with_the_period_that_would_do(bench_on, host):
+    with peer(delay_s=0.05) as device:
+        findings = examine(bench_on(device.path, period_s=0.02), host=host, polls=5)
+    fault = only(findings, "gauge", Level.FAULT)
+    assert "slower than asked" in fault.what
+    assert "set period_s to 0.0" in fault.fix
+    assert "raise period_s" in only(findings, "line bus", Level.FAULT).fix
+
+
+def test_replies_close_to_the_timeout_are_a_warning(bench_on, host):
+    with peer(delay_s=0.12) as device:
+        findings = examine(bench_on(device.path, timeout_s=0.19), host=host, polls=4)
+    assert "come close to timeout_s (190 ms)" in of(findings, "gauge", Level.WARNING)[0].what
+
+
+def test_a_port_that_is_not_there_is_told_with_those_that_are(bench_on, host):
+    by_id = host.dev / "serial" / "by-id"
+    by_id.mkdir(parents=True)
+    (host.dev / "ttyUSB0").touch()
+    (host.dev / "ttyACM3").touch()
+    (by_id / "usb-FTDI_RS485-if00").symlink_to(host.dev / "ttyUSB0")
+    findings = examine(bench_on("/dev/ttyNOT_THERE"), host=host)
+    fault = only(findings, "line bus", Level.FAULT)
+    assert "/dev/ttyNOT_THERE is not there" in fault.what
+    assert f"{by_id}/usb-FTDI_RS485-if00" in fault.what
+    assert "ttyACM3" in fault.what
+    assert "ttyUSB0" not in fault.what  # it is told by the name that survives a replug
+
+
+def test_where_no_port_is_at_all_it_says_so(bench_on, host):
+    assert (
+        "no USB serial port is there at all"
+        in only(examine(bench_on("/dev/ttyNOT_THERE"), host=host), "line bus", Level.FAULT).what
+    )
+
+
+def as_nobody(work):
+    """Run a function as a user without rights, in a process of its own, and return what it returns."""
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setgroups([])
+            os.setgid(65534)
+            os.setuid(65534)
+            os.write(write, pickle.dumps(work()))
+        finally:
+            os._exit(0)
+    os.close(write)
+    with os.fdopen(read, "rb") as pipe:
+        said = pipe.read()
+    os.waitpid(child, 0)
+    return pickle.loads(said)  # noqa: S301 (our own child's)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become nobody")
+def test_a_port_without_permission_is_told_with_the_group_that_would_do(bench_on):
+    with peer() as device:
+        os.chmod(device.path, 0o660)  # noqa: PTH101
+        os.chown(device.path, 0, 20)  # 20 is dialout on Debian
+        bench = bench_on(device.path)
+        findings = as_nobody(lambda: examine(bench))
+    fault = only(findings, "line bus", Level.FAULT)
+    assert f"no permission to open {device.path}" in fault.what
+    assert fault.fix.startswith("sudo usermod -aG ")
+    assert "log in again" in fault.fix
+
+
+@pytest.mark.parametrize("locks", [False, True])
+def test_a_second_program_on_the_port_is_told_by_name_and_number(bench_on, locks):
+    hold = "import fcntl, sys; port = open(sys.argv[1], 'rb', buffering=0)\n"
+    hold += "fcntl.flock(port, fcntl.LOCK_EX)\n" if locks else ""
+    hold += "print('held', flush=True); sys.stdin.read()"
+    with peer() as device:
+        other = subprocess.Popen(
+            [sys.executable, "-c", hold, device.path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        try:
+            assert other.stdout.readline() == "held\n"
+            findings = examine(bench_on(device.path), polls=2)
+        finally:
+            other.communicate()
+    fault = only(findings, "line bus", Level.FAULT)
+    assert f"(process {other.pid})" in fault.what
+    assert "two programs on a port" in fault.what
+
+
+def test_the_doctor_does_not_accuse_itself(bench_on):
+    with peer() as device, open(device.path, "rb", buffering=0):  # noqa: PTH123
+        assert of(examine(bench_on(device.path), polls=2), "line bus", Level.FAULT) == []
+
+
+def test_a_port_that_is_locked_by_a_program_we_may_not_see_is_still_told(bench_on, host):
+    with peer() as device, open(device.path, "rb", buffering=0) as other:  # noqa: PTH123
+        fcntl.flock(other, fcntl.LOCK_EX)
+        findings = examine(bench_on(device.path), host=host)
+    assert "another program has it open" in only(findings, "line bus", Level.FAULT).what
+
+
+def test_an_ftdi_latency_timer_of_16_ms_is_told_with_the_rule(bench_on, host):
+    with peer() as device:
+        folder = host.sys / "class" / "tty" / Path(device.path).name / "device"
+        folder.mkdir(parents=True)
+        (folder / "latency_timer").write_text("16\n")
+        slow = examine(bench_on(device.path), host=host, polls=2)
+        (folder / "latency_timer").write_text("1\n")
+        fast = examine(bench_on(device.path), host=host, polls=2)
+    warning = only(slow, "line bus", Level.WARNING)
+    assert "16 ms" in warning.what
+    assert 'ATTR{latency_timer}="1"' in warning.fix
+    assert of(fast, "line bus", Level.WARNING) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "fix"), [("brltty", "sudo apt remove brltty"), ("ModemManager", "systemctl disable --now ModemManager")]
+)
+def test_a_program_that_takes_ports_is_told_with_what_to_do(bench_on, host, name, fix):
+    (host.proc / "4711").mkdir()
+    (host.proc / "4711" / "comm").write_text(f"{name}\n")
+    with peer() as device:
+        findings = examine(bench_on(device.path), host=host, polls=2)
+    warning = only(findings, "host", Level.WARNING)
+    assert f"{name} runs (process 4711)" in warning.what
+    assert fix in warning.fix
+
+
+@pytest.mark.parametrize("garbage", [b"", b"\xf8\x00\xe0\xfe\x1c"])
+def test_a_wrong_baud_rate_is_found_by_trying_the_usual_ones(bench_on, host, garbage):
+    with peer(baud=9600, byte_s=0.001, garbage=garbage) as device:
+        findings = examine(bench_on(device.path, baud=38400), host=host, polls=2)
+    fault = only(findings, "gauge", Level.FAULT)
+    assert "It answers at 9600 baud" in fault.what
+    assert ("bytes come, but no answer" if garbage else "nobody answers") in fault.what
+    assert fault.fix == "write baud = 9600 into [lines.bus]"
+
+
+def test_a_device_that_is_off_is_told_with_what_was_tried(bench_on, host):
+    with ModbusPeer({}) as device:
+        findings = examine(bench_on(device.path, timeout_s=0.05), host=host, polls=2)
+    fault = only(findings, "gauge", Level.FAULT)
+    assert "no other of the usual settings" in fault.what
+    assert "check power" in fault.fix
+
+
+def test_where_another_device_answers_the_baud_rate_is_not_doubted(bench_on, host):
+    with ModbusPeer({2: dict(ADAM)}) as device:
+        findings = examine(bench_on(device.path), host=host, polls=2)
+    assert "baud" not in only(findings, "gauge", Level.FAULT).what
+    assert of(findings, "regulator", Level.OK)
+
+
+def test_a_device_that_calls_itself_otherwise_is_told(bench_on, host):
+    with ModbusPeer({1: dict(KELLER), 2: ADAM | {210: 0x4017}}) as device:
+        findings = examine(bench_on(device.path), host=host, polls=2)
+    fault = only(findings, "regulator", Level.FAULT)
+    assert "another device answers" in fault.what
+    assert "4017" in fault.what
+
+
+def test_a_device_at_another_unit_is_found_when_a_scan_is_asked_for(bench_on, host):
+    with ModbusPeer({5: dict(KELLER), 2: dict(ADAM)}) as device:
+        plain = examine(bench_on(device.path), host=host, polls=2)
+        scanned = examine(bench_on(device.path), host=host, polls=2, scan_units=range(1, 7))
+    assert "a scan of a few addresses" in only(plain, "gauge", Level.FAULT).fix
+    fault = only(scanned, "gauge", Level.FAULT)
+    assert "Not unit 1" in fault.what
+    assert fault.fix == "write unit_id = 5 into [devices.gauge]"
+
+
+def test_a_device_that_lacks_the_registers_refuses_and_is_told(bench_on, host):
+    with ModbusPeer({1: {0: 0}, 2: dict(ADAM)}) as device:
+        findings = examine(bench_on(device.path), host=host, polls=2)
+    assert "answers, but refuses" in only(findings, "gauge", Level.FAULT).what
+
+
+def test_a_device_whose_every_poll_is_a_fault_is_told(bench_on, host):
+    nan = KELLER | {2: 0x7FC0, 6: 0x7FC0}
+    with ModbusPeer({1: nan, 2: dict(ADAM)}) as device:
+        findings = examine(bench_on(device.path), host=host, polls=4)
+    assert "no poll gave a reading: exception" in only(findings, "gauge", Level.FAULT).what
+
+
+def test_an_address_that_takes_no_connection_is_told(tmp_path, host):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        free = server.getsockname()[1]
+    text = BENCH.format(port="-", baud=9600, timeout_s=0.2, gauge=1, period_s=0.2)
+    text = text.replace('kind = "serial"\nport = "-"', f'kind = "tcp"\nhost = "127.0.0.1"\ntcp_port = {free}')
+    (tmp_path / "bench.toml").write_text(text)
+    findings = examine(read_bench(tmp_path / "bench.toml"), host=host)
+    assert f"127.0.0.1:{free} does not take a connection" in only(findings, "line bus", Level.FAULT).what
+
+
+def test_a_line_that_falls_dead_during_the_examination_is_told(bench_on, host):
+    class Dying(ModbusPeer):
+        def _answer(self, frame):
+            if self.answers == 3:
+                os.close(self._master)
+                self._ending.set()
+                return b""
+            return super()._answer(frame)
+
+        def close(self):
+            self._thread.join()
+            os.close(self._slave)
+
+    with Dying({1: dict(KELLER), 2: dict(ADAM)}) as device:
+        findings = examine(bench_on(device.path), host=host, polls=5)
+    assert "reading failed" in only(findings, "line bus", Level.FAULT).what or "unplugged" in findings[-1].what
+
+
+def test_the_table_shows_every_finding_and_no_control_character_of_a_device():
+    console = Console(width=200, record=True, file=open(os.devnull, "w"))  # noqa: PTH123, SIM115
+    findings = [Finding(Level.OK, "gauge", "fine"), Finding(Level.FAULT, "tach", "\x1b[2J[bold]odd[/bold]", "look")]
+    console.print(table(findings))
+    shown = console.export_text()
+    assert "fine" in shown
+    assert "[bold]odd[/bold]" in shown
+    assert "\x1b" not in shown

@@ -1,0 +1,129 @@
+"""The trip rules, on readings as the acquisition gives them."""
+
+import pytest
+
+from rig.bench import RolesTable, SafetyTable
+from rig.interlock.limits import Limits
+from rig.readings import NS, Quality, Reading
+
+SAFETY = SafetyTable(highest_speed_rpm=600.0, highest_pressure_bar_abs=3.0, speed_stale_s=1.0)
+ROLES = RolesTable(pressure="gauge.pressure_bar_abs", flow="meter.flow_l_min", speed="tach.speed_rpm")
+GAUGE_ROLES = RolesTable(pressure="dial.pressure_bar_gauge", flow="meter.flow_l_min", speed="tach.speed_rpm")
+
+
+def reading(name, value, at_s, quality=Quality.OK, censored=0):
+    device, _, channel = name.partition(".")
+    ns = int(at_s * NS)
+    return Reading(device, channel, value, "", quality, ns, ns, ns, censored=censored)
+
+
+class View(dict):
+    """The latest readings by channel."""
+
+    def __init__(self, *readings):
+        super().__init__((one.name, one) for one in readings)
+
+    def last(self, channel):
+        return self.get(channel)
+
+
+def speed(value, at_s=0.0, **more):
+    return reading("tach.speed_rpm", value, at_s, **more)
+
+
+def pressure(value, at_s=0.0, **more):
+    return reading("gauge.pressure_bar_abs", value, at_s, **more)
+
+
+def test_readings_within_the_limits_do_not_trip():
+    assert Limits(SAFETY, ROLES).trip(View(speed(599.0), pressure(2.9)), 0, True) is None
+
+
+def test_a_speed_above_the_limit_trips_with_figure_and_limit():
+    said = Limits(SAFETY, ROLES).trip(View(speed(612.5), pressure(2.0)), 0, True)
+    assert said == "speed 612.5 rpm (tach.speed_rpm), limit 600 rpm"
+
+
+def test_a_speed_that_nothing_verified_trips_too():
+    view = View(speed(900.0, quality=Quality.UNVERIFIED), pressure(2.0))
+    assert "limit 600 rpm" in Limits(SAFETY, ROLES).trip(view, 0, True)
+
+
+def test_a_speed_above_the_limit_trips_without_pressure_too():
+    assert Limits(SAFETY, ROLES).trip(View(speed(700.0), pressure(1.0)), 0, False)
+
+
+def test_a_speed_off_the_top_of_its_scale_trips_even_where_the_scale_ends_below_the_limit():
+    view = View(speed(500.0, quality=Quality.OVER_RANGE, censored=1), pressure(2.0))
+    assert "beyond the scale" in Limits(SAFETY, ROLES).trip(view, 0, True)
+
+
+def test_a_speed_below_the_bottom_of_its_scale_is_no_overspeed():
+    limits = Limits(SAFETY, ROLES)
+    assert limits.trip(View(speed(6.0, quality=Quality.OVER_RANGE, censored=-1), pressure(2.0)), 0, True) is None
+
+
+def test_a_pressure_above_the_limit_trips():
+    said = Limits(SAFETY, ROLES).trip(View(speed(100.0), pressure(3.2)), 0, True)
+    assert said == "pressure 3.2 bar abs (gauge.pressure_bar_abs), limit 3 bar abs"
+
+
+def test_a_gauge_that_counts_from_the_room_is_held_against_the_absolute_limit():
+    limits = Limits(SAFETY, GAUGE_ROLES, ambient_bar_abs=1.0)
+    assert limits.trip(View(speed(100.0), reading("dial.pressure_bar_gauge", 1.9, 0.0)), 0, True) is None
+    assert "3.1 bar abs" in limits.trip(View(speed(100.0), reading("dial.pressure_bar_gauge", 2.1, 0.0)), 0, True)
+
+
+@pytest.mark.parametrize("quality", [Quality.TIMEOUT, Quality.CRC, Quality.STALE, Quality.EXCEPTION])
+def test_a_speed_without_a_usable_reading_for_too_long_trips(quality):
+    limits = Limits(SAFETY, ROLES)
+    assert limits.trip(View(speed(300.0, 0.0), pressure(2.0)), 0, True) is None
+    view = View(speed(None, 0.9, quality=quality), pressure(2.0, 0.9))
+    assert limits.trip(view, int(0.9 * NS), True) is None
+    view = View(speed(None, 1.2, quality=quality), pressure(2.0, 1.2))
+    said = limits.trip(view, int(1.2 * NS), True)
+    assert said.startswith(
+        "speed signal lost: no usable reading of tach.speed_rpm for 1.20 s under pressure, limit 1 s"
+    )
+    assert quality.value in said
+
+
+def test_a_speed_reading_that_only_grows_old_trips():
+    limits = Limits(SAFETY, ROLES)
+    old = speed(300.0, 0.0)
+    assert limits.trip(View(old, pressure(2.0, 0.5)), int(0.5 * NS), True) is None
+    assert "speed signal lost" in limits.trip(View(old, pressure(2.0, 1.6)), int(1.6 * NS), True)
+
+
+def test_a_signal_that_was_never_there_trips_a_while_after_the_pressure_comes():
+    limits = Limits(SAFETY, ROLES)
+    assert limits.trip(View(pressure(1.0, 50.0)), 50 * NS, False) is None
+    assert limits.trip(View(pressure(1.5, 51.0)), 51 * NS, True) is None
+    assert "nothing was ever read" in limits.trip(View(pressure(1.5, 52.5)), int(52.5 * NS), True)
+
+
+def test_a_pressure_that_is_lost_trips():
+    limits = Limits(SAFETY, ROLES)
+    limits.trip(View(speed(300.0), pressure(2.0)), 0, True)
+    view = View(speed(300.0, 1.5), pressure(None, 1.5, quality=Quality.TIMEOUT))
+    assert "pressure signal lost" in limits.trip(view, int(1.5 * NS), True)
+
+
+def test_silence_without_pressure_is_no_fault():
+    limits = Limits(SAFETY, ROLES)
+    limits.trip(View(speed(0.0), pressure(1.0)), 0, False)
+    assert limits.trip(View(speed(0.0), pressure(1.0)), 100 * NS, False) is None
+
+
+def test_a_rotor_at_rest_is_no_lost_signal():
+    limits = Limits(SAFETY, ROLES)
+    for at_s in (0.0, 1.0, 2.0, 3.0):
+        view = View(speed(0.0, at_s, censored=-1), pressure(1.1, at_s))
+        assert limits.trip(view, int(at_s * NS), True) is None
+
+
+def test_on_a_fast_clock_a_pause_of_the_machine_is_no_lost_signal():
+    limits = Limits(SAFETY, ROLES, rate=20.0)
+    limits.trip(View(speed(300.0), pressure(2.0)), 0, True)
+    assert limits.trip(View(speed(300.0), pressure(2.0)), 6 * NS, True) is None  # 0.3 s of the wall
+    assert limits.trip(View(speed(300.0), pressure(2.0)), 12 * NS, True)

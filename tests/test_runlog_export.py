@@ -1,0 +1,224 @@
+"""A run as a recording and as a Parquet file."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from rig.readings import NS, Exchange, Quality
+from rig.recording import RecordingError, read_recording
+from rig.runlog import RunError, RunWriter, read_run
+from rig.runlog.export import export_recording, recording_of
+from rig.runlog.parquet import export_parquet
+from rig.runlog.schema import ChannelRecord, DeviceRecord
+from tests.synthetic_runs import FLOW, PRESSURE, SPEED, SWEEP, Bench, poll, reading, start_of, write_sweep
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return read_run(write_sweep(tmp_path_factory.mktemp("runs")))
+
+
+@pytest.fixture(scope="module")
+def exported(run, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("exported") / "recording"
+    made = export_recording(run, folder)
+    return read_recording(folder), made, folder
+
+
+def file_of(recording, name):
+    return next(file for file in recording.files if file.file == name)
+
+
+def written(root, fill, **changes):
+    """A killed run that `fill` wrote through a bench."""
+    with RunWriter.create(root, start_of(**changes)) as writer:
+        fill(Bench(writer))
+    return read_run(writer.folder)
+
+
+def test_plateaus_become_the_steady_file(exported):
+    steady = file_of(exported[0], "sweep.csv")
+    assert (steady.kind, steady.rows, steady.noise_scale) == ("steady", 14, 1.0)
+    assert list(steady.direction) == ["up"] * 7 + ["down"] * 7
+    pressure, flow, speed = (steady.columns[name].values for name in ("pressure_bar_abs", "flow_l_min", "speed_rpm"))
+    expected = np.array([*SWEEP, *reversed(SWEEP)])
+    np.testing.assert_allclose(pressure, expected[:, 0], atol=0.0015)
+    np.testing.assert_allclose(flow, expected[:, 1], atol=0.5)
+    np.testing.assert_allclose(speed, expected[:, 2], atol=0.4)
+    assert steady.columns["inlet_temperature_c"].values == pytest.approx([20.5] * 14, abs=0.05)
+
+
+def test_means_are_exported_to_the_bit(run, exported):
+    steady = file_of(exported[0], "sweep.csv")
+    assert list(steady.columns["speed_rpm"].values) == [plateau.means["speed_rpm"].mean for plateau in run.plateaus]
+
+
+def test_figures_come_from_the_instruments_and_noise_from_the_plateaus(exported):
+    flow = exported[0].channels["flow_l_min"]
+    assert (flow.bias_sd, flow.scale_sd, flow.resolution, flow.defaulted) == (0.5, 0.02, 0.5, ())
+    assert flow.noise_sd == pytest.approx(0.5 / np.sqrt(30))
+
+
+def test_zero_phases_become_the_zero_file_a_row_each(exported):
+    zero = file_of(exported[0], "zero.csv")
+    assert (zero.kind, zero.rows) == ("zero", 2)
+    assert zero.columns["pressure_bar_abs"].values == pytest.approx([1.013, 1.013], abs=0.003)
+    assert list(zero.columns["speed_rpm"].censor) == [-1, -1]
+    assert zero.noise_scale > 1.0  # ten readings and not thirty
+
+
+def test_captures_become_transients_with_each_channel_at_its_own_times(exported):
+    for name, opens in (("coast_down.csv", False), ("spin_up.csv", True)):
+        file = file_of(exported[0], name)
+        speed, pressure = file.columns["speed_rpm"].values, file.columns["pressure_bar_abs"].values
+        assert file.kind == "transient"
+        assert np.isnan(pressure[~np.isnan(speed)]).mean() > 0.9  # the gauge is slower and has rows of its own
+        assert (~np.isnan(pressure)).sum() >= 15
+        assert file.noise_scale == pytest.approx(np.sqrt(30))  # single readings against means of thirty
+        supply, time_s = file.columns["supply_open"].values, file.columns["time_s"].values
+        assert ((supply == 1.0) == (time_s >= 0.5 if opens else time_s < 0.5)).all()
+    assert file_of(exported[0], "spin_up.csv").start_s == 44.5
+
+
+def test_the_room_is_that_of_start_and_end(exported):
+    ambient = exported[0].ambient
+    assert ambient.pressure_bar_abs == pytest.approx(1.0132)
+    assert (ambient.pressure_sd_bar, ambient.temperature_c) == (0.0015, pytest.approx(20.2))
+    assert ambient.temperature_sd_k == pytest.approx(0.2)
+
+
+def test_nothing_in_the_export_is_unknown_or_left_to_a_default(exported):
+    assert exported[0].warnings == ()
+    assert "simulated" in (exported[2] / "notes.txt").read_text()
+
+
+def test_an_off_scale_plateau_stays_censored(tmp_path):
+    def fill(bench):
+        bench.plateau(1, SWEEP[0], "up", flow_l_min="<45", flow_l_min_se=None)
+        bench.plateau(2, SWEEP[1], "up", flow_l_min=">50", flow_l_min_se=None)
+
+    export_recording(written(tmp_path, fill), tmp_path / "recording")
+    flow = file_of(read_recording(tmp_path / "recording"), "sweep.csv").columns["flow_l_min"]
+    assert (list(flow.values), list(flow.censor)) == ([45.0, 50.0], [-1, 1])
+
+
+def test_plateaus_that_had_not_settled_are_left_out_unless_asked_for(tmp_path):
+    def fill(bench):
+        bench.plateau(1, SWEEP[0], "up")
+        bench.plateau(2, SWEEP[1], "up", settled=False, note="drifting")
+
+    found = written(tmp_path, fill)
+    without, with_it = recording_of(found), recording_of(found, unsettled=True)
+    assert (without.recording.files[0].rows, with_it.recording.files[0].rows) == (1, 2)
+    assert "plateau 2: left out, not settled (drifting)" in without.notes
+
+
+def test_unusable_and_unverified_readings_are_counted_in_the_notes(tmp_path):
+    def fill(bench):
+        bench.plateau(1, SWEEP[0], "up")
+        for quality in (Quality.TIMEOUT, Quality.OVER_RANGE, Quality.UNVERIFIED):
+            value = None if quality is Quality.TIMEOUT else 44.0
+            bench.writer.exchange(poll("meter", {FLOW: value}, bench.time_ns, quality=quality))
+
+    notes = recording_of(written(tmp_path, fill)).notes
+    assert "flow_l_min (meter.flow_l_min): of 33 readings in the plateaus 2 were unusable and 1 unverified" in notes
+
+
+def test_unusable_readings_are_not_in_a_transient(tmp_path):
+    def fill(bench):
+        for step in range(5):
+            bad = step == 2
+            bench.writer.exchange(poll("gauge", {PRESSURE: 2.0}, step * NS))
+            quality = Quality.CRC if bad else Quality.OK
+            bench.writer.exchange(poll("tach", {SPEED: None if bad else 100.0}, step * NS, quality=quality))
+
+    (file,) = recording_of(written(tmp_path, fill, kind="coast-down")).recording.files
+    assert list(np.isnan(file.columns["speed_rpm"].values)) == [False, False, True, False, False]
+
+
+def test_standard_litres_are_exported_as_the_flow_derived_from_them(tmp_path):
+    meter = ChannelRecord(unit="sL/min", noise_sd=0.5, bias_sd=0.6, scale_sd=0.01, resolution=0.1)
+    devices = start_of().devices | {"meter": DeviceRecord(channels={"flow_sl_min": meter})}
+    roles = start_of().roles | {"flow": "meter.flow_sl_min"}
+
+    def fill(bench):
+        for step in range(10):
+            bench.writer.exchange(poll("gauge", {PRESSURE: 2.0}, step * NS))
+            read = (
+                reading("meter", "flow_sl_min", 100.0, step * NS),
+                reading("derived", "flow_l_min", 54.0, step * NS),
+            )
+            bench.writer.exchange(Exchange("net", "meter", "poll", None, (), read))
+        row = {"n": 1, "start_s": 0.0, "end_s": 9.0, "pressure_bar_abs": 2.0, "flow_l_min": 54.0}
+        bench.writer.plateau(row)
+
+    made = recording_of(written(tmp_path, fill, roles=roles, devices=devices)).recording
+    assert list(made.files[0].columns["flow_l_min"].values) == [54.0]
+    assert made.channels["flow_l_min"].bias_sd == pytest.approx(0.6 * 0.54)
+    assert made.channels["flow_l_min"].scale_sd == pytest.approx(np.hypot(0.01, 2.0 / 293.0))
+
+
+def test_a_zero_phase_that_was_not_vented_is_left_out(tmp_path):
+    def fill(bench):
+        bench.plateau(1, SWEEP[0], "up")
+        bench.writer.event("zero", bench.time_ns, start_s=0.0, end_s=3.0, vented=False)
+
+    made = recording_of(written(tmp_path, fill))
+    assert [file.kind for file in made.recording.files] == ["steady"]
+    assert any("not vented" in note for note in made.notes)
+
+
+def test_a_run_with_nothing_usable_says_what_is_missing(tmp_path):
+    def fill(bench):
+        bench.writer.plateau({"n": 1, "speed_rpm": 100.0})
+
+    with pytest.raises(RunError, match=r"nothing to export: 1 plateaus written, of which 0 can be used.*no pressure"):
+        recording_of(written(tmp_path, fill))
+
+
+def test_a_run_that_is_being_written_is_not_exported(tmp_path):
+    with RunWriter.create(tmp_path, start_of()) as writer:
+        Bench(writer).plateau(1, SWEEP[0], "up")
+        found = read_run(writer.folder)
+        with pytest.raises(RunError, match="a program writes this run now"):
+            export_recording(found, tmp_path / "recording")
+        with pytest.raises(RunError, match="is being written"):
+            export_parquet(found, tmp_path / "run.parquet")
+
+
+def test_nothing_is_overwritten(run, exported, tmp_path):
+    with pytest.raises(RecordingError, match="exists already"):
+        export_recording(run, exported[2])
+    (tmp_path / "run.parquet").write_text("mine")
+    with pytest.raises(RunError, match="exists already"):
+        export_parquet(run, tmp_path / "run.parquet")
+    assert (tmp_path / "run.parquet").read_text() == "mine"
+
+
+def test_a_parquet_file_holds_the_samples_and_the_records(run, tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    export_parquet(run, tmp_path / "run.parquet")
+    table = pq.read_table(tmp_path / "run.parquet")
+    found = table.to_pandas()
+    assert list(found.columns) == list(run.samples.columns)
+    for name in run.samples:
+        assert found[name].tolist() == run.samples[name].tolist() or name == "value"
+    np.testing.assert_array_equal(found["value"].to_numpy(), run.samples["value"].to_numpy())
+    assert found["time_ns"].dtype == np.int64
+    assert json.loads(table.schema.metadata[b"start.json"])["bench"] == "synthetic"
+    assert json.loads(table.schema.metadata[b"end.json"])["outcome"] == "finished"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.parquet"]
+
+
+def test_a_killed_run_becomes_no_parquet_file(tmp_path):
+    found = written(tmp_path, lambda bench: bench.plateau(1, SWEEP[0], "up"))
+    with pytest.raises(RunError, match="only a sealed run becomes a Parquet file"):
+        export_parquet(found, tmp_path / "run.parquet")
+
+
+def test_without_pyarrow_the_error_says_what_to_install(run, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(RunError, match="needs the package pyarrow"):
+        export_parquet(run, tmp_path / "run.parquet")

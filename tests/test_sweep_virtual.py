@@ -1,0 +1,81 @@
+"""A whole sweep over real bytes: the virtual bench at twenty times real time, the real acquisition, a real run log."""
+
+import re
+
+import pytest
+
+from model.motor import read_motor
+from model.performance import operating_points
+from rig.bench import FOLDER, read_bench
+from rig.readings import NS
+from rig.runlog import read_run
+from rig.running import Wanted, place_of, run
+from rig.sweep.ambient import Given, at_start
+from rig.sweep.planning import sweep_course
+
+MOTOR = read_motor("ptm3600")
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep")
+    text = (FOLDER / "virtual.toml").read_text()
+    text = re.sub(r"levels_bar_abs = .*", "levels_bar_abs = [1.36, 1.9]\nzero_s = 2.0", text)
+    text = text.replace("window_s = 3.0", "window_s = 2.0").replace("dwell_s = 5.0", "dwell_s = 3.0")
+    text = re.sub(r"captures = .*", 'captures = ["coast-down"]', text)
+    path = folder / "virtual.toml"
+    path.write_text(text)
+    bench = read_bench(path)
+    ambient = at_start(bench, Given())
+    course, remarks = sweep_course(bench, ambient)
+    assert remarks == []
+    with place_of(bench, path) as place:
+        made, outcome = run(bench, path, place, course, ambient, Wanted("sweep", folder / "logs"))
+    return read_run(made), outcome
+
+
+def test_the_sweep_finishes_vented_with_every_level_on_both_legs(swept):
+    _, outcome = swept
+    assert (outcome.outcome, outcome.reason, outcome.vented) == ("finished", "", True)
+    taken = [(p.step.level_bar_abs, p.step.direction) for p in outcome.plateaus if "guard" not in p.note]
+    assert taken == [(1.36, "up"), (1.9, "up"), (1.9, "down"), (1.36, "down")]
+
+
+def test_the_plateaus_are_what_the_motor_does_within_what_the_gauge_is_off_by(swept):
+    run_, _ = swept
+    for plateau in run_.plateaus:
+        assert plateau.settled, plateau.note
+        pressure, speed = plateau.means["pressure_bar_abs"], plateau.means["speed_rpm"]
+        if speed.mean == 0.0:  # near its lowest pressure the motor runs on, and does not start from every angle
+            assert plateau.direction == "up"
+            assert pressure.mean < 1.4
+            continue
+        low, high = (p.speed_rpm for p in operating_points(MOTOR, [(pressure.mean + d) * 1e5 for d in (-0.02, 0.02)]))
+        assert low < speed.mean < high
+        assert 0.0 < speed.se < 2.0
+
+
+def test_the_regulator_is_set_to_zero_last(swept):
+    run_, _ = swept
+    writes = [exchange.argument for _, exchange in run_.exchanges() if exchange.action == "write"]
+    assert max(writes) > 0.9
+    assert writes[-1] == 0.0
+
+
+def test_the_zeros_and_the_states_are_in_the_log(swept):
+    run_, _ = swept
+    zeros = [event.details for event in run_.events if event.event == "zero"]
+    assert [zero["which"] for zero in zeros] == ["start", "end"]
+    assert zeros[0]["channels"]["gauge.pressure_bar_abs"]["mean"] == pytest.approx(1.01325, abs=0.05)
+    states = [event.details["state"] for event in run_.events if event.event == "state"]
+    assert {"zero", "ramp", "settle", "dwell", "capture", "vent", "done"} <= set(states)
+
+
+def test_the_coast_down_has_every_tooth(swept):
+    run_, _ = swept
+    (event,) = [event.details for event in run_.events if event.event == "capture"]
+    samples = run_.samples
+    within = (samples["time_ns"] > event["event_s"] * NS) & (samples["time_ns"] < event["end_s"] * NS)
+    turning = samples[within & (samples["channel"] == "speed_rpm") & (samples["value"] > 40.0)]
+    assert len(turning) >= 20
+    assert set(turning["raw"].str.partition(" in ")[0]) == {"1 edge"}
