@@ -160,7 +160,8 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
     -------
     dict
         Fits, the share converged, coverage with its binomial 95 % interval, and for every unknown the p-value of a
-        Kolmogorov-Smirnov test of its ranks against uniform.
+        Kolmogorov-Smirnov test of its ranks against uniform; beside it that of the drawn truths against the prior, for
+        ranks of what a recording does not inform are the luck of the draw.
     """
     from scipy import stats
 
@@ -181,6 +182,9 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
         "coverage_of_f_overall": coverage,
         "uniformity_p_value": uniform,
         "smallest_p_value": min(uniform.values()),
+        "truths_p_value": {
+            name: float(stats.kstest([r["truth"][name] for r in results], "norm").pvalue) for name in uniform
+        },
         "settings": SETTINGS,
         "first_seed": FIRST_SEED,
     }

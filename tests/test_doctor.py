@@ -293,6 +293,18 @@ def test_an_address_that_takes_no_connection_is_told(tmp_path, host):
     assert f"127.0.0.1:{free} does not take a connection" in only(findings, "line bus", Level.FAULT).what
 
 
+def test_a_person_is_not_examined(host):
+    findings = examine(read_bench("manual"), host=host)
+    assert [finding.level for finding in findings] == [Level.OK]
+    assert "a person reads" in findings[0].what
+
+
+def test_a_virtual_bench_that_was_not_started_is_told(host):
+    findings = examine(read_bench("virtual"), host=host)
+    assert {finding.level for finding in findings} == {Level.FAULT}
+    assert all("no virtual bench was started" in finding.what for finding in findings)
+
+
 def test_a_line_that_falls_dead_during_the_examination_is_told(bench_on, host):
     class Dying(ModbusPeer):
         def _answer(self, frame):
@@ -308,7 +320,7 @@ def test_a_line_that_falls_dead_during_the_examination_is_told(bench_on, host):
 
     with Dying({1: dict(KELLER), 2: dict(ADAM)}) as device:
         findings = examine(bench_on(device.path), host=host, polls=5)
-    assert "reading failed" in only(findings, "line bus", Level.FAULT).what or "unplugged" in findings[-1].what
+    assert "unplugged" in only(findings, "line bus", Level.FAULT).what or "failed" in findings[-1].what
 
 
 def test_the_table_shows_every_finding_and_no_control_character_of_a_device():

@@ -170,6 +170,14 @@ def test_a_release_leaves_the_regulator_alone(bench, ended):
     assert bench.registers[0] == RAISED
 
 
+def test_a_controller_that_cannot_vent_hands_over(bench, ended):
+    process = bench.controller(after='line.close(); print("vented", watchdog.hand_over(), flush=True)')
+    ended.append(process)
+    raised(process)
+    assert process.stdout.readline() == "vented True\n"
+    assert bench.registers[0] == 0
+
+
 def test_a_controller_that_computes_without_a_pause_is_alive(bench, ended):
     busy = (
         'end = time.monotonic() + 2.0\nwhile time.monotonic() < end:\n    sum(range(100000))\nprint("done", flush=True)'
@@ -193,25 +201,16 @@ def test_the_signals_meant_for_the_controller_do_not_end_the_watchdog(bench, end
 
 
 def test_a_port_that_is_taken_for_a_while_is_tried_again(bench, ended):
-    process = bench.controller()
+    process = bench.controller(after='line.close(); print("closed", flush=True)')
     ended.append(process)
     raised(process)
-    process.kill()
-    process.wait()
+    assert process.stdout.readline() == "closed\n"
     with open(bench.peer.path, "rb", buffering=0) as other:  # noqa: PTH123 (a second program on the port)
-        while True:
-            try:
-                fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                time.sleep(0.005)
-        bench.registers[0] = RAISED
-        before = len(bench.peer.writes)
-        time.sleep(0.5)
-        fcntl.flock(other, fcntl.LOCK_UN)
-    entry = bench.wait_for_log("vented", 10.0)
-    assert bench.registers[0] in (0, RAISED)
-    assert entry["attempts"] > 1 or before > 1  # one of the two was first
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        process.kill()
+        assert bench.peer.wait_for_write(0, 0, 0.5) is None
+    assert bench.peer.wait_for_write(0, 0, SAFE_WITHIN_S) is not None
+    assert bench.wait_for_log("vented")["attempts"] > 1
 
 
 def test_a_bench_file_that_cannot_be_read_is_refused_before_the_pressure_is_raised(bench):

@@ -50,6 +50,28 @@ def test_plateaus_become_the_steady_file(exported):
     assert steady.columns["inlet_temperature_c"].values == pytest.approx([20.5] * 14, abs=0.05)
 
 
+def test_a_run_is_the_same_recording_written_or_not(run, exported):
+    direct = recording_of(run).recording
+    assert direct.channels == exported[0].channels
+    assert direct.ambient == exported[0].ambient
+    for ours, theirs in zip(direct.files, exported[0].files, strict=True):
+        assert (ours.file, ours.kind, ours.rows, list(ours.columns)) == (
+            theirs.file,
+            theirs.kind,
+            theirs.rows,
+            list(theirs.columns),
+        )
+        for name in ours.columns:
+            np.testing.assert_array_equal(ours.columns[name].values, theirs.columns[name].values)
+            np.testing.assert_array_equal(ours.columns[name].censor, theirs.columns[name].censor)
+
+
+def test_runs_with_other_readings_have_other_digests(run, tmp_path):
+    other = read_run(write_sweep(tmp_path, captures=False))
+    assert recording_of(run).recording.sha256 == recording_of(run).recording.sha256
+    assert recording_of(run).recording.sha256 != recording_of(other).recording.sha256
+
+
 def test_means_are_exported_to_the_bit(run, exported):
     steady = file_of(exported[0], "sweep.csv")
     assert list(steady.columns["speed_rpm"].values) == [plateau.means["speed_rpm"].mean for plateau in run.plateaus]

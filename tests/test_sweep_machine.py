@@ -101,6 +101,14 @@ def test_the_pressure_is_ramped_no_faster_than_the_bench_file_says(whole):
     assert max(ramp) == max(LEVELS)
 
 
+def test_a_program_that_was_held_up_does_not_make_up_for_it_in_one_step():
+    walk = Walk(steps=[Step(1.9, "up", 1)])
+    walk.when["ramp"] = lambda lab: setattr(lab, "now_ns", lab.now_ns + 5 * NS)
+    walk.go()
+    ramp = [order.bar_abs for order in walk.of(orders.SetPressure) if order.bar_abs != orders.VENTED]
+    assert ramp[0] <= AMBIENT + 0.5 * TABLE.ramp_bar_s + 1e-9
+
+
 def test_the_zero_of_every_channel_is_taken_at_the_start_and_at_the_end(whole):
     start, end = whole.of(orders.Zero)
     assert (start.which, end.which) == ("start", "end")
@@ -184,7 +192,7 @@ def test_the_guard_is_asked_before_each_step_with_the_plateaus_so_far():
 
 def test_a_level_that_the_guard_refuses_is_left_out_with_all_above_it():
     def predict(level, plateaus):
-        return SimpleNamespace(allowed=level < 1.5, text="99 % below 700 rpm")
+        return SimpleNamespace(allowed=level < 1.5, text="99 % below 700 rpm", highest_pa_abs=1.3e5)
 
     walk = Walk(predict=predict, captures=[CaptureTask("coast-down", 1.9, 0.2)]).go()
     (refused,) = walk.of(orders.Refused)
@@ -198,10 +206,31 @@ def test_a_level_that_the_guard_refuses_is_left_out_with_all_above_it():
 
 def test_a_detour_above_a_level_is_not_made_when_the_guard_refuses_it():
     def predict(level, plateaus):
-        return SimpleNamespace(allowed=level < 1.5, text="too fast")
+        return SimpleNamespace(allowed=level < 1.5, text="too fast", highest_pa_abs=1.3e5)
 
     walk = Walk(steps=[Step(1.3, "down", 1, by_way_of_bar_abs=1.9)], predict=predict).go()
     assert max(order.bar_abs for order in walk.of(orders.SetPressure)) == 1.3
+
+
+def test_a_plateau_below_a_refused_level_comes_first_where_it_lets_the_guard_see_farther():
+    def predict(level, plateaus):
+        highest = 1.5 if len(plateaus) == 1 else 2.0  # the first plateau does not tell enough
+        return SimpleNamespace(allowed=level <= highest, text="99 % below 700 rpm", highest_pa_abs=highest * 1e5)
+
+    walk = Walk(steps=plan([1.3, 1.6], "up"), predict=predict).go()
+    taken = [record.plateau for record in walk.of(orders.Record)]
+    assert [plateau.step.level_bar_abs for plateau in taken] == [1.3, 1.5, 1.6]
+    assert "guard" in taken[1].note
+    assert not walk.of(orders.Refused)
+
+
+def test_the_guard_is_not_followed_in_steps_that_teach_it_nothing():
+    def predict(level, plateaus):
+        return SimpleNamespace(allowed=level <= 1.5, text="99 % below 700 rpm", highest_pa_abs=1.5e5)
+
+    walk = Walk(steps=plan([1.3, 1.6], "up"), predict=predict).go()
+    assert [record.plateau.step.level_bar_abs for record in walk.of(orders.Record)] == [1.3, 1.5]
+    assert len(walk.of(orders.Refused)) == 1
 
 
 # Ways out.

@@ -24,7 +24,7 @@ from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
 from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
-from rig.sweep.conversation import Conversation
+from rig.sweep.conversation import Conversation, ValveHand
 from rig.sweep.hooks import Hooks
 from rig.sweep.manual import run_manual
 from rig.sweep.planning import sweep_course
@@ -343,7 +343,7 @@ def test_a_typed_speed_beyond_the_limit_closes_the_run(tmp_path):
 
 def test_the_guard_is_asked_before_each_level_is_prompted(tmp_path):
     def predict(level, plateaus):
-        return Verdict(level < 1.7, "99 % below 640 rpm", 1.7e5)
+        return Verdict(level < 1.7, "99 % below 640 rpm", 1.6e5)
 
     session = Session(tmp_path, bench_of(), predict=predict)
     with session as terminal:
@@ -493,3 +493,17 @@ def test_the_room_is_asked_on_the_same_keyboard(tmp_path):
         terminal.type(text)
     thread.join(5.0)
     assert found[0].pressure_bar_abs == pytest.approx(1.01325)
+
+
+def test_a_hand_at_the_valve_is_asked_and_the_bench_goes_on_meanwhile():
+    terminal, clock = Terminal(), Clock()
+    person = ValveHand(Conversation(KeyboardPort(clock, terminal.slave, terminal.slave), clock))
+    terminal.type("typed too early")
+    person.ask("Set 1.600 bar absolute, then press Enter")
+    terminal.expect("Set 1.600")
+    assert person.answer() is None
+    terminal.type("")
+    end = time.monotonic() + 5.0
+    while person.answer() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    assert person.answer() == ""

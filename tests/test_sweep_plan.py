@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from rig.readings import Quality
 from rig.runlog import plateaus as table
-from rig.sweep.plan import Step, SweepError, plan
+from rig.sweep.plan import Step, SweepError, plan, stepping_stone
 from rig.sweep.plateau import Plateau, mean_of
 from rig.sweep.series import integrated_time, standard_error
 from rig.sweep.settle import settled
@@ -71,6 +71,15 @@ def test_what_was_finished_and_what_is_left_make_the_whole(count, order):
     whole = plan(LEVELS, order, repeats=2, seed=5)
     left = plan(LEVELS, order, repeats=2, seed=5, finished=whole[:count])
     assert sorted(step.key for step in [*whole[:count], *left]) == sorted(step.key for step in whole)
+
+
+@pytest.mark.parametrize(
+    ("highest", "expected"),
+    [(1.369, 1.36), (1.36, 1.36), (1.265, None), (1.45, None), (1.0, None)],
+    ids=["rounded down", "on the grid", "no step worth the time", "not refused", "below what was taken"],
+)
+def test_a_stepping_stone_lies_between_what_was_taken_and_what_is_refused(highest, expected):
+    assert stepping_stone(1.40, highest, [1.013, 1.25]) == expected
 
 
 @pytest.mark.parametrize(("levels", "order"), [([], "up"), ([1.3], "sideways")])

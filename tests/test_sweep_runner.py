@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from rig.interlock.limits import Limits
+from rig.interlock.step import Verdict
 from rig.runlog import plateaus as table
 from rig.sweep.ambient import at_start
 from rig.sweep.hooks import Hooks, guarded, points_of
@@ -151,7 +152,7 @@ def test_a_keyboard_interrupt_leaves_the_regulator_at_zero():
 
 def test_a_refused_level_is_in_the_log_with_all_that_are_left_out():
     acquisition = LabAcquisition(LabBench())
-    outcome = run(acquisition, predict=lambda level, p: SimpleNamespace(allowed=level < 1.5, text="too fast"))
+    outcome = run(acquisition, predict=lambda level, p: Verdict(level < 1.5, "too fast", 1.3e5))
     assert outcome.left_out == [Step(1.6, "up", 1)]
     (refused,) = [details for kind, details in acquisition.events if kind == "level refused"]
     assert refused == {"level_bar_abs": 1.6, "text": "too fast", "left_out": [[1.6, "up", 1]]}

@@ -1,4 +1,4 @@
-"""A whole sweep over real bytes: the virtual bench at twenty times real time, the real acquisition, a real run log."""
+"""A whole sweep over real bytes: the virtual bench at ten times real time, the real acquisition, a real run log."""
 
 import re
 
@@ -29,7 +29,7 @@ def swept(tmp_path_factory):
     ambient = at_start(bench, Given())
     course, remarks = sweep_course(bench, ambient)
     assert remarks == []
-    with place_of(bench, path) as place:
+    with place_of(bench, path, rate=10.0) as place:
         made, outcome = run(bench, path, place, course, ambient, Wanted("sweep", folder / "logs"))
     return read_run(made), outcome
 

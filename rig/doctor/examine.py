@@ -79,7 +79,10 @@ class _Examination:
             return [Finding(Level.OK, where, f"a person reads {', '.join(devices)}")]
         port = self.ports(name, table, self.clock)
         path = str(getattr(port, "path", table.port)) if table.kind == "serial" else ""
-        found = machine.of_port(self.host, where, path) if path else []
+        if "virtual" in (path, getattr(port, "host", "")):
+            return [Finding(Level.FAULT, where, "it is virtual, and no virtual bench was started for the examination")]
+        is_hardware = self.bench.file.virtual is None  # a virtual bench has its own ports open
+        found = machine.of_port(self.host, where, path) if path and is_hardware else []
         line = line_of(name, table, port, self.clock)
         try:
             line.open()
@@ -121,19 +124,18 @@ class _Examination:
                 findings, cost_s = self._measured(line, device, driver, identity)
                 found += findings
                 if cost_s is not None:
-                    taken[device] = (cost_s, self.clock.real_s(self.bench.file.devices[device].period_s))
+                    taken[device] = (cost_s, self.bench.file.devices[device].period_s)
         line.close()
         found += self._of_silent(table, silent, anyone=len(silent) < len(devices))
         return found + measure.of_line(f"line {line.name}", taken)
 
     def _measured(self, line: Line, device: str, driver: Any, identity: str) -> tuple[list[Finding], float | None]:
         settings, of_device = self.bench.instruments[device], self.bench.file.devices[device]
-        period_s = self.clock.real_s(of_device.period_s)
-        latency = measure.poll_times(line, driver, self.polls, period_s)
-        timeout_s = self.clock.real_s(settings.timeout_s or self.bench.file.lines[of_device.line].timeout_s)
+        latency = measure.poll_times(line, driver, self.polls, of_device.period_s)
+        timeout_s = settings.timeout_s or self.bench.file.lines[of_device.line].timeout_s
         if self.clock.rate > 1.0:
-            timeout_s = max(timeout_s, LEAST_REAL_WAIT_S)
-        found = measure.of_device(device, identity, latency, period_s, timeout_s, self.clock.real_s(settings.update_s))
+            timeout_s = max(timeout_s, LEAST_REAL_WAIT_S * self.clock.rate)
+        found = measure.of_device(device, identity, latency, of_device.period_s, timeout_s, settings.update_s)
         return found, latency.p50_s if latency.failures < latency.polls else None
 
     def _of_silent(self, table: LineTable, silent: dict[str, tuple[LineError, bool]], anyone: bool) -> list[Finding]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from rig.doctor.finding import Finding, Level, printable
 from rig.lines import Line, LineError, LostError
+from rig.readings import NS
 
 LONGEST_GAP_S = 0.1  # real time between two polls
 MOST_FAILURES = 3  # in a row; then it is known
@@ -26,7 +26,7 @@ class Latency:
     Attributes
     ----------
     p50_s, p99_s : float
-        Of the polls that gave a reading, in real time [s].
+        Of the polls that gave a reading, on the bench's clock [s].
     polls, failures : int
         Polls made, and those without a usable reading [-].
     faults : str
@@ -52,7 +52,7 @@ def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
     polls : int
         How many; fewer when it fails several times in a row [-].
     gap_s : float
-        Between polls, in real time [s].
+        Between polls [s]; shorter where that is long in real time.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
     times, faults, failures, in_a_row, made = [], Counter[str](), 0, 0, 0
     for _ in range(polls):
         made += 1
-        start_s = time.monotonic()
+        start_ns = line.clock.now_ns()
         try:
             readings = driver.poll(line)
         except LostError:
@@ -70,7 +70,7 @@ def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
         except LineError as error:
             readings = []
             faults[str(error)] += 1
-        took_s = time.monotonic() - start_s
+        took_s = (line.clock.now_ns() - start_ns) / NS
         if any(reading.usable for reading in readings):
             times.append(took_s)
             in_a_row = 0
@@ -81,7 +81,7 @@ def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
             if in_a_row == MOST_FAILURES and not times:
                 break
         line.take_events()
-        time.sleep(max(0.0, min(gap_s, LONGEST_GAP_S) - took_s))
+        line.clock.sleep(min(gap_s, LONGEST_GAP_S * line.clock.rate) - took_s)
     p50_s, p99_s = np.quantile(times, [0.5, 0.99]) if times else (np.nan, np.nan)
     named = "; ".join(f"{printable(fault)} ({count} x)" for fault, count in faults.most_common(3))
     return Latency(float(p50_s), float(p99_s), made, failures, named)
@@ -99,9 +99,9 @@ def of_device(
     latency : Latency
         Measured.
     period_s, timeout_s : float
-        Of the bench file, in real time [s].
+        Of the bench file [s].
     update_s : float
-        The instrument's own, in real time [s]; 0 when not known.
+        The instrument's own [s]; 0 when not known.
     """
     if latency.failures == latency.polls:
         what = f"{identity} answers, but no poll gave a reading: {latency.faults}"

@@ -33,6 +33,7 @@ BEAT_S = 0.1
 SILENCE_S = 1.0  # without a beat, in real time, before the controller counts as hung
 START_S = 30.0  # for the process to read its files; a cold disk is slow
 END_S = 5.0
+HAND_OVER_S = 15.0  # longer than the watchdog tries
 BEAT, RELEASE = b".", b"R"
 READY = b"ready\n"
 FOLDER = Path(__file__).resolve().parents[2]
@@ -225,6 +226,27 @@ class Watchdog:
             self._process.wait()
         self._pipe.close()
         self._said.close()
+
+    def hand_over(self, wait_s: float = HAND_OVER_S) -> bool:
+        """Have it set the regulator to zero now, where the controller could not; its line must be closed before.
+
+        Parameters
+        ----------
+        wait_s : float
+            Longest wait for it, in real time [s].
+
+        Returns
+        -------
+        bool
+            Whether the regulator read back zero.
+        """
+        self._beat.end()
+        self._pipe.close()
+        self._said.close()
+        try:
+            return self._process.wait(wait_s) == 0
+        except subprocess.TimeoutExpired:
+            return False
 
     def __enter__(self) -> Watchdog:
         """Already started."""

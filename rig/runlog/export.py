@@ -5,6 +5,8 @@ Only usable readings go in; what was left out is counted in notes.txt beside the
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import numpy as np
 from rig.readings import NS
 from rig.recording import Ambient, Column, Recording, RecordingFile, write_recording
 from rig.runlog.figures import Figures
-from rig.runlog.folder import RunError, write_whole
+from rig.runlog.folder import HASHED, RunError, sha256_of, write_whole
 from rig.runlog.phases import Phase, Series, captures, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, PlateauRow
 from rig.runlog.reader import Run
@@ -108,7 +110,8 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
         motor=run.start.motor,
         ambient=_ambient(run),
         channels={name: figures.channel(name) for name in channels if name in columns},
-        files=tuple(files),
+        files=tuple(_at_rest_below(file) for file in files),
+        sha256=_digest(run),
     )
     return Exported(recording, notes)
 
@@ -223,6 +226,21 @@ def _transient(name: str, phase: Phase, read: dict[str, Series], figures: Figure
         columns["supply_open"] = _column(is_open.astype(np.float64))
     scale = figures.sample_scale("speed_rpm" if "speed_rpm" in read else "flow_l_min")
     return RecordingFile(name, "transient", phase.start_s, scale, times.size, columns)
+
+
+def _at_rest_below(file: RecordingFile) -> RecordingFile:
+    """The file with a speed of 0 as a recording reads it: below what can be seen."""
+    speed = file.columns.get("speed_rpm")
+    if speed is None:
+        return file
+    censor = np.where((speed.values == 0.0) & (speed.censor == 0), -1, speed.censor)
+    return dataclasses.replace(file, columns={**file.columns, "speed_rpm": _column(speed.values, censor)})
+
+
+def _digest(run: Run) -> str:
+    """Over the hashes of the run's files, so that a fit that goes on knows its data again."""
+    digests = [sha256_of(run.folder / name) for name in HASHED if (run.folder / name).exists()]
+    return hashlib.sha256("".join(digests).encode("ascii")).hexdigest()
 
 
 def _counted(run: Run, channels: dict[str, str], plateaus: list[PlateauRow]) -> list[str]:

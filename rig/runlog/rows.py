@@ -70,9 +70,8 @@ def utc_text(utc_ns: int) -> str:
 def utc_ns(text: str) -> int:
     """UTC since 1970 [ns] of a time in ISO 8601, which is UTC where it names no zone; ValueError for anything else."""
     time = datetime.datetime.fromisoformat(text)
-    return (
-        round((time.replace(tzinfo=time.tzinfo or datetime.UTC) - _EPOCH) / datetime.timedelta(microseconds=1)) * 1000
-    )
+    since = time.replace(tzinfo=time.tzinfo or datetime.UTC) - _EPOCH
+    return since // datetime.timedelta(microseconds=1) * 1000
 
 
 def harmless(text: str, length: int = MAX_TEXT) -> str:

@@ -109,10 +109,8 @@ class Conversation:
         except LostError as error:
             raise EndedError(str(error)) from None
         line, _, self._buffer = self._buffer.partition(b"\n")
-        text = line.decode("utf-8", "replace").strip()
-        text = "".join(c if c.isprintable() else " " for c in text)[: MOST_CHARACTERS + 1]
-        typed = Typed(text, asked_ns, self.clock.now_ns())
-        self.log("typed", prompt=prompt.strip()[-MOST_CHARACTERS:], text=text)
+        typed = Typed(_printable(line), asked_ns, self.clock.now_ns())
+        self.log("typed", prompt=prompt.strip()[-MOST_CHARACTERS:], text=typed.text)
         return typed
 
     def ask_text(self, prompt: str) -> str:
@@ -127,6 +125,19 @@ class Conversation:
             return self.ask(prompt).text
         except EndedError as error:
             raise EOFError(str(error)) from None
+
+    def line_there(self) -> str | None:
+        """A line that was typed meanwhile, without waiting; None when there is none, or nobody can type any more."""
+        try:
+            if b"\n" not in self._buffer:
+                _, data = self.port.read(self.clock.now_ns())
+                self._buffer = (self._buffer + data.replace(b"\r", b"\n"))[-MOST_BUFFER:]
+        except LostError:
+            return None
+        if b"\n" not in self._buffer:
+            return None
+        line, _, self._buffer = self._buffer.partition(b"\n")
+        return _printable(line)
 
     def wait(self, seconds: float) -> None:
         """Count down.
@@ -147,6 +158,44 @@ class Conversation:
         if self.stops() > self._seen_stops:
             self._seen_stops = self.stops()
             raise StoppedError
+
+
+class ValveHand:
+    """The person at the valve of a bench whose instruments read themselves: `rig.sweep.hooks.Person`.
+
+    Parameters
+    ----------
+    conversation : Conversation
+        The terminal.
+    """
+
+    def __init__(self, conversation: Conversation) -> None:
+        self._conversation = conversation
+        self._answer: str | None = None
+
+    def ask(self, text: str) -> None:
+        """Put a question, and do not wait.
+
+        Parameters
+        ----------
+        text : str
+            What is to be done.
+        """
+        while self._conversation.line_there() is not None:
+            pass  # what was typed before is no answer to this
+        self._answer = None
+        self._conversation.say(text)
+
+    def answer(self) -> str | None:
+        """What was typed since the last question; None until then."""
+        if self._answer is None:
+            self._answer = self._conversation.line_there()
+        return self._answer
+
+
+def _printable(line: bytes) -> str:
+    text = line.decode("utf-8", "replace").strip()
+    return "".join(c if c.isprintable() else " " for c in text)[: MOST_CHARACTERS + 1]
 
 
 @dataclass(frozen=True)

@@ -96,6 +96,15 @@ def never_trip(view: View, now_ns: int, pressurised: bool) -> str | None:
     return None
 
 
+def never_stopped() -> int:
+    """An operator who never asks to stop."""
+    return 0
+
+
+def ignored(plateau: Plateau) -> None:
+    """Nobody listens to plateaus."""
+
+
 @dataclass(frozen=True)
 class Hooks:
     """What a run is given.
@@ -118,10 +127,10 @@ class Hooks:
 
     predict: Predict = allow_all
     trip: Trip = never_trip
-    stops: Callable[[], int] = lambda: 0
+    stops: Callable[[], int] = field(default_factory=lambda: never_stopped)
     progress: Progress = field(default_factory=Silent)
     person: Person = field(default_factory=Silent)
-    on_plateau: Callable[[Plateau], None] = lambda plateau: None
+    on_plateau: Callable[[Plateau], None] = field(default_factory=lambda: ignored)
 
 
 class Guarding(Protocol):

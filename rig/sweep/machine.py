@@ -39,6 +39,7 @@ from rig.sweep.plan import SAME_BAR, UP, Step, stepping_stone
 from rig.sweep.plateau import Plateau
 
 WRITE_EVERY_S = 0.2  # set-points of a ramp: a bus has other things to do
+LONGEST_STEP_S = 0.5  # whatever held the program up, no step of a ramp makes up for it
 JUDGE_EVERY_S = 0.25
 PA_IN_BAR = 1e5
 VENT_TIMEOUT_S = 15.0
@@ -261,7 +262,7 @@ class SweepMachine:
             return [] if view.answer is None else self._enter(State.SETTLE, now_ns)
         passed_s = (now_ns - self._looked_ns) / NS
         way = target - self._set_bar
-        reach = self.table.ramp_bar_s * passed_s
+        reach = self.table.ramp_bar_s * min(passed_s, LONGEST_STEP_S)
         if abs(way) > reach and passed_s < WRITE_EVERY_S:
             return []
         self._looked_ns = now_ns

@@ -1,0 +1,199 @@
+"""The acquisition over the virtual bench's real bytes: what is logged, what a fault does, and how a line comes back."""
+
+import functools
+import time
+
+import pytest
+
+from rig.acquisition import Acquisition, RecorderError
+from rig.instruments.instrument import IdentityError
+from rig.lines import LineError
+from rig.readings import Quality
+from rig.virtual.launch import port_for
+from tests.virtual_benches import MODBUS, bench, serving
+
+
+def ports_of(served):
+    """The ports of a bench that is served."""
+    return functools.partial(port_for, served.ports)
+
+
+class Kept:
+    """A sink that keeps everything in memory."""
+
+    def __init__(self):
+        self.exchanges, self.events = [], []
+
+    def exchange(self, exchange):
+        self.exchanges.append(exchange)
+
+    def event(self, kind, time_ns, **details):
+        self.events.append((kind, details))
+
+    def readings(self, name):
+        return [reading for exchange in self.exchanges for reading in exchange.readings if reading.name == name]
+
+
+def wait_until(condition, seconds=10.0):
+    give_up = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < give_up, "what was waited for did not come"
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def acquiring():
+    """Starts the acquisition of a bench that is served, and stops both."""
+    ended = []
+
+    def start(served, found=None, **options):
+        sink = Kept()
+        acquisition = Acquisition(found or bench(MODBUS), served.clock, sink, ports_of(served), **options)
+        ended.append(acquisition)
+        acquisition.start()
+        return acquisition, sink
+
+    yield start
+    for acquisition in ended:
+        acquisition.stop()
+
+
+def test_every_channel_is_read_and_the_devices_are_named(acquiring, tmp_path):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, sink = acquiring(served, simulated=True)
+        wait_until(lambda: acquisition.window("speed", 1e6).size and acquisition.window("pressure", 1e6).size)
+        assert set(acquisition.identities()) == {"gauge", "dac", "flowmeter", "tach"}
+        assert {reading.quality for reading in sink.readings("gauge.pressure_bar_abs")} == {Quality.SIMULATED}
+
+
+def test_the_flow_at_the_inlet_is_a_channel_beside_the_meters_own(acquiring, tmp_path):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, sink = acquiring(served)
+        acquisition.command("dac", "write", 1.0)
+        wait_until(
+            lambda: (acquisition.last("flow") or acquisition.last("speed")) and acquisition.window("flow", 1e6).size
+        )
+        derived = next(reading for reading in sink.readings("derived.flow_l_min") if reading.value is not None)
+        own = next(r for r in sink.readings("flowmeter.flow_sl_min") if r.time_ns == derived.time_ns)
+        assert derived.raw == own.raw
+        assert "standard_volume" in derived.detail
+
+
+def test_a_set_point_is_written_and_read_back(acquiring, tmp_path):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, _ = acquiring(served)
+        exchange = acquisition.command("dac", "write", 1.0)
+        assert exchange.argument == 1.0
+        assert exchange.outcome.startswith("reads back 1.0")
+
+
+def test_a_gap_stays_a_gap_and_the_line_comes_back(acquiring, tmp_path):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, sink = acquiring(served)
+        wait_until(lambda: acquisition.window("pressure", 1e6).size > 3)
+        served.ask(do="unplug", line="bus")
+        wait_until(lambda: any(kind == "line lost" for kind, _ in sink.events))
+        count = acquisition.window("pressure", 1e6).size
+        others = acquisition.window("speed", 1e6).size
+        time.sleep(0.5)
+        assert acquisition.window("pressure", 1e6).size == count
+        assert acquisition.window("speed", 1e6).size > others  # another line goes on
+        served.ask(do="plug", line="bus")
+        wait_until(lambda: acquisition.window("pressure", 1e6).size > count + 3)
+        back = next(details for kind, details in sink.events if kind == "line back")
+        assert back["gap_s"] > 0.4
+        lost = next(
+            i for i, exchange in enumerate(sink.exchanges) if exchange.events and exchange.events[-1].kind == "lost"
+        )
+        after = [
+            exchange
+            for exchange in sink.exchanges[lost:]
+            if exchange.line == "bus" and not exchange.outcome.startswith("/")
+        ]
+        assert "identify" in [exchange.action for exchange in after]  # who answers is asked again before it is read
+
+
+def test_a_command_on_a_lost_line_is_refused(acquiring, tmp_path):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, sink = acquiring(served)
+        served.ask(do="unplug", line="bus")
+        wait_until(lambda: any(kind == "line lost" for kind, _ in sink.events))
+        with pytest.raises(LineError):
+            acquisition.command("dac", "write", 0.0)
+
+
+def test_a_dead_device_does_not_slow_the_others_on_its_line(acquiring, tmp_path):
+    text = MODBUS.replace("baud = 19200", "baud = 19200\ntimeout_s = 0.1\nslowest_reply_s = 0.2")
+    with serving(bench(text, paced=False), tmp_path, rate=1.0) as served:
+        acquisition, sink = acquiring(served, bench(text, paced=False))
+        served.ask(do="fault", kind="dropped", device="dac", chance=1.0)
+        failed = lambda: [r for r in sink.readings("dac.setpoint_bar_gauge") if r.quality is Quality.TIMEOUT]  # noqa: E731
+        wait_until(lambda: len(failed()) >= 3, 20.0)
+        begin, count = served.clock.now_ns(), len(failed())
+        time.sleep(4.0)
+        spent_s = (served.clock.now_ns() - begin) / 1e9
+        times = [r.time_ns for r in sink.readings("gauge.pressure_bar_abs") if r.usable and r.time_ns > begin]
+        assert len(times) > 0.85 * spent_s / 0.2  # asked every 0.2 s
+        assert len(failed()) - count <= 3  # the dead one, which would be asked 20 times
+
+
+def test_a_missing_device_is_told_at_the_start(tmp_path):
+    text = MODBUS.replace("unit_id = 2", "unit_id = 2\nperiod_s = 0.5")
+    found = bench(text)
+    with serving(found, tmp_path) as served:
+        served.ask(do="fault", kind="dropped", device="dac", chance=1.0)
+        acquisition = Acquisition(found, served.clock, Kept(), ports_of(served))
+        with pytest.raises(LineError) as refused:
+            acquisition.start()
+    assert len(str(refused.value).splitlines()) == 1
+    assert "bus" in str(refused.value)
+
+
+def test_a_device_that_answers_as_another_is_told_at_the_start(tmp_path):
+    other = bench(
+        MODBUS.replace('instrument = "edges"\nline = "usb"', 'instrument = "edges"\nline = "usb"\nserial_number = "X9"')
+    )
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition = Acquisition(other, served.clock, Kept(), ports_of(served))
+        with pytest.raises(IdentityError, match="X9"):
+            acquisition.start()
+
+
+def test_rate_jitter_and_failures_are_counted(acquiring, tmp_path):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, _ = acquiring(served)
+        wait_until(lambda: acquisition.window("pressure", 1e6).size > 10)
+        found = acquisition.statistics()
+    gauge = found["devices"]["gauge"]
+    assert gauge["asked_hz"] == pytest.approx(5.0)
+    assert gauge["failures"] == 0
+    assert {"achieved_hz", "jitter_ms", "latency_p50_ms", "latency_p99_ms", "skipped"} <= set(gauge)
+    assert found["queue_high_water"] >= 1
+
+
+def test_a_log_that_cannot_be_written_ends_the_run(acquiring, tmp_path):
+    class Full(Kept):
+        def exchange(self, exchange):
+            raise OSError(28, "No space left on device")
+
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition = Acquisition(bench(MODBUS), served.clock, Full(), ports_of(served))
+        acquisition.start()
+        wait_until(lambda: acquisition.recorder.failure is not None)
+        with pytest.raises(RecorderError, match="No space left"):
+            acquisition.last("speed")
+        with pytest.raises(RecorderError):
+            acquisition.stop()
+
+
+def test_a_listener_that_fails_is_dropped_and_the_run_goes_on(acquiring, tmp_path):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, sink = acquiring(served)
+
+        def fail(exchange):
+            raise RuntimeError("broken view")
+
+        acquisition.subscribe(fail)
+        wait_until(lambda: any(kind == "listener failed" for kind, _ in sink.events))
+        count = len(sink.exchanges)
+        wait_until(lambda: len(sink.exchanges) > count + 5)

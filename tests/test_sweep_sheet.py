@@ -1,0 +1,147 @@
+"""A sheet printed before a sweep, and entered afterwards as a run with the times that stand on it."""
+
+import html.parser
+
+import pytest
+
+from rig.bench import read_bench
+from rig.clock import Clock
+from rig.replay.player import Player
+from rig.runlog import RunWriter, read_run, start_record
+from rig.sweep.ambient import Given, at_start
+from rig.sweep.sheet import print_page, print_sheet, sheet_columns
+from rig.sweep.sheet_entry import SheetError, enter_sheet, read_sheet
+
+HEADER = "time,level_bar_abs,direction,pressure_bar_abs,flow_l_min,speed_rpm,pressure_bar_abs_after,note\n"
+FILLED = (
+    HEADER
+    + """14:00,zero,,1.01,<10,0,,
+14:05,1.6,up,1.60,44,232.3,1.62,the float sticks
+14:08:30,1.7,up,1.70,51,272.9,,
+,1.8,up,,,,,
+14:20,2,up,2.00,>100,394.8,2.00,
+14:30,zero,,1.01,<10,0,,
+"""
+)
+
+
+@pytest.fixture
+def bench():
+    return read_bench("manual")
+
+
+@pytest.fixture
+def entered(tmp_path, bench):
+    ambient = at_start(bench, Given(1.01325, 20.0, 0.5, "none", 0.0))
+    writer = RunWriter.create(tmp_path, start_record(bench, "manual", Clock(), {}), sync_s=60.0)
+    outcome = enter_sheet(bench, read_sheet(FILLED, bench), writer, ambient)
+    writer.end(outcome.outcome, vented=outcome.vented)
+    return read_run(writer.folder)
+
+
+def test_the_sheet_has_a_line_for_each_level_in_the_sweep_s_order_between_two_zeros(bench):
+    lines = print_sheet(bench).splitlines()
+    assert lines[0] + "\n" == HEADER
+    assert [line.split(",")[1] for line in lines[1:]] == [
+        "zero", "1.6", "1.7", "1.8", "1.83", "1.85", "1.95", "2", "zero"
+    ]  # fmt: skip
+
+
+def test_the_printed_page_is_well_formed_and_has_the_levels_in_gauge_too(bench):
+    opened = []
+
+    class Checker(html.parser.HTMLParser):
+        def handle_starttag(self, tag, attributes):
+            if tag != "meta":
+                opened.append(tag)
+
+        def handle_endtag(self, tag):
+            assert opened.pop() == tag
+
+    page = print_page(bench)
+    Checker().feed(page)
+    assert opened == []
+    assert "1.60 <small>(0.59 gauge)</small>" in page
+    assert page.count("<tr>") == 1 + 2 + 7
+    assert "size: A4" in page
+
+
+def test_text_of_the_bench_file_is_escaped_on_the_page(bench):
+    file = bench.file.model_copy(update={"title": "<script>alert(1)</script>"})
+    object.__setattr__(bench, "file", file)
+    assert "<script>" not in print_page(bench)
+
+
+def test_an_empty_sheet_has_nothing_to_enter(bench):
+    with pytest.raises(SheetError, match="no row has readings"):
+        read_sheet(print_sheet(bench), bench)
+
+
+def test_a_filled_sheet_becomes_plateaus_with_its_times(entered):
+    assert [(p.level_bar_abs, p.start_s) for p in entered.plateaus] == [(1.6, 300.0), (1.7, 510.0), (2.0, 1200.0)]
+    assert entered.plateaus[0].means["speed_rpm"].mean == 232.3
+    assert entered.plateaus[0].note == "the float sticks"
+
+
+def test_the_drift_on_a_sheet_is_an_error_of_the_pressure(entered):
+    pressure = entered.plateaus[0].means["pressure_bar_abs"]
+    assert pressure.mean == pytest.approx(1.61)
+    assert pressure.se == pytest.approx(0.02 / 12**0.5)
+
+
+def test_a_value_off_the_scale_stays_a_limit(entered):
+    assert entered.plateaus[-1].means["flow_l_min"].censored == 1
+
+
+def test_the_zeros_of_a_sheet_are_events(entered):
+    zeros = [event for event in entered.events if event.event == "zero"]
+    assert [(event.details["which"], event.time_s) for event in zeros] == [("start", 0.0), ("end", 1800.0)]
+
+
+def test_an_entered_sheet_replays_like_a_run_that_was_typed(entered, bench):
+    player = Player(bench, False, {"pressure_bar_abs": 1.01325, "temperature_c": 20.0})
+    for _, exchange in entered.exchanges():
+        assert player.play(exchange).readings == exchange.readings
+    assert player.differences == []
+    assert len(entered.samples) == 3 * 7
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("14:05,1.6,up,1.60,44,232.3,", "row 1: 7 cells, expected 8"),
+        ("14:65,1.6,up,1.60,44,232.3,,", "row 1: time: '14:65' is no time of the day"),
+        ("soon,1.6,up,1.60,44,232.3,,", "row 1: time: 'soon'"),
+        (",1.6,up,1.60,44,232.3,,", "row 1: time: ''"),
+        ("14:05,high,up,1.60,44,232.3,,", "row 1: level_bar_abs: 'high'"),
+        ("14:05,1.6,sideways,1.60,44,232.3,,", "row 1: direction: 'sideways'"),
+        ("14:05,1.6,up,1.60,44 L,232.3,,", "row 1: "),
+        ("14:05,1.6,up,1.60,144,232.3,,", "row 1: flow_l_min: 144 L/min is above the scale"),
+    ],
+)
+def test_a_wrong_cell_is_named_with_its_row(bench, line, says):
+    with pytest.raises(SheetError) as caught:
+        read_sheet(f"{HEADER}{line}\n", bench)
+    assert str(caught.value).startswith(says)
+
+
+def test_all_mistakes_are_told_at_once(bench):
+    with pytest.raises(SheetError) as caught:
+        read_sheet(f"{HEADER}soon,1.6,up,1.6,44,232,,\n14:05,high,up,1.6,44,232,,\n", bench)
+    assert len(str(caught.value).splitlines()) == 2
+
+
+def test_times_that_go_back_are_refused_and_midnight_is_none_of_them(bench):
+    late = f"{HEADER}23:58,1.6,up,1.6,44,232,,\n00:03,1.7,up,1.7,51,272,,\n"
+    assert [row.time_s for row in read_sheet(late, bench)] == [0.0, 300.0]
+    with pytest.raises(SheetError, match="before the row above"):
+        read_sheet(f"{HEADER}14:05,1.6,up,1.6,44,232,,\n14:01,1.7,up,1.7,51,272,,\n", bench)
+
+
+def test_another_bench_s_sheet_is_refused_by_its_header(bench):
+    with pytest.raises(SheetError, match="expected time,level_bar_abs"):
+        read_sheet("time,level,pressure\n", bench)
+
+
+def test_the_columns_are_those_of_the_instrument_s_file(bench):
+    assert ",".join(sheet_columns(bench)) + "\n" == HEADER
