@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rig.bench import Bench
     from rig.recording import Recording
     from rig.runlog import Run
+    from rig.running import Wanted
     from rig.sweep.ambient import Ambient, Given
     from rig.sweep.course import Course
 
@@ -347,6 +348,7 @@ def sweep(
     wire: Annotated[bool, typer.Option("--wire/--no-wire", help="Keep the bytes, so that it can be replayed.")] = True,
 ) -> None:
     """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
+    from rig.running import Wanted
     from rig.sweep.ambient import Given
     from rig.sweep.continuing import finished_steps
 
@@ -359,7 +361,7 @@ def sweep(
 
         return sweep_course(read, ambient, finished)
 
-    _take(bench, logs, "sweep", course, given, operator, rate, parent.name if parent else None, wire)
+    _take(bench, given, course, Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate))
 
 
 @app.command()
@@ -379,6 +381,7 @@ def capture(
     minutes_running: Annotated[float | None, typer.Option(help="How long the motor has run today [min].")] = None,
 ) -> None:
     """Take a coast-down, a spin-up or a vented zero at the highest rate; refused where the bench cannot resolve it."""
+    from rig.running import Wanted
     from rig.sweep.ambient import Given
 
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
@@ -388,41 +391,71 @@ def capture(
 
         return capture_course(read, ambient, kind.value, level_bar_abs), []
 
-    _take(bench, logs, kind.value, course, given, operator, rate, None, True)
+    _take(bench, given, course, Wanted(kind.value, logs, operator, rate=rate))
 
 
 def _take(
-    path: Path,
-    logs: Path,
-    kind: str,
-    course: Callable[[Bench, Ambient], tuple[Course, list[str]]],
-    given: Given,
-    operator: str,
-    rate: float | None,
-    parent: str | None,
-    wire: bool,
+    path: Path, given: Given, course: Callable[[Bench, Ambient], tuple[Course, list[str]]], wanted: Wanted
 ) -> None:
-    """A run on a bench with a regulator, from the room's figures to the sealed folder."""
+    """A run, under a bar where a regulator makes it; what came of it in a line."""
+    from dataclasses import replace
+
     from rig.bench import bench_path, read_bench
-    from rig.running import Wanted, place_of, run
-    from rig.sweep.ambient import at_start
+    from rig.running import take
     from rig.terminal import Terminal, asker
 
     place = bench_path(path)
     bench = read_bench(place)
-    ask = asker()
-    ambient = at_start(bench, given, ask)
-    planned, remarks = course(bench, ambient)
-    with Terminal(f"{kind} on {bench.name}") as terminal, place_of(bench, place, rate) as there:
-        for words in remarks:
-            terminal.say(words, True)
-        wanted = Wanted(kind, logs, operator, parent, wire, terminal, ask)
-        folder, outcome = run(bench, place, there, planned, ambient, wanted)
+    with contextlib.ExitStack() as shown:
+        if bench.file.roles.regulator is not None:
+            terminal = shown.enter_context(Terminal(f"{wanted.kind} on {bench.name}"))
+            wanted = replace(wanted, progress=terminal, ask=asker())
+        folder, outcome = take(place, given, course, wanted)
     print(f"{folder}: {outcome.outcome}{f', {outcome.reason}' if outcome.reason else ''}")
     if not outcome.vented:
         print("spinbench: the line is NOT known to be without pressure: close the supply", file=sys.stderr)
     if outcome.outcome != "finished":
         raise typer.Exit(RUN_FAILED)
+
+
+@app.command()
+def sheet(
+    bench: BenchArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="Print a sheet: .html for paper, .csv to fill in."),
+    ] = None,
+    entered: Annotated[
+        Path | None, typer.Option("--enter", metavar="FILE", help="A filled-in .csv sheet becomes a run.")
+    ] = None,
+    logs: LogsOption = LOGS,
+    operator: Annotated[str, typer.Option(help="Who read the instruments.")] = "",
+    ambient_pressure_bar_abs: Annotated[float | None, typer.Option(help="Of the room [bar].")] = None,
+    ambient_temperature_c: Annotated[float | None, typer.Option(help="Of the room [degC].")] = None,
+    relative_humidity: Annotated[float | None, typer.Option(help="Of the room, 0 to 1.")] = None,
+    lubrication: Annotated[str | None, typer.Option(help="Oil, and when it was last given.")] = None,
+    minutes_running: Annotated[float | None, typer.Option(help="How long the motor had run that day [min].")] = None,
+) -> None:
+    """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
+    from calibration.report import files
+    from rig.bench import bench_path, read_bench
+    from rig.sweep import sheet as sheets
+    from rig.sweep.ambient import Given, at_start
+    from rig.terminal import asker
+
+    if (out is None) == (entered is None):
+        raise typer.BadParameter("give either -o, to print a sheet, or --enter, to enter one")
+    read = read_bench(bench_path(bench))
+    if out is not None:
+        text = sheets.print_sheet(read) if out.suffix == ".csv" else sheets.print_page(read)
+        files.write_file(out, text.encode())
+        print(out)
+        return
+    if entered is not None:
+        from rig.running import enter
+
+        given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
+        print(enter(read, entered.read_text(encoding="utf-8"), at_start(read, given, asker()), logs, operator))
 
 
 @app.command()

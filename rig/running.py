@@ -1,40 +1,59 @@
 """One run on a bench, from its start record to its end record: everything of the rig put together.
 
 The order is that of safety: the instruments are identified before there is a run, the failsafes are set and the
-watchdog watches before the regulator is first raised, and whatever happens then, the regulator is at zero before the run
-is sealed.
+watchdog watches before the regulator is first raised, and whatever happens then, the regulator is sent to zero before
+the run is sealed.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from rig.acquisition import Acquisition, RecorderError
-from rig.bench import Bench, LineTable
+from rig.bench import Bench, LineTable, bench_path, read_bench
 from rig.clock import Clock
 from rig.interlock.failsafe import set_and_check
 from rig.interlock.guard import Guard
 from rig.interlock.limits import Limits
 from rig.interlock.stop import Stop
-from rig.interlock.watchdog import Plan, Watchdog
+from rig.interlock.watchdog import Plan as WatchdogPlan
+from rig.interlock.watchdog import Watchdog
 from rig.lines import Port
+from rig.lines.keyboard import KeyboardPort
 from rig.lines.opening import port_of
 from rig.readings import NS
-from rig.runlog import RunWriter
-from rig.runlog.start import Circumstances, start_record
-from rig.sweep.ambient import Ambient, Ask, at_end
+from rig.runlog import Circumstances, RunWriter, StartRecord, start_record
+from rig.runlog.folder import WATCHDOG
+from rig.sweep.ambient import Ambient, Ask, Given, at_end, at_start
+from rig.sweep.by_hand import is_manual
 from rig.sweep.capture import motor_of
+from rig.sweep.conversation import Conversation, ValveHand
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks, Progress, Silent, guarded
+from rig.sweep.manual import run_manual
+from rig.sweep.orders import View
 from rig.sweep.plateau import Plateau
 from rig.sweep.runner import Outcome, run_course
+from rig.sweep.sheet_entry import enter_sheet, read_sheet
 
 BAR = 1e5
-WATCHDOG_LOG = "watchdog.jsonl"
+ATTENDED_S = 30.0  # real time without a look at the limits after which the watchdog takes the sweep for hung
+DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
+
+
+def nobody(plateau: Plateau) -> None:
+    """Who is told of a plateau when nobody asked to be.
+
+    Parameters
+    ----------
+    plateau : Plateau
+        As taken.
+    """
 
 
 @dataclass(frozen=True)
@@ -44,7 +63,7 @@ class Wanted:
     Attributes
     ----------
     kind : str
-        ``sweep``, ``coast-down``, ``spin-up`` or ``zero``.
+        ``sweep``, ``coast-down``, ``spin-up`` or ``zero``; a sweep of a manual bench is logged as ``manual``.
     root : Path
         Where runs are kept.
     operator : str
@@ -53,10 +72,12 @@ class Wanted:
         The run that this one continues.
     wire : bool
         Whether the bytes are kept.
+    rate : float or None
+        Seconds of a virtual bench in one of the wall [-]; the file's when left out.
     progress : Progress
         Who is told.
     ask : callable or None
-        Puts a prompt to the person; None when nobody is there.
+        Puts a prompt about the room to the person; None when nobody is there.
     on_plateau : callable
         Called with each `Plateau`.
     """
@@ -66,9 +87,10 @@ class Wanted:
     operator: str = ""
     parent: str | None = None
     wire: bool = True
+    rate: float | None = None
     progress: Progress = field(default_factory=Silent)
     ask: Ask | None = None
-    on_plateau: Callable[[Plateau], None] = lambda plateau: None
+    on_plateau: Callable[[Plateau], None] = nobody
 
 
 @dataclass(frozen=True)
@@ -107,23 +129,20 @@ def place_of(bench: Bench, path: Path, rate: float | None = None) -> Iterator[Pl
         yield Place(virtual.clock, virtual.port_for, virtual.ports["lines"])
 
 
-def run(
-    bench: Bench, path: Path, place: Place, course: Course, ambient: Ambient, wanted: Wanted
-) -> tuple[Path, Outcome]:
-    """Go through a course and leave a sealed run.
+Plan = Callable[[Bench, Ambient], tuple[Course, list[str]]]
+
+
+def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Outcome]:
+    """A run, from the bench file to the sealed folder.
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
     path : Path
-        Its file, for the watchdog.
-    place : Place
-        Of `place_of`.
-    course : Course
-        What is gone through.
-    ambient : Ambient
-        The room.
+        The bench file, or the name of one in configs/benches.
+    given : Given
+        What is known of the room.
+    plan : callable
+        From the bench and the room to the course, and remarks on it.
     wanted : Wanted
         What the run is to be.
 
@@ -136,114 +155,174 @@ def run(
 
     Raises
     ------
-    LineError, IdentityError
+    ConfigError, AmbientError, SweepError
+        When the bench file, the room or the course make no sense; there is no run then.
+    LineError, IdentityError, VirtualBenchError
         When the bench is not as its file says; there is no run then.
     SafetyError
         When a failsafe or the watchdog is missing; the run is sealed as failed.
     RecorderError
         When the run log cannot be written; the regulator is at zero.
     """
-    acquisition = Acquisition(
-        bench,
-        place.clock,
-        ports=place.ports,
-        simulated=place.virtual is not None,
-        ambient_bar=ambient.pressure_bar_abs,
-        ambient_c=ambient.temperature_c,
-    )
-    acquisition.connect()
-    circumstances = Circumstances(
-        wanted.operator, ambient.record(), ambient.lubrication, ambient.minutes_running, wanted.parent
-    )
-    simulated = place.virtual is not None
-    start = start_record(bench, wanted.kind, place.clock, acquisition.identities(), circumstances, simulated)  # type: ignore[arg-type]
-    writer = RunWriter.create(wanted.root, start, wanted.wire)
-    begin_ns = place.clock.now_ns()
-    outcome = Outcome("failed", "the program ended", False, [], [])
-    try:
-        with _guarded_run(acquisition, writer, bench, path, place, ambient, wanted) as hooks:
-            outcome = run_course(acquisition, writer, bench, course, hooks)
-    except BaseException as error:
-        outcome = Outcome("failed", f"{type(error).__name__}: {error}", outcome.vented, outcome.plateaus, [])
-        raise
-    finally:
-        minutes = (place.clock.now_ns() - begin_ns) / NS / 60.0
-        _seal(acquisition, writer, outcome, ambient, minutes, wanted)
-    return writer.folder, outcome
+    path = bench_path(path)
+    bench = read_bench(path)
+    warn = functools.partial(wanted.progress.say, warning=True)
+    with Stop(lambda who: warn(f"{who}: the line is vented and the run sealed")) as stop:
+        with place_of(bench, path, wanted.rate) as place:
+            conversation = None
+            if bench.file.roles.regulator is None:
+                conversation = Conversation(KeyboardPort(place.clock), place.clock, lambda: stop.asked)
+                wanted = replace(wanted, ask=conversation.ask_text)
+            ambient = at_start(bench, given, wanted.ask)
+            course, remarks = plan(bench, ambient)
+            for words in remarks:
+                warn(words)
+            return _Run(bench, path, place, ambient, wanted, stop, conversation).go(course)
 
 
-@contextlib.contextmanager
-def _guarded_run(
-    acquisition: Acquisition,
-    writer: RunWriter,
-    bench: Bench,
-    path: Path,
-    place: Place,
-    ambient: Ambient,
-    wanted: Wanted,
-) -> Iterator[Hooks]:
-    """Polling, with the failsafes set, the watchdog watching, and the operator's stop listened to."""
-    acquisition.begin(writer)
-    with Stop(lambda who: wanted.progress.say(f"{who}: the line is vented and the run sealed", True)) as stop:
+class _Run:
+    """What every step of one run needs."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        path: Path,
+        place: Place,
+        ambient: Ambient,
+        wanted: Wanted,
+        stop: Stop,
+        conversation: Conversation | None,
+    ) -> None:
+        self.bench, self.path, self.place, self.ambient = bench, path, place, ambient
+        self.wanted, self.stop, self.conversation = wanted, stop, conversation
+        self.acquisition = Acquisition(
+            bench,
+            place.clock,
+            ports=place.ports if conversation is None else conversation.ports,
+            simulated=place.virtual is not None,
+            ambient_bar=ambient.pressure_bar_abs,
+            ambient_c=ambient.temperature_c,
+        )
+
+    def go(self, course: Course) -> tuple[Path, Outcome]:
+        """Identify, make the run, go through the course, seal."""
+        self.acquisition.connect()
+        writer = RunWriter.create(self.wanted.root, self._start(), self.wanted.wire)
+        begin_ns = self.place.clock.now_ns()
+        outcome = Outcome("failed", "the program ended", False, [], [])
         watchdog = None
-        if bench.file.roles.regulator is not None:
-            for line in set_and_check(acquisition, bench):
-                acquisition.event("failsafe", None, text=line)
-            where = None if place.virtual is None else place.virtual.get(_regulator_line(bench))
-            plan = Plan.of(bench, path, place.clock, writer.folder / WATCHDOG_LOG, where)
-            watchdog = Watchdog.start(plan)
-            acquisition.event("watchdog", None, pid=watchdog.pid)
         try:
-            yield _hooks(bench, place, ambient, wanted, stop, watchdog)
+            self.acquisition.begin(writer)
+            watchdog = self._watchdog(writer)
+            outcome = self._course(writer, course, self._hooks(watchdog))
+        except BaseException as error:
+            outcome = Outcome("failed", f"{type(error).__name__}: {error}", False, [], [])
+            raise
         finally:
-            if watchdog is not None:
-                watchdog.release()
+            minutes = (self.place.clock.now_ns() - begin_ns) / NS / 60.0
+            self._seal(writer, outcome, minutes, watchdog)
+        return writer.folder, outcome
+
+    def _start(self) -> StartRecord:
+        room, wanted = self.ambient, self.wanted
+        kind: Any = "manual" if wanted.kind == "sweep" and is_manual(self.bench) else wanted.kind
+        circumstances = Circumstances(
+            wanted.operator, room.record(), room.lubrication, room.minutes_running, wanted.parent
+        )
+        simulated = self.place.virtual is not None
+        return start_record(self.bench, kind, self.place.clock, self.acquisition.identities(), circumstances, simulated)
+
+    def _course(self, writer: RunWriter, course: Course, hooks: Hooks) -> Outcome:
+        if self.conversation is not None and is_manual(self.bench):
+            return run_manual(self.acquisition, writer, self.bench, course, self.conversation, hooks)
+        return run_course(self.acquisition, writer, self.bench, course, hooks)
+
+    def _watchdog(self, writer: RunWriter) -> Watchdog | None:
+        """The failsafes set, and a watchdog that watches; neither where a person has the valve."""
+        if self.bench.file.roles.regulator is None:
+            return None
+        for line in set_and_check(self.acquisition, self.bench):
+            self.acquisition.event("failsafe", None, text=line)
+        virtual = self.place.virtual
+        line_name = self.bench.file.devices[self.bench.file.roles.regulator].line
+        where = None if virtual is None else virtual.get(line_name)
+        plan = WatchdogPlan.of(self.bench, self.path, self.place.clock, writer.folder / WATCHDOG, where)
+        watchdog = Watchdog.start(plan, ATTENDED_S)
+        self.acquisition.event("watchdog", None, pid=watchdog.pid)
+        return watchdog
+
+    def _hooks(self, watchdog: Watchdog | None) -> Hooks:
+        file, ambient = self.bench.file, self.ambient
+        _, gauge = self.bench.channel("pressure")
+        gauge_sd_bar = DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
+        motor = motor_of(self.bench, ambient)
+        limit_rpm = min(file.safety.highest_speed_rpm, motor["speed_limit"].value)
+        guard = Guard(motor, limit_rpm, gauge_sd_bar * BAR)
+        limits = Limits(file.safety, file.roles, ambient.pressure_bar_abs, self.place.clock.rate)
+
+        def trip(view: View, now_ns: int, pressurised: bool) -> str | None:
+            fault = watchdog.fault() if watchdog is not None else None
+            return fault or limits.trip(view, now_ns, pressurised)
+
+        is_gauge = file.roles.pressure.endswith("_gauge")
+        return Hooks(
+            guarded(guard, ambient.pressure_bar_abs, is_gauge),
+            trip,
+            lambda: self.stop.asked,
+            self.wanted.progress,
+            Silent() if self.conversation is None else ValveHand(self.conversation),
+            self.wanted.on_plateau,
+        )
+
+    def _seal(self, writer: RunWriter, outcome: Outcome, minutes: float, watchdog: Watchdog | None) -> None:
+        """Statistics, last readings, end record; a failure of the run log is told once the run is closed.
+
+        A line that is not known to be vented is left to the watchdog, which tries on by itself.
+        """
+        statistics = self.acquisition.statistics()
+        self.acquisition.event("statistics", None, **statistics)
+        failure: RecorderError | None = None
+        try:
+            self.acquisition.stop()
+        except RecorderError as error:
+            failure = error
+            outcome = replace(outcome, outcome="failed", reason=str(error))
+        if watchdog is not None:
+            watchdog.release() if outcome.vented else watchdog.hand_over()
+        ask = self.wanted.ask if outcome.outcome == "finished" else None
+        room: Any = at_end(self.ambient, minutes, ask).record()
+        kind: Any = outcome.outcome
+        writer.end(kind, outcome.reason, room, statistics, outcome.vented)
+        if failure is not None:
+            raise failure
 
 
-def _hooks(
-    bench: Bench, place: Place, ambient: Ambient, wanted: Wanted, stop: Stop, watchdog: Watchdog | None
-) -> Hooks:
-    file = bench.file
-    _, gauge = bench.channel("pressure")
-    gauge_sd_bar = gauge.bias_sd if gauge.bias_sd is not None else 0.02
-    motor = motor_of(bench, ambient)
-    limit_rpm = min(file.safety.highest_speed_rpm, motor["speed_limit"].value)
-    guard = Guard(motor, limit_rpm, gauge_sd_bar * BAR)
-    limits = Limits(file.safety, file.roles, ambient.pressure_bar_abs, place.clock.rate)
+def enter(bench: Bench, text: str, ambient: Ambient, root: Path, operator: str = "") -> Path:
+    """A run from a sheet that was filled in.
 
-    def trip(view: Any, now_ns: int, pressurised: bool) -> str | None:
-        fault = watchdog.fault() if watchdog is not None else None
-        return fault or limits.trip(view, now_ns, pressurised)
+    Parameters
+    ----------
+    bench : Bench
+        With one manual instrument.
+    text : str
+        The sheet, CSV.
+    ambient : Ambient
+        The room.
+    root : Path
+        Where runs are kept.
+    operator : str
+        Who read the instruments.
 
-    is_gauge = file.roles.pressure.endswith("_gauge")
-    return Hooks(
-        guarded(guard, ambient.pressure_bar_abs, is_gauge, gauge_sd_bar),
-        trip,
-        lambda: stop.asked,
-        wanted.progress,
-        on_plateau=wanted.on_plateau,
-    )
-
-
-def _seal(
-    acquisition: Acquisition, writer: RunWriter, outcome: Outcome, ambient: Ambient, minutes: float, wanted: Wanted
-) -> None:
-    """The statistics, the last readings, and the end record; the run log's own failure is told once it is closed."""
-    statistics = acquisition.statistics()
-    failure: RecorderError | None = None
-    try:
-        with contextlib.suppress(RecorderError):
-            acquisition.event("statistics", None, **statistics)
-        acquisition.stop()
-    except RecorderError as error:
-        failure = error
-        outcome = Outcome("failed", str(error), outcome.vented, outcome.plateaus, outcome.left_out)
-    ask = wanted.ask if outcome.outcome == "finished" else None
-    at_the_end = at_end(ambient, minutes, ask).record()
-    writer.end(outcome.outcome, outcome.reason, at_the_end, statistics, outcome.vented)  # type: ignore[arg-type]
-    if failure is not None:
-        raise failure
-
-
-def _regulator_line(bench: Bench) -> str:
-    return bench.file.devices[str(bench.file.roles.regulator)].line
+    Raises
+    ------
+    SheetError
+        Every mistake of the sheet; there is no run then.
+    """
+    rows = read_sheet(text, bench)
+    circumstances = Circumstances(operator, ambient.record(), ambient.lubrication, ambient.minutes_running)
+    writer = RunWriter.create(root, start_record(bench, "manual", Clock(), {}, circumstances))
+    with writer:
+        outcome = enter_sheet(bench, rows, writer, ambient)
+        kind: Any = outcome.outcome
+        writer.end(kind, outcome.reason, ambient.record(), None, outcome.vented)
+    return writer.folder

@@ -35,7 +35,7 @@ folder = Path(sys.argv[1])
 bench, clock = read_bench(folder / "bench.toml"), Clock()
 plan = Plan.of(bench, folder / "bench.toml", clock, folder / "watchdog.jsonl")
 {before}
-watchdog = Watchdog.start(plan)
+watchdog = Watchdog.start(plan{more})
 table = bench.file.lines["bus"]
 line = line_of("bus", table, port_of("bus", table, clock), clock)
 line.open()
@@ -64,8 +64,8 @@ class Bench:
         self.peer = ModbusPeer({2: self.registers})
         (folder / "bench.toml").write_text(BENCH.format(port=self.peer.path, safety=""))
 
-    def controller(self, before="", after=""):
-        script = CONTROLLER.format(before=textwrap.dedent(before), after=textwrap.dedent(after))
+    def controller(self, before="", after="", more=""):
+        script = CONTROLLER.format(before=textwrap.dedent(before), after=textwrap.dedent(after), more=more)
         return subprocess.Popen(
             [sys.executable, "-c", script, str(self.folder)], stdout=subprocess.PIPE, text=True, start_new_session=True
         )
@@ -187,6 +187,21 @@ def test_a_controller_that_computes_without_a_pause_is_alive(bench, ended):
     raised(process)
     assert process.stdout.readline() == "done\n"
     assert bench.registers[0] == RAISED
+
+
+def test_a_sweep_that_no_longer_asks_counts_as_hung_where_that_was_agreed(bench, ended):
+    asks = """
+    for _ in range(15):
+        assert watchdog.fault() is None
+        time.sleep(0.1)
+    print("asked", flush=True)
+    """
+    process = bench.controller(after=asks, more=", attended_s=0.5")
+    ended.append(process)
+    raised(process)
+    assert process.stdout.readline() == "asked\n"
+    assert bench.registers[0] == RAISED  # 1.5 s of asking
+    assert bench.peer.wait_for_write(0, 0, 1.5 + SAFE_WITHIN_S) is not None
 
 
 def test_the_signals_meant_for_the_controller_do_not_end_the_watchdog(bench, ended):

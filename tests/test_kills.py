@@ -1,6 +1,7 @@
 """Kill -9 in the middle of a sweep: a few moments of the campaign that `make kills` runs fifty of."""
 
 import pytest
+
 from tests.kills import kill_once
 
 

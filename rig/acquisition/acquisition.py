@@ -6,6 +6,7 @@ import concurrent.futures
 from collections.abc import Callable
 from typing import Any
 
+from rig.acquisition.actions import WRITE
 from rig.acquisition.channels import Channels, Window
 from rig.acquisition.recorder import Recorder, Sink
 from rig.acquisition.stage import Stage
@@ -139,7 +140,8 @@ class Acquisition:
         LineError, IdentityError, InstrumentError
             When it was not done.
         """
-        self.check()
+        if action != WRITE:  # the regulator is sent to zero also when nothing can be logged any more
+            self.check()
         done = self.workers[self._line_of[device]].command(device, action, argument)
         try:
             return done.result(wait_s)

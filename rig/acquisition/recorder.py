@@ -84,15 +84,13 @@ class Recorder(threading.Thread):
     def put(self, exchange: Exchange) -> None:
         """Hand over an exchange; waits when the queue is full.
 
+        Once the log cannot be written the exchange is dropped: the run is over, `check` says so to whoever runs it,
+        and the lines go on, so that the regulator can still be sent to zero.
+
         Parameters
         ----------
         exchange : Exchange
             As it came from the line.
-
-        Raises
-        ------
-        RecorderError
-            When the log cannot be written, or has not taken anything for too long.
         """
         self._put(exchange)
 
@@ -144,7 +142,8 @@ class Recorder(threading.Thread):
             raise RecorderError(f"the run log cannot be written: {self.failure}") from self.failure
 
     def _put(self, item: Exchange | tuple[str, int, dict[str, Any]]) -> None:
-        self.check()
+        if self.failure is not None:
+            return
         self.high_water = max(self.high_water, self._queue.qsize() + 1)
         try:
             self._queue.put_nowait(item)
@@ -154,7 +153,6 @@ class Recorder(threading.Thread):
                 self._queue.put(item, timeout=PATIENCE_S)
             except queue.Full:
                 self.failure = TimeoutError(f"the disk has taken nothing for {PATIENCE_S:g} s")
-                self.check()
 
     def _write(self, item: Exchange | tuple[str, int, dict[str, Any]]) -> None:
         if self.sink is None:

@@ -25,7 +25,6 @@ LONGEST_BACK_OFF_S = 2.0
 PROBE_S = 2.0  # a failing device is asked no more often than this,
 PROBE_SHARE = 0.05  # and takes no more than this share of the line's time
 IDLE_S = 0.5
-HOLD_REAL_S = 0.3  # after a capture's reading the device is not polled; the next one is there long before
 CAPTURE_PAUSE_S = 0.2  # of real time after a capture, in which the device is not polled
 KEPT_TIMES = 20_000
 

@@ -19,6 +19,7 @@ import select
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,18 +131,27 @@ class Beat(threading.Thread):
     ----------
     pipe : int
         File descriptor of the writing end.
+    attended_s : float or None
+        It falls silent when nobody has called `attend` for so long, in real time [s]; never, when left out.
     """
 
-    def __init__(self, pipe: int) -> None:
+    def __init__(self, pipe: int, attended_s: float | None = None) -> None:
         super().__init__(name="watchdog beat", daemon=True)
-        self._pipe = pipe
+        self._pipe, self._attended_s = pipe, attended_s
         self._ending = threading.Event()
+        self._seen_s = time.monotonic()
+
+    def attend(self) -> None:
+        """Say that whoever runs the bench is at work."""
+        self._seen_s = time.monotonic()
 
     def run(self) -> None:
         """Beat until `end`, or until nobody listens."""
         while not self._ending.is_set():
+            alone_s = time.monotonic() - self._seen_s
             try:
-                os.write(self._pipe, BEAT)
+                if self._attended_s is None or alone_s < self._attended_s:
+                    os.write(self._pipe, BEAT)
             except BlockingIOError:
                 pass  # the pipe is full of beats that a stopped watchdog has not read
             except OSError:
@@ -161,24 +171,29 @@ class Watchdog:
     ----------
     process : subprocess.Popen
         The watchdog.
+    attended_s : float or None
+        Of the `Beat` [s].
     """
 
-    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], attended_s: float | None = None) -> None:
         if process.stdin is None or process.stdout is None:
             raise ValueError("the watchdog needs both its pipes")
         self._process, self._pipe, self._said = process, process.stdin, process.stdout
         os.set_blocking(self._pipe.fileno(), False)
-        self._beat = Beat(self._pipe.fileno())
+        self._beat = Beat(self._pipe.fileno(), attended_s)
         self._beat.start()
 
     @classmethod
-    def start(cls, plan: Plan) -> Watchdog:
+    def start(cls, plan: Plan, attended_s: float | None = None) -> Watchdog:
         """Start the process, and wait until it watches.
 
         Parameters
         ----------
         plan : Plan
             How to reach the regulator.
+        attended_s : float or None
+            How long the sweep may go without asking for `fault`, in real time [s]: a sweep that hangs while its threads
+            live, on a terminal stopped with Ctrl-S for example, counts as hung then. Never, when left out.
 
         Raises
         ------
@@ -198,7 +213,7 @@ class Watchdog:
         if process.stdin is not None:
             with contextlib.suppress(OSError):
                 process.stdin.write(plan.to_json())
-        watchdog = cls(process)
+        watchdog = cls(process, attended_s)
         watchdog._wait_until_ready()
         return watchdog
 
@@ -208,7 +223,11 @@ class Watchdog:
         return self._process.pid
 
     def fault(self) -> str | None:
-        """Why nobody watches any more; None while somebody does. A run without its watchdog is ended."""
+        """Why nobody watches any more; None while somebody does. A run without its watchdog is ended.
+
+        Asking is the sign of life that ``attended_s`` of `start` waits for.
+        """
+        self._beat.attend()
         code = self._process.poll()
         if code is None:
             return None

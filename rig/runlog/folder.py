@@ -16,7 +16,8 @@ from typing import BinaryIO
 START, SAMPLES, EVENTS = "start.json", "samples.csv", "events.jsonl"
 WIRE, PLATEAUS, END, LOCK = "wire.jsonl", "plateaus.csv", "end.json", ".lock"
 APPENDED = (SAMPLES, EVENTS, WIRE, PLATEAUS)
-HASHED = (START, *APPENDED)
+WATCHDOG = "watchdog.jsonl"  # what the watchdog did, by itself; not there in every run
+HASHED = (START, *APPENDED, WATCHDOG)
 MAX_RECORD_BYTES = 32_000_000  # of start.json and end.json
 MAX_FILE_BYTES = 4_000_000_000
 MAX_SAME_NAME = 1000

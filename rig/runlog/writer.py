@@ -215,7 +215,7 @@ class RunWriter:
             if self._failure:
                 reason = f"{reason}; {self._failure}".removeprefix("; ")
                 outcome = "failed"
-            files = [name for name in HASHED if name == START or name in self._files]
+            files = [name for name in HASHED if name in (START, *self._files) or (self.folder / name).is_file()]
             utc_end_ns = time.time_ns()
             record = EndRecord(
                 outcome=outcome,

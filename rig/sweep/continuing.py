@@ -15,5 +15,7 @@ def finished_steps(run: Run) -> tuple[Step, ...]:
         The run that is continued.
     """
     return tuple(
-        Step(plateau.level_bar_abs, plateau.direction, plateau.repeat) for plateau in run.plateaus if plateau.settled
+        Step(plateau.level_bar_abs, plateau.direction, plateau.repeat)
+        for plateau in run.plateaus
+        if plateau.settled and plateau.level_bar_abs is not None
     )
