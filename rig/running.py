@@ -167,17 +167,17 @@ def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Ou
     path = bench_path(path)
     bench = read_bench(path)
     warn = functools.partial(wanted.progress.say, warning=True)
-    with Stop(lambda who: warn(f"{who}: the line is vented and the run sealed")) as stop:
-        with place_of(bench, path, wanted.rate) as place:
-            conversation = None
-            if bench.file.roles.regulator is None:
-                conversation = Conversation(KeyboardPort(place.clock), place.clock, lambda: stop.asked)
-                wanted = replace(wanted, ask=conversation.ask_text)
-            ambient = at_start(bench, given, wanted.ask)
-            course, remarks = plan(bench, ambient)
-            for words in remarks:
-                warn(words)
-            return _Run(bench, path, place, ambient, wanted, stop, conversation).go(course)
+    told = "the line is vented and the run sealed"
+    with Stop(lambda who: warn(f"{who}: {told}")) as stop, place_of(bench, path, wanted.rate) as place:
+        conversation = None
+        if bench.file.roles.regulator is None:
+            conversation = Conversation(KeyboardPort(place.clock), place.clock, lambda: stop.asked)
+            wanted = replace(wanted, ask=conversation.ask_text)
+        ambient = at_start(bench, given, wanted.ask)
+        course, remarks = plan(bench, ambient)
+        for words in remarks:
+            warn(words)
+        return _Run(bench, path, place, ambient, wanted, stop, conversation).go(course)
 
 
 class _Run:

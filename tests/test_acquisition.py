@@ -125,7 +125,7 @@ def test_a_command_on_a_lost_line_is_refused(acquiring, tmp_path):
 def test_a_dead_device_does_not_slow_the_others_on_its_line(acquiring, tmp_path):
     text = MODBUS.replace("baud = 19200", "baud = 19200\ntimeout_s = 0.1\nslowest_reply_s = 0.2")
     with serving(bench(text, paced=False), tmp_path, rate=1.0) as served:
-        acquisition, sink = acquiring(served, bench(text, paced=False))
+        _, sink = acquiring(served, bench(text, paced=False))
         served.ask(do="fault", kind="dropped", device="dac", chance=1.0)
         failed = lambda: [r for r in sink.readings("dac.setpoint_bar_gauge") if r.quality is Quality.TIMEOUT]  # noqa: E731
         wait_until(lambda: len(failed()) >= 3, 20.0)

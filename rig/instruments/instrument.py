@@ -51,6 +51,7 @@ class ChannelFile(Strict):
     bias_sd: NotNegative | None = None
     scale_sd: NotNegative | None = None
     resolution: NotNegative | None = None
+    repeatability_sd: NotNegative | None = None  # scatter from plateau to plateau that averaging within one leaves
     figures_source: str = ""
     reference: Reference | None = None
 

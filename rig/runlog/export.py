@@ -16,8 +16,8 @@ from rig.readings import NS
 from rig.recording import Ambient, Column, Recording, RecordingFile, write_recording
 from rig.runlog.figures import Figures
 from rig.runlog.folder import HASHED, RunError, sha256_of, write_whole
-from rig.runlog.phases import Phase, Series, captures, quantity_channels, series, zeros
-from rig.runlog.plateaus import PRESSURES, PlateauRow
+from rig.runlog.phases import DERIVED_DEVICE, Phase, Series, captures, quantity_channels, series, zeros
+from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
 from rig.runlog.reader import Run
 from rig.runlog.schema import AmbientRecord
 
@@ -134,11 +134,20 @@ def _chosen(run: Run, unsettled: bool, notes: list[str]) -> list[PlateauRow]:
         found = set(plateau.means)
         if not found & set(PRESSURES) or not found & {"speed_rpm", "flow_l_min"}:
             notes.append(f"plateau {plateau.n}: left out, no pressure, or neither speed nor flow")
+        elif "speed_rpm" in found and _stood(plateau.means["speed_rpm"]):
+            notes.append(
+                f"plateau {plateau.n}: left out, the rotor stood still; the steady model is of a motor that runs, and "
+                "says nothing of the pressure at which it starts"
+            )
         elif not plateau.settled and not unsettled:
             notes.append(f"plateau {plateau.n}: left out, not settled ({plateau.note or 'no note'})")
         else:
             chosen.append(plateau)
     return sorted(chosen, key=lambda plateau: (plateau.start_s, plateau.n))
+
+
+def _stood(speed: Mean) -> bool:
+    return speed.mean == 0.0
 
 
 def _steady(plateaus: list[PlateauRow], figures: Figures, notes: list[str]) -> RecordingFile | None:
@@ -163,10 +172,16 @@ def _zero(
     """One row a zero phase, the mean of each channel."""
     from rig.sweep.plateau import mean_of  # late: the sweep writes run logs
 
-    cells: dict[str, list[tuple[float, int]]] = {name: [] for name in channels}
-    errors: dict[str, list[float]] = {name: [] for name in channels}
+    derived = [name for name, channel in channels.items() if channel.startswith(f"{DERIVED_DEVICE}.")]
+    if phases and derived:
+        notes.append(
+            "zero.csv: without the flow: a zero error in standard litres is another one at the pressures of the sweep"
+        )
+    used = {name: channel for name, channel in channels.items() if name not in derived}
+    cells: dict[str, list[tuple[float, int]]] = {name: [] for name in used}
+    errors: dict[str, list[float]] = {name: [] for name in used}
     for phase in phases:
-        for name, channel in channels.items():
+        for name, channel in used.items():
             read = series(run, channel, phase.start_s, phase.end_s)
             mean = mean_of(read.time_ns / NS, read.value, read.censored)
             value = np.nan if mean.mean is None or (name == "speed_rpm" and mean.mean < 0.0) else mean.mean

@@ -35,7 +35,7 @@ class Figures:
         self._scatter = {name: _rms(self._plateau_scatter(run, name)) for name in channels}
 
     def channel(self, name: str) -> Channel:
-        """A quantity's figures; its noise is the rms standard error of the plateau means.
+        """A quantity's figures; its noise is that of a plateau's mean.
 
         Parameters
         ----------
@@ -54,12 +54,15 @@ class Figures:
     def noise_sd(self, name: str) -> float | None:
         """Noise of one row of the steady file; the instrument's own where the plateaus do not show it.
 
+        Beside the standard error of a mean stands what averaging leaves: the instrument's repeatability.
+
         Parameters
         ----------
         name : str
             The quantity.
         """
-        return self._errors[name] or self._records[name].noise_sd or None
+        record = self._records[name]
+        return math.hypot(self._errors[name] or record.noise_sd or 0.0, record.repeatability_sd or 0.0) or None
 
     def sample_scale(self, name: str) -> float:
         """Noise of a single reading, times that of a row of the steady file [-].
@@ -108,6 +111,7 @@ class Figures:
             bias_sd=None if meter.bias_sd is None else meter.bias_sd * factor,
             scale_sd=None if meter.scale_sd is None else math.hypot(meter.scale_sd, TEMPERATURE_SHARE),
             resolution=None if meter.resolution is None else meter.resolution * factor,
+            repeatability_sd=None if meter.repeatability_sd is None else meter.repeatability_sd * factor,
         )
 
     def _plateau_errors(self, run: Run, name: str) -> list[float]:

@@ -55,6 +55,7 @@ class ChannelRecord(Record):
     bias_sd: NotNegative | None = None
     scale_sd: NotNegative | None = None
     resolution: NotNegative | None = None
+    repeatability_sd: NotNegative | None = None
     reference: dict[str, Any] | None = None
 
 
