@@ -148,7 +148,7 @@ def gas_state(parameters: np.ndarray, P_in: float, readings: np.ndarray) -> np.n
 
     Parameters
     ----------
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI].
     P_in : float
         Absolute inlet pressure [Pa].

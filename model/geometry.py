@@ -206,7 +206,7 @@ def curve(parameters: np.ndarray, c: np.ndarray) -> None:
 
     Parameters
     ----------
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI], in the order of `model.layout`.
     c : ndarray, shape (8,)
         Filled with L1, L2, L5, L6 [m], alpha [rad], R5 [m], the volume offset [m] and Ap [m2]; NaN where the lengths
@@ -274,7 +274,7 @@ def lowest_volume(parameters: np.ndarray) -> float:
 
     Parameters
     ----------
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI].
     """
     c = np.empty(at.N_CURVE)
@@ -289,7 +289,7 @@ def table(parameters: np.ndarray, psi: np.ndarray) -> dict[str, np.ndarray]:
 
     Parameters
     ----------
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI].
     psi : ndarray, shape (n,)
         Angles of one cylinder [rad]; any turn.

@@ -48,7 +48,7 @@ def place_nodes(
 
     Parameters
     ----------
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI].
     readings : ndarray, shape (5,)
         `model.motor.Readings.vector`.
@@ -112,7 +112,7 @@ def heat_per_angle(
         Pressure [Pa], temperature [K] and speed [rad/s].
     node : ndarray, shape (10,)
         The point.
-    parameters, gas : ndarray, shapes (>= 20,) and (12,)
+    parameters, gas : ndarray, shapes (24,) and (12,)
         Parameter set and gas.
     printed : bool
         The wall's resistance as printed (erratum 2).
@@ -135,7 +135,7 @@ def heat_per_angle(
     if not printed:
         wall /= node[AREA]
     resistance = 1.0 / (node[AREA] * parameters[at.H_A]) + wall + 1.0 / (node[AREA] * H_g)
-    return (parameters[at.T_A] - T) / (resistance * omega)
+    return parameters[at.HEAT_FACTOR] * (parameters[at.T_A] - T) / (resistance * omega)
 
 
 @njit(cache=True)
@@ -165,7 +165,7 @@ def pass_cycle(
         Speed at the points [rad/s].
     V_low, V_high : float
         Volumes at the port edges [m3].
-    parameters, readings, node, gas : ndarray, shapes (>= 20,), (5,), (24, 10) and (12,)
+    parameters, readings, node, gas : ndarray, shapes (24,), (5,), (24, 10) and (12,)
         Parameter set, readings, points and gas.
     stage : ndarray, shape (24,)
         What heat adds at the points: to T [K] in discharge, to P V^gamma when closed, to the mass [kg] in suction.

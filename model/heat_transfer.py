@@ -163,7 +163,7 @@ def cylinder_heat(
         Piston speed, \\|dL4/dt\\| [m/s].
     mdot : float
         Mass flow through the open port [kg/s]; 0 when closed.
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI].
     A_p : float
         Piston area [m2].

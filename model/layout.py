@@ -38,6 +38,12 @@ H_A = 17
 D_C = 18
 K_C = 19
 N_SOLVER_PARAMETERS = 20  # what follows (housing diameter, speed limit) enters no equation
+# Behind the motor's own parameters stand two that are no property of it: physics that the article leaves out enters the
+# solvers through them (model/effects). Neutral, they change no bit.
+EXTRA_TORQUE = 22  # opposes the motion, beside roller friction [N m]
+HEAT_FACTOR = 23  # times the heat of Eq. 18 [-]
+N_VECTOR = 24
+NEUTRAL = (0.0, 1.0)
 
 # Readings.
 VIRTUAL_WORK = 0

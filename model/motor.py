@@ -14,7 +14,7 @@ import pydantic
 
 import configs
 from configs import ConfigError, Strict
-from model import geometry
+from model import geometry, layout
 
 MOTORS = configs.FOLDER / "motors"
 
@@ -170,8 +170,8 @@ class Motor(Strict):
         return float(self[name].value * QUANTITIES[name].to_si)
 
     def vector(self) -> np.ndarray:
-        """All parameters in SI units, shape (n_parameters,), in the order of `QUANTITIES`."""
-        return np.array([self.si(name) for name in QUANTITIES])
+        """All parameters in SI units, shape (24,), in the order of `QUANTITIES`, and behind them `layout.NEUTRAL`."""
+        return np.array([*(self.si(name) for name in QUANTITIES), *layout.NEUTRAL])
 
     def with_values(self, values: Mapping[str, float]) -> Motor:
         """A motor with some values changed.

@@ -75,7 +75,7 @@ def march_kernel(
 
     Parameters
     ----------
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI].
     readings : ndarray, shape (5,)
         `model.motor.Readings.vector`.

@@ -33,7 +33,7 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
 
     Parameters
     ----------
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI].
     readings : ndarray, shape (5,)
         `model.motor.Readings.vector`.

@@ -97,7 +97,8 @@ def _solve_point(
 
     d_gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R]) - gamma
     net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, d_gamma, table, base)
-    lost = heat_cycle.friction_below_ambient(P_s, P_a, gamma, V_high, readings, node)
+    extra = parameters[at.EXTRA_TORQUE]
+    lost = heat_cycle.friction_below_ambient(P_s, P_a, gamma, V_high, readings, node) + extra
     if net - lost <= 0.0 or P_s <= P_d:
         return T
     for j in range(pulse.N_STEPS):
@@ -129,7 +130,7 @@ def _solve_point(
     out[MASS_FLOW] = m_in / at.PULSE * mean
     out[VOLUME_FLOW] = out[MASS_FLOW] * gas[at.GAS_R] * parameters[at.T_IN] / P_in
     out[TORQUE] = gas_torque + heat_gas / at.PULSE
-    out[ROLLER] = out[TORQUE] - np.sum(step_work) / at.PULSE
+    out[ROLLER] = out[TORQUE] - np.sum(step_work) / at.PULSE - extra
     out[RIPPLE] = ripple
     return T
 
@@ -205,6 +206,50 @@ def _solve_batch(
         _solve_set(parameters[s], readings, pressures[s], gas, slopes, out[s])
 
 
+@njit(cache=True, parallel=True)
+def _solve_rows(
+    parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, gas: np.ndarray, slopes: bool, out: np.ndarray
+) -> None:
+    """One operating point of each parameter set, shared among the cores."""
+    for s in prange(parameters.shape[0]):
+        _solve_set(parameters[s], readings, pressures[s : s + 1], gas[s : s + 1], slopes, out[s : s + 1])
+
+
+def solve_rows(
+    parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, gas: np.ndarray, slopes: bool = False
+) -> np.ndarray:
+    """Steady states of rows that each have a pressure and parameters of their own.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (n, 24)
+        Parameter sets in SI units, one a row.
+    readings : ndarray, shape (5,)
+        `model.motor.Readings.vector`.
+    pressures : ndarray, shape (n,)
+        Absolute inlet pressures [Pa].
+    gas : ndarray, shape (n, 12)
+        Gas of each row, of `gas_table`.
+    slopes : bool
+        As in `solve`.
+
+    Returns
+    -------
+    ndarray, shape (n, 9)
+        Columns as in `solve`.
+    """
+    out = np.empty((pressures.size, N_OUT))
+    _solve_rows(
+        np.ascontiguousarray(parameters, dtype=np.float64),
+        np.ascontiguousarray(readings, dtype=np.float64),
+        np.ascontiguousarray(pressures, dtype=np.float64),
+        np.ascontiguousarray(gas, dtype=np.float64),
+        slopes,
+        out,
+    )
+    return out
+
+
 def solve(
     parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, gas: np.ndarray, slopes: bool = False
 ) -> np.ndarray:
@@ -212,7 +257,7 @@ def solve(
 
     Parameters
     ----------
-    parameters : ndarray, shape (n_sets, >= 20)
+    parameters : ndarray, shape (n_sets, 24)
         Parameter sets in SI units, in the order of `model.motor.QUANTITIES`.
     readings : ndarray, shape (5,)
         `model.motor.Readings.vector`.
@@ -235,11 +280,7 @@ def solve(
         When the shapes do not fit.
     """
     n_sets, n_points = pressures.shape
-    if (
-        parameters.shape[0] != n_sets
-        or parameters.shape[1] < at.N_SOLVER_PARAMETERS
-        or gas.shape != (n_points, at.N_GAS)
-    ):
+    if parameters.shape[0] != n_sets or parameters.shape[1] != at.N_VECTOR or gas.shape != (n_points, at.N_GAS):
         raise ValueError(
             f"steady.solve: parameters {parameters.shape}, pressures {pressures.shape} and gas {gas.shape} do not fit"
         )

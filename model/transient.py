@@ -90,7 +90,7 @@ def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    parameters : ndarray, shape (>= 20,)
+    parameters : ndarray, shape (24,)
         One parameter set [SI].
     c : ndarray, shape (8,)
         The curve.
@@ -129,13 +129,13 @@ def rates(
         Direction of motion that friction opposes, +1 or -1 [-].
     T_port : ndarray, shape (2,)
         Temperature behind outlet and inlet [K].
-    parameters, c, gas, readings : ndarray, shapes (>= 20,), (8,), (12,) and (5,)
+    parameters, c, gas, readings : ndarray, shapes (24,), (8,), (12,) and (5,)
         Parameter set, curve, gas and readings, as elsewhere.
 
     Returns
     -------
     float
-        What roller friction holds [N m].
+        What friction holds: the rollers', and what a left-out effect adds to it [N m].
     """
     R, cp = gas[at.GAS_R], gas[at.GAS_CP]
     gamma = cp / (cp - R)
@@ -157,7 +157,7 @@ def rates(
         if readings[at.HEAT_TRANSFER] > 0.0:
             # Eq. 20 takes the flow without heat: the heat's own share of it is below 1e-4 of Q.
             flow = 0.0 if port[i] == CLOSED else open_flow(P, T, dVdt, 0.0, T_port[port[i]], gas)
-            Q = cylinder_heat(
+            Q = parameters[at.HEAT_FACTOR] * cylinder_heat(
                 phase_of(port[i], dVdt), P, T, V, abs(dL4dt), flow, parameters, A_p, gas, readings[1] == 0.0
             )
         if port[i] == CLOSED:
@@ -177,6 +177,7 @@ def rates(
                 dy[M_OUT] -= mdot
                 dy[H_OUT] -= mdot * h
         dy[Q_IN] += Q
+    friction += parameters[at.EXTRA_TORQUE]
     dy[THETA] = omega
     dy[OMEGA] = motion.acceleration(drive - sense * friction, parameters[at.F_OVERALL], omega, parameters[at.J])
     dy[W_GAS] = drive * omega
@@ -443,7 +444,7 @@ def integrate(
         Filled: angle, speed, inlet mass, outlet mass, pressure and mass of the first cylinder [SI].
     pulse_t : ndarray, shape (p,)
         Filled with the times at which the rotor has turned another 1/28 turn [s]; the run ends when it is full.
-    parameters, gas, readings : ndarray, shapes (>= 20,), (12,) and (5,)
+    parameters, gas, readings : ndarray, shapes (24,), (12,) and (5,)
         Parameter set, gas and readings.
     refine : int
         Steps between two edges [-].

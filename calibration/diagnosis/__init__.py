@@ -1,0 +1,1 @@
+"""What physics a recording shows that the model leaves out, a file a step."""

@@ -1,0 +1,225 @@
+"""The parts of a recording that a diagnosis compares with the model: plateaus and runs in time, as plain arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.measurement import OBSERVED, Measurement, gather
+from calibration.priors import PASCAL_PER_BAR
+from model.layout import L_MIN, RPM
+from model.transient import Supply
+from rig.recording import Recording, RecordingError, RecordingFile
+
+BEFORE_S = 0.5  # real time that a run in time is simulated before its first sample, to reach its steady state
+REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
+
+
+@dataclass(frozen=True)
+class Plateaus:
+    """Steady rows, SI, arrays of shape (n,); a reading that is missing or censored is nan.
+
+    Attributes
+    ----------
+    file : tuple of str
+        Of each row.
+    row : ndarray of int
+        Number in its file, from 1.
+    pressure : ndarray
+        Reading, absolute once a gauge's ambient is added [Pa].
+    is_gauge : ndarray of bool
+        Whether the ambient is to be added.
+    flow, speed : ndarray
+        Readings [m3/s], [rad/s].
+    time : ndarray
+        On the recording's clock [s]; the row's number in seconds where no time was taken.
+    up : ndarray
+        1 on the way up, -1 down, 0 where that was not noted [-].
+    noise_scale : ndarray
+        Of the file [-].
+    """
+
+    file: tuple[str, ...]
+    row: np.ndarray
+    pressure: np.ndarray
+    is_gauge: np.ndarray
+    flow: np.ndarray
+    speed: np.ndarray
+    time: np.ndarray
+    up: np.ndarray
+    noise_scale: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of rows [-]."""
+        return int(self.row.size)
+
+
+@dataclass(frozen=True)
+class RunInTime:
+    """A transient file, SI.
+
+    Attributes
+    ----------
+    file : str
+        Its name.
+    time : ndarray, shape (n,)
+        Of the samples, from the file's start [s]; a reading is the mean since the sample before.
+    speed : ndarray, shape (n,)
+        Readings [rad/s]; nan where there is none, negative-free.
+    at_zero : ndarray of bool, shape (n,)
+        Readings of 0, which are censored.
+    supply : tuple of Supply
+        Spans of the line, by the gauge's mean over each.
+    supply_sd : float
+        Uncertainty of the open spans' pressure by the gauge's noise [Pa].
+    is_gauge : bool
+        Whether the ambient is to be added to the supply.
+    start_s : float
+        On the recording's clock [s].
+    noise_scale : float
+        Of the file [-].
+    from_rest : bool
+        Whether it starts at rest; otherwise in the steady state of its first span.
+    """
+
+    file: str
+    time: np.ndarray
+    speed: np.ndarray
+    at_zero: np.ndarray
+    supply: tuple[Supply, ...]
+    supply_sd: float
+    is_gauge: bool
+    start_s: float
+    noise_scale: float
+    from_rest: bool
+
+    @property
+    def size(self) -> int:
+        """Number of samples [-]."""
+        return int(self.time.size)
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Everything of a recording that a diagnosis looks at."""
+
+    plateaus: Plateaus
+    runs: tuple[RunInTime, ...]
+    measured: Measurement
+
+
+def blocks_of(recording: Recording) -> Blocks:
+    """The parts of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+
+    Raises
+    ------
+    RecordingError
+        When it has neither plateaus nor runs in time that can be used.
+    """
+    measured = gather(recording)
+    runs = tuple(_run(file, recording) for file in recording.files if file.kind == "transient")
+    return Blocks(_plateaus(recording, measured), runs, measured)
+
+
+def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
+    rows = measured.steady
+    files = {file.file: file for file in recording.files}
+    time = np.empty(len(rows))
+    up = np.zeros(len(rows))
+    for i, (name, number) in enumerate(zip(rows.file, rows.row, strict=True)):
+        file = files[name]
+        index = int(number) - 1
+        stamps = file.columns.get("time_s")
+        time[i] = file.start_s + (stamps.values[index] if stamps is not None else float(number))
+        if file.direction is not None:
+            up[i] = {"up": 1.0, "down": -1.0}.get(str(file.direction[index]), 0.0)
+    return Plateaus(
+        rows.file,
+        rows.row,
+        rows.pressure * PASCAL_PER_BAR,
+        rows.is_gauge,
+        np.where(rows.flow_state == OBSERVED, rows.flow / L_MIN, np.nan),
+        np.where((rows.speed_state == OBSERVED) & (rows.speed > 0.0), rows.speed / RPM, np.nan),
+        time,
+        up,
+        rows.noise_scale,
+    )
+
+
+def _run(file: RecordingFile, recording: Recording) -> RunInTime:
+    gauge = "pressure_bar_gauge" in file.columns
+    name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
+    if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:
+        raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")
+    time, speed = file.columns["time_s"].values, file.columns["speed_rpm"]
+    pressure = file.columns[name].values * PASCAL_PER_BAR
+    opened = file.columns["supply_open"].values > 0.5 if "supply_open" in file.columns else np.ones(time.size, bool)
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    figures = recording.channels[name]
+    noise = max(figures.noise_sd, figures.resolution / np.sqrt(12.0)) * file.noise_scale * PASCAL_PER_BAR
+    spans, fewest = _spans(time, pressure, opened, step)
+    first = speed.values[np.isfinite(speed.values)][:5] / RPM
+    return RunInTime(
+        file.file,
+        time,
+        speed.values / RPM,
+        (speed.values <= 0.0) | (speed.censor < 0),
+        tuple(spans),
+        noise / np.sqrt(max(fewest, 1)),
+        gauge,
+        file.start_s,
+        file.noise_scale,
+        bool(first.size == 0 or np.mean(first) < REST_RAD_S or not opened[0]),
+    )
+
+
+def _spans(time: np.ndarray, pressure: np.ndarray, opened: np.ndarray, step: float) -> tuple[list[Supply], int]:
+    """Spans of an open or vented line; a change shows in the first sample after it, so it is at the sample before."""
+    edges = np.flatnonzero(np.diff(opened.astype(int))) + 1
+    starts = [0, *edges.tolist()]
+    ends = [*edges.tolist(), time.size]
+    spans, fewest = [], time.size
+    for begin, end in zip(starts, ends, strict=True):
+        start_s = time[begin - 1] if begin else time[0] - step - BEFORE_S
+        readings = pressure[begin:end]
+        known = readings[np.isfinite(readings)]
+        mean = float(np.mean(known)) if known.size else float("nan")
+        is_open = bool(opened[begin])
+        if is_open:
+            fewest = min(fewest, known.size)
+        spans.append(Supply(float(start_s), mean, is_open))
+    return spans, fewest
+
+
+def levels(plateaus: Plateaus, tolerance_pa: float = 3000.0) -> list[np.ndarray]:
+    """Indices of the plateaus at each pressure level, both directions together.
+
+    Parameters
+    ----------
+    plateaus : Plateaus
+        The rows.
+    tolerance_pa : float
+        Gap that parts two levels [Pa].
+    """
+    order = np.argsort(plateaus.pressure)
+    cuts = np.flatnonzero(np.diff(plateaus.pressure[order]) > tolerance_pa) + 1
+    return list(np.split(order, cuts))
+
+
+def all_files(blocks: Blocks) -> Sequence[str]:
+    """Names of the files that are looked at.
+
+    Parameters
+    ----------
+    blocks : Blocks
+        Of `blocks_of`.
+    """
+    return [*dict.fromkeys(blocks.plateaus.file), *(run.file for run in blocks.runs)]

@@ -1,0 +1,153 @@
+"""What an effect is: physics that the article leaves out, as a law that the solvers and the sensors take up.
+
+An effect is a module of this folder with an `EFFECT` in it; nothing else has to know of a new one. Its law says what it
+adds where it enters: a torque, a pressure loss, a leak, a factor on a parameter of the motor, or a change of what an
+instrument reads. Laws are pure functions of its parameters and of the operating state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+Where = Literal["torque", "gas path", "sensor", "rig"]
+Channel = Literal["pressure", "flow", "speed"]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A parameter of an effect.
+
+    Attributes
+    ----------
+    name : str
+        With its unit: ``torque_nm``.
+    unit : str
+        As reports print it.
+    low, high : float
+        Bounds of what an engineer would believe [own unit]; a fit that wants more is refused, not reported.
+    scale : float
+        Size that is ordinary for the effect [own unit]: the scale of the prior.
+    shape : bool
+        Whether it shapes the law (a time constant, a speed) and says nothing without an amplitude. An amplitude has a
+        normal prior of that scale, folded at 0 where ``low`` is 0; a shape a log-normal one of a factor of 2.
+    text : str
+        What it is.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    scale: float
+    shape: bool = False
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class State:
+    """The operating state that laws see, arrays of shape (n,), a row or sample each.
+
+    Attributes
+    ----------
+    omega : ndarray
+        Speed [rad/s].
+    angle : ndarray
+        Shaft angle [rad]; nan where it is not known.
+    mass_flow : ndarray
+        Through the inlet [kg/s].
+    pressure : ndarray
+        In the line [Pa], absolute.
+    temperature : ndarray
+        Of the gas in the line [K].
+    ambient : ndarray
+        Ambient pressure [Pa].
+    gas_constant : ndarray
+        R of the gas [J/(kg K)].
+    friction : ndarray
+        f_overall [N m s].
+    load : ndarray
+        Roller torque per unit of f_r [N m]: the gas force on its arm.
+    time : ndarray
+        On the recording's clock [s].
+    """
+
+    omega: np.ndarray
+    angle: np.ndarray
+    mass_flow: np.ndarray
+    pressure: np.ndarray
+    temperature: np.ndarray
+    ambient: np.ndarray
+    gas_constant: np.ndarray
+    friction: np.ndarray
+    load: np.ndarray
+    time: np.ndarray
+
+
+Values = Mapping[str, float]
+Law = Callable[[Values, State], np.ndarray]
+Reads = Callable[[Values, np.ndarray, State], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect.
+
+    Attributes
+    ----------
+    id : str
+        Its stable name, that of its module.
+    acts_in : str
+        ``torque``, ``gas path``, ``sensor`` or ``rig``.
+    title : str
+        For people.
+    sentence : str
+        How a finding is reported, with the parameters' names in braces.
+    source : str
+        Where the law comes from.
+    signature : str
+        What it looks like in a sweep and in a transient.
+    parameters : tuple of EffectParameter
+        Amplitude first.
+    torque : Law or None
+        Torque that opposes the motion [N m].
+    inlet_drop, outlet_rise : Law or None
+        Pressure lost ahead of the cylinders, and added behind them [Pa].
+    leak : Law or None
+        Flow that enters and does no work [kg/s].
+    factors : mapping of str to callable
+        Parameter of the motor (a name of `model.layout`) to the factor on it [-].
+    reads : mapping of str to Reads
+        ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s]: what the instrument reads of the true value.
+    lag : callable or None
+        Time constant of the speed channel [s].
+    nuisance : str
+        The instrument error or parameter that every fit carries and this effect exceeds; empty where there is none.
+    transient_only : bool
+        Whether a steady row says nothing of it.
+    """
+
+    id: str
+    acts_in: Where
+    title: str
+    sentence: str
+    source: str
+    signature: str
+    parameters: tuple[EffectParameter, ...]
+    torque: Law | None = None
+    inlet_drop: Law | None = None
+    outlet_rise: Law | None = None
+    leak: Law | None = None
+    factors: Mapping[str, Callable[[Values], float]] = field(default_factory=dict)
+    reads: Mapping[str, Reads] = field(default_factory=dict)
+    lag: Callable[[Values], float] | None = None
+    nuisance: str = ""
+    transient_only: bool = False
+
+    @property
+    def amplitude(self) -> EffectParameter:
+        """The parameter that is 0 when the effect is absent."""
+        return self.parameters[0]

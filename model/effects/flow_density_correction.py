@@ -1,0 +1,37 @@
+"""A rotameter whose scale was made for another gas density than the line's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.effects.effect import Effect, EffectParameter, State, Values
+
+SCALE_PRESSURE_PA, SCALE_TEMPERATURE_K = 101_325.0, 293.15
+
+
+def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
+    """The float balances drag, so the scale reads the flow times the root of the density ratio [m3/s].
+
+    Parameters
+    ----------
+    p : mapping of str to float
+        ``share``: 1 when the scale was made for 1 atm and 20 degC.
+    true : ndarray, shape (n,)
+        Flow at the line's state [m3/s].
+    state : State
+        Operating state.
+    """
+    ratio = state.pressure / SCALE_PRESSURE_PA * SCALE_TEMPERATURE_K / state.temperature
+    return true * (1.0 + p["share"] * (np.sqrt(ratio) - 1.0))
+
+
+EFFECT = Effect(
+    id="flow_density_correction",
+    acts_in="sensor",
+    title="rotameter scale made for another gas density",
+    sentence="The rotameter's scale was made for 1 atm and is read at the line's pressure ({share} of the correction).",
+    source="float of a variable-area meter: flow proportional to the root of the inverse density",
+    signature="sweep: flow too high, more so with pressure; speed untouched",
+    parameters=(EffectParameter("share", "-", 0.5, 1.5, 1.0, text="share of the density correction left out"),),
+    reads={"flow": reads},
+)

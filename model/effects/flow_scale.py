@@ -1,0 +1,35 @@
+"""A flow meter that reads high or low in proportion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.effects.effect import Effect, EffectParameter, State, Values
+
+
+def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
+    """The true flow times a factor [m3/s].
+
+    Parameters
+    ----------
+    p : mapping of str to float
+        ``scale``.
+    true : ndarray, shape (n,)
+        Flow [m3/s].
+    state : State
+        Operating state.
+    """
+    return true * (1.0 + p["scale"])
+
+
+EFFECT = Effect(
+    id="flow_scale",
+    acts_in="sensor",
+    title="flow meter reads high or low in proportion",
+    sentence="The flow meter reads {scale} of the flow too high (negative: low).",
+    source="span error of a flow meter",
+    signature="sweep: flow wrong in proportion, speed untouched",
+    parameters=(EffectParameter("scale", "-", -0.5, 0.5, 0.12, text="reading over true flow, less 1"),),
+    reads={"flow": reads},
+    nuisance="flow_scale",
+)

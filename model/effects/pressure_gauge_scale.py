@@ -1,0 +1,35 @@
+"""A pressure gauge that reads high or low in proportion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.effects.effect import Effect, EffectParameter, State, Values
+
+
+def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
+    """The true pressure times a factor [Pa].
+
+    Parameters
+    ----------
+    p : mapping of str to float
+        ``scale``.
+    true : ndarray, shape (n,)
+        Pressure [Pa].
+    state : State
+        Operating state.
+    """
+    return true * (1.0 + p["scale"])
+
+
+EFFECT = Effect(
+    id="pressure_gauge_scale",
+    acts_in="sensor",
+    title="gauge reads high or low in proportion",
+    sentence="The pressure gauge reads {scale} of the pressure too high (negative: low).",
+    source="span error of a gauge",
+    signature="sweep: the slope of speed with pressure is wrong",
+    parameters=(EffectParameter("scale", "-", -0.15, 0.15, 0.02, text="reading over true pressure, less 1"),),
+    reads={"pressure": reads},
+    nuisance="pressure_scale",
+)

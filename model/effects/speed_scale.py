@@ -1,0 +1,35 @@
+"""A tachometer with missed or double pulses, or another number of teeth than configured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.effects.effect import Effect, EffectParameter, State, Values
+
+
+def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
+    """The true speed times a factor [rad/s].
+
+    Parameters
+    ----------
+    p : mapping of str to float
+        ``scale``.
+    true : ndarray, shape (n,)
+        Speed [rad/s].
+    state : State
+        Operating state.
+    """
+    return true * (1.0 + p["scale"])
+
+
+EFFECT = Effect(
+    id="speed_scale",
+    acts_in="sensor",
+    title="missed or double pulses of the tachometer",
+    sentence="The tachometer reads {scale} of the speed too high (negative: low): missed or double pulses.",
+    source="pulse counting",
+    signature="sweep: speed wrong in proportion while the flow stays; transients: the same factor throughout",
+    parameters=(EffectParameter("scale", "-", -0.6, 1.2, 0.05, text="reading over true speed, less 1"),),
+    reads={"speed": reads},
+    nuisance="speed_scale",
+)

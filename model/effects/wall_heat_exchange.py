@@ -1,0 +1,28 @@
+"""Gas trading more heat with the cylinder wall than Eq. 18 says."""
+
+from __future__ import annotations
+
+from model.effects.effect import Effect, EffectParameter, Values
+
+
+def heat_factor(p: Values) -> float:
+    """Factor on the heat of Eq. 18 [-].
+
+    Parameters
+    ----------
+    p : mapping of str to float
+        ``extra_share``.
+    """
+    return 1.0 + p["extra_share"]
+
+
+EFFECT = Effect(
+    id="wall_heat_exchange",
+    acts_in="gas path",
+    title="gas trading heat with the wall",
+    sentence="The gas trades {extra_share} more heat with the cylinder walls than Eq. 18 gives.",
+    source="article, Eq. 18 and Table 2; the factor stands for a wall that stores heat within a turn",
+    signature="sweep: more flow at low speed, where the gas has time; transients: hardly anything",
+    parameters=(EffectParameter("extra_share", "-", 0.0, 30.0, 4.0, text="extra share of the heat of Eq. 18"),),
+    factors={"HEAT_FACTOR": heat_factor},
+)
