@@ -4,14 +4,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 OUT ?= out
+DEMO := $(OUT)/demo
 
-.PHONY: help setup demo test lint bench sbc figures lock clean clean-cache
+.PHONY: help setup demo test lint bench sbc kills figures lock clean clean-cache
 
 help:
-	@echo "make demo    install, then fit the published sweep and write $(OUT)/demo/report.html"
+	@echo "make demo    install, sweep a virtual bench, replay and fit it; fit the published sweep; all in $(OUT)/demo"
 	@echo "make test    install, then lint, type-check and test"
 	@echo "make setup   make $(VENV) with the command $(BIN)/spinbench"
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
+	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make lock    pin the versions anew in requirements.lock"
@@ -28,7 +30,14 @@ $(STAMP): requirements.lock pyproject.toml
 	@touch $(STAMP)
 
 demo: $(STAMP)
-	$(BIN)/spinbench fit logs/published_sweep -o $(OUT)/demo --seed 1 --compare --gauge-span-bar 6
+	rm -rf $(DEMO)
+	mkdir -p $(DEMO)
+	$(BIN)/spinbench sweep virtual --logs $(DEMO)/logs --minutes-running 0 --operator demo
+	$(BIN)/spinbench runs verify last --logs $(DEMO)/logs
+	$(BIN)/spinbench replay last --logs $(DEMO)/logs --with-model -o $(DEMO)/replay
+	$(BIN)/spinbench runs export last --logs $(DEMO)/logs -o $(DEMO)/recording
+	$(BIN)/spinbench fit $(DEMO)/recording -o $(DEMO)/virtual_fit --seed 1 --effective-samples 2000
+	$(BIN)/spinbench fit logs/published_sweep -o $(DEMO)/published_fit --seed 1 --compare --gauge-span-bar 6
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -41,6 +50,9 @@ test: lint
 
 bench: $(STAMP)
 	$(BIN)/python tests/bench/run.py --json $(OUT)/bench.json
+
+kills: $(STAMP)
+	$(BIN)/python -m tests.kills --kills 50
 
 sbc: $(STAMP)
 	$(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
