@@ -164,11 +164,11 @@ def test_teeth_are_read_while_a_capture_is_made():
     outcome = run(acquisition)
     assert outcome.outcome == "finished", outcome.reason
     kinds = [kind for kind, _ in acquisition.events]
-    assert kinds.index("capture start") < kinds.index("capture")
+    assert kinds.index("capture start") < kinds.index("capture end")
     read = [i for i, command in enumerate(acquisition.commands) if command[1] == "capture"]
     assert len(read) > 20
     assert ("dac", "write", 0.0) in acquisition.commands[read[0] : read[-1]]
-    (end,) = [details for kind, details in acquisition.events if kind == "capture"]
+    (end,) = [details for kind, details in acquisition.events if kind == "capture end"]
     assert end["start_s"] < end["event_s"] < end["end_s"]
 
 

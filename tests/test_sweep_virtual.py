@@ -73,7 +73,7 @@ def test_the_zeros_and_the_states_are_in_the_log(swept):
 
 def test_the_coast_down_has_every_tooth(swept):
     run_, _ = swept
-    (event,) = [event.details for event in run_.events if event.event == "capture"]
+    (event,) = [event.details for event in run_.events if event.event == "capture end"]
     samples = run_.samples
     within = (samples["time_ns"] > event["event_s"] * NS) & (samples["time_ns"] < event["end_s"] * NS)
     turning = samples[within & (samples["channel"] == "speed_rpm") & (samples["value"] > 40.0)]

@@ -195,7 +195,7 @@ class Runner:
                 self._note("level refused", level_bar_abs=order.level_bar_abs, text=order.text, left_out=levels)
             case CaptureStart():
                 self._capturing = self.reads_teeth
-                self._note("capture start", which=order.kind, level_bar_abs=order.level_bar_abs)
+                self._note("capture start", capture=order.kind, level_bar_abs=order.level_bar_abs)
             case CaptureEnd():
                 self._end_capture(order)
             case Finish():
@@ -235,7 +235,7 @@ class Runner:
     def _end_capture(self, order: CaptureEnd) -> None:
         self._capturing = False
         times = {"start_s": order.start_ns / NS, "event_s": order.event_ns / NS, "end_s": order.end_ns / NS}
-        self._note("capture", which=order.kind, **times)
+        self._note("capture end", capture=order.kind, **times)
 
     def _release(self) -> bool:
         """No pressure, whatever happened before; True when the regulator took the order, or a person has the valve."""
