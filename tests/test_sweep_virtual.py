@@ -6,11 +6,11 @@ import pytest
 
 from model.motor import read_motor
 from model.performance import operating_points
-from rig.bench import FOLDER, read_bench
+from rig.bench import FOLDER
 from rig.readings import NS
 from rig.runlog import read_run
-from rig.running import Wanted, place_of, run
-from rig.sweep.ambient import Given, at_start
+from rig.running import Wanted, take
+from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 
 MOTOR = read_motor("ptm3600")
@@ -25,12 +25,7 @@ def swept(tmp_path_factory):
     text = re.sub(r"captures = .*", 'captures = ["coast-down"]', text)
     path = folder / "virtual.toml"
     path.write_text(text)
-    bench = read_bench(path)
-    ambient = at_start(bench, Given())
-    course, remarks = sweep_course(bench, ambient)
-    assert remarks == []
-    with place_of(bench, path, rate=10.0) as place:
-        made, outcome = run(bench, path, place, course, ambient, Wanted("sweep", folder / "logs"))
+    made, outcome = take(path, Given(minutes_running=0.0), sweep_course, Wanted("sweep", folder / "logs", rate=10.0))
     return read_run(made), outcome
 
 

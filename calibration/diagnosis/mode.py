@@ -2,47 +2,33 @@
 
 The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/0.3)^2: r are readings less predictions in units of
 their noise, z the unknowns (standard normal a priori), u the logarithms of the noise scales of pressure, flow and speed.
-Single readings that stand far out are given a wide error, as in the fit.
+Single readings that stand far out are given a wide error, as in the fit. Derivatives with the nuisances are kept from
+the point where the search started, brought along by rank-one updates, and taken anew once near the end.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import log_ndtr
 
-from calibration.diagnosis.problem import CHANNELS, Prediction, Problem
-from calibration.priors import NOISE_FACTOR
+from calibration.diagnosis.linear import NOISE_SD, Comparison
+from calibration.diagnosis.problem import SI_OF, Prediction, Problem
 from model.effects import effects
+from model.layout import PULSE
 
-NOISE_SD = math.log(NOISE_FACTOR)
-STEP = 0.05  # of a standard normal unknown, for derivatives
+STEP = 0.02  # of a standard normal unknown, for derivatives
 BAD = 0.01
 BAD_WIDTH = 10.0
 LARGEST_MOVE = 3.0
-MOST_PASSES = 12
+MOST_PASSES = 10
 SETTLED = 0.02
-REST_SHARE = (
-    0.2  # a coast-down is compared down to this share of its first speed: below it, trapped air swings the rotor
-)
-
-
-@dataclass(frozen=True)
-class Whitened:
-    """Readings less predictions in units of their noise.
-
-    Attributes
-    ----------
-    r : ndarray, shape (n,)
-        Residuals [-]; plateaus in pairs (flow, speed), then the runs' samples.
-    log_scale : float
-        Sum of the logarithms of what they were divided by.
-    """
-
-    r: np.ndarray
-    log_scale: float
+REFRESH = 1.0  # squared length of a move, in posterior sds, below which derivatives are taken anew
+ANGLES = 16  # starting angles tried within a pulse
+FAINT = 1.0  # a column whose whitened norm is below this is not taken anew: one sd of it cannot be seen
 
 
 @dataclass(frozen=True)
@@ -57,8 +43,10 @@ class Mode:
         Nuisances, then the effects' unknowns [-].
     u : ndarray, shape (3,)
         Logarithms of the noise scales of pressure, flow and speed [-].
+    D : ndarray, shape (n, m)
+        Derivatives of the predictions with z [SI].
     J : ndarray, shape (n, m)
-        Derivatives of the whitened predictions with z [-].
+        The same, whitened [-].
     r : ndarray, shape (n,)
         Whitened residuals [-].
     covariance : ndarray, shape (m, m)
@@ -74,6 +62,7 @@ class Mode:
     names: tuple[str, ...]
     z: np.ndarray
     u: np.ndarray
+    D: np.ndarray
     J: np.ndarray
     r: np.ndarray
     covariance: np.ndarray
@@ -82,66 +71,13 @@ class Mode:
     prediction: Prediction
 
 
-class Comparison:
-    """Whitens readings of a problem; which of them are used is fixed once.
-
-    Parameters
-    ----------
-    problem : Problem
-        The recording.
-    rows : ndarray of bool or None
-        Plateaus that are used; all when left out.
-    runs : sequence of ndarray of bool or None
-        Samples of each run that are used; those before trapped air swings the rotor when left out.
-    """
-
-    def __init__(
-        self, problem: Problem, rows: np.ndarray | None = None, runs: Sequence[np.ndarray] | None = None
-    ) -> None:
-        self.problem = problem
-        plateaus = problem.blocks.plateaus
-        self.rows = np.ones(plateaus.size, dtype=bool) if rows is None else rows
-        self.runs = tuple(_useful(run.speed, run.from_rest) for run in problem.blocks.runs) if runs is None else runs
-
-    @property
-    def size(self) -> int:
-        """Number of residuals [-]."""
-        return 2 * int(self.rows.sum()) + sum(int(used.sum()) for used in self.runs)
-
-    def white(self, predicted: Prediction, u: np.ndarray) -> Whitened:
-        """Residuals at a prediction.
-
-        Parameters
-        ----------
-        predicted : Prediction
-            Of the problem.
-        u : ndarray, shape (3,)
-            Logarithms of the noise scales [-].
-        """
-        problem, plateaus = self.problem, self.problem.blocks.plateaus
-        noise = {c: problem.noise[c] * math.exp(u[i]) for i, c in enumerate(CHANNELS)}
-        var = {c: (noise[c] * plateaus.noise_scale) ** 2 + problem.resolution[c] ** 2 / 12.0 for c in CHANNELS}
-        a, b = predicted.flow_slope, predicted.speed_slope
-        q = var["flow"] + var["pressure"] * a * a
-        n = var["speed"] + var["pressure"] * b * b
-        mixed = var["pressure"] * a * b
-        dq, dn = plateaus.flow - predicted.flow, plateaus.speed - predicted.speed
-        has_q, has_n = np.isfinite(dq), np.isfinite(dn)
-        lq = np.sqrt(q)
-        rq = np.where(has_q, dq, 0.0) / lq
-        share = np.where(has_q, mixed / lq, 0.0)
-        ln = np.sqrt(n - share * share)
-        rn = np.where(has_n, (np.where(has_n, dn, 0.0) - share * rq) / ln, 0.0)
-        log_scale = float(np.sum(np.log(lq)[self.rows & has_q]) + np.sum(np.log(ln)[self.rows & has_n]))
-        parts = [np.column_stack([rq, rn])[self.rows].ravel()]
-        for run, speed, used in zip(problem.blocks.runs, predicted.runs, self.runs, strict=True):
-            sd = math.hypot(noise["speed"] * run.noise_scale, problem.resolution["speed"] / math.sqrt(12.0))
-            parts.append(((run.speed - speed) / sd)[used])
-            log_scale += int(used.sum()) * math.log(sd)
-        return Whitened(np.concatenate(parts), log_scale)
-
-
-def find(comparison: Comparison, names: Sequence[str], start: Mode | None = None, passes: int = MOST_PASSES) -> Mode:
+def find(
+    comparison: Comparison,
+    names: Sequence[str],
+    start: Mode | None = None,
+    passes: int = MOST_PASSES,
+    first: dict[tuple[str, str], float] | None = None,
+) -> Mode:
     """The most probable point of the base model with a set of effects.
 
     Parameters
@@ -154,55 +90,126 @@ def find(comparison: Comparison, names: Sequence[str], start: Mode | None = None
         A mode of a smaller or equal set to start from.
     passes : int
         Most Gauss-Newton passes [-].
+    first : dict or None
+        Starting values of effects' unknowns by (effect, parameter) [-].
     """
     problem = comparison.problem
     k = len(problem.nuisances)
     extra = problem.effect_unknowns(names)
-    z = np.zeros(k + len(extra))
-    u = np.zeros(3)
-    if start is not None:
-        z[:k], u = start.z[:k], start.u.copy()
-        held = {
-            (name, unknown.name): start.z[k + i]
-            for i, (name, unknown) in enumerate(problem.effect_unknowns(start.names))
-        }
-        for i, (name, unknown) in enumerate(extra):
-            z[k + i] = held.get((name, unknown.name), 0.0)
-    for i, (name, unknown) in enumerate(extra):
-        first = effects()[name].amplitude
-        if unknown.name == first.name and z[k + i] == 0.0 and first.low == 0.0:
-            z[k + i] = 0.3  # at an amplitude of 0 nothing can be said of its shape
+    z, u = np.zeros(k + len(extra)), np.zeros(3)
     f = _Function(comparison, names)
-    white, predicted = f(z, u)
-    J = f.jacobian(z, u, white.r)
-    for _ in range(passes):
-        weight, bad = _weights(white.r, comparison)
+    D = np.zeros((comparison.read.size, z.size))
+    if start is not None:
+        z[:k], u = start.z[:k], np.clip(start.u, -0.3, 0.3)
+        D[:, :k] = start.D[:, :k]
+        kept = {(e, x.name): start.z[k + i] for i, (e, x) in enumerate(problem.effect_unknowns(start.names))}
+    else:
+        kept = {}
+    kept |= first or {}
+    for i, (name, unknown) in enumerate(extra):
+        z[k + i] = kept.get((name, unknown.name), 0.0)
+        amplitude = effects()[name].amplitude
+        if unknown.name == amplitude.name and amplitude.low == 0.0 and abs(z[k + i]) < 0.02:
+            z[k + i] = 0.3  # at an amplitude of 0 nothing can be said of its shape
+    z = f.clip(z)
+    predicted = f(z)
+    D = f.derivatives(z, predicted, D, only=None if start is None else range(k, z.size), u=u)
+    fresh = start is None
+    for turn in range(passes):
+        white = comparison.whitener(predicted, u)
+        r, J = white(comparison.read - comparison.raw(predicted)), white(D)
+        weight, _ = _weights(r, comparison)
         A = (J * weight[:, None]).T @ J + np.eye(z.size)
-        move = np.linalg.solve(A, (J * weight[:, None]).T @ white.r - z)
+        move = np.linalg.solve(A, (J * weight[:, None]).T @ r - z)
         move *= min(1.0, LARGEST_MOVE / max(np.max(np.abs(move)), 1e-12))
-        z_new, u_new, white_new, predicted_new = _line_search(f, comparison, z, u, move, white)
-        moved = np.max(np.abs(z_new - z))
-        z, u, white, predicted = z_new, u_new, white_new, predicted_new
-        J = f.jacobian(z, u, white.r)
-        if moved < SETTLED:
+        if fresh and np.sqrt(move @ A @ move) < SETTLED:
             break
-    weight, bad = _weights(white.r, comparison)
+        z_new, predicted_new, u_new = _line_search(f, comparison, z, u, move, predicted)
+        moved = z_new - z
+        change = comparison.raw(predicted_new) - comparison.raw(predicted)
+        stuck = not np.any(moved)
+        far = float(moved @ A @ moved)
+        z, u, predicted = z_new, u_new, predicted_new
+        if fresh and (stuck or far < 0.01):
+            break
+        if far < REFRESH or stuck or turn % 4 == 3 or turn >= passes - 3:
+            D, fresh = f.derivatives(z, predicted, D, only=None, u=u), True
+        else:
+            D = D + np.outer(np.nan_to_num(change - D @ moved), moved) / float(moved @ moved)
+            if len(extra):
+                D = f.derivatives(z, predicted, D, only=range(k, z.size), u=u)
+            fresh = False
+    return close(comparison, names, z, u, D, predicted)
+
+
+def close(
+    comparison: Comparison, names: Sequence[str], z: np.ndarray, u: np.ndarray, D: np.ndarray, predicted: Prediction
+) -> Mode:
+    """A mode of what a search found: its covariance and its evidence.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    names : sequence of str
+        Effect ids.
+    z, u : ndarray
+        The point [-].
+    D : ndarray
+        Derivatives there [SI].
+    predicted : Prediction
+        The prediction there.
+    """
+    white = comparison.whitener(predicted, u)
+    r, J = white(comparison.read - comparison.raw(predicted)), white(D)
+    weight, bad = _weights(r, comparison)
     A = (J * weight[:, None]).T @ J + np.eye(z.size)
     covariance = np.linalg.inv(A)
-    log_evidence = -_cost(white, z, u, comparison) - 0.5 * float(np.linalg.slogdet(A)[1])
-    log_evidence += _folding(problem, names, z, covariance)
-    return Mode(tuple(names), z, u, J, white.r, covariance, log_evidence, bad, predicted)
+    log_evidence = -_cost(r, white.log_scale, z, u, comparison) - 0.5 * float(np.linalg.slogdet(A)[1])
+    log_evidence += folding(comparison.problem, names, z, covariance)
+    return Mode(tuple(names), z, u, D, J, r, covariance, log_evidence, bad, predicted)
+
+
+def set_angles(comparison: Comparison, mode: Mode) -> Mode:
+    """Give each run in time the starting angle, of a few within a pulse, that suits it best at a point.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording; its problem's angles are changed.
+    mode : Mode
+        The point.
+
+    Returns
+    -------
+    Mode
+        The point with the angles' deviations set to 0: a start for `find`.
+    """
+    problem = comparison.problem
+    k = len(problem.nuisances)
+    z = mode.z.copy()
+    z[[i for i, u in enumerate(problem.nuisances) if u.name.endswith(".angle")]] = 0.0
+    chosen = problem.chosen(mode.names, mode.z[k:])
+    for i, run in enumerate(problem.blocks.runs):
+        best = (math.inf, 0.0)
+        for angle in np.arange(ANGLES) * PULSE / ANGLES:
+            problem.start_angle[run.file] = float(angle)
+            predicted = problem.predict(z[:k], chosen, mode.prediction, [i])
+            r = comparison.whitener(predicted, np.zeros(3))(comparison.read - comparison.raw(predicted))
+            best = min(best, (float(np.sum(r[comparison.kind == 2 + i] ** 2)), float(angle)))
+        problem.start_angle[run.file] = best[1]
+    return replace(mode, z=z)
 
 
 class _Function:
-    """Whitened residuals of a point, within the effects' bounds."""
+    """Predictions of a point, within the effects' bounds."""
 
     def __init__(self, comparison: Comparison, names: Sequence[str]) -> None:
         self.comparison, self.problem, self.names = comparison, comparison.problem, tuple(names)
         self.k = len(self.problem.nuisances)
         unknown = self.problem.effect_unknowns(names)
-        self.low = np.full(self.k + len(unknown), -6.0)
-        self.high = np.full(self.k + len(unknown), 6.0)
+        self.low = np.full(self.k + len(unknown), -9.0)
+        self.high = np.full(self.k + len(unknown), 9.0)
         for i, (name, one) in enumerate(unknown):
             parameter = next(p for p in effects()[name].parameters if p.name == one.name)
             self.low[self.k + i] = one.z(max(parameter.low, 1e-12) if one.kind == "lognormal" else parameter.low)
@@ -211,61 +218,115 @@ class _Function:
     def clip(self, z: np.ndarray) -> np.ndarray:
         return np.clip(z, self.low, self.high)
 
-    def __call__(self, z: np.ndarray, u: np.ndarray) -> tuple[Whitened, Prediction]:
-        predicted = self.problem.predict(z[: self.k], self.problem.chosen(self.names, z[self.k :]))
-        return self.comparison.white(predicted, u), predicted
+    def __call__(self, z: np.ndarray, like: Prediction | None = None, runs: Sequence[int] | None = None) -> Prediction:
+        chosen = self.problem.chosen(self.names, z[self.k :])
+        return self.problem.predict(z[: self.k], chosen, like, runs)
 
-    def jacobian(self, z: np.ndarray, u: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Forward differences of the predictions; the whitening's own change with z is left aside."""
-        J = np.empty((r.size, z.size))
-        for i in range(z.size):
+    def derivatives(
+        self, z: np.ndarray, here: Prediction, D: np.ndarray, only: Sequence[int] | None, u: np.ndarray
+    ) -> np.ndarray:
+        """Forward differences of the predictions; what acts on few parts is taken of these alone."""
+        out = D.copy()
+        raw = self.comparison.raw(here)
+        white = self.comparison.whitener(here, u)
+        drives = self._drives(z, here)
+        for i in range(z.size) if only is None else only:
+            if i < self.k and np.any(out[:, i]) and np.linalg.norm(white(out[:, i])) < FAINT:
+                continue
             step = STEP if z[i] + STEP <= self.high[i] else -STEP
             moved = z.copy()
             moved[i] += step
-            J[:, i] = -(self(moved, u)[0].r - r) / step
-        return np.nan_to_num(J)
+            name = self.problem.nuisances[i].name if i < self.k else ""
+            if name in ("pressure_offset", "pressure_scale"):
+                there = self(moved, here, ())
+                column = (self.comparison.raw(there) - raw) / step
+                self._through_supply(column, drives, name, i)
+            elif name.endswith((".supply", ".angle")):
+                run = [r.file for r in self.problem.blocks.runs].index(name.rpartition(".")[0])
+                if name.endswith(".supply"):
+                    column = np.zeros(raw.size)
+                    column[self.comparison.kind == 2 + run] = drives[run] * self.problem.nuisances[i].b
+                else:
+                    column = (self.comparison.raw(self(moved, here, (run,))) - raw) / step
+            elif name.startswith(("flow_", "speed_")):
+                column = self._instrument(i, name, raw, z)
+            else:
+                column = (self.comparison.raw(self(moved)) - raw) / step
+            out[:, i] = np.nan_to_num(column)
+        return out
+
+    def _drives(self, z: np.ndarray, here: Prediction) -> list[np.ndarray]:
+        """What each run's samples do per Pa that the gauge's readings are taken off."""
+        found = []
+        for j, run in enumerate(self.problem.blocks.runs):
+            i = next(i for i, u in enumerate(self.problem.nuisances) if u.name == f"{run.file}.supply")
+            moved = z.copy()
+            moved[i] += 0.2
+            there = self(moved, here, (j,))
+            used = self.comparison.used[j]
+            found.append((there.runs[j] - here.runs[j])[used] / (0.2 * self.problem.nuisances[i].b))
+        return found
+
+    def _through_supply(self, column: np.ndarray, drives: list[np.ndarray], name: str, i: int) -> None:
+        """A gauge's error acts on a run through its supply alone."""
+        for j, run in enumerate(self.problem.blocks.runs):
+            size = max((s.pressure_pa for s in run.supply if s.is_open), default=0.0)
+            per_z = self.problem.nuisances[i].b * (SI_OF["pressure"] if name == "pressure_offset" else size)
+            column[self.comparison.kind == 2 + j] = drives[j] * per_z
+
+    def _instrument(self, i: int, name: str, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """An offset or a scale of flow or speed needs no simulation."""
+        channel, _, error = name.partition("_")
+        mine = self.comparison.kind == 0 if channel == "flow" else self.comparison.kind > 0
+        unknown = self.problem.nuisances[i]
+        if error == "offset":
+            return np.where(mine, unknown.b * SI_OF[channel], 0.0)
+        scale = 1.0 + unknown.b * z[i]
+        offset = next(
+            (
+                u.b * z[j] * SI_OF[channel]
+                for j, u in enumerate(self.problem.nuisances)
+                if u.name == f"{channel}_offset"
+            ),
+            0.0,
+        )
+        return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)
 
 
 def _line_search(
-    f: _Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, move: np.ndarray, white: Whitened
-) -> tuple[np.ndarray, np.ndarray, Whitened, Prediction]:
-    before = _cost(white, z, u, comparison)
-    for share in (1.0, 0.5, 0.25, 0.1, 0.03):
+    f: _Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, move: np.ndarray, predicted: Prediction
+) -> tuple[np.ndarray, Prediction, np.ndarray]:
+    white = comparison.whitener(predicted, u)
+    before = _cost(white(comparison.read - comparison.raw(predicted)), white.log_scale, z, u, comparison)
+    best = (z, predicted)
+    for share in (1.0, 0.4, 0.1, 0.02):
         tried = f.clip(z + share * move)
-        found, predicted = f(tried, u)
-        if np.all(np.isfinite(found.r)) and _cost(found, tried, u, comparison) <= before + 1e-9:
-            u_new = _noise(comparison, predicted, u)
-            return tried, u_new, comparison.white(predicted, u_new), predicted
-    _, predicted = f(z, u)
-    u_new = _noise(comparison, predicted, u)
-    return z, u_new, comparison.white(predicted, u_new), predicted
+        found = f(tried)
+        raw = comparison.raw(found)
+        if not np.all(np.isfinite(raw)):
+            continue
+        r = comparison.whitener(found, u)(comparison.read - raw)
+        if _cost(r, comparison.whitener(found, u).log_scale, tried, u, comparison) <= before + 1e-6:
+            best = (tried, found)
+            break
+    return best[0], best[1], _noise(comparison, best[1], u)
 
 
 def _noise(comparison: Comparison, predicted: Prediction, u: np.ndarray) -> np.ndarray:
-    """The noise scales that suit a prediction best, one after the other on a grid that narrows."""
-    best = u.copy()
-    nothing = np.zeros(0)
-    for _ in range(2):
-        for i in range(3):
-            span = 0.6
-            for _ in range(4):
-                tried = best[i] + span * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-                costs = []
-                for value in tried:
-                    v = best.copy()
-                    v[i] = value
-                    costs.append(_cost(comparison.white(predicted, v), nothing, v, comparison))
-                best[i] = tried[int(np.argmin(costs))]
-                span *= 0.4
-    return best
+    """The noise scales that suit a prediction best."""
+    difference = comparison.read - comparison.raw(predicted)
+    for _ in range(4):
+        weight, _ = _weights(comparison.whitener(predicted, u)(difference), comparison)
+        u = comparison.noise_step(difference, predicted, u, weight)
+    return u
 
 
-def _cost(white: Whitened, z: np.ndarray, u: np.ndarray, comparison: Comparison) -> float:
+def _cost(r: np.ndarray, log_scale: float, z: np.ndarray, u: np.ndarray, comparison: Comparison) -> float:
     """Minus the log posterior, up to a constant."""
-    good = -0.5 * white.r**2 + math.log(1.0 - BAD)
-    wide = -0.5 * (white.r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH)
+    good = -0.5 * r**2 + math.log(1.0 - BAD)
+    wide = -0.5 * (r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH)
     fit = np.logaddexp(good, wide) if comparison.size >= 6 else good
-    return float(-np.sum(fit) + white.log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / NOISE_SD) ** 2))
+    return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / NOISE_SD) ** 2))
 
 
 def _weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:
@@ -277,10 +338,20 @@ def _weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndar
     return 1.0 - bad + bad * BAD_WIDTH**-2, bad
 
 
-def _folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: np.ndarray) -> float:
-    """What bounds at 0 do to the evidence: the prior's half that is allowed counts twice, the posterior's cut is lost."""
-    from scipy.special import log_ndtr
+def folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: np.ndarray) -> float:
+    """What bounds at 0 do to the evidence: the prior's half that is allowed counts twice, the posterior's cut is lost.
 
+    Parameters
+    ----------
+    problem : Problem
+        For the unknowns.
+    names : sequence of str
+        Effect ids.
+    z : ndarray
+        The point [-].
+    covariance : ndarray
+        There [-].
+    """
     k = len(problem.nuisances)
     total = 0.0
     for i, (name, unknown) in enumerate(problem.effect_unknowns(names)):
@@ -288,14 +359,3 @@ def _folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: 
         if unknown.name == amplitude.name and amplitude.low == 0.0 and unknown.kind == "normal":
             total += math.log(2.0) + float(log_ndtr(z[k + i] / math.sqrt(covariance[k + i, k + i])))
     return total
-
-
-def _useful(speed: np.ndarray, from_rest: bool) -> np.ndarray:
-    """Samples of a run that are compared: all of a spin-up, and a coast-down until it is nearly over."""
-    used = np.isfinite(speed)
-    if from_rest:
-        return used
-    slow = np.flatnonzero(speed < REST_SHARE * np.nanmean(speed[:5]))
-    if slow.size:
-        used[slow[0] :] = False
-    return used

@@ -7,6 +7,7 @@ effects in question. The gauge's own noise is integrated out: it moves speed and
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,7 +30,7 @@ from rig.recording import Recording
 SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
 SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
-ANGLES = 8  # starting angles tried for a run in time
+ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ class Problem:
         self.nuisances: list[Unknown] = [u for u in everything if not u.name.endswith("_noise_scale")]
         for run in self.blocks.runs:
             self.nuisances.append(Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, max(run.supply_sd, 1.0), "noise"))
+            self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
         self._base = self.motor.vector()
         self._readings = self.motor.readings.vector()
         self._place = {name: i for i, name in enumerate(QUANTITIES)}
@@ -139,7 +141,13 @@ class Problem:
             found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
         return found
 
-    def predict(self, z: np.ndarray, chosen: dict[str, dict[str, float]]) -> Prediction:
+    def predict(
+        self,
+        z: np.ndarray,
+        chosen: dict[str, dict[str, float]],
+        like: Prediction | None = None,
+        runs: Sequence[int] | None = None,
+    ) -> Prediction:
         """What the instruments would read.
 
         Parameters
@@ -148,18 +156,30 @@ class Problem:
             Nuisances [-].
         chosen : dict
             Effects and the values of their parameters.
+        like : Prediction or None
+            Where runs that are not simulated anew are taken from.
+        runs : sequence of int or None
+            Indices of the runs to simulate; all when left out [-].
         """
-        parameters, errors, supply = self._split(z)
+        parameters, errors, supply, angle = self._split(z)
         points, state, true = self._plateaus(parameters, errors, chosen)
         flow = readings_of(chosen, "flow", points.flow, state) * (1.0 + errors["flow"][1]) + errors["flow"][0]
         speed = readings_of(chosen, "speed", points.speed, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
-        runs = tuple(self._run(run, parameters, errors, supply[run.file], chosen) for run in self.blocks.runs)
-        return Prediction(flow, speed, points.flow_slope, points.speed_slope, runs, state)
+        found = tuple(
+            self._run(run, parameters, errors, supply[run.file], angle[run.file], chosen)
+            if like is None or runs is None or i in runs
+            else like.runs[i]
+            for i, run in enumerate(self.blocks.runs)
+        )
+        return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, state)
 
-    def _split(self, z: np.ndarray) -> tuple[np.ndarray, dict[str, tuple[float, float]], dict[str, float]]:
+    def _split(
+        self, z: np.ndarray
+    ) -> tuple[np.ndarray, dict[str, tuple[float, float]], dict[str, float], dict[str, float]]:
         parameters = self._base.copy()
         errors = {channel: [0.0, 0.0] for channel in CHANNELS}
         supply = {run.file: 0.0 for run in self.blocks.runs}
+        angle = dict(self.start_angle)
         for at_z, unknown in zip(z, self.nuisances, strict=True):
             value = float(unknown.value(np.asarray(at_z)))
             if unknown.name in self._place:
@@ -167,10 +187,12 @@ class Problem:
                 parameters[self._place[unknown.name]] = min(max(value, quantity.low), quantity.high) * quantity.to_si
             elif unknown.name.endswith(".supply"):
                 supply[unknown.name.removesuffix(".supply")] = value
+            elif unknown.name.endswith(".angle"):
+                angle[unknown.name.removesuffix(".angle")] += value
             else:
                 channel, _, error = unknown.name.partition("_")
                 errors[channel][error == "scale"] = value * (SI_OF[channel] if error == "offset" else 1.0)
-        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, supply
+        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, supply, angle
 
     def _plateaus(
         self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
@@ -221,6 +243,7 @@ class Problem:
         parameters: np.ndarray,
         errors: dict[str, tuple[float, float]],
         supply_error: float,
+        angle: float,
         chosen: dict[str, dict[str, float]],
     ) -> np.ndarray:
         supply = [
@@ -238,7 +261,7 @@ class Problem:
             for span in run.supply
         ]
         step = float(run.time[1] - run.time[0])
-        start = rest_state(self.motor, self.start_angle[run.file])
+        start = rest_state(self.motor, angle)
         if run.from_rest:
             time = np.concatenate([[run.time[0] - step], run.time])
         else:

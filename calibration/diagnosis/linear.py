@@ -1,0 +1,237 @@
+"""Readings against predictions as one vector, and its whitening: a linear map that a few noise scales set.
+
+The vector holds the plateaus' flows, then their speeds, then the samples of each run in time. The gauge's noise moves
+flow and speed of a plateau together; the map takes that out, so a whitened residual is standard normal where the model
+is right. Readings that are missing are 0 in it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.diagnosis.problem import CHANNELS, Prediction, Problem
+from calibration.priors import NOISE_FACTOR
+
+NOISE_SD = math.log(NOISE_FACTOR)
+NOISE_PASSES = 4
+LARGEST_NOISE_STEP = 0.5
+REST_SHARE = 0.2  # a coast-down is compared down to this share of its first speed: below, trapped air swings the rotor
+FLOW, SPEED, RUN = 0, 1, 2  # kinds of entries; run i is RUN + i
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """The map from differences of readings to standard normal numbers.
+
+    Attributes
+    ----------
+    flow, share, speed : ndarray, shape (n,)
+        Of each plateau: sd of the flow, what of the speed follows the flow, sd of the rest.
+    run : ndarray, shape (k,)
+        sd of each run's samples.
+    log_scale : float
+        Sum of the logarithms of the sds over the readings that there are [-].
+    known : ndarray of bool, shape (m,)
+        Entries that there are.
+    sizes : tuple of int
+        Entries of each run.
+    """
+
+    flow: np.ndarray
+    share: np.ndarray
+    speed: np.ndarray
+    run: np.ndarray
+    log_scale: float
+    known: np.ndarray
+    sizes: tuple[int, ...]
+
+    def __call__(self, difference: np.ndarray) -> np.ndarray:
+        """Whitened differences.
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,) or (m, k)
+            Differences of readings [SI].
+        """
+        n = self.flow.size
+        column = difference.ndim > 1
+        rows = (slice(None), None) if column else (slice(None),)
+        given = np.where(self.known[rows], difference, 0.0)
+        out = np.empty_like(given)
+        out[:n] = given[:n] / self.flow[rows]
+        out[n : 2 * n] = (given[n : 2 * n] - self.share[rows] * out[:n]) / self.speed[rows]
+        out[n : 2 * n][~self.known[n : 2 * n]] = 0.0
+        out[2 * n :] = given[2 * n :] / np.repeat(self.run, self.sizes)[rows]
+        return out
+
+
+class Comparison:
+    """A recording as a vector.
+
+    Parameters
+    ----------
+    problem : Problem
+        The recording.
+
+    Attributes
+    ----------
+    read : ndarray, shape (m,)
+        Readings [SI]; nan where there is none.
+    kind : ndarray of int, shape (m,)
+        FLOW, SPEED, or RUN + i.
+    index : ndarray of int, shape (m,)
+        Row of the plateaus, or sample of the run.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        plateaus = problem.blocks.plateaus
+        self.used = tuple(_useful(run.speed, run.from_rest, run) for run in problem.blocks.runs)
+        n = plateaus.size
+        runs = problem.blocks.runs
+        self.read = np.concatenate(
+            [plateaus.flow, plateaus.speed, *(run.speed[used] for run, used in zip(runs, self.used, strict=True))]
+        )
+        kinds = [np.full(n, FLOW), np.full(n, SPEED)]
+        places = [np.arange(n), np.arange(n)]
+        for i, used in enumerate(self.used):
+            kinds.append(np.full(int(used.sum()), RUN + i))
+            places.append(np.flatnonzero(used))
+        self.kind, self.index = np.concatenate(kinds), np.concatenate(places)
+        self.known = np.isfinite(self.read)
+        self.n = n
+        self.sizes = tuple(int(used.sum()) for used in self.used)
+
+    @property
+    def size(self) -> int:
+        """Number of readings [-]."""
+        return int(self.known.sum())
+
+    def raw(self, predicted: Prediction) -> np.ndarray:
+        """A prediction as a vector [SI].
+
+        Parameters
+        ----------
+        predicted : Prediction
+            Of the problem.
+        """
+        runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
+        return np.concatenate([predicted.flow, predicted.speed, *runs])
+
+    def variances(self, u: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Variances of the plateaus' readings by channel [SI], and those of the runs' samples.
+
+        Parameters
+        ----------
+        u : ndarray, shape (3,)
+            Logarithms of the noise scales of pressure, flow and speed [-].
+        """
+        problem, plateaus = self.problem, self.problem.blocks.plateaus
+        noise = {c: problem.noise[c] * math.exp(u[i]) for i, c in enumerate(CHANNELS)}
+        var = {c: (noise[c] * plateaus.noise_scale) ** 2 + problem.resolution[c] ** 2 / 12.0 for c in CHANNELS}
+        runs = np.array(
+            [(noise["speed"] * r.noise_scale) ** 2 + problem.resolution["speed"] ** 2 / 12 for r in problem.blocks.runs]
+        )
+        return var, runs
+
+    def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
+        """The map at a prediction, whose slopes say what the gauge's noise does.
+
+        Parameters
+        ----------
+        predicted : Prediction
+            Of the problem.
+        u : ndarray, shape (3,)
+            Logarithms of the noise scales [-].
+        """
+        var, runs = self.variances(u)
+        a, b = predicted.flow_slope, predicted.speed_slope
+        flow = np.sqrt(var["flow"] + var["pressure"] * a * a)
+        has_flow = self.known[: self.n]
+        share = np.where(has_flow, var["pressure"] * a * b / flow, 0.0)
+        speed = np.sqrt(var["speed"] + var["pressure"] * b * b - share * share)
+        run = np.sqrt(runs)
+        known_speed = self.known[self.n : 2 * self.n]
+        log_scale = float(np.log(flow[has_flow]).sum() + np.log(speed[known_speed]).sum())
+        log_scale += float(np.dot(self.sizes, np.log(run))) if run.size else 0.0
+        return Whitener(flow, share, speed, run, log_scale, self.known, self.sizes)
+
+    def noise_step(self, difference: np.ndarray, predicted: Prediction, u: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """One scoring step of the noise scales for given differences [-], shape (3,).
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Readings less predictions [SI].
+        predicted : Prediction
+            For its slopes.
+        u : ndarray, shape (3,)
+            Where to step from [-].
+        weight : ndarray, shape (m,)
+            Of each entry, below 1 where a reading is bad [-].
+        """
+        n = self.n
+        var, runs = self.variances(u)
+        problem, plateaus = self.problem, self.problem.blocks.plateaus
+        a, b = predicted.flow_slope, predicted.speed_slope
+        far = 1e12
+        has_q, has_n = self.known[:n], self.known[n : 2 * n]
+        q = np.where(has_q, var["flow"] + var["pressure"] * a * a, far)
+        s = np.where(has_n, var["speed"] + var["pressure"] * b * b, far)
+        m = np.where(has_q & has_n, var["pressure"] * a * b, 0.0)
+        det = q * s - m * m
+        iq, is_, im = s / det, q / det, -m / det
+        dq = np.where(has_q, difference[:n], 0.0)
+        dn = np.where(has_n, difference[n : 2 * n], 0.0)
+        yq, yn = iq * dq + im * dn, im * dq + is_ * dn
+        w = np.minimum(weight[:n], weight[n : 2 * n])
+        pure = {
+            c: 2.0 * (problem.noise[c] * math.exp(u[i]) * plateaus.noise_scale) ** 2 for i, c in enumerate(CHANNELS)
+        }
+        none = np.zeros(n)
+        change = [
+            (pure["pressure"] * a * a, pure["pressure"] * b * b, pure["pressure"] * a * b),
+            (pure["flow"], none, none),
+            (none, pure["speed"], none),
+        ]
+        change = [
+            (np.where(has_q, x, 0.0), np.where(has_n, y, 0.0), np.where(has_q & has_n, z, 0.0)) for x, y, z in change
+        ]
+        slope = np.empty(3)
+        fisher = np.eye(3) / NOISE_SD**2
+        products = []
+        for i, (x, y, z) in enumerate(change):
+            trace = iq * x + is_ * y + 2.0 * im * z
+            slope[i] = 0.5 * np.sum(w * (x * yq * yq + y * yn * yn + 2.0 * z * yq * yn - trace)) - u[i] / NOISE_SD**2
+            products.append((iq * x + im * z, iq * z + im * y, im * x + is_ * z, im * z + is_ * y))
+        for i in range(3):
+            for j in range(3):
+                p, o = products[i], products[j]
+                fisher[i, j] += 0.5 * np.sum(w * (p[0] * o[0] + p[1] * o[2] + p[2] * o[1] + p[3] * o[3]))
+        start = 2 * n
+        for i, (size, run) in enumerate(zip(self.sizes, problem.blocks.runs, strict=True)):
+            d, v = difference[start : start + size], runs[i]
+            wr = weight[start : start + size]
+            rate = 2.0 * (problem.noise["speed"] * math.exp(u[2]) * run.noise_scale) ** 2 / v
+            slope[2] += 0.5 * rate * np.sum(wr * (d * d / v - 1.0))
+            fisher[2, 2] += 0.5 * rate * rate * np.sum(wr)
+            start += size
+        step = np.linalg.solve(fisher, slope)
+        found: np.ndarray = u + np.clip(step, -LARGEST_NOISE_STEP, LARGEST_NOISE_STEP)
+        return found
+
+
+def _useful(speed: np.ndarray, from_rest: bool, run: object) -> np.ndarray:
+    """Samples of a run that are compared: a spin-up once its line is open, a coast-down until it is nearly over."""
+    used = np.isfinite(speed)
+    if from_rest:
+        spans, time = run.supply, run.time  # type: ignore[attr-defined]
+        opened = next((span.start_s for span in spans if span.is_open), time[0])
+        return used & (time > opened + 1e-9)
+    slow = np.flatnonzero(speed < REST_SHARE * np.nanmean(speed[:5]))
+    if slow.size:
+        used[slow[0] :] = False
+    return used
