@@ -30,14 +30,12 @@ class Whitener:
     ----------
     flow, share, speed : ndarray, shape (n,)
         Of each plateau: sd of the flow, what of the speed follows the flow, sd of the rest.
-    run : ndarray, shape (k,)
-        sd of each run's samples.
+    run : ndarray, shape (m - 2 n,)
+        sd of the runs' samples.
     log_scale : float
         Sum of the logarithms of the sds over the readings that there are [-].
     known : ndarray of bool, shape (m,)
         Entries that there are.
-    sizes : tuple of int
-        Entries of each run.
     """
 
     flow: np.ndarray
@@ -46,7 +44,6 @@ class Whitener:
     run: np.ndarray
     log_scale: float
     known: np.ndarray
-    sizes: tuple[int, ...]
 
     def __call__(self, difference: np.ndarray) -> np.ndarray:
         """Whitened differences.
@@ -64,7 +61,7 @@ class Whitener:
         out[:n] = given[:n] / self.flow[rows]
         out[n : 2 * n] = (given[n : 2 * n] - self.share[rows] * out[:n]) / self.speed[rows]
         out[n : 2 * n][~self.known[n : 2 * n]] = 0.0
-        out[2 * n :] = given[2 * n :] / np.repeat(self.run, self.sizes)[rows]
+        out[2 * n :] = given[2 * n :] / self.run[rows]
         return out
 
 
@@ -84,6 +81,8 @@ class Comparison:
         FLOW, SPEED, or RUN + i.
     index : ndarray of int, shape (m,)
         Row of the plateaus, or sample of the run.
+    ripple : ndarray, shape (m - 2 n,)
+        sd of the runs' samples by the pulses of the cylinders, whose phase the model does not get quite right [rad/s].
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -103,6 +102,7 @@ class Comparison:
         self.kind, self.index = np.concatenate(kinds), np.concatenate(places)
         self.known = np.isfinite(self.read)
         self.n = n
+        self.ripple = np.zeros(self.read.size - 2 * n)
         self.sizes = tuple(int(used.sum()) for used in self.used)
 
     @property
@@ -132,9 +132,8 @@ class Comparison:
         problem, plateaus = self.problem, self.problem.blocks.plateaus
         noise = {c: problem.noise[c] * math.exp(u[i]) for i, c in enumerate(CHANNELS)}
         var = {c: (noise[c] * plateaus.noise_scale) ** 2 + problem.resolution[c] ** 2 / 12.0 for c in CHANNELS}
-        runs = np.array(
-            [(noise["speed"] * r.noise_scale) ** 2 + problem.resolution["speed"] ** 2 / 12 for r in problem.blocks.runs]
-        )
+        scale = np.repeat([run.noise_scale for run in problem.blocks.runs], self.sizes)
+        runs = (noise["speed"] * scale) ** 2 + problem.resolution["speed"] ** 2 / 12.0 + self.ripple**2
         return var, runs
 
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
@@ -156,8 +155,8 @@ class Comparison:
         run = np.sqrt(runs)
         known_speed = self.known[self.n : 2 * self.n]
         log_scale = float(np.log(flow[has_flow]).sum() + np.log(speed[known_speed]).sum())
-        log_scale += float(np.dot(self.sizes, np.log(run))) if run.size else 0.0
-        return Whitener(flow, share, speed, run, log_scale, self.known, self.sizes)
+        log_scale += float(np.log(run).sum())
+        return Whitener(flow, share, speed, run, log_scale, self.known)
 
     def noise_step(self, difference: np.ndarray, predicted: Prediction, u: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """One scoring step of the noise scales for given differences [-], shape (3,).
@@ -211,14 +210,11 @@ class Comparison:
             for j in range(3):
                 p, o = products[i], products[j]
                 fisher[i, j] += 0.5 * np.sum(w * (p[0] * o[0] + p[1] * o[2] + p[2] * o[1] + p[3] * o[3]))
-        start = 2 * n
-        for i, (size, run) in enumerate(zip(self.sizes, problem.blocks.runs, strict=True)):
-            d, v = difference[start : start + size], runs[i]
-            wr = weight[start : start + size]
-            rate = 2.0 * (problem.noise["speed"] * math.exp(u[2]) * run.noise_scale) ** 2 / v
-            slope[2] += 0.5 * rate * np.sum(wr * (d * d / v - 1.0))
-            fisher[2, 2] += 0.5 * rate * rate * np.sum(wr)
-            start += size
+        scale = np.repeat([run.noise_scale for run in problem.blocks.runs], self.sizes)
+        d, wr = difference[2 * n :], weight[2 * n :]
+        rate = 2.0 * (problem.noise["speed"] * math.exp(u[2]) * scale) ** 2 / runs
+        slope[2] += 0.5 * np.sum(wr * rate * (d * d / runs - 1.0))
+        fisher[2, 2] += 0.5 * np.sum(wr * rate * rate)
         step = np.linalg.solve(fisher, slope)
         found: np.ndarray = u + np.clip(step, -LARGEST_NOISE_STEP, LARGEST_NOISE_STEP)
         return found

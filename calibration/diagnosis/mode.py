@@ -27,6 +27,7 @@ LARGEST_MOVE = 3.0
 MOST_PASSES = 10
 SETTLED = 0.02
 REFRESH = 1.0  # squared length of a move, in posterior sds, below which derivatives are taken anew
+RIPPLE = 0.5  # share of a coast-down's ripple that is left to chance: its phase late in the run hangs on everything
 ANGLES = 16  # starting angles tried within a pulse
 FAINT = 1.0  # a column whose whitened norm is below this is not taken anew: one sd of it cannot be seen
 
@@ -176,7 +177,7 @@ def set_angles(comparison: Comparison, mode: Mode) -> Mode:
     Parameters
     ----------
     comparison : Comparison
-        The recording; its problem's angles are changed.
+        The recording; its problem's angles and its ripple are changed.
     mode : Mode
         The point.
 
@@ -192,12 +193,17 @@ def set_angles(comparison: Comparison, mode: Mode) -> Mode:
     chosen = problem.chosen(mode.names, mode.z[k:])
     for i, run in enumerate(problem.blocks.runs):
         best = (math.inf, 0.0)
+        used = comparison.used[i]
+        tried = []
         for angle in np.arange(ANGLES) * PULSE / ANGLES:
             problem.start_angle[run.file] = float(angle)
             predicted = problem.predict(z[:k], chosen, mode.prediction, [i])
             r = comparison.whitener(predicted, np.zeros(3))(comparison.read - comparison.raw(predicted))
+            tried.append(predicted.runs[i][used])
             best = min(best, (float(np.sum(r[comparison.kind == 2 + i] ** 2)), float(angle)))
         problem.start_angle[run.file] = best[1]
+        if not run.from_rest:
+            comparison.ripple[comparison.kind[2 * comparison.n :] == 2 + i] = RIPPLE * np.std(tried, axis=0)
     return replace(mode, z=z)
 
 

@@ -18,12 +18,17 @@ from typing import Any
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient, ModbusSerialClient, ModbusTcpClient
 from results import Row
 
+from rig.acquisition.channels import Channels
+from rig.acquisition.recorder import Recorder
 from rig.acquisition.worker import Worker
 from rig.clock import Clock
 from rig.lines import Line, Port, Timing, modbus
 from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort
 from rig.readings import Quality, Reading
+from rig.runlog import RunWriter, StartRecord
+from rig.runlog.rows import utc_text
+from rig.runlog.schema import ClockRecord
 
 TOPIC = "Polling two registers, against bare pymodbus"
 BAUDS = (19_200, 115_200)
@@ -138,11 +143,13 @@ def whole(port: Port, framing: str, timing: Timing, clock: Clock, seconds: float
     folder : Path
         Where the run goes.
     """
-    from rig.acquisition.channels import Channels
-    from rig.acquisition.recorder import Recorder
-    from rig.runlog import RunWriter
-
-    writer = RunWriter.create(folder, {"format": "run/1", "kind": "zero", "bench": "benchmark"}, clock)
+    start = StartRecord(
+        kind="zero",
+        bench="benchmark",
+        utc_start=utc_text(clock.utc_start_ns),
+        clock=ClockRecord(rate=1.0, utc_start_ns=clock.utc_start_ns),
+    )
+    writer = RunWriter.create(folder, start)
     recorder = Recorder(writer, lambda exchange: exchange, Channels())
     recorder.start()
     worker = Worker(

@@ -13,6 +13,7 @@ from pathlib import Path
 import cold_start
 import draws
 import operating_point
+import polling
 import spin_up
 from results import Row, as_json, machine, page_block, table, with_block
 from rich.console import Console
@@ -23,7 +24,7 @@ from calibration.sampling import Settings
 from model.motor import read_motor
 from spinbench import PUBLISHED_SWEEP
 
-STAGES = 12
+STAGES = 15
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class Size:
         Length of the spin-up [s].
     effort : Effort
         Of the samplers.
+    polling_s : float
+        Of each measurement of polling [s].
     whole : bool
         The published sweep's posterior and not a toy, the whole fit, and the compiling.
     """
@@ -46,12 +49,18 @@ class Size:
     rounds: int
     spin_up_s: float
     effort: draws.Effort
+    polling_s: float
     whole: bool
 
 
-FULL = Size(512, 7, 0.675, draws.Effort(Settings(seed=1, effective_samples=draws.WANTED), 1000, 6000, 60.0), True)
+FULL = Size(512, 7, 0.675, draws.Effort(Settings(seed=1, effective_samples=draws.WANTED), 1000, 6000, 60.0), 5.0, True)
 QUICK = Size(
-    4, 1, 0.02, draws.Effort(Settings(seed=1, effective_samples=200, most_steps=25, walkers=16), 20, 400, 2.0), False
+    4,
+    1,
+    0.02,
+    draws.Effort(Settings(seed=1, effective_samples=200, most_steps=25, walkers=16), 20, 400, 2.0),
+    0.1,
+    False,
 )
 
 
@@ -70,6 +79,7 @@ def measure(size: Size, tell: Callable[[str], None]) -> Iterator[list[Row]]:
     yield spin_up.rows(motor, size.spin_up_s, size.rounds, tell)
     target = draws.of_recording(PUBLISHED_SWEEP) if size.whole else draws.gaussian(3)
     yield draws.rows(target, size.effort, tell)
+    yield polling.rows(size.polling_s, tell)
     yield cold_start.rows(size.rounds, size.whole, tell)
 
 

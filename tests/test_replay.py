@@ -1,0 +1,132 @@
+"""Replay: the logged bytes through the same drivers, bit for bit; killed, mended and broken runs."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from model.motor import read_motor
+from model.replayed import drive
+from model.steady import steady
+from rig.bench import FOLDER
+from rig.readings import Event
+from rig.replay.player import Player
+from rig.replay.port import ReplayPort
+from rig.replay.replaying import bench_of_run, mended_bench, replay
+from rig.replay.saving import writer_for
+from rig.runlog import RunError, read_run, verify
+from rig.running import Wanted, take
+from rig.sweep.ambient import Given
+from rig.sweep.planning import sweep_course
+
+MOTOR = read_motor("ptm3600")
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    """A short sweep on the virtual bench."""
+    folder = tmp_path_factory.mktemp("replay")
+    text = (FOLDER / "virtual.toml").read_text()
+    text = re.sub(r"levels_bar_abs = .*", "levels_bar_abs = [1.4]\nzero_s = 2.0", text)
+    text = text.replace("window_s = 3.0", "window_s = 2.0").replace("dwell_s = 5.0", "dwell_s = 2.0")
+    path = folder / "virtual.toml"
+    path.write_text(re.sub(r"captures = .*", 'captures = ["coast-down"]', text))
+    made, outcome = take(path, Given(minutes_running=0.0), sweep_course, Wanted("sweep", folder / "logs", rate=10.0))
+    assert outcome.outcome == "finished"
+    return made
+
+
+@pytest.fixture
+def copied(run_folder, tmp_path):
+    """A copy of it that a test may spoil."""
+    return shutil.copytree(run_folder, tmp_path / run_folder.name)
+
+
+def test_a_replay_gives_the_same_samples_bit_for_bit(run_folder):
+    found = replay(read_run(run_folder))
+    assert found.same
+    assert found.samples == found.logged > 500
+
+
+def test_a_replay_does_not_depend_on_todays_instrument_files(run_folder):
+    assert bench_of_run(read_run(run_folder)).instruments["flowmeter"].channels["flow_sl_min"].scale == 0.001
+
+
+def test_one_changed_byte_on_the_wire_changes_a_sample(copied):
+    lines = (copied / "wire.jsonl").read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if '"device":"flowmeter"' in line and '"action":"poll"' in line)
+    damaged = re.sub(r'(\["rx",\d+,"[0-9a-f]{20})(..)', lambda m: m[1] + f"{int(m[2], 16) ^ 1:02x}", lines[at], count=1)
+    assert damaged != lines[at]
+    (copied / "wire.jsonl").write_text("\n".join([*lines[:at], damaged, *lines[at + 1 :]]) + "\n")
+    found = replay(read_run(copied))
+    assert not found.same
+    assert found.different >= 1
+    assert "flowmeter" in found.differences[0]
+
+
+def test_a_killed_run_replays_and_its_torn_row_is_the_only_one_missing(copied):
+    (copied / "end.json").unlink()
+    samples = (copied / "samples.csv").read_bytes()
+    (copied / "samples.csv").write_bytes(samples[:-7])
+    found = replay(read_run(copied))
+    assert found.same
+    assert found.tail == 1
+
+
+def test_a_mended_instrument_file_decodes_the_old_bytes_anew(run_folder, tmp_path):
+    instruments = tmp_path / "instruments"
+    instruments.mkdir()
+    text = (FOLDER.parent / "instruments" / "siargo_mf5700.toml").read_text()
+    (instruments / "siargo_mf5700.toml").write_text(
+        text.replace("scale = 0.001 ", "scale = 0.002 ").replace("scale = 0.001\n", "scale = 0.002\n")
+    )
+    run = read_run(run_folder)
+    bench = mended_bench(run, ["siargo_mf5700"], instruments)
+    with writer_for(run, bench, tmp_path / "logs") as writer:
+        found = replay(run, bench, writer)
+        writer.end("finished")
+    assert found.different > 0
+    new = read_run(writer.folder)
+    assert (new.start.kind, new.start.parent) == ("replay", run.name)
+    assert verify(writer.folder) == []
+    values = [one.samples[one.samples["channel"] == "flow_sl_min"]["value"].to_numpy() for one in (run, new)]
+    np.testing.assert_allclose(values[1], 2.0 * values[0], atol=1e-9)
+
+
+def test_an_instrument_that_the_run_has_not_is_told(run_folder):
+    with pytest.raises(RunError, match="no device of this run is a 'lutron_tachometer'"):
+        mended_bench(read_run(run_folder), ["lutron_tachometer"], FOLDER.parent / "instruments")
+
+
+def test_a_run_without_its_bytes_is_not_replayed(copied):
+    (copied / "wire.jsonl").unlink()
+    with pytest.raises(RunError, match="nothing to replay"):
+        replay(read_run(copied))
+
+
+def test_a_driver_that_asks_something_else_is_told(run_folder):
+    run = read_run(run_folder)
+    player = Player(bench_of_run(run), True, run.start.ambient.model_dump())
+    exchange = next(one for _, one in run.exchanges() if one.device == "gauge" and one.action == "poll")
+    other = exchange.events[0].data[:-1] + b"\x00"
+    player.play(type(exchange)(exchange.line, "gauge", "poll", None, (Event("tx", 1, other), *exchange.events[1:])))
+    assert "where" in player.differences[0]
+
+
+def test_the_port_gives_silence_when_the_driver_waits_for_more_than_came():
+    port = ReplayPort()
+    port.load((Event("tx", 5, b"?"), Event("rx", 9, b"ab"), Event("tx", 20, b"!")))
+    assert port.write(b"?") == 5
+    assert port.read(100) == (9, b"ab")
+    assert port.read(100) == (100, b"")
+    assert port.write(b"!") == 20
+    assert port.differences == []
+
+
+def test_the_model_driven_with_a_constant_pressure_comes_to_the_steady_state():
+    time = np.arange(0.0, 3.0, 0.1)
+    found = drive(MOTOR, time, np.full(time.size, 2e5), 0.5)
+    point = steady(MOTOR, [2e5])
+    assert found.speed_rad_s[-1] == pytest.approx(point.speed_rad_s[0, 0], rel=2e-3)
+    assert found.flow_m3_s[-1] == pytest.approx(point.flow_m3_s[0, 0], rel=1e-2)
