@@ -121,7 +121,7 @@ def find(
         r, J = white(comparison.read - comparison.raw(predicted)), white(D)
         weight, _ = _weights(r, comparison)
         A = (J * weight[:, None]).T @ J + np.eye(z.size)
-        move = np.linalg.solve(A, (J * weight[:, None]).T @ r - z)
+        move = _bounded(A, (J * weight[:, None]).T @ r - z, f.low - z, f.high - z)
         move *= min(1.0, LARGEST_MOVE / max(np.max(np.abs(move)), 1e-12))
         if fresh and np.sqrt(move @ A @ move) < SETTLED:
             break
@@ -297,6 +297,20 @@ class _Function:
             0.0,
         )
         return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)
+
+
+def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The step of a quadratic within bounds: what would leave them is held there and the rest is solved again."""
+    free = np.ones(b.size, dtype=bool)
+    move = np.zeros(b.size)
+    for _ in range(b.size):
+        move[free] = np.linalg.solve(A[np.ix_(free, free)], (b - A @ np.where(free, 0.0, move))[free])
+        out = free & ((move < low) | (move > high))
+        if not out.any():
+            break
+        move[out] = np.clip(move[out], low[out], high[out])
+        free &= ~out
+    return move
 
 
 def _line_search(

@@ -124,14 +124,15 @@ def picture(name: str, simulated: Simulated, compared: list[Residuals]) -> bytes
         for i, one in enumerate(compared):
             upper, lower = axes[2 * i, 0], axes[2 * i + 1, 0]
             upper.plot(
-                simulated.time_s, lines[one.name], label="model, driven with the recorded pressure", **style.series(1)
+                simulated.time_s, lines[one.name], label="model", **style.series(1)
             )
             upper.plot(one.time_s, one.measured, ".", color=style.INK, markersize=2, label="measured")
             lower.plot(one.time_s, one.residual, ".", color=style.INK, markersize=2)
             lower.axhline(0.0, color=style.FAINT, linewidth=0.8)
             upper.set_ylabel(style.label(one.name, one.unit))
             lower.set_ylabel(style.label("measured - model", one.unit))
-            upper.legend(loc="upper right")
+            if i == 0:
+                upper.legend(loc="best")
         axes[0, 0].set_title(name)
         axes[-1, 0].set_xlabel(style.label("time of the run", "s"))
         return style.png(figure)
