@@ -88,7 +88,7 @@ def kill_once(after_s: float) -> Kill:
     after_s : float
         From the start of the run to the kill [s].
     """
-    with tempfile.TemporaryDirectory(prefix="kills-") as name:
+    with tempfile.TemporaryDirectory(prefix="kills-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         logs, temporary = folder / "logs", folder / "tmp"
         logs.mkdir()
