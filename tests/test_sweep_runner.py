@@ -98,11 +98,23 @@ def test_a_regulator_that_dies_fails_the_run_and_is_tried_again_to_the_end(state
     assert any("close the supply" in text for text in said)
 
 
-def test_a_regulator_that_comes_back_is_vented():
+def test_a_set_point_that_was_not_taken_is_ordered_once_more():
     acquisition = LabAcquisition(LabBench())
     acquisition.before["dwell"] = lambda a: setattr(a, "dead_regulator", True)
-    acquisition.before["state of the end"] = lambda a: None
     acquisition.before["set-point not taken"] = lambda a: setattr(a, "dead_regulator", False)
+    outcome = run(acquisition)
+    assert (outcome.outcome, outcome.vented) == ("finished", True)
+    assert "set-point not taken" in [kind for kind, _ in acquisition.events]
+
+
+def test_a_regulator_that_comes_back_is_vented():
+    acquisition = LabAcquisition(LabBench())
+
+    def refuse_once_more(a):
+        a.before["set-point not taken"] = lambda a: setattr(a, "dead_regulator", False)
+
+    acquisition.before["dwell"] = lambda a: setattr(a, "dead_regulator", True)
+    acquisition.before["set-point not taken"] = refuse_once_more
     outcome = run(acquisition)
     assert (outcome.outcome, outcome.vented) == ("failed", True)
 

@@ -260,7 +260,7 @@ def serving(found, folder: Path, rate=20.0, seed=1):
     assert not thread.is_alive()
 
 
-def everything(file, quiet_s=0.2):
+def everything(file, quiet_s=0.4):
     """What a line sends until it is quiet for some real time."""
     data = b""
     while select.select([file], [], [], quiet_s)[0]:

@@ -158,7 +158,9 @@ class Comparison:
         log_scale += float(np.log(run).sum())
         return Whitener(flow, share, speed, run, log_scale, self.known)
 
-    def noise_step(self, difference: np.ndarray, predicted: Prediction, u: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    def noise_step(
+        self, difference: np.ndarray, predicted: Prediction, u: np.ndarray, weight: np.ndarray
+    ) -> np.ndarray:
         """One scoring step of the noise scales for given differences [-], shape (3,).
 
         Parameters

@@ -24,10 +24,12 @@ STEP = 0.02  # of a standard normal unknown, for derivatives
 BAD = 0.01
 BAD_WIDTH = 10.0
 LARGEST_MOVE = 3.0
-MOST_PASSES = 10
+MOST_PASSES = 14
+MOST_CHEAP = 40  # passes where no run in time has to be simulated
 SETTLED = 0.02
 REFRESH = 1.0  # squared length of a move, in posterior sds, below which derivatives are taken anew
 RIPPLE = 0.5  # share of a coast-down's ripple that is left to chance: its phase late in the run hangs on everything
+SMOOTH = 4  # samples either side of a running mean
 ANGLES = 16  # starting angles tried within a pulse
 FAINT = 1.0  # a column whose whitened norm is below this is not taken anew: one sd of it cannot be seen
 
@@ -110,13 +112,14 @@ def find(
     for i, (name, unknown) in enumerate(extra):
         z[k + i] = kept.get((name, unknown.name), 0.0)
         amplitude = effects()[name].amplitude
-        if unknown.name == amplitude.name and amplitude.low == 0.0 and abs(z[k + i]) < 0.02:
-            z[k + i] = 0.3  # at an amplitude of 0 nothing can be said of its shape
+        if unknown.name == amplitude.name and len(effects()[name].parameters) > 1 and abs(z[k + i]) < 0.05:
+            z[k + i] = 0.1  # at an amplitude of 0 nothing can be said of its shape
     z = f.clip(z)
     predicted = f(z)
     D = f.derivatives(z, predicted, D, only=None if start is None else range(k, z.size), u=u)
     fresh = start is None
-    for turn in range(passes):
+    cheap = not problem.blocks.runs
+    for turn in range(MOST_CHEAP if cheap else passes):
         white = comparison.whitener(predicted, u)
         r, J = white(comparison.read - comparison.raw(predicted)), white(D)
         weight, _ = _weights(r, comparison)
@@ -133,7 +136,7 @@ def find(
         z, u, predicted = z_new, u_new, predicted_new
         if fresh and (stuck or far < 0.01):
             break
-        if far < REFRESH or stuck or turn % 4 == 3 or turn >= passes - 3:
+        if cheap or far < REFRESH or stuck or turn % 4 == 3 or turn >= passes - 3:
             D, fresh = f.derivatives(z, predicted, D, only=None, u=u), True
         else:
             D = D + np.outer(np.nan_to_num(change - D @ moved), moved) / float(moved @ moved)
@@ -202,8 +205,14 @@ def set_angles(comparison: Comparison, mode: Mode) -> Mode:
             tried.append(predicted.runs[i][used])
             best = min(best, (float(np.sum(r[comparison.kind == 2 + i] ** 2)), float(angle)))
         problem.start_angle[run.file] = best[1]
-        if not run.from_rest:
-            comparison.ripple[comparison.kind[2 * comparison.n :] == 2 + i] = RIPPLE * np.std(tried, axis=0)
+        smooth = np.mean(tried, axis=0)
+        if run.from_rest:  # there another angle is another start: the pulses are what is left of a running mean
+            smooth = np.convolve(np.pad(tried[0], SMOOTH, "edge"), np.ones(2 * SMOOTH + 1) / (2 * SMOOTH + 1), "valid")
+            swing = np.convolve(np.pad((tried[0] - smooth) ** 2, SMOOTH, "edge"), np.ones(2 * SMOOTH + 1), "valid")
+            swing = np.sqrt(swing / (2 * SMOOTH + 1))
+        else:
+            swing = np.std(tried, axis=0)
+        comparison.ripple[comparison.kind[2 * comparison.n :] == 2 + i] = RIPPLE * swing
     return replace(mode, z=z)
 
 

@@ -25,12 +25,14 @@ from model.effects.laws import readings_of
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor, read_motor
 from model.transient import OMEGA, Supply, rest_state
-from rig.recording import Recording
+from rig.recording import Recording, RecordingError
 
 SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
 SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
 ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
+STRIDE = 3  # samples of a run in time between two looks at the effects' laws
+BY_ANGLE = ("once_per_rev_torque",)  # laws that change too fast for that
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,10 @@ class Problem:
 
     def __init__(self, recording: Recording, motor: Motor | None = None) -> None:
         if motor is None:
+            if not isinstance(recording.motor, str):
+                raise RecordingError(
+                    "this recording's motor is written out in it; diagnose takes a motor of configs/motors"
+                )
             motor = read_motor(str(recording.motor))
         self.motor = at_ambient(motor, recording)
         self.recording = recording
@@ -261,8 +267,8 @@ class Problem:
             for span in run.supply
         ]
         step = float(run.time[1] - run.time[0])
-        start = rest_state(self.motor, angle)
         if run.from_rest:
+            start = rest_state(self.motor, angle)
             time = np.concatenate([[run.time[0] - step], run.time])
         else:
             rows = parameters[None, :]
@@ -275,10 +281,15 @@ class Problem:
                 chosen,
                 np.array([run.start_s]),
             )
-            start[OMEGA] = max(float(first.speed[0]), 1.0)
+            speed = max(float(first.speed[0]), 1.0)
+            # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
+            ahead = (supply[1].start_s if len(supply) > 1 else run.time[0]) - supply[0].start_s
+            start = rest_state(self.motor, (angle - speed * ahead) % at.PULSE)
+            start[OMEGA] = speed
             before = np.arange(supply[0].start_s, run.time[0] - 0.5 * step, 0.02)
             time = np.concatenate([before[before < run.time[0] - step - 1e-9], [run.time[0] - step], run.time])
-        found = effect_transient.simulate(parameters, self._readings, supply, time, start, chosen, run.start_s)
+        stride = 1 if any(name in BY_ANGLE for name in chosen) else STRIDE
+        found = effect_transient.simulate(parameters, self._readings, supply, time, start, chosen, run.start_s, stride)
         reading = found.reading[-run.size :]
         state = _no_state(reading)
         return readings_of(chosen, "speed", reading, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]

@@ -54,7 +54,7 @@ class State:
     Attributes
     ----------
     omega : ndarray
-        Speed [rad/s].
+        Size of the speed [rad/s].
     angle : ndarray
         Shaft angle [rad]; nan where it is not known.
     mass_flow : ndarray
@@ -113,7 +113,7 @@ class Effect:
     parameters : tuple of EffectParameter
         Amplitude first.
     torque : Law or None
-        Torque that opposes the motion [N m].
+        Torque that opposes the motion [N m]; laws see the size of the speed, whichever way the motor turns.
     inlet_drop, outlet_rise : Law or None
         Pressure lost ahead of the cylinders, and added behind them [Pa].
     leak : Law or None
@@ -128,6 +128,8 @@ class Effect:
         The instrument error or parameter that every fit carries and this effect exceeds; empty where there is none.
     transient_only : bool
         Whether a steady row says nothing of it.
+    periodic : bool
+        Whether the torque is fixed to the shaft's angle: it then opposes turning forward, and helps turning back.
     """
 
     id: str
@@ -146,6 +148,7 @@ class Effect:
     lag: Callable[[Values], float] | None = None
     nuisance: str = ""
     transient_only: bool = False
+    periodic: bool = False
 
     @property
     def amplitude(self) -> EffectParameter:

@@ -1,7 +1,7 @@
 """What a set of effects does to the parameters of a row, given the operating state: the one place where laws meet.
 
-A torque that is a function of speed is taken as its tangent, a constant torque and a share of f_overall, so that the
-compiled solvers see nothing new. Losses of pressure add to the article's own fixed ones.
+A torque is taken as its tangent in speed and in roller load: a constant torque, a share of f_overall and a share of the
+roller factor, so that the compiled solvers see nothing new. Losses of pressure add to the article's own fixed ones.
 """
 
 from __future__ import annotations
@@ -10,18 +10,40 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
 from model import layout as at
 from model.effects.effect import Effect, State, Values
 from model.effects.library import effects
 
 Chosen = Mapping[str, Values]  # effect id to the values of its parameters
+Members = list[tuple[Effect, Values]]
 SPEED_STEP = 1e-4  # relative step of the speed for a torque's slope
-SLOWEST = 1e-3  # rad/s; below it a torque is a constant
+LEAST_STEP = 1e-6  # rad/s
+LOAD_STEP = 1.0  # N m
+SLOWEST = 1e-3  # rad/s; below it the rotor may be at rest
+MAY_STOP = 5.0  # rad/s; below it the rotor may come to rest before the next sample
+MOST_LOST = 0.9  # share of the line's pressure that a loss ahead of the cylinders may take
+LEAST_FRICTION = 0.2  # share of f_overall that a steady pass leaves; a torque falling faster is stepped, not followed
 
 
-def members(chosen: Chosen) -> list[tuple[Effect, Values]]:
-    """The effects of a set with their values.
+def switched_on(chosen: Chosen) -> dict[str, Values]:
+    """A set without the effects whose amplitudes are all 0: they do nothing, and cost nothing.
+
+    Parameters
+    ----------
+    chosen : mapping of str to mapping
+        Effect id to the values of its parameters.
+    """
+    return {
+        effect.id: values
+        for effect, values in members(chosen)
+        if any(values[parameter.name] != 0.0 for parameter in effect.parameters if not parameter.shape)
+    }
+
+
+def members(chosen: Chosen) -> Members:
+    """The effects of a set with their values, in alphabetical order whatever the set's: composing has one result.
 
     Parameters
     ----------
@@ -33,7 +55,7 @@ def members(chosen: Chosen) -> list[tuple[Effect, Values]]:
     KeyError
         When no effect has that id.
     """
-    return [(effects()[name], values) for name, values in chosen.items()]
+    return [(effects()[name], chosen[name]) for name in sorted(chosen)]
 
 
 def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
@@ -59,19 +81,35 @@ def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
 
 
 def torque(chosen: Chosen, state: State) -> np.ndarray:
-    """Sum of the torques that oppose the motion [N m].
+    """Sum of the torques that oppose the motion as it turns [N m].
 
     Parameters
     ----------
     chosen : mapping
         The set.
     state : State
-        Operating state.
+        Operating state; where the motor turns back, the laws see the size of its speed.
+    """
+    return sum_of_torques(members(chosen), replace(state, omega=np.abs(state.omega)), state.omega < 0.0)
+
+
+def sum_of_torques(those: Members, state: State, back: np.ndarray) -> np.ndarray:
+    """Sum of the torques that oppose the motion [N m].
+
+    Parameters
+    ----------
+    those : list of (Effect, mapping)
+        Of `members`.
+    state : State
+        Operating state, speeds not negative.
+    back : ndarray of bool, shape (n,)
+        Where the motor turns back: a torque that is fixed to the shaft's angle then helps where it hindered.
     """
     total = np.zeros_like(state.omega)
-    for effect, values in members(chosen):
+    for effect, values in those:
         if effect.torque is not None:
-            total += effect.torque(values, state)
+            found = effect.torque(values, state)
+            total += np.where(back, -found, found) if effect.periodic else found
     return total
 
 
@@ -92,7 +130,69 @@ def leak(chosen: Chosen, state: State) -> np.ndarray:
     return total
 
 
-def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State) -> np.ndarray:
+@njit(cache=True)
+def tangent(here: float, faster: float, loaded: float, speed: float, load: float) -> tuple[float, float, float]:
+    """A torque as a share of f_overall, a constant, and a share of the roller factor.
+
+    Parameters
+    ----------
+    here, faster, loaded : float
+        Torque at the state, at a speed of `step_of` more, and at a load of LOAD_STEP more [N m].
+    speed : float
+        Size of the speed [rad/s].
+    load : float
+        Roller torque per unit of f_r [N m].
+
+    Returns
+    -------
+    slope : float
+        Share of f_overall [N m s].
+    constant : float
+        Opposing torque [N m].
+    roller : float
+        Share of the roller factor [-].
+    """
+    roller = (loaded - here) / LOAD_STEP
+    rest = here - roller * load
+    slope = (faster - here) / step_of(speed)
+    constant = rest - slope * speed
+    if constant < 0.0 and speed < MAY_STOP:  # a constant that drives would start a rotor that comes to rest meanwhile
+        if rest >= 0.0 and speed > SLOWEST:
+            slope, constant = rest / speed, 0.0
+        elif speed > SLOWEST:  # it does drive
+            slope, constant = 0.0, rest
+        else:
+            slope, constant = max(slope, 0.0), max(rest, 0.0)
+    return slope, constant, roller
+
+
+@njit(cache=True)
+def step_of(speed: float) -> float:
+    """Step of the speed over which a torque's slope is taken [rad/s].
+
+    Parameters
+    ----------
+    speed : float
+        Size of the speed [rad/s].
+    """
+    return SPEED_STEP * speed + LEAST_STEP
+
+
+@njit(cache=True)
+def _add_torques(rows: np.ndarray, torques: np.ndarray, speed: np.ndarray, load: np.ndarray, least: float) -> None:
+    """Add tangents to the rows; a negative share of f_overall leaves ``least`` of it."""
+    for i in range(speed.size):
+        slope, constant, roller = tangent(torques[0, i], torques[1, i], torques[2, i], speed[i], load[i])
+        lowest = (least - 1.0) * rows[i, at.F_OVERALL]
+        if slope < lowest:
+            constant += (slope - lowest) * speed[i]
+            slope = lowest
+        rows[i, at.F_OVERALL] += slope
+        rows[i, at.EXTRA_TORQUE] += constant
+        rows[i, at.F_R] += roller
+
+
+def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_friction: float = -np.inf) -> np.ndarray:
     """Parameters of each row with the set's torques and pressure losses in them, at the state as it stands.
 
     Parameters
@@ -103,6 +203,8 @@ def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State) -> np.n
         The set.
     state : State
         Operating state, arrays of shape (n,).
+    least_friction : float
+        Share of f_overall that is left where a torque falls with speed [-]; unbounded when left out.
 
     Returns
     -------
@@ -110,22 +212,40 @@ def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State) -> np.n
         A copy.
     """
     changed = parameters.copy()
-    step = SPEED_STEP * np.abs(state.omega) + 1e-9
-    here = torque(chosen, state)
-    slope = (torque(chosen, replace(state, omega=state.omega + step)) - here) / step
-    constant = here - slope * state.omega
-    slow = np.abs(state.omega) < SLOWEST
-    chord = ~slow & (constant < 0.0)  # a constant that drove would start a rotor at rest: friction does not
-    slope = np.where(chord, here / np.where(slow, 1.0, state.omega), np.where(slow, 0.0, slope))
-    constant = np.where(chord, 0.0, np.where(slow, np.maximum(here, 0.0), constant))
-    changed[:, at.F_OVERALL] += slope
-    changed[:, at.EXTRA_TORQUE] += constant
-    for effect, values in members(chosen):
-        if effect.inlet_drop is not None:
-            changed[:, at.DP_IN] += effect.inlet_drop(values, state)
-        if effect.outlet_rise is not None:
-            changed[:, at.DP_OUT] += effect.outlet_rise(values, state)
+    those = members(chosen)
+    if any(effect.torque is not None for effect, _ in those):
+        speed, back = np.abs(state.omega), state.omega < 0.0
+        here = replace(state, omega=speed)
+        torques = np.array(
+            [
+                sum_of_torques(those, here, back),
+                sum_of_torques(those, replace(state, omega=speed + step_of(speed)), back),
+                sum_of_torques(those, replace(here, load=state.load + LOAD_STEP), back),
+            ]
+        )
+        _add_torques(changed, torques, speed, state.load, least_friction)
+    add_losses(changed, those, state)
     return changed
+
+
+def add_losses(rows: np.ndarray, those: Members, state: State) -> None:
+    """Add the losses of pressure to the rows' own; some pressure is always left ahead of the cylinders.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, 24)
+        Parameters [SI], changed.
+    those : list of (Effect, mapping)
+        Of `members`.
+    state : State
+        Operating state.
+    """
+    for effect, values in those:
+        if effect.inlet_drop is not None:
+            rows[:, at.DP_IN] += effect.inlet_drop(values, state)
+        if effect.outlet_rise is not None:
+            rows[:, at.DP_OUT] += effect.outlet_rise(values, state)
+    rows[:, at.DP_IN] = np.minimum(rows[:, at.DP_IN], MOST_LOST * state.pressure)
 
 
 def readings_of(chosen: Chosen, channel: str, true: np.ndarray, state: State) -> np.ndarray:

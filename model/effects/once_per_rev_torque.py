@@ -34,4 +34,5 @@ EFFECT = Effect(
     ),
     torque=torque,
     transient_only=True,
+    periodic=True,
 )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -11,8 +12,12 @@ from model import steady as base
 from model.effects import laws
 from model.effects.effect import State
 
-MOST_PASSES = 40
+Solver = Callable[[np.ndarray, np.ndarray], np.ndarray]  # rows of parameters and which rows they are, to the base's out
+
+MOST_PASSES = 60
 TOLERANCE = 1e-8
+CHOKED = 1e-6  # share of the free mass flow: a motor that stalls with less lost than this flow loses, stalls
+TRIED_SPEEDS = 64  # where a tangent leads to a stall, for a speed at which the torques balance after all
 
 
 @dataclass(frozen=True)
@@ -74,64 +79,140 @@ def solve(
     Points
         Where the passes do not agree, ``running`` is False.
     """
+    chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
-    out = base.solve_rows(parameters, readings, pressures, gas, slopes)
-    state = _state(out, parameters, pressures, gas, chosen, time)
-    active = any(effect.torque or effect.inlet_drop or effect.outlet_rise for effect, _ in laws.members(chosen))
-    agreed = out[:, base.STATUS] == base.RUNNING
-    if active:
-        out, state, agreed = _passes(out, state, parameters, readings, pressures, gas, chosen, time, slopes)
-    running = (out[:, base.STATUS] == base.RUNNING) & agreed
+
+    def solver(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
+        return base.solve_rows(rows, readings, pressures[which], gas[which], slopes)
+
+    out = solver(parameters, np.arange(pressures.size))
+    state = _state(out, parameters, parameters[:, at.F_R], pressures, gas, chosen, time)
+    running = out[:, base.STATUS] == base.RUNNING
+    those = [effect for effect, _ in laws.members(chosen)]
+    if any(effect.torque or effect.inlet_drop or effect.outlet_rise for effect in those):
+        free = state
+        out, state, running = _passes(out, free, parameters, pressures, gas, chosen, time, solver)
+        lost = np.flatnonzero(~running & (free.omega > 0.0))
+        if lost.size and any(effect.torque for effect in those):
+            found = _balanced(_rows(free, lost), parameters[lost], chosen)
+            again = _passes(
+                out[lost],
+                found,
+                parameters[lost],
+                pressures[lost],
+                gas[lost],
+                chosen,
+                time[lost],
+                lambda rows, which: solver(rows, lost[which]),
+            )
+            won = again[2]
+            out[lost[won]], running[lost[won]] = again[0][won], True
+            _put(state, lost[won], _rows(again[1], won))
+    speed = np.where(running, out[:, base.SPEED_OUT], 0.0)
     volume = gas[:, at.GAS_R] * parameters[:, at.T_IN] / pressures
-    flow = out[:, base.VOLUME_FLOW] + laws.leak(chosen, state) * volume
-    return Points(out[:, base.SPEED_OUT], flow, out[:, base.SPEED_SLOPE], out[:, base.FLOW_SLOPE], running, state)
+    flow = np.where(running, out[:, base.VOLUME_FLOW], 0.0) + laws.leak(chosen, state) * volume
+    return Points(speed, flow, out[:, base.SPEED_SLOPE], out[:, base.FLOW_SLOPE], running, state)
 
 
 def _passes(
     out: np.ndarray,
     state: State,
     parameters: np.ndarray,
-    readings: np.ndarray,
     pressures: np.ndarray,
     gas: np.ndarray,
     chosen: laws.Chosen,
     time: np.ndarray,
-    slopes: bool,
+    solver: Solver,
 ) -> tuple[np.ndarray, State, np.ndarray]:
-    """Solve, take the effects at the new state, and again; a secant of the last two passes leads the mass flow."""
-    given = state.mass_flow
-    before: tuple[np.ndarray, np.ndarray] | None = None  # what was given, and by how much what was found differed
-    settled = np.zeros(pressures.size, dtype=bool)
+    """Solve, take the effects at the new state, and again.
+
+    The speed follows the tangents of the torques. The mass flow is what a loss of pressure grows with and cuts down:
+    one found above what was given bounds it from below, one found below from above; a secant of two passes leads it
+    within the bounds, else half the way. Rows that have settled are left alone.
+    """
+    out = out.copy()
+    state = _rows(state, np.arange(pressures.size))
+    loses = any(effect.inlet_drop or effect.outlet_rise for effect, _ in laws.members(chosen))
+    given = state.mass_flow.copy()
+    free = np.maximum(given, 1e-12)
+    low, high = np.zeros_like(given), np.full_like(given, np.inf)
+    before = np.full(
+        (2, given.size), np.nan
+    )  # what was given in the pass before, and by how much what was found missed
+    settled = np.zeros(given.size, dtype=bool)
     for _ in range(MOST_PASSES):
-        speed = state.omega
-        changed = laws.row_parameters(parameters, chosen, replace(state, mass_flow=given))
-        out = base.solve_rows(changed, readings, pressures, gas, slopes)
-        state = _state(out, parameters, pressures, gas, chosen, time)
-        miss = state.mass_flow - given
-        settled = np.abs(state.omega - speed) <= TOLERANCE * np.abs(speed)
-        settled &= np.abs(miss) <= TOLERANCE * np.abs(given)
-        settled |= out[:, base.STATUS] == base.STALLED
-        if settled.all():
+        i = np.flatnonzero(~settled)
+        if not i.size:
             break
-        given, before = _next(given, miss, before), (given, miss)
-    return out, state, settled
+        now = replace(_rows(state, i), mass_flow=given[i])
+        changed = laws.row_parameters(parameters[i], chosen, now, laws.LEAST_FRICTION)
+        out[i] = solver(changed, i)
+        new = _state(out[i], parameters[i], changed[:, at.F_R], pressures[i], gas[i], chosen, time[i])
+        stalled = out[i, base.STATUS] == base.STALLED
+        miss = new.mass_flow - given[i]
+        done = (out[i, base.STATUS] == base.RUNNING) & (np.abs(new.omega - now.omega) <= TOLERANCE * new.omega)
+        if loses:
+            done &= np.abs(miss) <= TOLERANCE * np.abs(given[i])
+            done |= stalled & (given[i] <= CHOKED * free[i])
+            low[i] = np.where(miss > 0.0, np.maximum(low[i], given[i]), low[i])
+            high[i] = np.where(miss < 0.0, np.minimum(high[i], given[i]), high[i])
+            closed = ~done & (high[i] - low[i] <= 0.1 * TOLERANCE * high[i])  # the speed has moved what they bound
+            low[i], high[i] = np.where(closed, 0.5 * low[i], low[i]), np.where(closed, 2.0 * high[i], high[i])
+            following = _next(given[i], miss, before[:, i], low[i], high[i], stalled)
+            before[:, i] = np.where(stalled, np.nan, np.array([given[i], miss]))
+            given[i] = following
+        else:
+            done |= stalled
+            given[i] = new.mass_flow
+        taken = done | ~stalled  # after a stall the next tangent is where the motor ran last
+        _put(state, i[taken], _rows(new, taken))
+        settled[i[done]] = True
+    return out, state, settled & (out[:, base.STATUS] == base.RUNNING)
 
 
-def _next(given: np.ndarray, miss: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """The mass flow to try next: by the secant of two passes where it leads somewhere, else what was found."""
+def _next(
+    given: np.ndarray, miss: np.ndarray, before: np.ndarray, low: np.ndarray, high: np.ndarray, stalled: np.ndarray
+) -> np.ndarray:
+    """The mass flow to try next."""
+    bend = miss - before[1]
+    safe = np.isfinite(bend) & (np.abs(bend) > 1e-12 * np.abs(given)) & ~stalled
+    led = given - miss * (given - before[0]) / np.where(safe, bend, 1.0)
     found = given + miss
-    if before is None:
-        return found
-    given_0, miss_0 = before
-    bend = miss - miss_0
-    safe = np.abs(bend) > 1e-12 * np.abs(given)
-    led = given - miss * (given - given_0) / np.where(safe, bend, 1.0)
-    return np.where(safe & (led > 0.3 * found) & (led < 3.0 * found), led, found)
+    half = np.where(np.isfinite(high), 0.5 * (low + high), found)
+    found = np.where((found > low) & (found < high) & ~stalled, found, half)
+    return np.where(safe & (led > low) & (led < high), led, found)
+
+
+def _balanced(state: State, parameters: np.ndarray, chosen: laws.Chosen) -> State:
+    """The state at the highest speed at which viscous friction and the effects' torques hold the gas's as it was.
+
+    A tangent far from the solution may lead to a stall where there is none; the gas's torque hardly depends on speed.
+    """
+    f = parameters[:, at.F_OVERALL]
+    share = np.linspace(1.0, 1.0 / TRIED_SPEEDS, TRIED_SPEEDS)
+    over = np.array(
+        [(s - 1.0) * f * state.omega + laws.torque(chosen, replace(state, omega=s * state.omega)) for s in share]
+    )
+    crossing = (over[:-1] > 0.0) & (over[1:] <= 0.0)
+    best = share[np.where(crossing.any(axis=0), np.argmax(crossing, axis=0) + 1, 0)]
+    return replace(state, omega=best * state.omega, mass_flow=best * state.mass_flow)
+
+
+def _rows(state: State, which: np.ndarray) -> State:
+    """Some rows of a state, copied."""
+    return State(*(getattr(state, field.name)[which] for field in fields(State)))
+
+
+def _put(state: State, where: np.ndarray, rows: State) -> None:
+    """Put rows into a state, in place."""
+    for field in fields(State):
+        getattr(state, field.name)[where] = getattr(rows, field.name)
 
 
 def _state(
     out: np.ndarray,
     parameters: np.ndarray,
+    roller_factor: np.ndarray,
     pressures: np.ndarray,
     gas: np.ndarray,
     chosen: laws.Chosen,
@@ -146,7 +227,7 @@ def _state(
         ambient=parameters[:, at.P_A],
         gas_constant=gas[:, at.GAS_R],
         friction=parameters[:, at.F_OVERALL],
-        load=out[:, base.ROLLER] / np.where(parameters[:, at.F_R] > 0.0, parameters[:, at.F_R], np.inf),
+        load=out[:, base.ROLLER] / np.where(roller_factor > 0.0, roller_factor, np.inf),
         time=time,
     )
     return replace(state, mass_flow=state.mass_flow + laws.leak(chosen, state))

@@ -1,16 +1,20 @@
 """Runs in time with effects in them: the base integrator, with the laws taken anew at each sample.
 
-Between two samples a torque is its tangent in speed, so the error is of second order in what the speed changes
-meanwhile. A pressure loss follows the mean flow, which settles within a few pulses of the cylinders.
+Between two samples, or oftener where the speed changes fast, a torque is its tangent in speed and in roller load, so
+the error is of second order in what they change meanwhile. A pressure loss follows the mean flow, which settles within
+a few pulses of the cylinders.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
+from numba import njit
 
+from model import geometry, motion
 from model import layout as at
 from model import transient as base
 from model.cylinder import gas_state
@@ -19,6 +23,10 @@ from model.effects.effect import State
 from model.transient import Supply
 
 FLOW_S = 0.02  # time over which the flow of single cylinders is averaged for a pressure loss
+LOSS_STEP_S = 0.01  # laws are taken anew at least so often where there is a loss of pressure,
+SPEED_STEP = 2.0  # rad/s; ... so often where there is a torque,
+ANGLE_STEP = 0.3  # rad; ... and so often where a torque follows the angle,
+LEAST_STEP_S = 0.002  # ... but not oftener than this
 NONE = np.empty(0)
 
 
@@ -35,7 +43,7 @@ class Run:
     reading : ndarray
         Speed as the tachometer has it: the mean since the sample before, with its lag [rad/s].
     inlet : ndarray
-        Mass that entered [kg].
+        Mass that entered since the start, leaks included [kg].
     """
 
     time: np.ndarray
@@ -53,6 +61,7 @@ def simulate(
     start: np.ndarray,
     chosen: laws.Chosen,
     clock: float = 0.0,
+    stride: int = 1,
 ) -> Run:
     """Simulate from the first to the last sample.
 
@@ -72,6 +81,8 @@ def simulate(
         Effect id to the values of its parameters.
     clock : float
         Time of the recording's clock at time 0 of the run [s].
+    stride : int
+        Samples from one look at the laws to the next [-].
 
     Returns
     -------
@@ -83,6 +94,7 @@ def simulate(
     ArithmeticError
         When the integration fails.
     """
+    chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
     highest = max((span.pressure_pa for span in supply if span.is_open), default=float(parameters[at.P_A]))
     gas = gas_state(parameters, highest, readings)
@@ -92,16 +104,19 @@ def simulate(
         np.array([float(span.is_open) for span in supply]),
     )
     y = np.array(start, dtype=np.float64)
-    active = any(effect.torque or effect.inlet_drop or effect.outlet_rise for effect, _ in laws.members(chosen))
-    if active:
-        samples = _stepwise(y, spans, time, parameters, gas, readings, chosen, clock)
+    those = [effect for effect, _ in laws.members(chosen)]
+    if any(effect.torque or effect.inlet_drop or effect.outlet_rise for effect in those):
+        samples = _stepwise(y, spans, time, parameters, gas, readings, chosen, clock, stride)
     else:
         samples = np.empty((time.size, 6))
         _check(base.integrate(y, time[0], *spans, time, samples, NONE, parameters, gas, readings, 1)[0])
     angle, speed = samples[:, 0].copy(), samples[:, 1].copy()
     mean = speed.copy()
     mean[1:] = np.diff(angle) / np.diff(time)
-    return Run(time, angle, speed, _read(mean, time, chosen), samples[:, 2].copy())
+    inlet = samples[:, 2].copy()
+    if any(effect.leak for effect in those):
+        inlet[1:] += np.cumsum(_leaked(time, mean, np.diff(inlet), spans, parameters, gas, chosen, clock))
+    return Run(time, angle, speed, read_with_lag(mean, time, chosen), inlet)
 
 
 def _stepwise(
@@ -113,67 +128,164 @@ def _stepwise(
     readings: np.ndarray,
     chosen: laws.Chosen,
     clock: float,
+    stride: int,
 ) -> np.ndarray:
-    """One call of the integrator from sample to sample."""
+    """The integrator over some samples or a part of one, with the laws taken anew at the start of each step."""
+    those = laws.members(chosen)
+    turns = any(effect.torque for effect, _ in those)
+    loses = any(effect.inlet_drop or effect.outlet_rise for effect, _ in those)
+    follows = any(effect.periodic for effect, _ in those)
+    leaks = any(effect.leak for effect, _ in those)
     samples = np.empty((time.size, 6))
     samples[0] = [y[base.THETA], y[base.OMEGA], y[base.M_IN], y[base.M_OUT], y[base.P0], np.nan]
-    flow = 0.0
-    one = np.empty((1, 6))
-    for k in range(1, time.size):
-        t0, t1 = time[k - 1], time[k]
-        state = _state(y, flow, spans, t0, 0.5 * (t0 + t1), parameters, gas, clock)
-        row = laws.row_parameters(parameters[None, :], chosen, state)[0]
-        entered = y[base.M_IN]
-        _check(base.integrate(y, t0, *spans, time[k : k + 1], one, NONE, row, gas, readings, 1)[0])
-        samples[k] = one[0]
-        flow += ((y[base.M_IN] - entered) / (t1 - t0) - flow) * (1.0 - np.exp(-(t1 - t0) / FLOW_S))
+    state, curve = _scratch(parameters, gas)
+    here = State(*(getattr(state, field.name)[:1] for field in fields(State)))  # the same arrays
+    row = parameters[None, :].copy()
+    flow = change = 0.0
+    k = 1
+    while k < time.size:
+        t, rate = time[k - 1], change if turns else 0.0
+        last = min(k + stride, time.size) - 1
+        while last > k and (
+            _steps(time[last] - t, y[base.OMEGA], rate, loses, follows) > 1 or _changes(spans[0], t, time[last])
+        ):
+            last -= 1
+        steps = 1 if last > k else _steps(time[k] - t, y[base.OMEGA], rate, loses, follows)
+        ends = time[k : last + 1] if steps == 1 else np.linspace(t, time[k], steps + 1)[1:]
+        for n in range(steps):
+            until = ends if steps == 1 else ends[n : n + 1]
+            before, speed, dt = y[base.M_IN], y[base.OMEGA], until[-1] - t
+            _fill(state, y, flow, spans, t, until[-1], curve, parameters, clock)
+            leak = float(laws.leak(chosen, here)[0]) if leaks else 0.0
+            state.mass_flow[:] += leak
+            row[0] = parameters
+            if turns:
+                T = laws.sum_of_torques(those, state, np.full(3, speed < 0.0))
+                slope, constant, roller = laws.tangent(T[0], T[1], T[2], abs(speed), state.load[0])
+                row[0, at.F_OVERALL] += slope
+                row[0, at.EXTRA_TORQUE] += constant
+                row[0, at.F_R] += roller
+            if loses:
+                laws.add_losses(row, those, here)
+            into = samples[k : last + 1]
+            _check(base.integrate(y, t, *spans, until, into, NONE, row[0], gas, readings, 1)[0])
+            flow += ((y[base.M_IN] - before) / dt - flow) * (1.0 - math.exp(-dt / FLOW_S))
+            change = abs(y[base.OMEGA] - speed) / dt
+            t = until[-1]
+        k = last + 1
     return samples
 
 
-def _state(
+def _changes(starts: np.ndarray, start: float, end: float) -> bool:
+    """Whether the supply changes between two times."""
+    return bool(np.any((starts > start) & (starts < end)))
+
+
+def _pressure(spans: tuple[np.ndarray, np.ndarray, np.ndarray], t: float, ambient: float) -> float:
+    """Pressure of the line at a time [Pa]."""
+    span = int(np.searchsorted(spans[0], t, side="right")) - 1
+    return float(spans[1][span]) if span >= 0 and spans[2][span] > 0.0 else ambient
+
+
+def _steps(dt: float, omega: float, rate: float, loses: bool, follows: bool) -> int:
+    """Steps within a time ``dt``, for a speed that goes on changing at ``rate``."""
+    steps = rate * dt / SPEED_STEP
+    if loses:
+        steps = max(steps, dt / LOSS_STEP_S)
+    if follows:
+        steps = max(steps, abs(omega) * dt / ANGLE_STEP)
+    return max(1, min(math.ceil(steps - 1e-9), math.ceil(dt / LEAST_STEP_S - 1e-9)))
+
+
+def _scratch(parameters: np.ndarray, gas: np.ndarray) -> tuple[State, np.ndarray]:
+    """A state of three places, filled anew at each step: as it is, at a little more speed, at a little more load."""
+    values = {
+        "temperature": parameters[at.T_IN],
+        "ambient": parameters[at.P_A],
+        "gas_constant": gas[at.GAS_R],
+        "friction": parameters[at.F_OVERALL],
+    }
+    curve = np.empty(at.N_CURVE)
+    geometry.curve(parameters, curve)
+    return State(**{field.name: np.full(3, values.get(field.name, 0.0)) for field in fields(State)}), curve
+
+
+def _fill(
+    state: State,
     y: np.ndarray,
     flow: float,
     spans: tuple[np.ndarray, np.ndarray, np.ndarray],
     start: float,
-    middle: float,
+    end: float,
+    curve: np.ndarray,
     parameters: np.ndarray,
-    gas: np.ndarray,
     clock: float,
-) -> State:
-    span = int(np.searchsorted(spans[0], start, side="right")) - 1
-    opened = span >= 0 and spans[2][span] > 0.0
-    pressure = spans[1][span] if opened else parameters[at.P_A]
-    omega = y[base.OMEGA]
-    return State(
-        omega=np.array([omega]),
-        angle=np.array([y[base.THETA] + omega * (middle - start)]),
-        mass_flow=np.array([max(flow, 0.0)]),
-        pressure=np.array([pressure]),
-        temperature=np.array([parameters[at.T_IN]]),
-        ambient=np.array([parameters[at.P_A]]),
-        gas_constant=np.array([gas[at.GAS_R]]),
-        friction=np.array([parameters[at.F_OVERALL]]),
-        load=np.array([_load(y, parameters)]),
-        time=np.array([clock + middle]),
-    )
+) -> None:
+    """Fill the state of three places; angle and time are those of the step's middle."""
+    omega, load = y[base.OMEGA], _load(y, curve, parameters[at.P_A])
+    speed = abs(omega)
+    state.omega[:] = (speed, speed + laws.step_of(speed), speed)
+    state.load[:] = (load, load, load + laws.LOAD_STEP)
+    state.angle[:] = y[base.THETA] + 0.5 * omega * (end - start)
+    state.mass_flow[:] = max(flow, 0.0)
+    state.pressure[:] = _pressure(spans, start, parameters[at.P_A])
+    state.time[:] = clock + 0.5 * (start + end)
 
 
-def _load(y: np.ndarray, parameters: np.ndarray) -> float:
+@njit(cache=True)
+def _load(y: np.ndarray, curve: np.ndarray, ambient: float) -> float:
     """Roller torque per unit of f_r, Eq. 25, at the cylinders' present pressures [N m]."""
-    from model import geometry
-
-    c = np.empty(at.N_CURVE)
-    geometry.curve(parameters, c)
     total = 0.0
     for i in range(at.N_CYLINDERS):
         psi = (y[base.THETA] + i * 4.0 * at.PULSE) % at.LOBE
-        _, _, cos_phi, r = geometry.place(psi, c)
-        total += c[at.A_P] * abs(y[base.P0 + i] - parameters[at.P_A]) * cos_phi * r
+        _, _, cos_phi, r = geometry.place(psi, curve)
+        total += motion.roller_torque(
+            abs(motion.piston_force(curve[at.A_P], y[base.P0 + i], ambient)), 1.0, cos_phi, r, True
+        )
     return total
 
 
-def _read(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np.ndarray:
-    """What the tachometer makes of the mean speed: first-order lags, one after the other."""
+def _leaked(
+    time: np.ndarray,
+    speed: np.ndarray,
+    entered: np.ndarray,
+    spans: tuple[np.ndarray, np.ndarray, np.ndarray],
+    parameters: np.ndarray,
+    gas: np.ndarray,
+    chosen: laws.Chosen,
+    clock: float,
+) -> np.ndarray:
+    """Mass that leaked between two samples each [kg], shape (n - 1,)."""
+    dt = np.diff(time)
+    one = np.ones_like(dt)
+    pressure = np.array([_pressure(spans, t, parameters[at.P_A]) for t in time[:-1]])
+    state = State(
+        omega=np.abs(speed[1:]),
+        angle=np.full_like(dt, np.nan),
+        mass_flow=entered / dt,
+        pressure=pressure,
+        temperature=parameters[at.T_IN] * one,
+        ambient=parameters[at.P_A] * one,
+        gas_constant=gas[at.GAS_R] * one,
+        friction=parameters[at.F_OVERALL] * one,
+        load=np.full_like(dt, np.nan),
+        time=clock + 0.5 * (time[1:] + time[:-1]),
+    )
+    return laws.leak(chosen, state) * dt
+
+
+def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np.ndarray:
+    """What the tachometer makes of the mean speed [rad/s]: first-order lags, one after the other.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (n,)
+        Mean speed since the sample before [rad/s].
+    time : ndarray, shape (n,)
+        Of the samples [s].
+    chosen : mapping
+        Effect id to the values of its parameters.
+    """
     for effect, values in laws.members(chosen):
         if effect.lag is None:
             continue

@@ -10,7 +10,8 @@ from typing import Protocol
 from rig.bench import RolesTable, SafetyTable
 from rig.readings import NS, Quality, Reading
 
-LEAST_REAL_S = 3.0  # on a clock faster than the wall's (a virtual bench on a busy machine) no signal is called lost sooner
+# On a clock faster than the wall's, a virtual bench on a busy machine, no signal is called lost sooner than this.
+LEAST_REAL_S = 3.0
 
 
 class View(Protocol):

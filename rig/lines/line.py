@@ -4,7 +4,10 @@ A late answer is the trap of every polled instrument: Modbus RTU frames do not s
 reply that comes after its timeout is taken for the answer to the next question, and is a good value of the wrong
 register. Here a question is asked only into silence: after every timeout and every damaged reply the line waits until
 the slowest reply could have come and the line is quiet, and throws away what came. A reply that is complete before its
-bytes could have crossed the wire is an old one, and is thrown away too.
+bytes could have crossed the wire is an old one, and is thrown away too. And the first answer after a timeout is only
+believed when no second one follows: a reply that was even later than the slowest is followed by the real one. Two
+replies in a row that are later than a line was told to expect can still deceive it; so every device is read as one
+block, in which an old reply is old and never another quantity.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from rig.lines.port import BadReplyError, LostError, NoReplyError, Port
 from rig.readings import NS, Event, Quality
 
 # A virtual bench that runs faster than real time still shares a machine with everything else: no wait is shorter.
-LEAST_REAL_WAIT_S = 0.25
+LEAST_REAL_WAIT_S = 0.5
 MOST_REPLY_BYTES = 4096  # more than any reply of a device known here; a babbling line is cut off there
 MOST_DRAIN_S = 2.0  # a line that never falls silent is a stream or a fault
 
@@ -84,11 +87,12 @@ class Line:
         self._events: list[Event] = []
         self._not_before_ns = 0  # no question before this time: an answer to an earlier one may still come
         self._dirty = False
+        self._doubtful = False  # a question went unanswered: its answer may still come, later than it should
 
     def open(self) -> None:
         """Open the port and forget what was; the line starts clean."""
         self.transactions = 0
-        self._dirty = False
+        self._dirty = self._doubtful = False
         try:
             self.port.open()
         except LostError as error:
@@ -143,6 +147,7 @@ class Line:
         while True:
             reply_ns, data = self._receive(deadline_ns)
             if not data:
+                self._doubtful = True
                 raise NoReplyError(self._too_little(buffer, timing))
             buffer += data
             length = complete(buffer)
@@ -158,6 +163,8 @@ class Line:
                 Quality.STALE,
             )
         self._dirty = len(buffer) > length
+        if self._doubtful:
+            self._expect_no_second(request_ns, timing)
         return Reply(buffer[:length], request_ns, reply_ns)
 
     def tell(self, data: bytes) -> int:
@@ -183,6 +190,18 @@ class Line:
     def drop(self) -> None:
         """Mark the line as holding bytes that belong to no question; they are drained before the next one."""
         self._dirty = True
+
+    def _expect_no_second(self, request_ns: int, timing: Timing) -> None:
+        """After a timeout: the first answer is the right one only when none comes after it."""
+        self._doubtful = False
+        until_ns = request_ns + self._wait_ns(timing.slowest_reply_s)
+        _, data = self._receive(until_ns)
+        if data or self._dirty:
+            self._dirty = self._doubtful = True
+            raise BadReplyError(
+                f"line {self.name}: two answers to one question after a timeout: the first was a late one",
+                Quality.STALE,
+            )
 
     def _send(self, data: bytes) -> int:
         try:

@@ -41,6 +41,7 @@ PERIOD_REAL_S = 0.05  # between two looks at the bench
 CAPTURE_REAL_S = 0.01  # while every tooth is read
 COMMAND_REAL_S = 5.0
 VENT_TRIES = 3
+SET_TRIES = 2  # never blindly: the driver has read back that the first order was not taken
 
 
 class PlateauSink(Protocol):
@@ -202,21 +203,25 @@ class Runner:
                 self.finish = order
 
     def _set(self, bar_abs: float) -> bool:
-        """Write a set-point, and tell whether it was taken."""
+        """Write a set-point, and tell whether it was taken; one that reads back as not taken is ordered once more."""
         if self.regulator is None:
             return True
         value = self.to_set_point(bar_abs)
-        try:
-            self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S)
-        except FAULTS as error:
-            self._note("set-point not taken", value=value, error=str(error))
-            if str(error) != self._dead:
-                self._dead = str(error)
-                self.hooks.progress.say(f"the regulator does not take {value:g}: {error}", True)
-            return False
-        self._dead = ""
-        self._note("set-point", device=self.regulator, value=value, bar_abs=bar_abs if bar_abs != VENTED else None)
-        return True
+        for _ in range(SET_TRIES):
+            try:
+                self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S)
+            except FAULTS as error:
+                self._note("set-point not taken", value=value, error=str(error))
+                fault = str(error)
+            else:
+                self._dead = ""
+                where = bar_abs if bar_abs != VENTED else None
+                self._note("set-point", device=self.regulator, value=value, bar_abs=where)
+                return True
+        if fault != self._dead:
+            self._dead = fault
+            self.hooks.progress.say(f"the regulator does not take {value:g}: {fault}", True)
+        return False
 
     def _record(self, plateau: Plateau) -> None:
         self.sink.plateau(plateau.row(self.columns))

@@ -1,0 +1,151 @@
+"""Step 4: whether the named set predicts readings that it has not seen.
+
+Blocks are pressure levels (both directions together) and segments of the runs in time. In each fold the sets are
+weighed anew on the readings that are left and the best of them predicts those that are not, in the model made linear at
+each set's own most probable point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.diagnosis.blocks import levels
+from calibration.diagnosis.linear import RUN, Comparison
+from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.name import Candidate, log_prior
+
+SEGMENTS = 3  # of each run in time
+MOST_LEVELS = 6  # folds of plateaus
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What the held-out readings say.
+
+    Attributes
+    ----------
+    folds, same : int
+        Folds, and those in which the same set was chosen [-].
+    before, after : dict
+        rmse by channel, of the base model and of the sets chosen [SI].
+    gain, gain_se : float
+        In log predictive density, and its standard error over the blocks [-].
+    """
+
+    folds: int
+    same: int
+    before: dict[str, float]
+    after: dict[str, float]
+    gain: float
+    gain_se: float
+
+
+def cross_validate(comparison: Comparison, found: Sequence[Candidate], names: tuple[str, ...]) -> HeldOut:
+    """Predict each block from the others.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    found : sequence of Candidate
+        All sets weighed.
+    names : tuple of str
+        The set whose constancy is counted.
+    """
+    blocks = folds_of(comparison)
+    K = len(comparison.problem.effects_that_could())
+    base = next(c for c in found if not c.names)
+    others = [c for c in found if not c.refused or not c.names]
+    gains, same = [], 0
+    errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
+    rows: list[np.ndarray] = []
+    for held in blocks:
+        scored = []
+        for one in others:
+            z, A, evidence = _fit(comparison, one.mode, ~held)
+            scored.append((evidence + log_prior(len(one.names), K), one, z, A))
+        _, best, z, A = max(scored, key=lambda s: s[0])
+        same += best.names == names
+        z0, A0 = next((s[2], s[3]) for s in scored if s[1] is base)
+        density, error = _predict(comparison, best.mode, z, A, held)
+        density0, error0 = _predict(comparison, base.mode, z0, A0, held)
+        gains.append(density - density0)
+        errors["before"].append(error0)
+        errors["after"].append(error)
+        rows.append(np.flatnonzero(held))
+    index = np.concatenate(rows)
+    rmse = {key: _by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
+    gain = np.array(gains)
+    se = float(np.std(gain, ddof=1) * math.sqrt(gain.size)) if gain.size > 1 else 0.0
+    return HeldOut(len(blocks), int(same), rmse["before"], rmse["after"], float(gain.sum()), se)
+
+
+def folds_of(comparison: Comparison) -> list[np.ndarray]:
+    """Masks of the readings that are held out together.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    """
+    plateaus = comparison.problem.blocks.plateaus
+    found = []
+    groups = levels(plateaus) if plateaus.size else []
+    if groups:
+        count = min(MOST_LEVELS, len(groups))
+        for i in range(count):
+            rows = np.concatenate(groups[i::count])
+            mask = (comparison.kind < RUN) & np.isin(comparison.index, rows)
+            found.append(mask & comparison.known)
+    for i in range(len(comparison.problem.blocks.runs)):
+        mine = np.flatnonzero(comparison.kind == RUN + i)
+        for part in np.array_split(mine, SEGMENTS):
+            mask = np.zeros(comparison.read.size, dtype=bool)
+            mask[part] = True
+            found.append(mask)
+    return [mask for mask in found if mask.any()]
+
+
+def _fit(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Most probable point, precision and log evidence on some of the readings, in the linear model of a mode."""
+    weight = used * (mode.bad < 0.5)
+    J = mode.J * weight[:, None]
+    r = (mode.r + mode.J @ mode.z) * weight
+    A = J.T @ J + np.eye(mode.z.size)
+    z = np.linalg.solve(A, J.T @ r)
+    rest = r - J @ z
+    white = comparison.whitener(mode.prediction, mode.u)
+    n = comparison.n
+    scale = np.concatenate([white.flow, white.speed, white.run])
+    logs = float(np.sum(np.log(scale[used & comparison.known]))) if n + white.run.size else 0.0
+    evidence = -0.5 * float(rest @ rest + z @ z) - logs - 0.5 * float(np.linalg.slogdet(A)[1])
+    return z, A, evidence
+
+
+def _predict(
+    comparison: Comparison, mode: Mode, z: np.ndarray, A: np.ndarray, held: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Log density of held-out readings, and their errors [SI]."""
+    good = held & (mode.bad < 0.5)
+    r = (mode.r + mode.J @ (mode.z - z))[good]
+    J = mode.J[good]
+    C = np.eye(r.size) + J @ np.linalg.solve(A, J.T)
+    white = comparison.whitener(mode.prediction, mode.u)
+    scale = np.concatenate([white.flow, white.speed, white.run])
+    density = -0.5 * float(r @ np.linalg.solve(C, r)) - 0.5 * float(np.linalg.slogdet(C)[1])
+    density -= float(np.sum(np.log(scale[good])))
+    error = (comparison.read - comparison.raw(mode.prediction) + mode.D @ (mode.z - z))[held]
+    return density, np.nan_to_num(error)
+
+
+def _by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> dict[str, float]:
+    kind = comparison.kind[index]
+    found = {}
+    for key, mine in (("flow_m3_s", kind == 0), ("speed_rad_s", kind > 0)):
+        if mine.any():
+            found[key] = float(np.sqrt(np.mean(error[mine] ** 2)))
+    return found

@@ -1,0 +1,178 @@
+"""The whole diagnosis of a recording, step after step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from calibration.diagnosis.confirm import HeldOut, cross_validate
+from calibration.diagnosis.detect import Detection, detect
+from calibration.diagnosis.discover import Term, discover
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.locate import Place, locate
+from calibration.diagnosis.mode import Mode, find, set_angles
+from calibration.diagnosis.name import Candidate, search
+from calibration.diagnosis.next_test import NextTest, propose
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.signatures import forces, signatures
+from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict, judge
+from model.effects import effects
+from rig.recording import Recording
+
+TESTED = 3  # most sets whose residual is tested
+RESIDUAL_DRAWS = 100
+BAD_ROW = 0.99  # probability beyond which a reading is named as bad
+
+Tell = Callable[[str], None]
+
+
+@dataclass
+class Diagnosis:
+    """Everything that was found.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        The recording.
+    base : Mode
+        The base model.
+    detection : Detection
+        Of the base model.
+    places : list of Place
+        Where it does not close.
+    candidates : list of Candidate
+        Sets weighed, the most probable first.
+    residual_p : dict
+        p-values of the residuals of sets tested [-].
+    verdict : Verdict
+        What is said.
+    held_out : HeldOut or None
+        Cross-validation.
+    term : Term or None
+        A law found from the data.
+    next_tests : list of NextTest
+        Tests worth making.
+    bad_rows : list
+        (file, row, channel, probability) of bad readings.
+    seconds : dict
+        Time of each step [s].
+    """
+
+    comparison: Comparison
+    base: Mode
+    detection: Detection
+    places: list[Place]
+    candidates: list[Candidate]
+    residual_p: dict[tuple[str, ...], float]
+    verdict: Verdict
+    held_out: HeldOut | None = None
+    term: Term | None = None
+    next_tests: list[NextTest] = field(default_factory=list)
+    bad_rows: list[tuple[str, int, str, float]] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def diagnose(recording: Recording, seed: int = 0, tell: Tell = lambda _: None) -> Diagnosis:
+    """Diagnose a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording, of a motor that `model.motor` knows.
+    seed : int
+        Of the draws [-].
+    tell : callable
+        Told the step that begins.
+    """
+    rng = np.random.default_rng(seed)
+    clock = _Clock(tell)
+    clock("base model")
+    comparison = Comparison(Problem(recording))
+    base = find(comparison, ())
+    if comparison.problem.blocks.runs:
+        base = find(comparison, (), set_angles(comparison, base))
+    clock("detect")
+    found, free = signatures(comparison, base), forces(comparison, base)
+    detection = detect(comparison, base, found, free, rng)
+    candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
+    residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
+    held_out, term, tests = None, None, []
+    if detection.p_value < MISMATCH_P:
+        clock("name")
+        candidates = search(comparison, base, found, detection.u, tell)
+        for one in [c for c in candidates if c.names and not c.refused][:TESTED]:
+            clock(f"test what is left of {' and '.join(one.names)}")
+            residual_p[one.names] = _residual(comparison, one.mode, rng)
+        clock("confirm")
+        best = next((c for c in candidates if residual_p.get(c.names, 0.0) >= RESIDUAL_P and c.names), None)
+        if best is not None:
+            held_out = cross_validate(comparison, candidates, best.names)
+    verdict = judge(detection.p_value, candidates, residual_p, held_out)
+    bad = _bad_rows(comparison, verdict.chosen.mode if verdict.chosen else base)
+    if verdict.kind == "consistent" and bad:
+        detection = replace(detection, p_value=min(detection.p_value, _bad_p(comparison, base)))
+        verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
+    clock("locate")
+    acts_in = effects()[verdict.chosen.names[0]].acts_in if verdict.chosen and len(verdict.chosen.names) == 1 else ""
+    places = locate(comparison, base, detection, free, acts_in) if verdict.kind != "consistent" else []
+    if verdict.kind == "unresolved":
+        clock("look for a law")
+        if not places or places[0].balance == "torque":
+            term = discover(comparison, base, detection.u)
+    if verdict.kind in ("confounded", "unresolved"):
+        clock("next test")
+        tests = propose(comparison, _rivals(candidates, verdict))
+    clock("")
+    return Diagnosis(
+        comparison, base, detection, places, candidates, residual_p, verdict, held_out, term, tests, bad, clock.seconds
+    )
+
+
+def _residual(comparison: Comparison, mode: Mode, rng: np.random.Generator) -> float:
+    found, free = signatures(comparison, mode), forces(comparison, mode)
+    return detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS).p_value
+
+
+def _rivals(candidates: list[Candidate], verdict: Verdict) -> list[Candidate]:
+    if verdict.chosen is None:
+        return [c for c in candidates if c.names][:3]
+    listed = set(verdict.alternatives)
+    return [verdict.chosen, *(c for c in candidates if c.names in listed)]
+
+
+def _bad_rows(comparison: Comparison, mode: Mode) -> list[tuple[str, int, str, float]]:
+    plateaus, found = comparison.problem.blocks.plateaus, []
+    for i in np.flatnonzero(mode.bad[: 2 * comparison.n] > BAD_ROW):
+        row = int(comparison.index[i])
+        channel = "flow" if comparison.kind[i] == 0 else "speed"
+        found.append((plateaus.file[row], int(plateaus.row[row]), channel, float(mode.bad[i])))
+    return found
+
+
+def _bad_p(comparison: Comparison, mode: Mode) -> float:
+    """How often the largest of all residuals would be as large by chance."""
+    farthest = float(np.max(np.abs(mode.r[: 2 * comparison.n])))
+    return float(min(1.0, 2.0 * comparison.n * 2.0 * norm.sf(farthest)))
+
+
+class _Clock:
+    """Times the steps, and tells of each."""
+
+    def __init__(self, tell: Tell) -> None:
+        self.tell, self.seconds = tell, {}
+        self.step, self.began = "", time.monotonic()
+
+    def __call__(self, step: str) -> None:
+        now = time.monotonic()
+        if self.step:
+            self.seconds[self.step] = round(now - self.began, 3)
+        self.step, self.began = step, now
+        if step:
+            self.tell(step)
+
+
+__all__ = ["Diagnosis", "diagnose"]

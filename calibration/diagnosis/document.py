@@ -1,0 +1,163 @@
+"""A diagnosis as diagnosis/1: plain values, numbers SI, the unit in the key."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.name import Candidate
+from model.effects import effects
+
+FORMAT = "diagnosis/1"
+Q95 = 1.6448536269514722  # of a standard normal
+MOST_PLACES = 6
+
+
+def as_json(found: Diagnosis) -> dict[str, Any]:
+    """The diagnosis as a mapping.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        Of `diagnose`.
+    """
+    verdict = found.verdict
+    return {
+        "format": FORMAT,
+        "verdict": verdict.kind,
+        "mismatch": {"p_value": found.detection.p_value, "beyond_the_draws": found.detection.extrapolated},
+        "located": [
+            {
+                "channel": place.channel,
+                "balance": place.balance,
+                "coordinate": place.coordinate,
+                "where": list(place.where),
+                "unit": place.unit,
+                "p_value": place.p_value,
+                "sentence": place.sentence,
+                "same_as": list(place.same_as),
+            }
+            for place in found.places[:MOST_PLACES]
+        ],
+        "set_probability": verdict.set_probability,
+        "effects": _effects(found),
+        "alternatives": [list(names) for names in verdict.alternatives],
+        "term": None
+        if found.term is None
+        else {"balance": found.term.balance, "expression": found.term.expression, "unit": found.term.unit},
+        "improvement": {"held_out": _held_out(found)},
+        "f_overall_before": _friction(found, [Candidate((), found.base, 0.0, 1.0, "")]),
+        "f_overall_after": _friction(found, _weighed(found)),
+        "next_tests": [
+            {"test": t.test, "separates": list(t.separates), "information_nats": t.information_nats}
+            for t in found.next_tests
+        ],
+        "suspect_rows": [
+            {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
+        ],
+        "why": verdict.why,
+        "seconds": found.seconds,
+    }
+
+
+def _effects(found: Diagnosis) -> list[dict[str, Any]]:
+    verdict = found.verdict
+    if verdict.kind == "unresolved":
+        return [{"id": "unknown", "probability": 1.0, "log10_bayes_factor": None, "parameters": {}}]
+    if verdict.chosen is None:
+        return [_bad_reading(found)] if verdict.kind == "named" else []
+    listed = []
+    for name in verdict.chosen.names:
+        p = sum(c.probability for c in found.candidates if name in c.names)
+        listed.append(
+            {
+                "id": name,
+                "probability": min(1.0, p),
+                "log10_bayes_factor": _factor(found.candidates, verdict.chosen, name),
+                "parameters": _parameters(found, verdict.chosen, name),
+            }
+        )
+    return sorted(listed, key=lambda e: -(e["log10_bayes_factor"] or 0.0))
+
+
+def _bad_reading(found: Diagnosis) -> dict[str, Any]:
+    """Single readings as an effect: their number, and the rows in the open."""
+    n = float(len(found.bad_rows))
+    return {
+        "id": "bad_reading",
+        "probability": found.verdict.set_probability,
+        "log10_bayes_factor": max(0.0, -math.log10(max(found.detection.p_value, 1e-300))),
+        "parameters": {"readings": {"mean": n, "sd": 0.0, "q05": n, "q95": n}},
+    }
+
+
+def _factor(candidates: Sequence[Candidate], chosen: Candidate, name: str) -> float | None:
+    """Against the set without the effect, where that was refitted; else against the best set without it."""
+    rest = tuple(n for n in chosen.names if n != name)
+    without = next((c for c in candidates if c.names == rest), None)
+    if without is None:
+        without = max((c for c in candidates if name not in c.names), key=lambda c: c.log_evidence, default=None)
+    return None if without is None else (chosen.log_evidence - without.log_evidence) / math.log(10.0)
+
+
+def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dict[str, float]]:
+    problem = found.comparison.problem
+    k = len(problem.nuisances)
+    out = {}
+    for i, (effect, unknown) in enumerate(problem.effect_unknowns(chosen.names)):
+        if effect != name:
+            continue
+        parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
+        z, sd = float(chosen.mode.z[k + i]), math.sqrt(float(chosen.mode.covariance[k + i, k + i]))
+        values = np.clip(unknown.value(np.array([z - sd, z, z + sd, z - Q95 * sd, z + Q95 * sd])), parameter.low, None)
+        out[unknown.name] = {
+            "mean": float(values[1]),
+            "sd": float(values[2] - values[0]) / 2.0,
+            "q05": float(values[3]),
+            "q95": float(values[4]),
+        }
+    return out
+
+
+def _weighed(found: Diagnosis) -> list[Candidate]:
+    if found.verdict.kind in ("consistent", "unresolved"):
+        return [Candidate((), found.base, 0.0, 1.0, "")]
+    kept = {found.verdict.chosen.names if found.verdict.chosen else (), *found.verdict.alternatives}
+    return [c for c in found.candidates if c.names in kept]
+
+
+def _friction(found: Diagnosis, weighed: Sequence[Candidate]) -> dict[str, float] | None:
+    """f_overall averaged over sets [N m s]."""
+    nuisances = found.comparison.problem.nuisances
+    place = next((i for i, u in enumerate(nuisances) if u.name == "f_overall"), None)
+    if place is None:
+        return None
+    rng = np.random.default_rng(0)
+    total = sum(c.probability for c in weighed) or 1.0
+    draws = []
+    for c in weighed:
+        n = max(1, round(4000 * c.probability / total))
+        z = c.mode.z[place] + math.sqrt(c.mode.covariance[place, place]) * rng.standard_normal(n)
+        draws.append(nuisances[place].value(z))
+    x = np.concatenate(draws)
+    q05, q95 = np.quantile(x, [0.05, 0.95])
+    return {"mean": float(x.mean()), "sd": float(x.std()), "q05": float(q05), "q95": float(q95)}
+
+
+def _held_out(found: Diagnosis) -> dict[str, Any] | None:
+    h = found.held_out
+    if h is None:
+        return None
+    return {
+        "scheme": "pressure levels and transient segments, selection repeated in each fold",
+        "folds": h.folds,
+        "same_set_in_folds": h.same,
+        "rmse_before": h.before,
+        "rmse_after": h.after,
+        "elpd_gain": h.gain,
+        "elpd_gain_se": h.gain_se,
+    }

@@ -1,0 +1,308 @@
+"""Step 3: which set of effects explains the recording. Screened in the linear model, then refitted, singles and pairs.
+
+Evidence is Laplace's. The prior of a set falls tenfold with each further member and is even over the sets of a size, so
+that many candidates cost what they should. An effect that has the form of an instrument's error counts only where the whole error
+is beyond three of its declared standard deviations: its evidence is conditional on that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln, logsumexp
+from scipy.stats import norm
+
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.mode import Mode, find
+from calibration.diagnosis.problem import SI_OF, Problem
+from calibration.diagnosis.signatures import Signature, log_gain, project, signatures
+from model.effects import effects
+
+SINGLES = 6  # most single effects refitted
+PAIRS = 4  # most pairs refitted
+SEEDS = 2  # singles that pairs are grown from
+NEAR = 25.0  # nats behind the best in the linear model beyond which nothing is refitted
+BEYOND_SD = 3.0  # of the declared size of a nuisance
+AT_BOUND = 1e-3
+HOPELESS = 80.0  # nats behind the best beyond which a second search is not worth its time
+AGAIN = 0.5  # amplitude that a second search starts from, in ordinary sizes
+FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects, refitted.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Ids, sorted; empty for the base model.
+    mode : Mode
+        Its most probable point.
+    log_evidence : float
+        Conditional on its nuisance-like members being beyond three sd [-].
+    probability : float
+        Over all sets weighed [-].
+    refused : str
+        Why it cannot be named; empty where it can.
+    """
+
+    names: tuple[str, ...]
+    mode: Mode
+    log_evidence: float
+    probability: float
+    refused: str
+
+
+def search(
+    comparison: Comparison,
+    base: Mode,
+    found: Sequence[Signature],
+    u: np.ndarray,
+    tell: Callable[[str], None] = lambda _: None,
+    size: int = 2,
+) -> list[Candidate]:
+    """Sets of effects with their probabilities, the most probable first; the base model is always among them.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    base : Mode
+        The base model.
+    found : sequence of Signature
+        At the base model.
+    u : ndarray, shape (3,)
+        Noise scales that the detection found [-].
+    tell : callable
+        Told what is being refitted.
+    size : int
+        Most effects in a set [-].
+    """
+    modes: dict[tuple[str, ...], Mode] = {(): base}
+    for name, first in screen(comparison, base, found, u)[:SINGLES]:
+        tell(f"refit {name}")
+        modes[(name,)] = refit(comparison, [name], base, first)
+    if base.prediction.runs:
+        _from_the_best(comparison, modes, tell)
+    if size > 1:
+        singles = sorted((key for key in modes if key), key=lambda key: -modes[key].log_evidence)[:SEEDS]
+        for seed in singles:
+            second = screen(comparison, modes[seed], signatures(comparison, modes[seed]), modes[seed].u)
+            for name, first in second[: PAIRS // SEEDS]:
+                key = tuple(sorted((*seed, name)))
+                if key not in modes:
+                    tell(f"refit {' and '.join(key)}")
+                    start = {**_values(comparison.problem, modes[seed]), **first}
+                    modes[key] = refit(comparison, key, modes[seed], start)
+    return weigh(comparison, modes)
+
+
+def _from_the_best(comparison: Comparison, modes: dict[tuple[str, ...], Mode], tell: Callable[[str], None]) -> None:
+    """Search each single effect again from the best one's nuisances: with runs in time a search may end too early."""
+    best = max(modes, key=lambda key: modes[key].log_evidence)
+    for key in list(modes):
+        if key == best or not key or modes[best].log_evidence - modes[key].log_evidence > HOPELESS:
+            continue
+        tell(f"refit {key[0]} again")
+        first = {(key[0], effects()[key[0]].amplitude.name): AGAIN}
+        again = find(comparison, key, modes[best], first=first)
+        if again.log_evidence > modes[key].log_evidence:
+            modes[key] = again
+    again = find(comparison, (), modes[best])
+    if again.log_evidence > modes[()].log_evidence:
+        modes[()] = again
+
+
+def refit(comparison: Comparison, names: Sequence[str], near: Mode, first: dict[tuple[str, str], float]) -> Mode:
+    """The most probable point of a set, from a smaller set's and, where that costs little, from the prior's middle.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    names : sequence of str
+        Effect ids.
+    near : Mode
+        Of the smaller set.
+    first : dict
+        Values of the effects' unknowns to start from [-].
+    """
+    found = find(comparison, names, near, first=first)
+    if comparison.problem.blocks.runs:
+        return found
+    other = find(comparison, names, None, first=first)
+    return max(found, other, key=lambda mode: mode.log_evidence)
+
+
+def screen(
+    comparison: Comparison, mode: Mode, found: Sequence[Signature], u: np.ndarray
+) -> list[tuple[str, dict[tuple[str, str], float]]]:
+    """Effects by what they would add in the linear model, with values to start a refit from.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The point.
+    found : sequence of Signature
+        At it.
+    u : ndarray, shape (3,)
+        Noise scales [-].
+    """
+    white = comparison.whitener(mode.prediction, u)
+    good = (mode.bad < 0.5).astype(float)
+    J = white(mode.D) * good[:, None]
+    r = project(J, good * white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z))
+    best: dict[str, tuple[float, dict[tuple[str, str], float]]] = {}
+    for one in found:
+        g = white(one.column) * good
+        gain, at_z = log_gain(one, g, project(J, g), r)
+        first = dict(one.unknowns)
+        amplitude = next(iter(first))
+        first[amplitude] = float(np.clip((at_z - 1.0) / 0.2 if one.mean else at_z, -5.0, 5.0))
+        if one.effect not in best or gain > best[one.effect][0]:
+            best[one.effect] = (gain, first)
+    order = sorted(best, key=lambda name: -best[name][0])
+    top = best[order[0]][0] if order else 0.0
+    near = max(NEAR, 0.35 * top)  # a large misfit is a long way from linear
+    return [(name, best[name][1]) for name in order if best[name][0] > top - near]
+
+
+def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Candidate]:
+    """Probabilities of sets.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    modes : dict
+        Of each set.
+    """
+    K = len(comparison.problem.effects_that_could())
+    out = []
+    for names, mode in modes.items():
+        log_evidence = mode.log_evidence + sum(beyond(comparison.problem, mode, name) for name in names)
+        out.append((names, mode, log_evidence, log_evidence + log_prior(len(names), K), refusal(comparison, mode)))
+    total = logsumexp([o[3] for o in out])
+    found = [Candidate(o[0], o[1], o[2], math.exp(o[3] - total), o[4]) for o in out]
+    return sorted(found, key=lambda c: (-c.probability, c.names))
+
+
+def log_prior(k: int, K: int) -> float:
+    """Logarithm of a set's prior: nothing missing as likely as something, and each further member ten times rarer.
+
+    Parameters
+    ----------
+    k, K : int
+        Members, and effects that there are [-].
+    """
+    return float(-math.log(FURTHER) * max(k - 1, 0) - (gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1)))
+
+
+def beyond(problem: Problem, mode: Mode, name: str) -> float:
+    """What it does to the log evidence that a nuisance-like effect is to be beyond three declared sds; 0 for others.
+
+    Parameters
+    ----------
+    problem : Problem
+        For the declared figures.
+    mode : Mode
+        Of a set that holds the effect.
+    name : str
+        The effect.
+    """
+    found = total_size(problem, mode, name)
+    if found is None:
+        return 0.0
+    mean, sd, prior_sd, one_sided = found
+    after = [float(norm.logcdf((mean - BEYOND_SD) / sd))]
+    before = [float(norm.logcdf(-BEYOND_SD / prior_sd))]
+    if not one_sided:
+        after.append(float(norm.logcdf((-BEYOND_SD - mean) / sd)))
+        before.append(before[0])
+    else:
+        before.append(before[0])
+    return float(logsumexp(after) - logsumexp(before))
+
+
+def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, float, bool] | None:
+    """Mean, sd and prior sd of a nuisance and the effect together, in declared sds; None where the effect has none.
+
+    Parameters
+    ----------
+    problem : Problem
+        For the declared figures.
+    mode : Mode
+        Of a set that holds the effect.
+    name : str
+        The effect.
+    """
+    effect = effects()[name]
+    declared = effect.nuisance or ("wall_heat" if name == "wall_heat_exchange" else "")
+    if not declared:
+        return None
+    k = len(problem.nuisances)
+    place = k + next(i for i, (e, _) in enumerate(problem.effect_unknowns(mode.names)) if e == name)
+    nuisance = next((i for i, u in enumerate(problem.nuisances) if u.name == declared), None)
+    if nuisance is None:
+        ratio = effect.amplitude.scale / 0.5 if name == "wall_heat_exchange" else math.inf
+        if not math.isfinite(ratio):
+            return None
+        weights = {place: ratio}
+    else:
+        unknown = problem.nuisances[nuisance]
+        unit = unknown.b * (SI_OF[declared.partition("_")[0]] if declared.endswith("_offset") else 1.0)
+        if unknown.kind == "lognormal":
+            center = unknown.a if name != "inertia" else 1.0
+            unit = center * math.log(unknown.b)
+            if name == "load_friction":
+                unit = center * (unknown.b - 1.0)
+        weights = {place: effect.amplitude.scale / unit, nuisance: 1.0}
+    index = np.array(list(weights))
+    w = np.array(list(weights.values()))
+    mean = float(w @ mode.z[index])
+    sd = math.sqrt(max(float(w @ mode.covariance[np.ix_(index, index)] @ w), 1e-12))
+    return mean, sd, math.sqrt(float(w @ w)), effect.amplitude.low >= 0.0
+
+
+def refusal(comparison: Comparison, mode: Mode) -> str:
+    """Why a set cannot be named: an amplitude at a bound, or a size that is its nuisance's own.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        Of the set.
+    """
+    problem = comparison.problem
+    k = len(problem.nuisances)
+    for i, (name, unknown) in enumerate(problem.effect_unknowns(mode.names)):
+        parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
+        value = float(unknown.value(mode.z[k + i]))
+        span = parameter.high - parameter.low
+        if parameter is effects()[name].amplitude and (
+            value >= parameter.high - AT_BOUND * span
+            or (parameter.low < 0 and value <= parameter.low + AT_BOUND * span)
+        ):
+            return f"{name}: {unknown.name} is at the bound of what is believable"
+        if parameter is effects()[name].amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:
+            return f"{name} vanishes"
+    for name in mode.names:
+        found = total_size(problem, mode, name)
+        if found is not None and abs(found[0]) < BEYOND_SD:
+            return f"{name} is no larger than declared"
+    return ""
+
+
+def _values(problem: Problem, mode: Mode) -> dict[tuple[str, str], float]:
+    k = len(problem.nuisances)
+    return {
+        (name, unknown.name): float(mode.z[k + i])
+        for i, (name, unknown) in enumerate(problem.effect_unknowns(mode.names))
+    }

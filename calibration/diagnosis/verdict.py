@@ -1,0 +1,121 @@
+"""Step 5: what may be said. A wrong name costs more than an honest refusal, so every doubt leads away from a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from calibration.diagnosis.confirm import HeldOut
+from calibration.diagnosis.name import Candidate
+
+MISMATCH_P = 0.01  # below it something is missing
+RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
+NAMED = 0.95  # probability that a set needs to be named alone
+LISTED = 0.99  # probability that the sets listed as confounded have together
+SHARE = 0.01  # a set less probable than this beside the best is no alternative
+SUPERSET_ODDS = 20.0  # odds that a further effect needs before it is said beside those that suffice
+LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothing
+ERRORS = 2.0  # of the gain's standard error
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said.
+
+    Attributes
+    ----------
+    kind : str
+        consistent, named, confounded or unresolved.
+    chosen : Candidate or None
+        What the verdict rests on; None when consistent or unresolved.
+    alternatives : tuple of tuple of str
+        Sets that cannot be told from it.
+    set_probability : float
+        Of the chosen set, or of the base model [-].
+    why : str
+        In words.
+    """
+
+    kind: str
+    chosen: Candidate | None
+    alternatives: tuple[tuple[str, ...], ...]
+    set_probability: float
+    why: str
+
+
+def judge(
+    p_value: float, found: Sequence[Candidate], residual_p: dict[tuple[str, ...], float], held_out: HeldOut | None
+) -> Verdict:
+    """Weigh everything.
+
+    Parameters
+    ----------
+    p_value : float
+        Of the base model [-].
+    found : sequence of Candidate
+        All sets weighed, the most probable first.
+    residual_p : dict
+        p-value of the residual of each set tested [-].
+    held_out : HeldOut or None
+        Cross-validation of the best set.
+    """
+    base = next((c for c in found if not c.names), None)
+    if p_value >= MISMATCH_P:
+        return Verdict(
+            "consistent", None, (), base.probability if base else 1.0, "the base model explains the recording"
+        )
+    allowed = [c for c in found if not c.refused and c.names]
+    passing = [c for c in allowed if residual_p.get(c.names, 1.0) >= RESIDUAL_P]  # a rival not tested may pass
+    if not any(c.names in residual_p for c in passing):
+        passing = []
+    small = [c for c in found if c.names and c.refused.endswith("no larger than declared")]
+    if small and small[0] is next((c for c in found if c.names), None) and not passing:
+        return Verdict("consistent", None, (), small[0].probability, "an instrument's error, no larger than declared")
+    if not passing:
+        return Verdict("unresolved", None, (), 0.0, "no set of listed effects explains what is left")
+    if base is not None and base.probability > 1.0 - NAMED:
+        likely = [c for c in allowed if c.probability > SHARE]
+        if base.probability > 0.5:
+            return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
+        return Verdict(
+            "confounded",
+            passing[0],
+            tuple(c.names for c in likely if c is not passing[0]),
+            passing[0].probability,
+            "the base model is not excluded",
+        )
+    best = passing[0]
+    total = sum(c.probability for c in passing)
+    share = best.probability / total
+    blocked = [c for c in allowed if c.probability > best.probability]
+    larger = [c for c in found if set(best.names) < set(c.names)]
+    core = best if all(c.probability < SUPERSET_ODDS * best.probability for c in larger) else None
+    smaller = [
+        c for c in passing if set(c.names) < set(best.names) and best.probability < SUPERSET_ODDS * c.probability
+    ]
+    if smaller:  # the further members are not certain: what they add is left unsaid
+        best = core = min(smaller, key=lambda c: (len(c.names), -c.probability))
+        blocked = []
+    if core is not None:
+        share = sum(c.probability for c in passing if set(core.names) <= set(c.names)) / total
+        passing = [best, *(c for c in passing if not set(core.names) <= set(c.names))]
+        blocked = [c for c in allowed if c.probability > best.probability and not set(core.names) <= set(c.names)]
+    gained = held_out is None or held_out.gain > max(LEAST_GAIN, ERRORS * held_out.gain_se)
+    rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]
+    if share >= NAMED and gained and not blocked and not rivals:
+        return Verdict("named", best, (), share, "one set explains it alone")
+    listed, sum_of = [], best.probability
+    for c in rivals:
+        if sum_of >= LISTED * total:
+            break
+        if c.probability >= SHARE * best.probability:
+            listed.append(c.names)
+            sum_of += c.probability
+    listed += [c.names for c in blocked if c.names not in listed]
+    if not listed:
+        if not gained:
+            return Verdict(
+                "unresolved", None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen"
+            )
+        return Verdict("named", best, (), share, "one set explains it alone")
+    return Verdict("confounded", best, tuple(listed), share, "several sets explain it")

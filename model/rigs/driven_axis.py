@@ -1,0 +1,138 @@
+"""A shaft or slide with a measured drive: F = m dv/dt + f v + T, taken as a balance of momentum over short blocks.
+
+Over a block of some rows the means of both sides are compared: the mean of dv/dt is the difference of the speed at its
+ends over its length, so nothing is differentiated twice, and what is smoothed is smoothed on both sides alike.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.effects import laws
+from model.effects.effect import State
+from model.rigs.state import AMBIENT_PA, inertia_factor, state_of
+
+LOAD_AREA = 1e-4  # m2; friction may grow with the gauge pressure on a square centimetre
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Rows of a transient and the blocks over which they are averaged.
+
+    Attributes
+    ----------
+    time, drive, speed, angle, pressure : ndarray, shape (n,)
+        Of the rows [s], [N m], [rad/s], [rad], [Pa]; angle and pressure nan where they are not known.
+    ends : ndarray of int, shape (m + 1,)
+        Rows where the blocks end, each block from one end to the next.
+    used : ndarray of bool, shape (m,)
+        Blocks in which the axis moves one way throughout: at rest friction may be anything.
+    """
+
+    time: np.ndarray
+    drive: np.ndarray
+    speed: np.ndarray
+    angle: np.ndarray
+    pressure: np.ndarray
+    ends: np.ndarray
+    used: np.ndarray
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Mean over each block by the trapezoidal rule, shape (m,).
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            Of the rows [own unit].
+        """
+        dt = np.diff(self.time)
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * dt)])
+        return np.diff(total[self.ends]) / np.diff(self.time[self.ends])
+
+
+def blocks_of(
+    time: np.ndarray,
+    drive: np.ndarray,
+    speed: np.ndarray,
+    rows: int,
+    slowest: float,
+    angle: np.ndarray | None = None,
+    pressure: np.ndarray | None = None,
+) -> Blocks:
+    """Cut a transient into blocks.
+
+    Parameters
+    ----------
+    time, drive, speed : ndarray, shape (n,)
+        [s], [N m], [rad/s].
+    rows : int
+        Of a block [-].
+    slowest : float
+        Speed below which the axis may be at rest [rad/s].
+    angle, pressure : ndarray, shape (n,), or None
+        [rad], [Pa].
+    """
+    ends = np.arange(0, time.size, rows)
+    moves = [
+        bool(np.all(speed[i : j + 1] > slowest) or np.all(speed[i : j + 1] < -slowest))
+        for i, j in itertools.pairwise(ends)
+    ]
+    nothing = np.full(time.size, np.nan)
+    return Blocks(
+        time,
+        drive,
+        speed,
+        nothing if angle is None else angle,
+        nothing if pressure is None else pressure,
+        ends,
+        np.array(moves, dtype=bool),
+    )
+
+
+def drive(
+    inertia: float,
+    friction: float,
+    blocks: Blocks,
+    chosen: laws.Chosen,
+    clock: float = 0.0,
+    ambient: float = AMBIENT_PA,
+) -> np.ndarray:
+    """Mean drive of each block that the motion tells of [N m], shape (m,).
+
+    Parameters
+    ----------
+    inertia : float
+        J [kg m2], or a slide's mass [kg].
+    friction : float
+        Viscous coefficient [N m s].
+    blocks : Blocks
+        The motion.
+    chosen : mapping
+        Effect id to the values of its parameters.
+    clock : float
+        Time of the recording's clock at time 0 [s].
+    ambient : float
+        Ambient pressure [Pa].
+    """
+    chosen = laws.switched_on(chosen)
+    state = _state(friction, blocks, clock, ambient)
+    opposing = friction * blocks.speed + np.sign(blocks.speed) * laws.torque(chosen, state)
+    ends = blocks.ends
+    acceleration = np.diff(blocks.speed[ends]) / np.diff(blocks.time[ends])
+    return inertia * inertia_factor(chosen) * acceleration + blocks.mean(opposing)
+
+
+def _state(friction: float, blocks: Blocks, clock: float, ambient: float) -> State:
+    load = np.where(np.isfinite(blocks.pressure), np.abs(blocks.pressure - ambient) * LOAD_AREA, 0.0)
+    return state_of(
+        blocks.speed,
+        friction,
+        time=clock + blocks.time,
+        angle=blocks.angle,
+        pressure=np.where(np.isfinite(blocks.pressure), blocks.pressure, ambient),
+        ambient=ambient,
+        load=load,
+    )

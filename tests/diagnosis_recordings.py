@@ -1,0 +1,73 @@
+"""Recordings that the model itself would give, with an effect in it or none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from calibration.priors import at_ambient
+from model.effects import steady as effect_steady
+from model.effects.laws import readings_of
+from model.layout import L_MIN, RPM
+from model.motor import read_motor
+from model.steady import gas_table
+from rig.recording import Recording, read_recording
+
+HEAD = """format = "recording/1"
+motor = "ptm3600"
+files = [{ file = "sweep.csv", kind = "steady" }]
+[ambient]
+pressure_bar_abs = 1.01325
+pressure_sd_bar = 0.0015
+temperature_c = 20.0
+relative_humidity = 0.0
+[channels.pressure_bar_abs]
+noise_sd = 0.0015
+bias_sd = 0.005
+scale_sd = 0.002
+resolution = 0.001
+[channels.flow_l_min]
+noise_sd = 0.8
+bias_sd = 0.5
+scale_sd = 0.02
+resolution = 0.5
+[channels.speed_rpm]
+noise_sd = 0.4
+bias_sd = 0.1
+scale_sd = 0.0005
+resolution = 0.1
+"""
+
+
+def sweep(folder: Path, seed: int, chosen: dict[str, dict[str, float]], bad_row: int | None = None) -> Recording:
+    """A sweep up and down, 1.2 to 2.4 bar, with noise and instrument errors of the declared sizes."""
+    rng = np.random.default_rng(seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "recording.toml").write_text(HEAD, encoding="utf-8")
+    (folder / "sweep.csv").write_text(
+        "time_s,direction,pressure_bar_abs,flow_l_min,speed_rpm\n0.0,up,1.5,30,170\n", encoding="utf-8"
+    )
+    motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
+    up = np.arange(1.2, 2.45, 0.1)
+    true = np.concatenate([up, up[::-1]]) * 1e5
+    time = 40.0 * np.arange(true.size)
+    rows = np.tile(motor.vector(), (true.size, 1))
+    found = effect_steady.solve(rows, motor.readings.vector(), true, gas_table(motor, true), chosen, time)
+    n = true.size
+    pressure = readings_of(chosen, "pressure", true, found.state) / 1e5 * (1 + 0.002 * rng.normal())
+    pressure = pressure + 0.005 * rng.normal() + 0.0015 * rng.normal(size=n)
+    flow = readings_of(chosen, "flow", found.flow, found.state) * L_MIN * (1 + 0.02 * rng.normal())
+    flow = flow + 0.5 * rng.normal() + 0.8 * rng.normal(size=n)
+    speed = readings_of(chosen, "speed", found.speed, found.state) * RPM * (1 + 0.0005 * rng.normal())
+    speed = speed + 0.1 * rng.normal() + 0.4 * rng.normal(size=n)
+    if bad_row is not None:
+        speed[bad_row - 1] += 30.0
+    lines = ["time_s,direction,pressure_bar_abs,flow_l_min,speed_rpm"]
+    for i in range(n):
+        way = "up" if i < up.size else "down"
+        lines.append(
+            f"{time[i]},{way},{pressure[i]:.3f},{max(0.0, round(flow[i] * 2) / 2):.1f},{max(0.0, speed[i]):.1f}"
+        )
+    (folder / "sweep.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return read_recording(folder)

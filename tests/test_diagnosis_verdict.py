@@ -1,0 +1,128 @@
+"""The diagnosis of recordings whose truth is known: what is said, what is refused, and its form."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.mode import find
+from calibration.diagnosis.name import log_prior
+from calibration.diagnosis.problem import Problem
+from rig.recording import read_recording
+
+PRACTICE = Path(__file__).parents[2] / "shared" / "practice"
+_spec = importlib.util.spec_from_file_location(
+    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
+)
+assert _spec is not None and _spec.loader is not None
+_module = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(_module)
+sweep = _module.sweep
+
+KEYS = {
+    "format",
+    "verdict",
+    "mismatch",
+    "located",
+    "set_probability",
+    "effects",
+    "alternatives",
+    "term",
+    "improvement",
+    "f_overall_before",
+    "f_overall_after",
+    "next_tests",
+}
+
+
+def sets_said(document: dict) -> list[set[str]]:
+    return [{e["id"] for e in document["effects"]}, *(set(names) for names in document["alternatives"])]
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_a_recording_of_the_model_itself_is_consistent(tmp_path: Path, seed: int) -> None:
+    found = as_json(diagnose(sweep(tmp_path, seed, {}), 1))
+    assert found["verdict"] == "consistent"
+    assert found["effects"] == [] and found["alternatives"] == []
+
+
+def test_a_leak_is_named_with_its_size(tmp_path: Path) -> None:
+    size = 4e-14
+    found = as_json(diagnose(sweep(tmp_path, 3, {"leakage": {"conductance_kg_s_pa2": size}}), 1))
+    assert found["verdict"] in ("named", "confounded")
+    assert {"leakage"} in sets_said(found)
+    if found["effects"][0]["id"] == "leakage":
+        said = found["effects"][0]["parameters"]["conductance_kg_s_pa2"]
+        assert abs(said["mean"] - size) < 5.0 * said["sd"] + 0.1 * size
+
+
+def test_a_warm_up_is_named_and_located_in_time(tmp_path: Path) -> None:
+    truth = {"friction_warm_up": {"share_cold": 0.15, "time_s": 240.0}}
+    found = as_json(diagnose(sweep(tmp_path, 4, truth), 1))
+    assert {"friction_warm_up"} in sets_said(found)
+    assert found["located"][0]["coordinate"] in ("time", "direction")
+    assert found["located"][0]["balance"] == "torque"
+    held_out = found["improvement"]["held_out"]
+    assert held_out["rmse_after"]["speed_rad_s"] < held_out["rmse_before"]["speed_rad_s"]
+
+
+def test_a_misread_row_is_named_with_its_place(tmp_path: Path) -> None:
+    found = as_json(diagnose(sweep(tmp_path, 5, {}, bad_row=7), 1))
+    assert found["verdict"] == "named" and found["mismatch"]["p_value"] < 0.01
+    assert [(row["row"], row["channel"]) for row in found["suspect_rows"]] == [(7, "speed")]
+    assert [e["id"] for e in found["effects"]] == ["bad_reading"]
+
+
+def test_the_document_has_the_promised_form(tmp_path: Path) -> None:
+    found = as_json(diagnose(sweep(tmp_path, 6, {"leakage": {"conductance_kg_s_pa2": 4e-14}}), 1))
+    again = json.loads(json.dumps(found, allow_nan=False))
+    assert set(again) >= KEYS
+    assert again["format"] == "diagnosis/1"
+    assert 0.0 <= again["mismatch"]["p_value"] <= 1.0
+    for place in again["located"]:
+        assert set(place) == {"channel", "balance", "coordinate", "where", "unit", "p_value", "sentence", "same_as"}
+        assert place["where"][0] < place["where"][1]
+    for effect in again["effects"]:
+        assert set(effect) == {"id", "probability", "log10_bayes_factor", "parameters"}
+        for figures in effect["parameters"].values():
+            assert figures["q05"] <= figures["mean"] <= figures["q95"]
+
+
+def test_the_same_seed_gives_the_same_document(tmp_path: Path) -> None:
+    recording = sweep(tmp_path, 7, {"leakage": {"conductance_kg_s_pa2": 4e-14}})
+    one, two = as_json(diagnose(recording, 5)), as_json(diagnose(recording, 5))
+    one.pop("seconds"), two.pop("seconds")
+    assert one == two
+
+
+def test_an_effect_that_is_not_there_adds_no_evidence(tmp_path: Path) -> None:
+    comparison = Comparison(Problem(sweep(tmp_path, 8, {})))
+    base = find(comparison, ())
+    assert find(comparison, ("windage",), base).log_evidence < base.log_evidence + 2.0
+
+
+def test_a_further_effect_costs_more_than_the_first(tmp_path: Path) -> None:
+    assert log_prior(0, 17) > log_prior(1, 17) > log_prior(2, 17)
+    assert np.isclose(log_prior(1, 17) - log_prior(0, 17), -np.log(17.0))
+
+
+CASES = {"p02": [set()], "p08": [{"leakage"}, {"flow_scale"}], "p09": [{"friction_warm_up"}]}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_practice_recording_is_not_misnamed(name: str) -> None:
+    if not (PRACTICE / name).is_dir():
+        pytest.skip("the practice recordings are not on this machine")
+    found = as_json(diagnose(read_recording(PRACTICE / name), 1))
+    if found["verdict"] == "consistent":
+        assert set() in CASES[name]
+    else:
+        assert any(said in CASES[name] for said in sets_said(found))
+        if found["verdict"] == "named":
+            assert {e["id"] for e in found["effects"]} in CASES[name]
