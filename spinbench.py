@@ -279,6 +279,27 @@ def fit(
         print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
 
 
+@app.command()
+def diagnose(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder, or a run's.")],
+    json_file: JsonOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same result to the bit.")] = 1,
+) -> None:
+    """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
+    from rich.console import Console
+
+    from calibration.diagnosis.diagnose import diagnose as look
+    from calibration.diagnosis.document import as_json
+    from calibration.report import diagnosis_words, simulation
+
+    read = _recording(recording)
+    console = Console(stderr=True)
+    with console.status("diagnosis") as status:
+        found = as_json(look(read, seed, lambda step: status.update(f"diagnosis: {step}")))
+    _deliver(simulation.json_bytes(found), diagnosis_words.table(found), None, json_file, None)
+    print(diagnosis_words.sentence(found), file=sys.stderr)
+
+
 @contextlib.contextmanager
 def _sampling_progress(name: str) -> Iterator[Progress]:
     """A bar on standard error: effective samples drawn of those wanted, with the time left."""

@@ -163,7 +163,8 @@ class _Clock:
     """Times the steps, and tells of each."""
 
     def __init__(self, tell: Tell) -> None:
-        self.tell, self.seconds = tell, {}
+        self.tell = tell
+        self.seconds: dict[str, float] = {}
         self.step, self.began = "", time.monotonic()
 
     def __call__(self, step: str) -> None:

@@ -12,9 +12,10 @@ from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.signatures import force_column, project, torque_column
 
 LARGEST_N_M = 0.3  # sd of a term's prior at the top speed
-PRICE = 3.0  # nats that a term costs: one of some forty
+PRICE = 4.4  # nats that a term costs: one of some eighty
 MOST_TERMS = 2
-SAMPLES = 40
+STARTS = 37  # speeds tried at which a drag may set in
+EDGE = 0.01  # width of a step, of the top speed
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,21 @@ def discover(comparison: Comparison, mode: Mode, u: np.ndarray) -> Term | None:
 
 def _laws(top: float) -> list[tuple[str, Callable[[np.ndarray], np.ndarray]]]:
     """Candidate laws, of size 1 at the top speed, with the text that prints them."""
-    found: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [("{a}", lambda w: np.ones_like(w))]
-    for power in (0.5, 1.5, 2.0, 3.0):
-        found.append((f"{{a}}*abs(omega)**{power:g}", lambda w, p=power: np.abs(w / top) ** p))
-    for at_w in np.linspace(0.05, 0.95, 19) * top:
-        found.append((f"{{a}}*max(0, omega - {at_w:.3g})", lambda w, s=at_w: np.maximum(0.0, w - s) / (top - s)))
-        found.append((f"{{a}}*(omega > {at_w:.3g})", lambda w, s=at_w: 0.5 * (1.0 + np.tanh((w - s) / (0.01 * top)))))
+
+    def power(p: float) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda w: np.abs(w / top) ** p
+
+    def ramp(start: float) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda w: np.maximum(0.0, w - start) / (top - start)
+
+    def step(start: float) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda w: 0.5 * (1.0 + np.tanh((w - start) / (EDGE * top)))
+
+    found: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [("{a}", np.ones_like)]
+    found += [(f"{{a}}*abs(omega)**{p:g}", power(p)) for p in (0.5, 1.5, 2.0, 3.0)]
+    for start in np.linspace(0.05, 0.95, STARTS) * top:
+        found.append((f"{{a}}*max(0, omega - {start:.3g})", ramp(float(start))))
+        found.append((f"{{a}}*(omega > {start:.3g})", step(float(start))))
     return found
 
 

@@ -1,9 +1,10 @@
 """The most probable point of a model and its evidence, by Gauss-Newton and Laplace's approximation.
 
-The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/0.3)^2: r are readings less predictions in units of
-their noise, z the unknowns (standard normal a priori), u the logarithms of the noise scales of pressure, flow and speed.
-Single readings that stand far out are given a wide error, as in the fit. Derivatives with the nuisances are kept from
-the point where the search started, brought along by rank-one updates, and taken anew once near the end.
+The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/0.3)^2: r are readings less predictions in
+units of their noise, z the unknowns (standard normal a priori), u the logarithms of the noise scales of
+pressure, flow and speed. Single readings that stand far out are given a wide error, as in the fit. Derivatives
+with the nuisances are kept from the point where the search started, brought along by rank-one updates, and
+taken anew once near the end.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import log_ndtr
 
+from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import NOISE_SD, Comparison
-from calibration.diagnosis.problem import SI_OF, Prediction, Problem
+from calibration.diagnosis.problem import Prediction, Problem
 from model.effects import effects
 from model.layout import PULSE
 
-STEP = 0.02  # of a standard normal unknown, for derivatives
 BAD = 0.01
 BAD_WIDTH = 10.0
 LARGEST_MOVE = 3.0
@@ -31,7 +32,6 @@ REFRESH = 1.0  # squared length of a move, in posterior sds, below which derivat
 RIPPLE = 0.5  # share of a coast-down's ripple that is left to chance: its phase late in the run hangs on everything
 SMOOTH = 4  # samples either side of a running mean
 ANGLES = 16  # starting angles tried within a pulse
-FAINT = 1.0  # a column whose whitened norm is below this is not taken anew: one sd of it cannot be seen
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def find(
     k = len(problem.nuisances)
     extra = problem.effect_unknowns(names)
     z, u = np.zeros(k + len(extra)), np.zeros(3)
-    f = _Function(comparison, names)
+    f = Function(comparison, names)
     D = np.zeros((comparison.read.size, z.size))
     if start is not None:
         z[:k], u = start.z[:k], np.clip(start.u, -0.3, 0.3)
@@ -216,98 +216,6 @@ def set_angles(comparison: Comparison, mode: Mode) -> Mode:
     return replace(mode, z=z)
 
 
-class _Function:
-    """Predictions of a point, within the effects' bounds."""
-
-    def __init__(self, comparison: Comparison, names: Sequence[str]) -> None:
-        self.comparison, self.problem, self.names = comparison, comparison.problem, tuple(names)
-        self.k = len(self.problem.nuisances)
-        unknown = self.problem.effect_unknowns(names)
-        self.low = np.full(self.k + len(unknown), -9.0)
-        self.high = np.full(self.k + len(unknown), 9.0)
-        for i, (name, one) in enumerate(unknown):
-            parameter = next(p for p in effects()[name].parameters if p.name == one.name)
-            self.low[self.k + i] = one.z(max(parameter.low, 1e-12) if one.kind == "lognormal" else parameter.low)
-            self.high[self.k + i] = one.z(parameter.high)
-
-    def clip(self, z: np.ndarray) -> np.ndarray:
-        return np.clip(z, self.low, self.high)
-
-    def __call__(self, z: np.ndarray, like: Prediction | None = None, runs: Sequence[int] | None = None) -> Prediction:
-        chosen = self.problem.chosen(self.names, z[self.k :])
-        return self.problem.predict(z[: self.k], chosen, like, runs)
-
-    def derivatives(
-        self, z: np.ndarray, here: Prediction, D: np.ndarray, only: Sequence[int] | None, u: np.ndarray
-    ) -> np.ndarray:
-        """Forward differences of the predictions; what acts on few parts is taken of these alone."""
-        out = D.copy()
-        raw = self.comparison.raw(here)
-        white = self.comparison.whitener(here, u)
-        drives = self._drives(z, here)
-        for i in range(z.size) if only is None else only:
-            if i < self.k and np.any(out[:, i]) and np.linalg.norm(white(out[:, i])) < FAINT:
-                continue
-            step = STEP if z[i] + STEP <= self.high[i] else -STEP
-            moved = z.copy()
-            moved[i] += step
-            name = self.problem.nuisances[i].name if i < self.k else ""
-            if name in ("pressure_offset", "pressure_scale"):
-                there = self(moved, here, ())
-                column = (self.comparison.raw(there) - raw) / step
-                self._through_supply(column, drives, name, i)
-            elif name.endswith((".supply", ".angle")):
-                run = [r.file for r in self.problem.blocks.runs].index(name.rpartition(".")[0])
-                if name.endswith(".supply"):
-                    column = np.zeros(raw.size)
-                    column[self.comparison.kind == 2 + run] = drives[run] * self.problem.nuisances[i].b
-                else:
-                    column = (self.comparison.raw(self(moved, here, (run,))) - raw) / step
-            elif name.startswith(("flow_", "speed_")):
-                column = self._instrument(i, name, raw, z)
-            else:
-                column = (self.comparison.raw(self(moved)) - raw) / step
-            out[:, i] = np.nan_to_num(column)
-        return out
-
-    def _drives(self, z: np.ndarray, here: Prediction) -> list[np.ndarray]:
-        """What each run's samples do per Pa that the gauge's readings are taken off."""
-        found = []
-        for j, run in enumerate(self.problem.blocks.runs):
-            i = next(i for i, u in enumerate(self.problem.nuisances) if u.name == f"{run.file}.supply")
-            moved = z.copy()
-            moved[i] += 0.2
-            there = self(moved, here, (j,))
-            used = self.comparison.used[j]
-            found.append((there.runs[j] - here.runs[j])[used] / (0.2 * self.problem.nuisances[i].b))
-        return found
-
-    def _through_supply(self, column: np.ndarray, drives: list[np.ndarray], name: str, i: int) -> None:
-        """A gauge's error acts on a run through its supply alone."""
-        for j, run in enumerate(self.problem.blocks.runs):
-            size = max((s.pressure_pa for s in run.supply if s.is_open), default=0.0)
-            per_z = self.problem.nuisances[i].b * (SI_OF["pressure"] if name == "pressure_offset" else size)
-            column[self.comparison.kind == 2 + j] = drives[j] * per_z
-
-    def _instrument(self, i: int, name: str, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """An offset or a scale of flow or speed needs no simulation."""
-        channel, _, error = name.partition("_")
-        mine = self.comparison.kind == 0 if channel == "flow" else self.comparison.kind > 0
-        unknown = self.problem.nuisances[i]
-        if error == "offset":
-            return np.where(mine, unknown.b * SI_OF[channel], 0.0)
-        scale = 1.0 + unknown.b * z[i]
-        offset = next(
-            (
-                u.b * z[j] * SI_OF[channel]
-                for j, u in enumerate(self.problem.nuisances)
-                if u.name == f"{channel}_offset"
-            ),
-            0.0,
-        )
-        return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)
-
-
 def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The step of a quadratic within bounds: what would leave them is held there and the rest is solved again."""
     free = np.ones(b.size, dtype=bool)
@@ -323,7 +231,7 @@ def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) ->
 
 
 def _line_search(
-    f: _Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, move: np.ndarray, predicted: Prediction
+    f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, move: np.ndarray, predicted: Prediction
 ) -> tuple[np.ndarray, Prediction, np.ndarray]:
     white = comparison.whitener(predicted, u)
     before = _cost(white(comparison.read - comparison.raw(predicted)), white.log_scale, z, u, comparison)

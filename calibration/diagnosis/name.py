@@ -1,8 +1,10 @@
-"""Step 3: which set of effects explains the recording. Screened in the linear model, then refitted, singles and pairs.
+"""Step 3: which set of effects explains the recording. Screened in the linear model, then refitted, singles and
+pairs.
 
-Evidence is Laplace's. The prior of a set falls tenfold with each further member and is even over the sets of a size, so
-that many candidates cost what they should. An effect that has the form of an instrument's error counts only where the whole error
-is beyond three of its declared standard deviations: its evidence is conditional on that.
+Evidence is Laplace's. The prior of a set falls tenfold with each further member and is even over the sets of a
+size, so that many candidates cost what they should. An effect that has the form of an instrument's error counts
+only where the whole error is beyond three of its declared standard deviations: its evidence is conditional on
+that.
 """
 
 from __future__ import annotations
@@ -24,10 +26,12 @@ from model.effects import effects
 SINGLES = 6  # most single effects refitted
 PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
-NEAR = 25.0  # nats behind the best in the linear model beyond which nothing is refitted
+WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
 BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
-HOPELESS = 80.0  # nats behind the best beyond which a second search is not worth its time
+HOPELESS = 60.0  # nats behind the best beyond which a second search is not worth its time
+QUICK = 8  # passes of a search with runs in time
+POLISHED = 3  # most probable sets whose search goes on until it settles
 AGAIN = 0.5  # amplitude that a second search starts from, in ordinary sizes
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
 
@@ -98,6 +102,12 @@ def search(
                     tell(f"refit {' and '.join(key)}")
                     start = {**_values(comparison.problem, modes[seed]), **first}
                     modes[key] = refit(comparison, key, modes[seed], start)
+    if base.prediction.runs:
+        for key in sorted(modes, key=lambda key: -modes[key].log_evidence)[:POLISHED]:
+            tell(f"polish {' and '.join(key) or 'the base model'}")
+            again = find(comparison, key, modes[key], QUICK)
+            if again.log_evidence > modes[key].log_evidence:
+                modes[key] = again
     return weigh(comparison, modes)
 
 
@@ -109,10 +119,10 @@ def _from_the_best(comparison: Comparison, modes: dict[tuple[str, ...], Mode], t
             continue
         tell(f"refit {key[0]} again")
         first = {(key[0], effects()[key[0]].amplitude.name): AGAIN}
-        again = find(comparison, key, modes[best], first=first)
+        again = find(comparison, key, modes[best], QUICK, first)
         if again.log_evidence > modes[key].log_evidence:
             modes[key] = again
-    again = find(comparison, (), modes[best])
+    again = find(comparison, (), modes[best], QUICK)
     if again.log_evidence > modes[()].log_evidence:
         modes[()] = again
 
@@ -131,9 +141,9 @@ def refit(comparison: Comparison, names: Sequence[str], near: Mode, first: dict[
     first : dict
         Values of the effects' unknowns to start from [-].
     """
-    found = find(comparison, names, near, first=first)
     if comparison.problem.blocks.runs:
-        return found
+        return find(comparison, names, near, QUICK, first)
+    found = find(comparison, names, near, first=first)
     other = find(comparison, names, None, first=first)
     return max(found, other, key=lambda mode: mode.log_evidence)
 
@@ -168,9 +178,7 @@ def screen(
         if one.effect not in best or gain > best[one.effect][0]:
             best[one.effect] = (gain, first)
     order = sorted(best, key=lambda name: -best[name][0])
-    top = best[order[0]][0] if order else 0.0
-    near = max(NEAR, 0.35 * top)  # a large misfit is a long way from linear
-    return [(name, best[name][1]) for name in order if best[name][0] > top - near]
+    return [(name, best[name][1]) for name in order if best[name][0] > WORTH]
 
 
 def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Candidate]:

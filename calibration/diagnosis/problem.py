@@ -1,8 +1,9 @@
 """A recording against the model as one vector: what was read less what is predicted, each in units of its noise.
 
-The unknowns are standard normal numbers z, as in the fit: every nuisance first (f_overall, lap, roller friction, ambient,
-offsets and scales of the instruments, and for each run in time the angle that it starts at), then the parameters of the
-effects in question. The gauge's own noise is integrated out: it moves speed and flow of a plateau together.
+The unknowns are standard normal numbers z, as in the fit: every nuisance first (f_overall, lap, roller
+friction, ambient, offsets and scales of the instruments, and for each run in time the angle that it starts at),
+then the parameters of the effects in question. The gauge's own noise is integrated out: it moves speed and flow
+of a plateau together.
 """
 
 from __future__ import annotations
@@ -168,7 +169,7 @@ class Problem:
             Indices of the runs to simulate; all when left out [-].
         """
         parameters, errors, supply, angle = self._split(z)
-        points, state, true = self._plateaus(parameters, errors, chosen)
+        points, state, _ = self._plateaus(parameters, errors, chosen)
         flow = readings_of(chosen, "flow", points.flow, state) * (1.0 + errors["flow"][1]) + errors["flow"][0]
         speed = readings_of(chosen, "speed", points.speed, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
         found = tuple(

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import log_ndtr
 
-from calibration.diagnosis.linear import FLOW, RUN, SPEED, Comparison, Whitener
+from calibration.diagnosis.linear import RUN, Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.problem import Problem
 from model import layout as at
-from model.effects import effects
 
 PROBE = 0.1  # amplitude at which a signature is taken, in ordinary sizes of the effect
 SHAPES = (-1.0, 0.0, 1.5)  # shape parameters scanned, in sds of their prior
@@ -162,7 +161,7 @@ def forces(comparison: Comparison, mode: Mode, torque: np.ndarray | None = None)
     found = []
     top = float(np.nanmax([*omega, *(np.nanmax(run) for run in mode.prediction.runs)])) if n else 40.0
     edges = np.linspace(0.0, top, HATS + 1)
-    inside = [lambda w, lo=lo, hi=hi: _hat(w, lo, hi) for lo, hi in zip(edges[:-1], edges[1:], strict=True)]
+    inside = [lambda w, lo=lo, hi=hi: _hat(w, lo, hi) for lo, hi in itertools.pairwise(edges)]
     columns = np.column_stack([force_column(comparison, mode, torque, piece) for piece in inside])
     found.append(Force("speed", "torque", "speed", "rad/s", columns, np.column_stack([edges[:-1], edges[1:]])))
     flowing = np.zeros((comparison.read.size, HATS))
@@ -174,7 +173,7 @@ def forces(comparison: Comparison, mode: Mode, torque: np.ndarray | None = None)
     span = np.ptp(time) if n else 0.0
     if n >= 8 and span > 0.0:
         parts = np.linspace(time.min(), time.max() + 1e-9, 5)
-        pieces = np.column_stack([_hat(time, lo, hi) for lo, hi in zip(parts[:-1], parts[1:], strict=True)])
+        pieces = np.column_stack([_hat(time, lo, hi) for lo, hi in itertools.pairwise(parts)])
         places = np.column_stack([parts[:-1], parts[1:]])
         for channel, balance, rows in (("speed", "torque", slice(0, 2 * n)), ("flow", "mass", slice(0, n))):
             per = torque if channel == "speed" else np.full(comparison.read.size, np.nanmedian(np.abs(plateaus.flow)))
@@ -191,7 +190,7 @@ def forces(comparison: Comparison, mode: Mode, torque: np.ndarray | None = None)
         clock = run.time[comparison.index[mine]]
         parts = np.linspace(clock.min(), clock.max() + 1e-9, 5)
         columns = np.zeros((comparison.read.size, 4))
-        for j, (lo, hi) in enumerate(zip(parts[:-1], parts[1:], strict=True)):
+        for j, (lo, hi) in enumerate(itertools.pairwise(parts)):
             columns[mine, j] = _hat(clock, lo, hi)
         found.append(Force("speed", "torque", "phase", "s", columns, np.column_stack([parts[:-1], parts[1:]])))
     return found
@@ -242,14 +241,14 @@ def force_column(comparison: Comparison, mode: Mode, torque: np.ndarray, law: ob
         mine = comparison.kind == RUN + i
         omega = mode.prediction.runs[i][comparison.used[i]]
         time = run.time[comparison.used[i]]
-        rate = _rate(torque[mine], time, J, comparison, mode, run.from_rest)
+        rate = _rate(torque[mine], time, J, run.from_rest)
         force = law(omega)  # type: ignore[operator]
         first = 0.0 if run.from_rest else -force[0] / (J * rate)
         out[mine] = _follow(force, time, J, rate, first)
     return out
 
 
-def _rate(column: np.ndarray, time: np.ndarray, J: float, comparison: Comparison, mode: Mode, from_rest: bool) -> float:
+def _rate(column: np.ndarray, time: np.ndarray, J: float, from_rest: bool) -> float:
     """Damping rate [1/s] with which a run answers a torque, from its answer to a constant one."""
     best = (math.inf, 10.0)
     for rate in np.geomspace(2.0, 60.0, 18):
@@ -272,6 +271,3 @@ def _hat(x: np.ndarray, lo: float, hi: float) -> np.ndarray:
     """A smooth piece: 1 in the middle of a span, 0 one span away."""
     found: np.ndarray = np.maximum(0.0, 1.0 - np.abs(x - 0.5 * (lo + hi)) / (hi - lo))
     return found
-
-
-__all__ = ["FLOW", "SPEED", "Force", "Problem", "Signature", "Whitener", "effects", "forces", "signatures"]

@@ -123,9 +123,7 @@ def picture(name: str, simulated: Simulated, compared: list[Residuals]) -> bytes
     with style.drawing(rows, 1, height_in=2.1 * rows, sharex=True, squeeze=False) as (figure, axes):
         for i, one in enumerate(compared):
             upper, lower = axes[2 * i, 0], axes[2 * i + 1, 0]
-            upper.plot(
-                simulated.time_s, lines[one.name], label="model", **style.series(1)
-            )
+            upper.plot(simulated.time_s, lines[one.name], label="model", **style.series(1))
             upper.plot(one.time_s, one.measured, ".", color=style.INK, markersize=2, label="measured")
             lower.plot(one.time_s, one.residual, ".", color=style.INK, markersize=2)
             lower.axhline(0.0, color=style.FAINT, linewidth=0.8)
