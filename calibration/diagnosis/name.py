@@ -31,7 +31,10 @@ BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
 HOPELESS = 60.0  # nats behind the best beyond which a second search is not worth its time
 QUICK = 8  # passes of a search with runs in time
-POLISHED = 3  # most probable sets whose search goes on until it settles
+SWAPS = 5  # other second members tried
+ROUNDS = 3  # of polishing
+ENOUGH = 0.5  # nats below which another round is not worth its time
+POLISHED = 2  # most probable sets whose search goes on until it settles
 AGAIN = 0.5  # amplitude that a second search starts from, in ordinary sizes
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
 
@@ -94,21 +97,52 @@ def search(
         _from_the_best(comparison, modes, tell)
     if size > 1:
         singles = sorted((key for key in modes if key), key=lambda key: -modes[key].log_evidence)[:SEEDS]
+        order: dict[tuple[str, ...], list[str]] = {}
         for seed in singles:
+            if base.prediction.runs:
+                modes[seed] = max(
+                    modes[seed], find(comparison, seed, modes[seed], QUICK), key=lambda mode: mode.log_evidence
+                )
             second = screen(comparison, modes[seed], signatures(comparison, modes[seed]), modes[seed].u)
+            order[seed] = [name for name, _ in second]
             for name, first in second[: PAIRS // SEEDS]:
                 key = tuple(sorted((*seed, name)))
                 if key not in modes:
                     tell(f"refit {' and '.join(key)}")
                     start = {**_values(comparison.problem, modes[seed]), **first}
                     modes[key] = refit(comparison, key, modes[seed], start)
+        _swap(comparison, modes, order, tell)
     if base.prediction.runs:
         for key in sorted(modes, key=lambda key: -modes[key].log_evidence)[:POLISHED]:
             tell(f"polish {' and '.join(key) or 'the base model'}")
-            again = find(comparison, key, modes[key], QUICK)
-            if again.log_evidence > modes[key].log_evidence:
-                modes[key] = again
+            for _ in range(ROUNDS):
+                again = find(comparison, key, modes[key])
+                gain = again.log_evidence - modes[key].log_evidence
+                modes[key] = again if gain > 0.0 else modes[key]
+                if gain < ENOUGH:
+                    break
     return weigh(comparison, modes)
+
+
+def _swap(
+    comparison: Comparison,
+    modes: dict[tuple[str, ...], Mode],
+    order: dict[tuple[str, ...], list[str]],
+    tell: Callable[[str], None],
+) -> None:
+    """Where a pair is best, its second member is tried against others, from the pair's own nuisances."""
+    best = max(modes, key=lambda key: modes[key].log_evidence)
+    if len(best) != 2 or modes[best].log_evidence - max(m.log_evidence for k, m in modes.items() if k != best) < 0.0:
+        return
+    for seed in [key for key in order if set(key) < set(best)]:
+        for name in order[seed][:SWAPS]:
+            key = tuple(sorted((*seed, name)))
+            if key in modes:
+                continue
+            tell(f"refit {' and '.join(key)}")
+            first = {(name, effects()[name].amplitude.name): AGAIN}
+            first |= {one: z for one, z in _values(comparison.problem, modes[best]).items() if one[0] in seed}
+            modes[key] = refit(comparison, key, modes[best], first)
 
 
 def _from_the_best(comparison: Comparison, modes: dict[tuple[str, ...], Mode], tell: Callable[[str], None]) -> None:
