@@ -423,14 +423,14 @@ def _take(
 
     from rig.bench import bench_path, read_bench
     from rig.running import take
-    from rig.terminal import Terminal, asker
+    from rig.terminal import Terminal, somebody_is_there
 
     place = bench_path(path)
     bench = read_bench(place)
     with contextlib.ExitStack() as shown:
         if bench.file.roles.regulator is not None:
             terminal = shown.enter_context(Terminal(f"{wanted.kind} on {bench.name}"))
-            wanted = replace(wanted, progress=terminal, ask=asker())
+            wanted = replace(wanted, progress=terminal, ask=terminal.ask if somebody_is_there() else None)
         folder, outcome = take(place, given, course, wanted)
     print(f"{folder}: {outcome.outcome}{f', {outcome.reason}' if outcome.reason else ''}")
     if not outcome.vented:
@@ -462,21 +462,31 @@ def sheet(
     from rig.bench import bench_path, read_bench
     from rig.sweep import sheet as sheets
     from rig.sweep.ambient import Given, at_start
-    from rig.terminal import asker
+    from rig.terminal import ask, somebody_is_there
 
     if (out is None) == (entered is None):
         raise typer.BadParameter("give either -o, to print a sheet, or --enter, to enter one")
     read = read_bench(bench_path(bench))
     if out is not None:
+        if out.suffix not in (".html", ".csv"):
+            raise typer.BadParameter(f"{out}: a sheet is .html, to be printed, or .csv, to be filled in")
+        if out.exists():
+            raise typer.BadParameter(f"{out} exists already, and may be filled in; give a name that is free")
         text = sheets.print_sheet(read) if out.suffix == ".csv" else sheets.print_page(read)
         files.write_file(out, text.encode())
         print(out)
         return
     if entered is not None:
         from rig.running import enter
+        from rig.sweep.sheet_entry import SheetError
 
         given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
-        print(enter(read, entered.read_text(encoding="utf-8"), at_start(read, given, asker()), logs, operator))
+        room = at_start(read, given, ask if somebody_is_there() else None)
+        try:
+            text = entered.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            raise SheetError(f"{entered}: not UTF-8 text; save it as UTF-8") from None
+        print(enter(read, text, room, logs, operator))
 
 
 @app.command()

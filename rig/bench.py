@@ -272,7 +272,7 @@ def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
         All mistakes, a line each.
     """
     file = configs.validate(BenchFile, configs.parse_toml(sources[BENCH_SOURCE], place), place)
-    mistakes = _line_mistakes(file)
+    mistakes = _line_mistakes(file) + _address_mistakes(file)
     instruments = {}
     for device, table in file.devices.items():
         if table.line not in file.lines:
@@ -308,6 +308,20 @@ def _line_mistakes(file: BenchFile) -> list[str]:
             mistakes.append(f"lines.{name}: slowest_reply_s is shorter than timeout_s; it is at least as long")
         if "virtual" in (line.port, line.host) and file.virtual is None:
             mistakes.append(f"lines.{name}: the port is virtual, and the file has no [virtual] table")
+    return mistakes
+
+
+def _address_mistakes(file: BenchFile) -> list[str]:
+    """Two devices of one line that answer to the same name."""
+    mistakes = []
+    seen: dict[tuple[str, int | str], str] = {}
+    for name, table in file.devices.items():
+        for address in (table.unit_id, table.address or None):
+            if address is None:
+                continue
+            other = seen.setdefault((table.line, address), name)
+            if other != name:
+                mistakes.append(f"devices.{name}: answers to {address!r} on line '{table.line}' as '{other}' does")
     return mistakes
 
 

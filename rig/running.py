@@ -8,7 +8,7 @@ the run is sealed.
 from __future__ import annotations
 
 import contextlib
-import functools
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,12 +27,12 @@ from rig.lines import Port
 from rig.lines.keyboard import KeyboardPort
 from rig.lines.opening import port_of
 from rig.readings import NS
-from rig.runlog import Circumstances, RunWriter, StartRecord, start_record
+from rig.runlog import Circumstances, RunError, RunWriter, StartRecord, start_record
 from rig.runlog.folder import WATCHDOG
-from rig.sweep.ambient import Ambient, Ask, Given, at_end, at_start
+from rig.sweep.ambient import Ambient, AmbientError, Ask, Given, at_end, at_start
 from rig.sweep.by_hand import is_manual
 from rig.sweep.capture import motor_of
-from rig.sweep.conversation import Conversation, ValveHand
+from rig.sweep.conversation import Conversation, StoppedError, ValveHand
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks, Progress, Silent, guarded
 from rig.sweep.manual import run_manual
@@ -166,18 +166,30 @@ def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Ou
     """
     path = bench_path(path)
     bench = read_bench(path)
-    warn = functools.partial(wanted.progress.say, warning=True)
-    told = "the line is vented and the run sealed"
-    with Stop(lambda who: warn(f"{who}: {told}")) as stop, place_of(bench, path, wanted.rate) as place:
+    by_hand = bench.file.roles.regulator is None
+    # Before the operator's stop is listened to: at a question, Ctrl-C ends the program, and there is no run yet.
+    ambient = None if by_hand else at_start(bench, given, wanted.ask)
+    with Stop(_tell_stop) as stop, place_of(bench, path, wanted.rate) as place:
         conversation = None
-        if bench.file.roles.regulator is None:
+        if by_hand:
             conversation = Conversation(KeyboardPort(place.clock), place.clock, lambda: stop.asked)
             wanted = replace(wanted, ask=conversation.ask_text)
-        ambient = at_start(bench, given, wanted.ask)
+            try:
+                ambient = at_start(bench, given, wanted.ask)
+            except StoppedError:
+                raise AmbientError("stopped at a question about the room; there is no run") from None
+        if ambient is None:
+            raise AmbientError(f"{bench.name}: nothing is known of the room")
         course, remarks = plan(bench, ambient)
         for words in remarks:
-            warn(words)
+            wanted.progress.say(words, True)
         return _Run(bench, path, place, ambient, wanted, stop, conversation).go(course)
+
+
+def _tell_stop(who: str) -> None:
+    """Called inside a signal handler: it takes no lock that the interrupted thread might hold, as a bar does."""
+    with contextlib.suppress(OSError):
+        os.write(2, f"\nspinbench: {who}: venting the line and sealing the run\n".encode())
 
 
 class _Run:
@@ -292,7 +304,11 @@ class _Run:
         ask = self.wanted.ask if outcome.outcome == "finished" else None
         room: Any = at_end(self.ambient, minutes, ask).record()
         kind: Any = outcome.outcome
-        writer.end(kind, outcome.reason, room, statistics, outcome.vented)
+        try:
+            writer.end(kind, outcome.reason, room, statistics, outcome.vented)
+        except RunError as error:
+            vented = "vented" if outcome.vented else "NOT known to be vented"
+            raise RecorderError(f"{failure or error}; the line is {vented}; the run counts as killed") from error
         if failure is not None:
             raise failure
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from types import TracebackType
 
 from rich.console import Console
@@ -28,7 +27,6 @@ class Terminal:
         self._task = self.bar.add_task(escape(title), total=1.0)
 
     def __enter__(self) -> Terminal:
-        self.bar.start()
         return self
 
     def __exit__(
@@ -46,7 +44,7 @@ class Terminal:
         warning : bool
             Whether it should stand out.
         """
-        self.bar.print(f"[yellow]{escape(text)}[/yellow]" if warning else escape(text), highlight=False)
+        self.console.print(f"[yellow]{escape(text)}[/yellow]" if warning else escape(text), highlight=False)
 
     def advance(self, done: int, total: int, text: str) -> None:
         """How far it is.
@@ -58,19 +56,47 @@ class Terminal:
         text : str
             What is being done.
         """
+        if not self.bar.live.is_started:
+            self.bar.start()
         self.bar.update(self._task, description=escape(f"{self.title}: {text}"), completed=done, total=max(total, 1))
 
+    def ask(self, prompt: str) -> str:
+        """Put a question, with the bar out of the way.
 
-def asker() -> Callable[[str], str] | None:
-    """What puts a prompt to the person; None when standard input is no terminal."""
-    if not sys.stdin.isatty():
-        return None
+        Parameters
+        ----------
+        prompt : str
+            What to show.
 
-    def ask(prompt: str) -> str:
-        print(f"{prompt}: ", end="", file=sys.stderr, flush=True)
-        line = sys.stdin.readline(4096)
-        if not line:
-            raise EOFError("the terminal was closed")
-        return line.rstrip("\n")
+        Raises
+        ------
+        EOFError
+            When the terminal was closed.
+        """
+        self.bar.stop()
+        return ask(prompt)
 
-    return ask
+
+def ask(prompt: str) -> str:
+    """Put a question on standard error and return the line that was typed.
+
+    Parameters
+    ----------
+    prompt : str
+        What to show.
+
+    Raises
+    ------
+    EOFError
+        When the terminal was closed.
+    """
+    print(f"{prompt.rstrip().removesuffix(':')}: ", end="", file=sys.stderr, flush=True)
+    line = sys.stdin.readline(4096)
+    if not line:
+        raise EOFError("the terminal was closed")
+    return line.rstrip("\n")
+
+
+def somebody_is_there() -> bool:
+    """Whether standard input is a terminal."""
+    return sys.stdin.isatty()

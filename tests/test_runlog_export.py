@@ -155,6 +155,7 @@ def test_unusable_readings_are_not_in_a_transient(tmp_path):
             bench.writer.exchange(poll("gauge", {PRESSURE: 2.0}, step * NS))
             quality = Quality.CRC if bad else Quality.OK
             bench.writer.exchange(poll("tach", {SPEED: None if bad else 100.0}, step * NS, quality=quality))
+        bench.writer.event("capture end", 5 * NS, capture="coast-down", start_s=0.0, end_s=5.0)
 
     (file,) = recording_of(written(tmp_path, fill, kind="coast-down")).recording.files
     assert list(np.isnan(file.columns["speed_rpm"].values)) == [False, False, True, False, False]

@@ -230,6 +230,32 @@ def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) ->
     return move
 
 
+def turned(comparison: Comparison, mode: Mode) -> Mode:
+    """A mode with the starting angle of each run in time at the best of a few within a pulse: a start for `find`.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        A set of effects where its search ended.
+    """
+    f = Function(comparison, mode.names)
+    z, here = mode.z.copy(), mode.prediction
+    names = [u.name for u in comparison.problem.nuisances]
+    for i, run in enumerate(comparison.problem.blocks.runs):
+        place = names.index(f"{run.file}.angle")
+        best = (math.inf, float(z[place]))
+        for angle in [float(z[place]), *np.linspace(-math.sqrt(3.0), math.sqrt(3.0), ANGLES)]:
+            z[place] = angle
+            there = f(z, here, (i,))
+            white = comparison.whitener(there, mode.u)
+            r = white(comparison.read - comparison.raw(there))
+            best = min(best, (_cost(r, white.log_scale, z, mode.u, comparison), float(angle)))
+        z[place] = best[1]
+    return replace(mode, z=z)
+
+
 def _line_search(
     f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, move: np.ndarray, predicted: Prediction
 ) -> tuple[np.ndarray, Prediction, np.ndarray]:

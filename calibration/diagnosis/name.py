@@ -18,7 +18,7 @@ from scipy.special import gammaln, logsumexp
 from scipy.stats import norm
 
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.mode import Mode, find
+from calibration.diagnosis.mode import Mode, find, turned
 from calibration.diagnosis.problem import SI_OF, Problem
 from calibration.diagnosis.signatures import Signature, log_gain, project, signatures
 from model.effects import effects
@@ -116,7 +116,7 @@ def search(
         for key in sorted(modes, key=lambda key: -modes[key].log_evidence)[:POLISHED]:
             tell(f"polish {' and '.join(key) or 'the base model'}")
             for _ in range(ROUNDS):
-                again = find(comparison, key, modes[key])
+                again = find(comparison, key, turned(comparison, modes[key]))
                 gain = again.log_evidence - modes[key].log_evidence
                 modes[key] = again if gain > 0.0 else modes[key]
                 if gain < ENOUGH:

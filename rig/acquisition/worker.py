@@ -17,7 +17,8 @@ import numpy as np
 
 from rig.acquisition import actions
 from rig.clock import Clock
-from rig.lines import Line, LostError
+from rig.instruments.instrument import IdentityError
+from rig.lines import Line, LineError, LostError
 from rig.readings import NS, Exchange
 
 FIRST_BACK_OFF_S = 0.1
@@ -122,8 +123,24 @@ class Worker(threading.Thread):
         self._put(exchange)
         if lost:
             raise lost
+        faults: list[Exception] = []
         for name in self.devices:
-            self._introduce(name)
+            try:
+                self._introduce(name)
+            except LostError:
+                raise
+            except actions.FAULTS as error:
+                faults.append(error if isinstance(error, IdentityError) else LineError(self._silent(name, error)))
+        if len(faults) == 1:
+            raise faults[0]
+        if faults:
+            raise LineError("\n".join(str(fault) for fault in faults))
+
+    def _silent(self, name: str, error: Exception) -> str:
+        return (
+            f"{name} (line {self.line.name}) does not answer as it should: {error}; is it on, and are its address and "
+            "the baud rate right? spinbench doctor tells more"
+        )
 
     def command(self, device: str, action: str, argument: float | None = None) -> Future[Exchange]:
         """Have something done on the line, before the next poll.
@@ -143,6 +160,9 @@ class Worker(threading.Thread):
             Of the exchange, or of the fault.
         """
         done: Future[Exchange] = Future()
+        if not self.is_alive():
+            done.set_exception(LostError(f"line {self.line.name}: nothing runs on it any more"))
+            return done
         self._commands.put(_Command(device, action, argument, done))
         self._wake.set()
         return done
@@ -157,19 +177,21 @@ class Worker(threading.Thread):
         self._refuse_commands(LostError(f"line {self.line.name} is closed"))
 
     def run(self) -> None:
-        """Work until `stop`; a fault that is not the line's ends the thread and is kept in ``failure``."""
+        """Work until `stop`. A fault that is not the line's is kept in ``failure``; then nothing is polled any more,
+        but commands are still carried out: the regulator may be on this line.
+        """
         now_ns = self.clock.now_ns()
         for device in self.devices.values():
             device.due_ns = now_ns
-        try:
-            while not self._stopping.is_set():
-                try:
-                    self._work()
-                except LostError as error:
-                    self._mend(error)
-        except Exception as error:
-            self.failure = error
-            self._refuse_commands(error)
+        while not self._stopping.is_set():
+            try:
+                self._work()
+            except LostError as error:
+                self._mend(error)
+            except actions.FAULTS:
+                pass  # of a command, whose caller has been told
+            except Exception as error:
+                self.failure = self.failure or error
 
     def statistics(self) -> dict[str, dict[str, Any]]:
         """How the polling of each device goes: rates asked and achieved [1/s], jitter and latency [ms], counts [-]."""
@@ -186,6 +208,8 @@ class Worker(threading.Thread):
             self._carry_out(command)
             return
         waiting = [(device.due_ns, name) for name, device in self.devices.items() if device.period_ns is not None]
+        if self.failure is not None:
+            waiting = []
         due_ns, name = min(waiting) if waiting else (self.clock.now_ns() + int(IDLE_S * self.clock.rate * NS), "")
         wait_s = self.clock.real_s((due_ns - self.clock.now_ns()) / NS)
         if wait_s > 0.0:
@@ -195,7 +219,15 @@ class Worker(threading.Thread):
 
     def _carry_out(self, command: _Command) -> None:
         device = self.devices[command.device]
-        exchange, fault = actions.perform(self.line, command.device, device.driver, command.action, command.argument)
+        try:
+            if not device.identified:  # after a reopening another device may be there: nothing is ordered of it
+                self._introduce(command.device)
+            exchange, fault = actions.perform(
+                self.line, command.device, device.driver, command.action, command.argument
+            )
+        except Exception as error:
+            command.done.set_exception(error)
+            raise
         self._put(exchange)
         if command.action == actions.CAPTURE and device.period_ns is not None:
             # a poll between two captures would take edges into a mean
@@ -288,7 +320,7 @@ class Worker(threading.Thread):
         self._note("line back", now_ns, line=self.line.name, gap_s=round(gap_s, 6))
         self.lost_since_ns = None
         for device in self.devices.values():
-            device.identified = device.period_ns is None
+            device.identified = False
             device.due_ns = now_ns
 
     def _refuse_commands(self, error: Exception) -> None:

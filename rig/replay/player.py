@@ -13,6 +13,7 @@ from rig.lines import Line
 from rig.lines.opening import timing_of
 from rig.readings import Exchange
 from rig.replay.port import ReplayPort
+from rig.runlog import RunError
 
 
 class Player:
@@ -26,10 +27,12 @@ class Player:
         Whether the run is of a virtual bench.
     ambient : mapping of str to float
         ``pressure_bar_abs`` and ``temperature_c`` of the run's start.
+    rate : float
+        Of the bench's clock then [-].
     """
 
-    def __init__(self, bench: Bench, simulated: bool, ambient: Mapping[str, Any]) -> None:
-        clock = Clock()
+    def __init__(self, bench: Bench, simulated: bool, ambient: Mapping[str, Any], rate: float = 1.0) -> None:
+        clock = Clock(rate)
         self.ports = {name: ReplayPort() for name in bench.file.lines}
         self.lines = {
             name: Line(name, self.ports[name], clock, timing_of(table)) for name, table in bench.file.lines.items()
@@ -50,6 +53,7 @@ class Player:
         Exchange
             With the same bytes, and the readings and outcome of today's drivers.
         """
+        self._check(exchange)
         line, port = self.lines[exchange.line], self.ports[exchange.line]
         port.load(exchange.events)
         if not exchange.device:
@@ -68,6 +72,21 @@ class Player:
             played.outcome,
         )
         return self.stage(logged)
+
+    def _check(self, exchange: Exchange) -> None:
+        """What is no exchange of this bench is refused before a driver sees it."""
+        what = f"exchange '{exchange.action}' of '{exchange.device}' on line '{exchange.line}'"
+        if exchange.line not in self.lines or (exchange.device and exchange.device not in self.drivers):
+            raise RunError(f"{what}: the bench of this run has no such line or device")
+        needs = {actions.WRITE: "write", actions.FAILSAFE: "set_failsafe", actions.CAPTURE: "poll_edges"}
+        known = (actions.OPEN, actions.IDENTIFY, actions.POLL, *needs)
+        driver = self.drivers.get(exchange.device)
+        if exchange.action not in known or (not exchange.device and exchange.action != actions.OPEN):
+            raise RunError(f"{what}: there is no such action ({', '.join(known)})")
+        if exchange.action in needs and not hasattr(driver, needs[exchange.action]):
+            raise RunError(f"{what}: this device does nothing of the kind")
+        if exchange.action == actions.WRITE and exchange.argument is None:
+            raise RunError(f"{what}: without a set-point")
 
     @property
     def differences(self) -> list[str]:

@@ -124,7 +124,8 @@ def replay(
     """
     if not run.has_wire:
         raise RunError(f"{run.folder}: the bytes on the wire were not kept, so there is nothing to replay")
-    player = Player(bench or bench_of_run(run), run.start.simulated, run.start.ambient.model_dump())
+    room = run.start.ambient.model_dump()
+    player = Player(bench or bench_of_run(run), run.start.simulated, room, run.start.clock.rate)
     logged = (line for _, line in itertools.islice(whole_lines(run.folder / SAMPLES), 1, None))
     pace = _Pace(real_time)
     events = iter(run.events)

@@ -131,7 +131,7 @@ def captures(run: Run) -> list[Phase]:
     ----------
     run : Run
         Its events ``capture end`` hold ``capture`` (the kind), ``start_s``, ``event_s`` and ``end_s``; a run of kind
-        ``coast-down`` or ``spin-up`` without such an event is one capture from end to end.
+        ``coast-down`` or ``spin-up`` that was imported without such an event is one capture from end to end.
     """
     phases = []
     for event in run.events:
@@ -139,7 +139,7 @@ def captures(run: Run) -> list[Phase]:
         if event.event == CAPTURE and which in CAPTURES and "end_s" in event.details:
             when = event.details.get("event_s")
             phases.append(Phase(which, *_span(event), float(when) if isinstance(when, int | float) else None))
-    if not phases and run.start.kind in CAPTURES:
+    if not phases and run.start.kind in CAPTURES and run.start.imported:
         phases.append(_whole(run, run.start.kind))
     return phases
 
