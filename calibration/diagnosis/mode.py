@@ -246,7 +246,9 @@ def turned(comparison: Comparison, mode: Mode) -> Mode:
     for i, run in enumerate(comparison.problem.blocks.runs):
         place = names.index(f"{run.file}.angle")
         best = (math.inf, float(z[place]))
-        for angle in [float(z[place]), *np.linspace(-math.sqrt(3.0), math.sqrt(3.0), ANGLES)]:
+        edge = math.sqrt(3.0)  # half a pulse: an angle one pulse on is the same angle
+        within = (float(z[place]) + edge) % (2.0 * edge) - edge
+        for angle in [float(z[place]), within, *np.linspace(-edge, edge, ANGLES)]:
             z[place] = angle
             there = f(z, here, (i,))
             white = comparison.whitener(there, mode.u)
