@@ -371,16 +371,16 @@ def sweep(
     """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
     from rig.running import Wanted
     from rig.sweep.ambient import Given
-    from rig.sweep.continuing import finished_steps
+    from rig.sweep.continuing import Taken, taken
 
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
     parent = _run(resume, logs) if resume else None
-    finished = finished_steps(parent) if parent else ()
 
     def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
         from rig.sweep.planning import sweep_course
 
-        return sweep_course(read, ambient, finished)
+        have = taken(parent, read, logs) if parent else Taken()
+        return sweep_course(read, ambient, have.steps, have.captures)
 
     _take(bench, given, course, Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate))
 
@@ -557,7 +557,7 @@ def replay(
     from configs import FOLDER
     from rig.replay.replaying import bench_of_run, mended_bench
     from rig.replay.replaying import replay as play
-    from rig.replay.saving import writer_for
+    from rig.replay.saving import retake_plateaus, writer_for
 
     read = _run(run, logs)
     bench = mended_bench(read, mended, FOLDER / "instruments") if mended else bench_of_run(read)
@@ -566,6 +566,7 @@ def replay(
         with _counting(f"replay of {read.name}", read.exchange_count) as tell:
             found = play(read, bench, writer, real_time, lambda done, exchange: tell(done))
         if writer is not None:
+            retake_plateaus(read, writer)
             writer.end("finished", f"replay of {read.name}")
             print(f"{writer.folder}: the new samples")
     verdict = "the same, bit for bit" if found.same else f"{found.different} differ"

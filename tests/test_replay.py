@@ -14,7 +14,7 @@ from rig.readings import Event
 from rig.replay.player import Player
 from rig.replay.port import ReplayPort
 from rig.replay.replaying import bench_of_run, mended_bench, replay
-from rig.replay.saving import writer_for
+from rig.replay.saving import retake_plateaus, writer_for
 from rig.runlog import RunError, read_run, verify
 from rig.running import Wanted, take
 from rig.sweep.ambient import Given
@@ -85,6 +85,7 @@ def test_a_mended_instrument_file_decodes_the_old_bytes_anew(run_folder, tmp_pat
     bench = mended_bench(run, ["siargo_mf5700"], instruments)
     with writer_for(run, bench, tmp_path / "logs") as writer:
         found = replay(run, bench, writer)
+        retake_plateaus(run, writer)
         writer.end("finished")
     assert found.different > 0
     new = read_run(writer.folder)
@@ -92,6 +93,9 @@ def test_a_mended_instrument_file_decodes_the_old_bytes_anew(run_folder, tmp_pat
     assert verify(writer.folder) == []
     values = [one.samples[one.samples["channel"] == "flow_sl_min"]["value"].to_numpy() for one in (run, new)]
     np.testing.assert_allclose(values[1], 2.0 * values[0], atol=1e-9)
+    for old, taken in zip(run.plateaus, new.plateaus, strict=True):
+        assert taken.means["speed_rpm"] == old.means["speed_rpm"]
+        assert taken.means["flow_l_min"].mean == pytest.approx(2.0 * old.means["flow_l_min"].mean)
 
 
 def test_an_instrument_that_the_run_has_not_is_told(run_folder):

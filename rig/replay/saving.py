@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.bench import Bench
-from rig.runlog import Run, RunWriter
+from rig.readings import NS
+from rig.runlog import Run, RunWriter, read_run
+from rig.runlog.phases import quantity_channels, series
 from rig.runlog.start import source
+from rig.sweep.plateau import mean_of
 
 
 def writer_for(run: Run, bench: Bench, logs: Path) -> RunWriter:
@@ -24,3 +27,42 @@ def writer_for(run: Run, bench: Bench, logs: Path) -> RunWriter:
     sources = {name: source(text) for name, text in bench.sources.items()}
     start = run.start.model_copy(update={"kind": "replay", "parent": run.name, "sources": sources})
     return RunWriter.create(logs, start)
+
+
+def retake_plateaus(run: Run, writer: RunWriter) -> int:
+    """Take the plateaus of a run anew, over the same times, from the samples of its replay.
+
+    Parameters
+    ----------
+    run : Run
+        What was replayed.
+    writer : RunWriter
+        Where its replay is being written; every exchange is in it.
+
+    Returns
+    -------
+    int
+        Plateaus written [-].
+    """
+    new = read_run(writer.folder)
+    channels = quantity_channels(new)
+    for old in run.plateau_rows:
+        row = {
+            "n": old.n,
+            "level_bar_abs": old.level_bar_abs,
+            "direction": old.direction,
+            "repeat": old.repeat,
+            "start_s": old.start_s,
+            "end_s": old.end_s,
+            "settled": old.settled,
+            "used": old.used,
+            "note": old.note,
+        }
+        for column, channel in channels.items():
+            read = series(new, channel, old.start_s, old.end_s)
+            mean = mean_of(read.time_ns / NS, read.value, read.censored)
+            if mean.mean is not None:
+                row[column] = mean.cell
+                row |= {f"{column}_se": mean.se, f"{column}_n_eff": mean.n_eff or None, f"{column}_n": mean.n}
+        writer.plateau(row)
+    return len(run.plateau_rows)

@@ -123,6 +123,10 @@ def _about(run: Run) -> list[str]:
     if run.state != "finished":
         reason = f" ({run.end.reason})" if run.end is not None and run.end.reason else ""
         notes.append(f"the run is {run.state}{reason}")
+    if run.end is not None:
+        kept = {name: sha256 for name, sha256 in run.end.sha256.items() if (run.folder / name).is_file()}
+        changed = [name for name, sha256 in kept.items() if sha256_of(run.folder / name) != sha256]
+        notes += [f"{name} was changed since the run was sealed" for name in changed]
     notes += [f"{name} ends in a torn line; {dropped} bytes were left out" for name, dropped in run.torn.items()]
     return notes
 

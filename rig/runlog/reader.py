@@ -172,6 +172,8 @@ def read_run(folder: Path) -> Run:
     # Asked before the files are looked at: a run that ends meanwhile is "being written", not torn and "killed".
     locked = is_locked(folder)
     end = read_end(folder)
+    if end is not None and SAMPLES in end.sha256 and not (folder / SAMPLES).exists():
+        raise RunError(f"{folder / SAMPLES}: missing; the end record has the hash of what was there")
     torn = {}
     for name in APPENDED:
         path = folder / name

@@ -1,21 +1,75 @@
-"""What a sweep that was broken off has taken already."""
+"""What a sweep that was broken off has taken already, and those that it had itself continued."""
 
 from __future__ import annotations
 
-from rig.runlog import Run
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.bench import Bench
+from rig.runlog import Run, RunError, read_run
+from rig.runlog.listing import find_run
+from rig.runlog.phases import captures
 from rig.sweep.plan import Step
 
+MOST_PARENTS = 100
 
-def finished_steps(run: Run) -> tuple[Step, ...]:
-    """The steps of a run whose plateau counts and had settled.
+
+@dataclass(frozen=True)
+class Taken:
+    """What there is already.
+
+    Attributes
+    ----------
+    steps : tuple of Step
+        Those whose plateau counts and had settled.
+    captures : frozenset of str
+        Kinds of runs in time.
+    """
+
+    steps: tuple[Step, ...] = ()
+    captures: frozenset[str] = frozenset()
+
+
+def taken(run: Run, bench: Bench, logs: Path) -> Taken:
+    """What a run, and the runs that it continues, have taken.
 
     Parameters
     ----------
     run : Run
         The run that is continued.
+    bench : Bench
+        The bench that continues it.
+    logs : Path
+        Where runs are kept.
+
+    Raises
+    ------
+    RunError
+        When the run is of another bench or another sweep, or of no sweep at all.
     """
-    return tuple(
-        Step(plateau.level_bar_abs, plateau.direction, plateau.repeat)
-        for plateau in run.plateaus
-        if plateau.settled and plateau.level_bar_abs is not None
-    )
+    steps: list[Step] = []
+    kinds: set[str] = set()
+    seen: set[str] = set()
+    at: Run | None = run
+    while at is not None and at.name not in seen and len(seen) < MOST_PARENTS:
+        _check(at, bench)
+        seen.add(at.name)
+        steps += [
+            Step(plateau.level_bar_abs, plateau.direction, plateau.repeat)
+            for plateau in at.plateaus
+            if plateau.settled and plateau.level_bar_abs is not None
+        ]
+        kinds |= {phase.kind for phase in captures(at)}
+        at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
+    return Taken(tuple(steps), frozenset(kinds))
+
+
+def _check(run: Run, bench: Bench) -> None:
+    if run.start.kind not in ("sweep", "manual"):
+        raise RunError(f"{run.name} is a run of kind '{run.start.kind}'; only a sweep is continued")
+    if run.start.bench != bench.name:
+        raise RunError(f"{run.name} is of the bench '{run.start.bench}', not of '{bench.name}'")
+    now = bench.file.sweep.model_dump()
+    changed = [key for key in ("levels_bar_abs", "order", "repeats", "seed") if run.start.sweep.get(key) != now[key]]
+    if changed:
+        raise RunError(f"{run.name} is of another sweep: {', '.join(changed)} differ from the bench file's; start anew")

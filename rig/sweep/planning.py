@@ -12,7 +12,9 @@ from rig.sweep.course import Course
 from rig.sweep.plan import Step, SweepError, plan
 
 
-def sweep_course(bench: Bench, ambient: Ambient, finished: Collection[Step] = ()) -> tuple[Course, list[str]]:
+def sweep_course(
+    bench: Bench, ambient: Ambient, finished: Collection[Step] = (), captured: Collection[str] = ()
+) -> tuple[Course, list[str]]:
     """What a sweep goes through.
 
     Parameters
@@ -23,6 +25,8 @@ def sweep_course(bench: Bench, ambient: Ambient, finished: Collection[Step] = ()
         The room.
     finished : collection of Step
         What the run that this one continues has taken.
+    captured : collection of str
+        Kinds of captures that it has taken.
 
     Returns
     -------
@@ -39,10 +43,11 @@ def sweep_course(bench: Bench, ambient: Ambient, finished: Collection[Step] = ()
     table = bench.file.sweep
     check_levels(bench, ambient, [*table.levels_bar_abs, *filter(None, [table.capture_level_bar_abs])])
     steps = plan(table.levels_bar_abs, table.order, table.repeats, table.seed, finished)
-    if finished and not steps:
-        raise SweepError("the run to be continued has taken every level; there is nothing left to do")
+    wanted = [kind for kind in table.captures if kind not in captured]
+    if finished and not steps and not wanted:
+        raise SweepError("the run to be continued has taken everything; there is nothing left to do")
     captures, remarks = [], []
-    for kind in table.captures:
+    for kind in wanted:
         try:
             captures.append(capture.capture_task(bench, ambient, kind))
         except capture.CaptureError as error:

@@ -1,0 +1,63 @@
+"""A sweep that goes on where another was broken off: what that one, and its own parents, have taken."""
+
+import dataclasses
+
+import pytest
+
+from rig.bench import read_bench
+from rig.runlog import RunError, read_run
+from rig.sweep.ambient import Given, at_start
+from rig.sweep.continuing import taken
+from rig.sweep.plan import SweepError
+from rig.sweep.planning import sweep_course
+from tests.synthetic_runs import write_sweep
+
+BENCH = read_bench("virtual")
+SWEEP = BENCH.file.sweep.model_dump()
+
+
+def run_of(folder, **changes):
+    options = {"bench": "virtual", "sweep": SWEEP} | changes
+    return read_run(write_sweep(folder, seal=True, wire=False, captures=False, **options))
+
+
+def test_what_a_run_has_taken_is_left_out(tmp_path):
+    run = run_of(tmp_path)
+    have = taken(run, BENCH, tmp_path)
+    assert len(have.steps) == len([plateau for plateau in run.plateaus if plateau.settled]) > 0
+    assert have.captures == frozenset()
+
+
+def test_the_parents_of_the_parent_count_too(tmp_path):
+    first = run_of(tmp_path)
+    second = run_of(tmp_path, parent=first.name)
+    assert len(taken(second, BENCH, tmp_path).steps) == 2 * len(taken(first, BENCH, tmp_path).steps)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"bench": "lab"}, "is of the bench 'lab', not of 'virtual'"),
+        ({"kind": "zero"}, "only a sweep is continued"),
+        ({"sweep": SWEEP | {"levels_bar_abs": [1.5]}}, "another sweep: levels_bar_abs differ"),
+    ],
+)
+def test_a_run_of_something_else_is_not_continued(tmp_path, changes, words):
+    with pytest.raises(RunError, match=words):
+        taken(run_of(tmp_path, **changes), BENCH, tmp_path)
+
+
+def test_captures_that_are_there_are_not_taken_again():
+    ambient = at_start(BENCH, Given(minutes_running=0.0))
+    course, _ = sweep_course(BENCH, ambient, (), ("coast-down",))
+    assert [task.kind for task in course.captures] == ["spin-up"]
+
+
+def test_captures_alone_can_be_what_is_left():
+    ambient = at_start(BENCH, Given(minutes_running=0.0))
+    steps = sweep_course(BENCH, ambient)[0].steps
+    course, _ = sweep_course(BENCH, ambient, [dataclasses.replace(step) for step in steps])
+    assert course.steps == []
+    assert len(course.captures) == 2
+    with pytest.raises(SweepError, match="nothing left"):
+        sweep_course(BENCH, ambient, steps, ("coast-down", "spin-up"))
