@@ -53,6 +53,16 @@ def test_captures_that_are_there_are_not_taken_again():
     assert [task.kind for task in course.captures] == ["spin-up"]
 
 
+def test_a_level_beyond_the_regulator_s_span_is_refused_and_not_clipped():
+    table = BENCH.file.devices["dac"].model_copy(update={"span": [0.0, 1.0]})
+    file = BENCH.file.model_copy(update={"devices": BENCH.file.devices | {"dac": table}})
+    ambient = at_start(BENCH, Given(minutes_running=0.0))
+    with pytest.raises(
+        SweepError, match=r"2\.2 bar abs is beyond the regulator's span, which ends at 2\.01325 bar abs"
+    ):
+        sweep_course(dataclasses.replace(BENCH, file=file), ambient)
+
+
 def test_captures_alone_can_be_what_is_left():
     ambient = at_start(BENCH, Given(minutes_running=0.0))
     steps = sweep_course(BENCH, ambient)[0].steps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import Any
 
 from rig.bench import Bench
 from rig.sweep import capture
@@ -98,10 +99,13 @@ def check_levels(bench: Bench, ambient: Ambient, levels_bar_abs: Collection[floa
     Raises
     ------
     SweepError
-        Above the limit, or not above the room's pressure.
+        Above the limit, beyond the regulator's span, or not above the room's pressure.
     """
     highest = bench.file.safety.highest_pressure_bar_abs
+    reach = _reach(bench, ambient)
     for level in levels_bar_abs:
+        if level > reach:
+            raise SweepError(f"level {level:g} bar abs is beyond the regulator's span, which ends at {reach:g} bar abs")
         if level > highest:
             raise SweepError(f"level {level:g} bar abs is above safety.highest_pressure_bar_abs, {highest:g} bar")
         if level <= ambient.pressure_bar_abs:
@@ -109,6 +113,15 @@ def check_levels(bench: Bench, ambient: Ambient, levels_bar_abs: Collection[floa
                 f"level {level:g} bar abs is not above the room's {ambient.pressure_bar_abs:g} bar; levels are "
                 "absolute, not gauge"
             )
+
+
+def _reach(bench: Bench, ambient: Ambient) -> float:
+    """The highest absolute pressure that the regulator can be ordered [bar]; no limit by hand."""
+    device = bench.file.roles.regulator
+    if device is None:
+        return float("inf")
+    driver: Any = bench.build(device)
+    return float(driver.highest) + (ambient.pressure_bar_abs if driver.unit == "bar gauge" else 0.0)
 
 
 def _course(
