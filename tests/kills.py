@@ -30,6 +30,7 @@ sys.path.insert(0, sys.argv[1])
 from spinbench import app
 app(["sweep", "virtual", "--logs", sys.argv[2], "--minutes-running", "0"])
 """
+WATCHDOG_S = 2.0
 LONGEST_S = 2.0  # real time from the kill to the regulator at zero
 MOMENTS_S = (0.0, 10.5)  # after the run's folder is there; a sweep takes some 12 s
 
@@ -114,6 +115,7 @@ def kill_once(after_s: float) -> Kill:
         read = read_run(run)
         replayed = replay(read)
         if not finished:
+            time.sleep(WATCHDOG_S)  # it writes its last line into the run after the regulator is at zero
             repair(run)
         return Kill(
             after_s,
