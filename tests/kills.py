@@ -30,7 +30,7 @@ sys.path.insert(0, sys.argv[1])
 from spinbench import app
 app(["sweep", "virtual", "--logs", sys.argv[2], "--minutes-running", "0"])
 """
-WATCHDOG_S = 2.0
+WATCHDOG_S = 6.0  # one that was only being started has to read its files first
 LONGEST_S = 2.0  # real time from the kill to the regulator at zero
 MOMENTS_S = (0.0, 10.5)  # after the run's folder is there; a sweep takes some 12 s
 
