@@ -413,7 +413,7 @@ def set_ports(
             take_port(y, i, port[i], P_port[port[i]], T_port[port[i]], c, gas)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def integrate(
     y: np.ndarray,
     t_start: float,

@@ -13,7 +13,8 @@ from model.layout import L_MIN, RPM
 from model.transient import Supply
 from rig.recording import Recording, RecordingError, RecordingFile
 
-BEFORE_S = 0.5  # real time that a run in time is simulated before its first sample, to reach its steady state
+REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed: below, it hangs on single pulses
+BEFORE_S = 0.4  # real time that a run in time is simulated before its first sample, to reach its steady state
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
 
@@ -83,6 +84,8 @@ class RunInTime:
         Of the file [-].
     from_rest : bool
         Whether it starts at rest; otherwise in the steady state of its first span.
+    used : ndarray of bool, shape (n,)
+        Samples that are compared: a spin-up's once its line is open, a coast-down's until it is nearly over.
     """
 
     file: str
@@ -95,11 +98,17 @@ class RunInTime:
     start_s: float
     noise_scale: float
     from_rest: bool
+    used: np.ndarray
 
     @property
     def size(self) -> int:
         """Number of samples [-]."""
         return int(self.time.size)
+
+    @property
+    def wanted(self) -> int:
+        """Number of samples up to the last that is compared [-]."""
+        return int(np.flatnonzero(self.used)[-1]) + 1 if self.used.any() else 1
 
 
 @dataclass(frozen=True)
@@ -167,6 +176,7 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
     noise = max(figures.noise_sd, figures.resolution / np.sqrt(12.0)) * file.noise_scale * PASCAL_PER_BAR
     spans, fewest = _spans(time, pressure, opened, step)
     first = speed.values[np.isfinite(speed.values)][:5] / RPM
+    from_rest = bool(first.size == 0 or np.mean(first) < REST_RAD_S or not opened[0])
     return RunInTime(
         file.file,
         time,
@@ -177,8 +187,20 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
         gauge,
         file.start_s,
         file.noise_scale,
-        bool(first.size == 0 or np.mean(first) < REST_RAD_S or not opened[0]),
+        from_rest,
+        _useful(speed.values / RPM, time, spans, from_rest),
     )
+
+
+def _useful(speed: np.ndarray, time: np.ndarray, spans: Sequence[Supply], from_rest: bool) -> np.ndarray:
+    used = np.isfinite(speed)
+    if from_rest:
+        opened = next((span.start_s for span in spans if span.is_open), time[0])
+        return used & (time > opened + 1e-9)
+    slow = np.flatnonzero(speed < REST_SHARE * np.nanmean(speed[:5]))
+    if slow.size:
+        used[slow[0] :] = False
+    return used
 
 
 def _spans(time: np.ndarray, pressure: np.ndarray, opened: np.ndarray, step: float) -> tuple[list[Supply], int]:

@@ -120,7 +120,7 @@ def _fit(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.ndarr
     rest = r - J @ z
     white = comparison.whitener(mode.prediction, mode.u)
     n = comparison.n
-    scale = np.concatenate([white.flow, white.speed, white.run])
+    scale = white.scale
     logs = float(np.sum(np.log(scale[used & comparison.known]))) if n + white.run.size else 0.0
     evidence = -0.5 * float(rest @ rest + z @ z) - logs - 0.5 * float(np.linalg.slogdet(A)[1])
     return z, A, evidence
@@ -135,7 +135,7 @@ def _predict(
     J = mode.J[good]
     C = np.eye(r.size) + J @ np.linalg.solve(A, J.T)
     white = comparison.whitener(mode.prediction, mode.u)
-    scale = np.concatenate([white.flow, white.speed, white.run])
+    scale = white.scale
     density = -0.5 * float(r @ np.linalg.solve(C, r)) - 0.5 * float(np.linalg.slogdet(C)[1])
     density -= float(np.sum(np.log(scale[good])))
     error = (comparison.read - comparison.raw(mode.prediction) + mode.D @ (mode.z - z))[held]

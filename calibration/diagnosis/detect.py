@@ -165,5 +165,11 @@ def _draw(comparison: Comparison, mode: Mode, rng: np.random.Generator) -> np.nd
     out[:n] += problem.resolution["flow"] * (rng.random(n) - 0.5)
     out[n:] += problem.resolution["speed"] * (rng.random(out.size - n) - 0.5)
     scale = np.repeat([run.noise_scale for run in problem.blocks.runs], comparison.sizes)
-    out[2 * n :] += np.hypot(noise["speed"] * scale, comparison.ripple) * rng.standard_normal(out.size - 2 * n)
+    out[2 * n :] += noise["speed"] * scale * rng.standard_normal(out.size - 2 * n)
+    swing = comparison.blur * comparison.swing
+    angle = swing * rng.standard_normal(out.size - 2 * n)
+    first = np.cumsum([0, *comparison.sizes[:-1]])[: len(comparison.sizes)]
+    before = np.roll(angle, 1)
+    before[first] = swing[first] * rng.standard_normal(first.size)
+    out[2 * n :] += (angle - before) / comparison.step
     return np.where(comparison.known, out, 0.0)

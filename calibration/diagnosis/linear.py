@@ -3,6 +3,10 @@
 The vector holds the plateaus' flows, then their speeds, then the samples of each run in time. The gauge's noise moves
 flow and speed of a plateau together; the map takes that out, so a whitened residual is standard normal where the model
 is right. Readings that are missing are 0 in it.
+
+The phase of the cylinders' pulses late in a run in time hangs on everything that came before. So the shaft's angle at a
+sample is known to no better than the pulses swing it, and a speed reading, which is a difference of two angles, has a
+part of noise that its neighbours take back: what the readings say on average over a pulse stays as sharp as it is.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cholesky_banded, solve_banded
 
 from calibration.diagnosis.problem import CHANNELS, Prediction, Problem
 from calibration.priors import NOISE_FACTOR
@@ -18,7 +23,7 @@ from calibration.priors import NOISE_FACTOR
 NOISE_SD = math.log(NOISE_FACTOR)
 NOISE_PASSES = 4
 LARGEST_NOISE_STEP = 0.5
-REST_SHARE = 0.2  # a coast-down is compared down to this share of its first speed: below, trapped air swings the rotor
+BLUR = 0.3
 FLOW, SPEED, RUN = 0, 1, 2  # kinds of entries; run i is RUN + i
 
 
@@ -30,8 +35,8 @@ class Whitener:
     ----------
     flow, share, speed : ndarray, shape (n,)
         Of each plateau: sd of the flow, what of the speed follows the flow, sd of the rest.
-    run : ndarray, shape (m - 2 n,)
-        sd of the runs' samples.
+    run, before : ndarray, shape (m - 2 n,)
+        Of the runs' samples: sd given the samples before, and what of a sample follows the one before.
     log_scale : float
         Sum of the logarithms of the sds over the readings that there are [-].
     known : ndarray of bool, shape (m,)
@@ -42,6 +47,7 @@ class Whitener:
     share: np.ndarray
     speed: np.ndarray
     run: np.ndarray
+    before: np.ndarray
     log_scale: float
     known: np.ndarray
 
@@ -61,8 +67,14 @@ class Whitener:
         out[:n] = given[:n] / self.flow[rows]
         out[n : 2 * n] = (given[n : 2 * n] - self.share[rows] * out[:n]) / self.speed[rows]
         out[n : 2 * n][~self.known[n : 2 * n]] = 0.0
-        out[2 * n :] = given[2 * n :] / self.run[rows]
+        if self.run.size:
+            out[2 * n :] = solve_banded((1, 0), np.vstack([self.run, np.append(self.before[1:], 0.0)]), given[2 * n :])
         return out
+
+    @property
+    def scale(self) -> np.ndarray:
+        """sd of each reading given those before it [SI], shape (m,)."""
+        return np.concatenate([self.flow, self.speed, self.run])
 
 
 class Comparison:
@@ -81,14 +93,16 @@ class Comparison:
         FLOW, SPEED, or RUN + i.
     index : ndarray of int, shape (m,)
         Row of the plateaus, or sample of the run.
-    ripple : ndarray, shape (m - 2 n,)
-        sd of the runs' samples by the pulses of the cylinders, whose phase the model does not get quite right [rad/s].
+    swing : ndarray, shape (m - 2 n,)
+        How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
+    blur : float
+        Share of that swing to which the pulses' phase is not trusted [-].
     """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         plateaus = problem.blocks.plateaus
-        self.used = tuple(_useful(run.speed, run.from_rest, run) for run in problem.blocks.runs)
+        self.used = tuple(run.used for run in problem.blocks.runs)
         n = plateaus.size
         runs = problem.blocks.runs
         self.read = np.concatenate(
@@ -102,7 +116,12 @@ class Comparison:
         self.kind, self.index = np.concatenate(kinds), np.concatenate(places)
         self.known = np.isfinite(self.read)
         self.n = n
-        self.ripple = np.zeros(self.read.size - 2 * n)
+        self.swing = np.zeros(self.read.size - 2 * n)
+        self.blur = BLUR
+        self.step = np.concatenate(
+            [np.full(int(used.sum()), _step(run.time)) for run, used in zip(runs, self.used, strict=True)]
+            or [np.zeros(0)]
+        )
         self.sizes = tuple(int(used.sum()) for used in self.used)
 
     @property
@@ -122,7 +141,7 @@ class Comparison:
         return np.concatenate([predicted.flow, predicted.speed, *runs])
 
     def variances(self, u: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Variances of the plateaus' readings by channel [SI], and those of the runs' samples.
+        """Variances of the plateaus' readings by channel [SI], and those of the runs' samples, pulses apart.
 
         Parameters
         ----------
@@ -133,8 +152,26 @@ class Comparison:
         noise = {c: problem.noise[c] * math.exp(u[i]) for i, c in enumerate(CHANNELS)}
         var = {c: (noise[c] * plateaus.noise_scale) ** 2 + problem.resolution[c] ** 2 / 12.0 for c in CHANNELS}
         scale = np.repeat([run.noise_scale for run in problem.blocks.runs], self.sizes)
-        runs = (noise["speed"] * scale) ** 2 + problem.resolution["speed"] ** 2 / 12.0 + self.ripple**2
+        runs = (noise["speed"] * scale) ** 2 + problem.resolution["speed"] ** 2 / 12.0
         return var, runs
+
+    def following(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cholesky factor of the runs' covariance: its diagonal, and what is left of it, shape (m - 2 n,) each [SI].
+
+        Parameters
+        ----------
+        runs : ndarray, shape (m - 2 n,)
+            Variances of the samples, pulses apart [SI].
+        """
+        if not runs.size:
+            return np.zeros(0), np.zeros(0)
+        first = np.zeros(runs.size, dtype=bool)
+        first[np.cumsum([0, *self.sizes[:-1]])] = True
+        now = (self.blur * self.swing / self.step) ** 2
+        last = np.where(first, now, np.roll(now, 1))
+        band = np.vstack([runs + now + last, np.append(np.where(first, 0.0, -last)[1:], 0.0)])
+        factor = cholesky_banded(band, lower=True)
+        return factor[0], np.append(0.0, factor[1, :-1])
 
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
         """The map at a prediction, whose slopes say what the gauge's noise does.
@@ -152,11 +189,11 @@ class Comparison:
         has_flow = self.known[: self.n]
         share = np.where(has_flow, var["pressure"] * a * b / flow, 0.0)
         speed = np.sqrt(var["speed"] + var["pressure"] * b * b - share * share)
-        run = np.sqrt(runs)
+        run, before = self.following(runs)
         known_speed = self.known[self.n : 2 * self.n]
         log_scale = float(np.log(flow[has_flow]).sum() + np.log(speed[known_speed]).sum())
         log_scale += float(np.log(run).sum())
-        return Whitener(flow, share, speed, run, log_scale, self.known)
+        return Whitener(flow, share, speed, run, before, log_scale, self.known)
 
     def noise_step(
         self, difference: np.ndarray, predicted: Prediction, u: np.ndarray, weight: np.ndarray
@@ -212,24 +249,31 @@ class Comparison:
             for j in range(3):
                 p, o = products[i], products[j]
                 fisher[i, j] += 0.5 * np.sum(w * (p[0] * o[0] + p[1] * o[2] + p[2] * o[1] + p[3] * o[3]))
-        scale = np.repeat([run.noise_scale for run in problem.blocks.runs], self.sizes)
-        d, wr = difference[2 * n :], weight[2 * n :]
-        rate = 2.0 * (problem.noise["speed"] * math.exp(u[2]) * scale) ** 2 / runs
-        slope[2] += 0.5 * np.sum(wr * rate * (d * d / runs - 1.0))
-        fisher[2, 2] += 0.5 * np.sum(wr * rate * rate)
+        if runs.size:
+            scale = np.repeat([run.noise_scale for run in problem.blocks.runs], self.sizes)
+            own, beside = self.following(runs)
+            wr = weight[2 * n :]
+            white = solve_banded((1, 0), np.vstack([own, np.append(beside[1:], 0.0)]), difference[2 * n :])
+            y = solve_banded((0, 1), np.vstack([np.append(0.0, beside[1:]), own]), white)
+            rate = 2.0 * (problem.noise["speed"] * math.exp(u[2]) * scale) ** 2
+            inverse = _diagonal_of_inverse(own, beside)
+            slope[2] += 0.5 * np.sum(wr * rate * (y * y - inverse))
+            fisher[2, 2] += 0.5 * np.sum(wr * (rate * inverse) ** 2)
         step = np.linalg.solve(fisher, slope)
         found: np.ndarray = u + np.clip(step, -LARGEST_NOISE_STEP, LARGEST_NOISE_STEP)
         return found
 
 
-def _useful(speed: np.ndarray, from_rest: bool, run: object) -> np.ndarray:
-    """Samples of a run that are compared: a spin-up once its line is open, a coast-down until it is nearly over."""
-    used = np.isfinite(speed)
-    if from_rest:
-        spans, time = run.supply, run.time  # type: ignore[attr-defined]
-        opened = next((span.start_s for span in spans if span.is_open), time[0])
-        return used & (time > opened + 1e-9)
-    slow = np.flatnonzero(speed < REST_SHARE * np.nanmean(speed[:5]))
-    if slow.size:
-        used[slow[0] :] = False
-    return used
+def _step(time: np.ndarray) -> float:
+    return float(np.median(np.diff(time))) if time.size > 1 else 1.0
+
+
+def _diagonal_of_inverse(own: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Diagonal of (L L')^-1 for an L with that diagonal and that left of it."""
+    out = np.empty_like(own)
+    after = 0.0
+    for k in range(own.size - 1, -1, -1):
+        share = beside[k + 1] / own[k] if k + 1 < own.size else 0.0
+        after = 1.0 / own[k] ** 2 + share * share * after
+        out[k] = after
+    return out

@@ -2,9 +2,8 @@
 
 The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/0.3)^2: r are readings less predictions in
 units of their noise, z the unknowns (standard normal a priori), u the logarithms of the noise scales of
-pressure, flow and speed. Single readings that stand far out are given a wide error, as in the fit. Derivatives
-with the nuisances are kept from the point where the search started, brought along by rank-one updates, and
-taken anew once near the end.
+pressure, flow and speed. Single readings that stand far out are given a wide error, as in the fit. Steps
+that do not lower the cost are shortened.
 """
 
 from __future__ import annotations
@@ -17,20 +16,19 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from calibration.diagnosis.function import Function
-from calibration.diagnosis.linear import NOISE_SD, Comparison
+from calibration.diagnosis.linear import BLUR, NOISE_SD, RUN, Comparison
 from calibration.diagnosis.problem import Prediction, Problem
 from model.effects import effects
 from model.layout import PULSE
 
 BAD = 0.01
 BAD_WIDTH = 10.0
-LARGEST_MOVE = 3.0
-MOST_PASSES = 14
-MOST_CHEAP = 40  # passes where no run in time has to be simulated
-SETTLED = 0.02
-REFRESH = 1.0  # squared length of a move, in posterior sds, below which derivatives are taken anew
-RIPPLE = 0.5  # share of a coast-down's ripple that is left to chance: its phase late in the run hangs on everything
-SMOOTH = 4  # samples either side of a running mean
+LARGEST_MOVE = 6.0
+MOST_PASSES = 30
+SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
+SETTLED = 0.02  # squared length of a move, in posterior sds, below which a search ends
+CLOSE = 100.0  # squared length of a move below which derivatives are taken along the axes of the posterior
+ROUGHLY = 1.0  # share of the swing of the pulses that is left to chance while a search is on its way
 ANGLES = 16  # starting angles tried within a pulse
 
 
@@ -116,33 +114,27 @@ def find(
             z[k + i] = 0.1  # at an amplitude of 0 nothing can be said of its shape
     z = f.clip(z)
     predicted = f(z)
-    D = f.derivatives(z, predicted, D, only=None if start is None else range(k, z.size), u=u)
-    fresh = start is None
-    cheap = not problem.blocks.runs
-    for turn in range(MOST_CHEAP if cheap else passes):
+    rough = bool(problem.blocks.runs)  # the phase of the pulses makes the surface rough
+    near, axes = False, np.eye(z.size)
+    comparison.blur = ROUGHLY if rough else BLUR
+    for _ in range(passes):
+        D = f.along(z, predicted, axes, D) if near else f.derivatives(z, predicted, D, u)
         white = comparison.whitener(predicted, u)
         r, J = white(comparison.read - comparison.raw(predicted)), white(D)
         weight, _ = _weights(r, comparison)
         A = (J * weight[:, None]).T @ J + np.eye(z.size)
-        move = _bounded(A, (J * weight[:, None]).T @ r - z, f.low - z, f.high - z)
-        move *= min(1.0, LARGEST_MOVE / max(np.max(np.abs(move)), 1e-12))
-        if fresh and np.sqrt(move @ A @ move) < SETTLED:
-            break
-        z_new, predicted_new, u_new = _line_search(f, comparison, z, u, move, predicted)
-        moved = z_new - z
-        change = comparison.raw(predicted_new) - comparison.raw(predicted)
-        stuck = not np.any(moved)
-        far = float(moved @ A @ moved)
-        z, u, predicted = z_new, u_new, predicted_new
-        if fresh and (stuck or far < 0.01):
-            break
-        if cheap or far < REFRESH or stuck or turn % 4 == 3 or turn >= passes - 3:
-            D, fresh = f.derivatives(z, predicted, D, only=None, u=u), True
-        else:
-            D = D + np.outer(np.nan_to_num(change - D @ moved), moved) / float(moved @ moved)
-            if len(extra):
-                D = f.derivatives(z, predicted, D, only=range(k, z.size), u=u)
-            fresh = False
+        moved, predicted = _step(f, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
+        far = float((moved - z) @ A @ (moved - z))
+        z, u = moved, _noise(comparison, predicted, u)
+        if far < SETTLED and near == rough:
+            if comparison.blur == BLUR:
+                break
+            comparison.blur = BLUR
+        near = rough and (near or far < CLOSE)
+        if near:
+            size, turn = np.linalg.eigh(A)
+            axes = turn / np.sqrt(size)
+    comparison.blur = BLUR
     return close(comparison, names, z, u, D, predicted)
 
 
@@ -195,24 +187,14 @@ def set_angles(comparison: Comparison, mode: Mode) -> Mode:
     z[[i for i, u in enumerate(problem.nuisances) if u.name.endswith(".angle")]] = 0.0
     chosen = problem.chosen(mode.names, mode.z[k:])
     for i, run in enumerate(problem.blocks.runs):
+        comparison.swing[comparison.kind[2 * comparison.n :] == RUN + i] = problem.swing(z[:k], i)[run.used]
         best = (math.inf, 0.0)
-        used = comparison.used[i]
-        tried = []
         for angle in np.arange(ANGLES) * PULSE / ANGLES:
             problem.start_angle[run.file] = float(angle)
             predicted = problem.predict(z[:k], chosen, mode.prediction, [i])
             r = comparison.whitener(predicted, np.zeros(3))(comparison.read - comparison.raw(predicted))
-            tried.append(predicted.runs[i][used])
-            best = min(best, (float(np.sum(r[comparison.kind == 2 + i] ** 2)), float(angle)))
+            best = min(best, (float(np.sum(r[comparison.kind == RUN + i] ** 2)), float(angle)))
         problem.start_angle[run.file] = best[1]
-        smooth = np.mean(tried, axis=0)
-        if run.from_rest:  # there another angle is another start: the pulses are what is left of a running mean
-            smooth = np.convolve(np.pad(tried[0], SMOOTH, "edge"), np.ones(2 * SMOOTH + 1) / (2 * SMOOTH + 1), "valid")
-            swing = np.convolve(np.pad((tried[0] - smooth) ** 2, SMOOTH, "edge"), np.ones(2 * SMOOTH + 1), "valid")
-            swing = np.sqrt(swing / (2 * SMOOTH + 1))
-        else:
-            swing = np.std(tried, axis=0)
-        comparison.ripple[comparison.kind[2 * comparison.n :] == 2 + i] = RIPPLE * swing
     return replace(mode, z=z)
 
 
@@ -258,23 +240,32 @@ def turned(comparison: Comparison, mode: Mode) -> Mode:
     return replace(mode, z=z)
 
 
-def _line_search(
-    f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, move: np.ndarray, predicted: Prediction
-) -> tuple[np.ndarray, Prediction, np.ndarray]:
-    white = comparison.whitener(predicted, u)
-    before = _cost(white(comparison.read - comparison.raw(predicted)), white.log_scale, z, u, comparison)
-    best = (z, predicted)
-    for share in (1.0, 0.4, 0.1, 0.02):
-        tried = f.clip(z + share * move)
+def _step(
+    f: Function,
+    comparison: Comparison,
+    z: np.ndarray,
+    u: np.ndarray,
+    A: np.ndarray,
+    downhill: np.ndarray,
+    predicted: Prediction,
+    D: np.ndarray,
+) -> tuple[np.ndarray, Prediction]:
+    """The largest share of a step that lowers the cost, and the prediction there; where there is none, no step."""
+
+    def cost(at_z: np.ndarray, there: Prediction) -> float:
+        white = comparison.whitener(there, u)
+        return _cost(white(comparison.read - comparison.raw(there)), white.log_scale, at_z, u, comparison)
+
+    before = cost(z, predicted)
+    whole = _bounded(A, downhill, f.low - z, f.high - z)
+    for share in SHARES:
+        move = share * whole
+        move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
+        tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
         found = f(tried)
-        raw = comparison.raw(found)
-        if not np.all(np.isfinite(raw)):
-            continue
-        r = comparison.whitener(found, u)(comparison.read - raw)
-        if _cost(r, comparison.whitener(found, u).log_scale, tried, u, comparison) <= before + 1e-6:
-            best = (tried, found)
-            break
-    return best[0], best[1], _noise(comparison, best[1], u)
+        if np.all(np.isfinite(comparison.raw(found)[comparison.known])) and cost(tried, found) <= before + 1e-6:
+            return tried, found
+    return z, predicted
 
 
 def _noise(comparison: Comparison, predicted: Prediction, u: np.ndarray) -> np.ndarray:

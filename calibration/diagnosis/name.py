@@ -29,11 +29,7 @@ SEEDS = 2  # singles that pairs are grown from
 WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
 BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
-HOPELESS = 60.0  # nats behind the best beyond which a second search is not worth its time
-QUICK = 8  # passes of a search with runs in time
 SWAPS = 5  # other second members tried
-ROUNDS = 3  # of polishing
-ENOUGH = 0.5  # nats below which another round is not worth its time
 POLISHED = 2  # most probable sets whose search goes on until it settles
 AGAIN = 0.5  # amplitude that a second search starts from, in ordinary sizes
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
@@ -93,16 +89,13 @@ def search(
     for name, first in screen(comparison, base, found, u)[:SINGLES]:
         tell(f"refit {name}")
         modes[(name,)] = refit(comparison, [name], base, first)
-    if base.prediction.runs:
-        _from_the_best(comparison, modes, tell)
     if size > 1:
         singles = sorted((key for key in modes if key), key=lambda key: -modes[key].log_evidence)[:SEEDS]
         order: dict[tuple[str, ...], list[str]] = {}
         for seed in singles:
             if base.prediction.runs:
-                modes[seed] = max(
-                    modes[seed], find(comparison, seed, modes[seed], QUICK), key=lambda mode: mode.log_evidence
-                )
+                tell(f"refit {seed[0]} again")
+                modes[seed] = _better(modes[seed], find(comparison, seed))
             second = screen(comparison, modes[seed], signatures(comparison, modes[seed]), modes[seed].u)
             order[seed] = [name for name, _ in second]
             for name, first in second[: PAIRS // SEEDS]:
@@ -115,13 +108,12 @@ def search(
     if base.prediction.runs:
         for key in sorted(modes, key=lambda key: -modes[key].log_evidence)[:POLISHED]:
             tell(f"polish {' and '.join(key) or 'the base model'}")
-            for _ in range(ROUNDS):
-                again = find(comparison, key, turned(comparison, modes[key]))
-                gain = again.log_evidence - modes[key].log_evidence
-                modes[key] = again if gain > 0.0 else modes[key]
-                if gain < ENOUGH:
-                    break
+            modes[key] = _better(modes[key], find(comparison, key, turned(comparison, modes[key])))
     return weigh(comparison, modes)
+
+
+def _better(one: Mode, other: Mode) -> Mode:
+    return max(one, other, key=lambda mode: mode.log_evidence)
 
 
 def _swap(
@@ -145,22 +137,6 @@ def _swap(
             modes[key] = refit(comparison, key, modes[best], first)
 
 
-def _from_the_best(comparison: Comparison, modes: dict[tuple[str, ...], Mode], tell: Callable[[str], None]) -> None:
-    """Search each single effect again from the best one's nuisances: with runs in time a search may end too early."""
-    best = max(modes, key=lambda key: modes[key].log_evidence)
-    for key in list(modes):
-        if key == best or not key or modes[best].log_evidence - modes[key].log_evidence > HOPELESS:
-            continue
-        tell(f"refit {key[0]} again")
-        first = {(key[0], effects()[key[0]].amplitude.name): AGAIN}
-        again = find(comparison, key, modes[best], QUICK, first)
-        if again.log_evidence > modes[key].log_evidence:
-            modes[key] = again
-    again = find(comparison, (), modes[best], QUICK)
-    if again.log_evidence > modes[()].log_evidence:
-        modes[()] = again
-
-
 def refit(comparison: Comparison, names: Sequence[str], near: Mode, first: dict[tuple[str, str], float]) -> Mode:
     """The most probable point of a set, from a smaller set's and, where that costs little, from the prior's middle.
 
@@ -176,7 +152,7 @@ def refit(comparison: Comparison, names: Sequence[str], near: Mode, first: dict[
         Values of the effects' unknowns to start from [-].
     """
     if comparison.problem.blocks.runs:
-        return find(comparison, names, near, QUICK, first)
+        return find(comparison, names, near, first=first)
     found = find(comparison, names, near, first=first)
     other = find(comparison, names, None, first=first)
     return max(found, other, key=lambda mode: mode.log_evidence)
@@ -208,7 +184,7 @@ def screen(
         gain, at_z = log_gain(one, g, project(J, g), r)
         first = dict(one.unknowns)
         amplitude = next(iter(first))
-        first[amplitude] = float(np.clip((at_z - 1.0) / 0.2 if one.mean else at_z, -5.0, 5.0))
+        first[amplitude] = float(np.clip((at_z - one.mean) / one.sd, -5.0, 5.0))
         if one.effect not in best or gain > best[one.effect][0]:
             best[one.effect] = (gain, first)
     order = sorted(best, key=lambda name: -best[name][0])

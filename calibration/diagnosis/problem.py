@@ -32,8 +32,9 @@ SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
 SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
 ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
-STRIDE = 3  # samples of a run in time between two looks at the effects' laws
-BY_ANGLE = ("once_per_rev_torque",)  # laws that change too fast for that
+STRIDE = 3  # samples of a run in time between two looks at the effects' laws, where none follows the angle
+BESIDE = 4  # samples either side over which the swing of the pulses is taken
+SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
 
 
 @dataclass(frozen=True)
@@ -124,11 +125,7 @@ class Problem:
                 kind, a, b = (
                     ("lognormal", parameter.scale, SHAPE_FACTOR)
                     if parameter.shape
-                    else (
-                        "normal",
-                        1.0 if name == "flow_density_correction" else 0.0,
-                        0.2 if name == "flow_density_correction" else parameter.scale,
-                    )
+                    else ("normal", parameter.expected, parameter.scale)
                 )
                 found.append((name, Unknown(parameter.name, parameter.unit, kind, a, b, "effect")))  # type: ignore[arg-type]
         return found
@@ -173,7 +170,9 @@ class Problem:
         flow = readings_of(chosen, "flow", points.flow, state) * (1.0 + errors["flow"][1]) + errors["flow"][0]
         speed = readings_of(chosen, "speed", points.speed, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
         found = tuple(
-            self._run(run, parameters, errors, supply[run.file], angle[run.file], chosen)
+            self._read_speed(
+                self._run(run, parameters, errors, supply[run.file], angle[run.file], chosen), run, errors, chosen
+            )
             if like is None or runs is None or i in runs
             else like.runs[i]
             for i, run in enumerate(self.blocks.runs)
@@ -252,7 +251,8 @@ class Problem:
         supply_error: float,
         angle: float,
         chosen: dict[str, dict[str, float]],
-    ) -> np.ndarray:
+    ) -> effect_transient.Run:
+        """The run in time; its first sample is the step before the recording's first."""
         supply = [
             Supply(
                 span.start_s,
@@ -289,11 +289,50 @@ class Problem:
             start[OMEGA] = speed
             before = np.arange(supply[0].start_s, run.time[0] - 0.5 * step, 0.02)
             time = np.concatenate([before[before < run.time[0] - step - 1e-9], [run.time[0] - step], run.time])
-        stride = 1 if any(name in BY_ANGLE for name in chosen) else STRIDE
-        found = effect_transient.simulate(parameters, self._readings, supply, time, start, chosen, run.start_s, stride)
-        reading = found.reading[-run.size :]
-        state = _no_state(reading)
-        return readings_of(chosen, "speed", reading, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
+        stride = 1 if any(effects()[name].periodic for name in chosen) else STRIDE
+        time = time[: time.size - run.size + run.wanted]
+        return effect_transient.simulate(parameters, self._readings, supply, time, start, chosen, run.start_s, stride)
+
+    def _read_speed(
+        self,
+        found: effect_transient.Run,
+        run: RunInTime,
+        errors: dict[str, tuple[float, float]],
+        chosen: dict[str, dict[str, float]],
+    ) -> np.ndarray:
+        reading = np.full(run.size, np.nan)
+        true = found.reading[-run.wanted :]
+        read = readings_of(chosen, "speed", true, _no_state(true))
+        reading[: run.wanted] = read * (1.0 + errors["speed"][1]) + errors["speed"][0]
+        return reading
+
+    def swing(self, z: np.ndarray, i: int) -> np.ndarray:
+        """How far the pulses of the cylinders swing the shaft about its mean course in a run in time, rms.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances of the base model [-].
+        i : int
+            Index of the run [-].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            At each sample [rad].
+        """
+        run = self.blocks.runs[i]
+        parameters, errors, supply, angle = self._split(z)
+        found = self._run(run, parameters, errors, supply[run.file], angle[run.file], {})
+        mean = found.reading
+        between = 0.5 * (mean + np.append(mean[1:], mean[-1]))  # a reading is a mean since the sample before
+        left = ((found.speed - between) ** 2)[-run.wanted :]
+        width = np.ones(2 * BESIDE + 1) / (2 * BESIDE + 1)
+        rms = np.sqrt(np.convolve(np.pad(left, BESIDE, "edge"), width, "valid"))
+        swing = np.zeros(run.size)
+        pulses = 2.0 * math.pi / at.PULSE  # a turn's, and a radian's times 2 pi
+        swing[: run.wanted] = rms / (pulses * np.maximum(np.abs(mean[-run.wanted :]), SLOWEST))
+        return swing
 
     def effects_that_could(self) -> list[Effect]:
         """The effects that this recording could show: those of a transient only where there is one."""

@@ -9,14 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr
 
+from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import RUN, Comparison
 from calibration.diagnosis.mode import Mode
 from model import layout as at
+from model.effects import effects
+from model.effects.effect import Effect
 
-PROBE = 0.1  # amplitude at which a signature is taken, in ordinary sizes of the effect
+PROBE = 0.1  # amplitude at which a signature is taken, in ordinary sizes of the effect, at most
+MOVED = 3.0  # whitened size of what it should change
+PROBES = 3
+LEAST_PROBE = 1e-5
+FADES = 0.1  # share of its size per amplitude that a signature keeps, or it is taken at the larger one
 SHAPES = (-1.0, 0.0, 1.5)  # shape parameters scanned, in sds of their prior
 HATS = 7  # pieces of a force along speed
-PRIOR_SD_OF_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -30,7 +36,7 @@ class Signature:
     unknowns : dict
         (effect, parameter) to its standard normal number where the column was taken [-].
     column : ndarray, shape (m,)
-        Change of the readings per unit of the amplitude's z [SI].
+        Change of the readings per unit of the amplitude: its prior's sd, or its centre where that is not 0 [SI].
     mean, sd : float
         Prior of the amplitude in that unit [-].
     one_sided : bool
@@ -78,31 +84,73 @@ def signatures(comparison: Comparison, mode: Mode) -> list[Signature]:
         The point.
     """
     problem, found = comparison.problem, []
-    k = len(problem.nuisances)
-    chosen = problem.chosen(mode.names, mode.z[k:])
-    raw = comparison.raw(mode.prediction)
     for effect in problem.effects_that_could():
         if effect.id in mode.names:
             continue
-        unknown = problem.effect_unknowns([effect.id])
-        amplitudes = [u for _, u in unknown if u.kind == "normal"]
-        shapes = [u for _, u in unknown if u.kind != "normal"]
-        on_runs = effect.acts_in != "sensor" or "flow" not in effect.reads
-        for amplitude in amplitudes:
+        unknown = [u for _, u in problem.effect_unknowns([effect.id])]
+        shapes = [u.name for u in unknown if u.kind != "normal"]
+        for amplitude in (u for u in unknown if u.kind == "normal"):
             for at_z in SHAPES if shapes else (0.0,):
-                share = effect.id == "flow_density_correction"
-                probe = 1.0 if share else PROBE
-                values = {u.name: 0.0 for u in amplitudes} | {u.name: float(u.value(np.asarray(at_z))) for u in shapes}
-                values[amplitude.name] = probe if share else probe * amplitude.b
-                there = problem.predict(
-                    mode.z[:k], {**chosen, effect.id: values}, mode.prediction, None if on_runs else ()
-                )
-                column = np.nan_to_num((comparison.raw(there) - raw) / probe)
-                where = {(effect.id, amplitude.name): probe} | {(effect.id, u.name): at_z for u in shapes}
+                column, probe = answer(comparison, mode, effect, amplitude.name, at_z)
+                where = {(effect.id, amplitude.name): probe} | {(effect.id, name): at_z for name in shapes}
                 bounded = effect.amplitude.low >= 0.0 and amplitude.name == effect.amplitude.name
-                mean, sd = (1.0, PRIOR_SD_OF_SHARE) if share else (0.0, 1.0)
-                found.append(Signature(effect.id, where, column, mean, sd, bounded))
+                unit = amplitude.a or amplitude.b
+                found.append(Signature(effect.id, where, column, amplitude.a / unit, amplitude.b / unit, bounded))
     return found
+
+
+def answer(
+    comparison: Comparison, mode: Mode, effect: Effect, amplitude: str, shape_z: float = 0.0
+) -> tuple[np.ndarray, float]:
+    """What the readings do per unit of an effect's amplitude: its prior's sd, or its centre where that is not 0.
+
+    It is taken along the valley that f_overall makes, and written as if on a straight line: what f_overall takes up is
+    projected out later in any case.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The point; it does not hold the effect.
+    effect : Effect
+        The effect.
+    amplitude : str
+        Name of the parameter.
+    shape_z : float
+        Of its shape parameters [-].
+
+    Returns
+    -------
+    column : ndarray, shape (m,)
+        Change per unit [SI].
+    probe : float
+        Amplitude at which it was taken, in that unit [-].
+    """
+    f = Function(comparison, (*mode.names, effect.id))
+    unknown = [u for _, u in comparison.problem.effect_unknowns([effect.id])]
+    place = mode.z.size + next(i for i, u in enumerate(unknown) if u.name == amplitude)
+    one = unknown[place - mode.z.size]
+    off = [-u.a / u.b if u.kind == "normal" else shape_z for u in unknown]
+    z = np.append(mode.z, off)
+    D = np.hstack([mode.D, np.zeros((mode.D.shape[0], len(unknown)))])
+    raw, white = comparison.raw(mode.prediction), comparison.whitener(mode.prediction, mode.u)
+    whole = one.a != 0.0  # there or not: nothing in between is likely
+    unit, probe = (one.a, 1.0) if whole else (one.b, PROBE)
+    column, size = np.zeros(0), 0.0
+    for _ in range(PROBES):
+        straight = z.copy()
+        straight[place] += probe * unit / one.b
+        end = f.along_valley(z, straight, mode.prediction, D)
+        tried = np.nan_to_num((comparison.raw(f(end)) - raw - D @ (end - straight)) / probe)
+        before, size = size, float(np.linalg.norm(white(tried)))
+        if column.size and size < FADES * before:
+            break  # a law that has no slope at 0, as a lag shorter than a sample
+        column, taken = tried, probe
+        if whole or probe * size < 3.0 * MOVED:
+            break
+        probe = max(MOVED / size, LEAST_PROBE)
+    return column, taken
 
 
 def log_gain(signature: Signature, g: np.ndarray, g_perp: np.ndarray, r: np.ndarray) -> tuple[float, float]:
@@ -206,15 +254,12 @@ def torque_column(comparison: Comparison, mode: Mode) -> np.ndarray:
     mode : Mode
         The point.
     """
-    problem = comparison.problem
-    k = len(problem.nuisances)
-    chosen = problem.chosen(mode.names, mode.z[k:])
-    before = chosen.get("coulomb_friction", {}).get("torque_nm", 0.0)
-    there = problem.predict(mode.z[:k], {**chosen, "coulomb_friction": {"torque_nm": before + 0.01}}, mode.prediction)
-    here = mode.prediction
-    if mode.names == ():
-        here = problem.predict(mode.z[:k], {**chosen, "coulomb_friction": {"torque_nm": 0.0}}, mode.prediction)
-    return np.nan_to_num((comparison.raw(there) - comparison.raw(here)) / 0.01)
+    dry = effects()["coulomb_friction"]
+    if dry.id in mode.names:  # its own column, brought from z to N m
+        k = len(comparison.problem.nuisances)
+        place = [name for name, _ in comparison.problem.effect_unknowns(mode.names)].index(dry.id)
+        return mode.D[:, k + place] / dry.amplitude.scale
+    return answer(comparison, mode, dry, dry.amplitude.name)[0] / dry.amplitude.scale
 
 
 def force_column(comparison: Comparison, mode: Mode, torque: np.ndarray, law: object) -> np.ndarray:

@@ -15,7 +15,7 @@ LISTED = 0.99  # probability that the sets listed as confounded have together
 SHARE = 0.01  # a set less probable than this beside the best is no alternative
 SUPERSET_ODDS = 20.0  # odds that a further effect needs before it is said beside those that suffice
 LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothing
-ERRORS = 2.0  # of the gain's standard error
+ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,8 @@ class EffectParameter:
         Bounds of what an engineer would believe [own unit]; a fit that wants more is refused, not reported.
     scale : float
         Size that is ordinary for the effect [own unit]: the scale of the prior.
+    expected : float
+        Where the prior of an amplitude is centred [own unit]: 0, but where a rig either has the effect or has it not.
     shape : bool
         Whether it shapes the law (a time constant, a speed) and says nothing without an amplitude. An amplitude has a
         normal prior of that scale, folded at 0 where ``low`` is 0; a shape a log-normal one of a factor of 2.
@@ -45,6 +47,7 @@ class EffectParameter:
     scale: float
     shape: bool = False
     text: str = ""
+    expected: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ EFFECT = Effect(
     sentence="The rotameter's scale was made for 1 atm and is read at the line's pressure ({share} of the correction).",
     source="float of a variable-area meter: flow proportional to the root of the inverse density",
     signature="sweep: flow too high, more so with pressure; speed untouched",
-    parameters=(EffectParameter("share", "-", 0.5, 1.5, 1.0, text="share of the density correction left out"),),
+    parameters=(
+        EffectParameter("share", "-", 0.5, 1.5, 0.2, text="share of the density correction left out", expected=1.0),
+    ),
     reads={"flow": reads},
 )
