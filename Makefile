@@ -6,7 +6,13 @@ STAMP := $(VENV)/.installed
 OUT ?= out
 DEMO := $(OUT)/demo
 
-.PHONY: help setup demo test lint bench sbc kills figures lock clean clean-cache
+CHALLENGE ?= $(OUT)/challenge
+RECORD ?= $(OUT)/record
+RECORD_CASES ?= 1000
+RECORD_NULLS ?= 800
+SEED ?=
+
+.PHONY: help setup demo test lint bench sbc kills challenge record figures lock clean clean-cache
 
 help:
 	@echo "make demo    install, sweep a virtual bench, replay and fit it; fit the published sweep; all in $(OUT)/demo"
@@ -15,8 +21,10 @@ help:
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
 	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
+	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (under an hour on two cores, resumable)"
+	@echo "make record  the full blind record and its page in docs/challenge (many hours, resumable)"
 	@echo "make lint    formatting, lint, import layers and types"
-	@echo "make lock    pin the versions anew in requirements.lock"
+	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"
 	@echo "make clean-cache   remove compiled kernels, after a constant of another module was changed"
 
 setup: $(STAMP)
@@ -57,12 +65,25 @@ kills: $(STAMP)
 sbc: $(STAMP)
 	$(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
 
+# Both go on where they were interrupted; another folder is another campaign, with a seed of its own unless SEED=N is given.
+challenge: $(STAMP)
+	$(BIN)/spinbench challenge make $(CHALLENGE) --cases 200 --family development $(if $(SEED),--seed $(SEED))
+	$(BIN)/spinbench challenge run $(CHALLENGE)
+	$(BIN)/spinbench challenge score $(CHALLENGE) --page $(CHALLENGE)/page
+
+record: $(STAMP)
+	$(BIN)/spinbench challenge make $(RECORD)/mixed --cases $(RECORD_CASES) $(if $(SEED),--seed $(SEED))
+	$(BIN)/spinbench challenge make $(RECORD)/nulls --cases $(RECORD_NULLS) --only none $(if $(SEED),--seed 1$(SEED))
+	$(BIN)/spinbench challenge run $(RECORD)/mixed
+	$(BIN)/spinbench challenge run $(RECORD)/nulls
+	$(BIN)/spinbench challenge score $(RECORD)/mixed $(RECORD)/nulls --follow-ups --oracle --page docs/challenge
+
 figures: $(STAMP)
 	$(BIN)/spinbench reproduce -o docs/figures --page docs/reproduction.md
 
 lock: $(STAMP)
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --extra dev --no-header --no-annotate \
+	$(BIN)/uv pip compile --quiet $(UPGRADE) --universal --python-version 3.11 --extra dev --no-header --no-annotate \
 	  --no-emit-index-url --no-emit-find-links pyproject.toml -o requirements.lock
 
 clean:

@@ -1,0 +1,251 @@
+"""score: the seal is opened last, once every verdict is there; the ledger has the campaign before it is shown."""
+
+from __future__ import annotations
+
+import datetime
+import functools
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from calibration.challenge import layout, ledger, running, scoring
+from calibration.challenge.campaign import truth_of
+from calibration.challenge.judging import LISTED, NONE, NOT_IN_LIBRARY, Case
+from calibration.challenge.layout import Campaign
+from calibration.challenge.sealing import SealError, open_seal
+from calibration.many import Item, Result, Task, Tell, run_many
+from calibration.sources import code_sha256
+
+FOLDER = "scoring"
+Oracle = Callable[[Path, Sequence[str], int], float]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a campaign is scored.
+
+    Attributes
+    ----------
+    key : Path or None
+        The key's file; beside the seal when None.
+    follow_ups : bool
+        Whether the tests recommended for confounded verdicts are simulated and diagnosed.
+    oracle : bool
+        Whether the held-out gain of the true set is computed.
+    workers : int
+        Processes [-].
+    scheduler : str or None
+        A Dask scheduler instead.
+    task : callable or None
+        Diagnosis of a follow-up, instead of `running.diagnose_case`.
+    """
+
+    key: Path | None = None
+    follow_ups: bool = False
+    oracle: bool = False
+    workers: int = 1
+    scheduler: str | None = None
+    task: Task | None = None
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Campaigns with their truths open.
+
+    Attributes
+    ----------
+    cases : list of Case
+        Of all campaigns.
+    summary : dict
+        Of `scoring.summary`.
+    entries : list of dict
+        What each campaign tells the ledger.
+    added : list of bool
+        Whether the ledger did not have it before.
+    problems : list of str
+        What could not be computed, in words.
+    """
+
+    cases: list[Case]
+    summary: dict[str, Any]
+    entries: list[dict[str, Any]]
+    added: list[bool]
+    problems: list[str]
+
+
+def score(
+    folders: Sequence[Path],
+    book: Path,
+    settings: Settings,
+    tell: Callable[[str], Tell] = lambda step: lambda done, total, name: None,
+) -> Scored:
+    """Score campaigns; each enters the ledger by itself, the summary is of all their cases together.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        The campaigns.
+    book : Path
+        The ledger.
+    settings : Settings
+        How.
+    tell : callable
+        Given a step's name, it gives what is told of the step's progress.
+
+    Raises
+    ------
+    ChallengeError
+        When verdicts are missing, or the truths are not those that were committed to.
+    """
+    ledger.read_ledger(book)  # a broken chain is refused before anything is opened
+    everything: list[Case] = []
+    entries, added = [], []
+    problems: list[str] = []
+    for folder in folders:
+        campaign = layout.read_campaign(folder)
+        ran = running.read_verdicts(campaign)
+        frozen = running.read_frozen(campaign)
+        contents = _open(campaign, frozen, settings.key)
+        cases = _cases(campaign, contents, ran.results, str(frozen["diagnosis_sha256"]), settings, tell, problems)
+        entry = _entry(campaign, contents, frozen, ran.sha256, settings, scoring.summary(cases))
+        added.append(ledger.append(book, entry) is not None)
+        entries.append(entry)
+        everything += cases if len(folders) == 1 else [_renamed(case, campaign.name) for case in cases]
+    return Scored(everything, scoring.summary(everything), entries, added, problems)
+
+
+def _open(campaign: Campaign, frozen: dict[str, Any], key: Path | None) -> dict[str, Any]:
+    contents, digest = open_seal(campaign.folder, key)
+    if digest != campaign.truth_sha256 or digest != frozen["truth_sha256"]:
+        raise SealError(f"{campaign.folder}: the truths are not those that were committed to before the run")
+    return contents
+
+
+def _cases(
+    campaign: Campaign,
+    contents: dict[str, Any],
+    results: Sequence[Result],
+    code: str,
+    settings: Settings,
+    tell: Callable[[str], Tell],
+    problems: list[str],
+) -> list[Case]:
+    """The cases of one campaign, with what is computed once their truths are open."""
+    place, truths = campaign.folder / FOLDER, contents["truths"]
+    plain = [
+        Case(r.name, truth, (r.value or {}).get("diagnosis"), r.error, r.seconds)
+        for r, truth in zip(results, truths, strict=True)
+    ]
+    arguments = {
+        case.name: {"truth": case.truth, "folder": str(campaign.recordings / case.name), "seed": campaign.seed(i)}
+        for i, case in enumerate(plain)
+    }
+
+    def each(step: str, task: Task, chosen: Sequence[Case], mark: str, more: Callable[[Case], Any]) -> dict[str, Any]:
+        items = [Item(c.name, arguments[c.name] | {"more": more(c)}, f"{campaign.truth_sha256}/{mark}") for c in chosen]
+        done = run_many(task, items, place / step, settings.workers, settings.scheduler, tell(step.replace("_", " ")))
+        problems.extend(
+            f"{campaign.name}/{one.name}, {step.replace('_', ' ')}: {one.error}" for one in done if one.error
+        )
+        return {one.name: one.value for one in done}
+
+    concealed = [case for case in plain if case.group != NONE]
+    listed = [case for case in concealed if case.group != NOT_IN_LIBRARY]
+    code_now = code_sha256()
+    signatures = each("signatures", functools.partial(_signatures, campaign.maker), concealed, code_now, lambda c: None)
+    again: dict[str, Any] = {}
+    if settings.follow_ups:
+        chosen = [case for case in plain if case.outcome == LISTED and (case.diagnosis or {}).get("next_tests")]
+        follow = functools.partial(_follow_up, campaign.maker, settings.task or running.diagnose_case)
+        folder = place / "with_the_test"
+        again = each("follow_ups", follow, chosen, code, lambda c: _next_test(c, code, folder))
+    oracle: dict[str, Any] = {}
+    if settings.oracle and _oracle() is None:
+        problems.append("the oracle's gain was not computed: the diagnosis offers no held_out_gain(folder, ids, seed)")
+    elif settings.oracle:
+        oracle = each("oracle", _oracle_gain, listed, code_now, lambda c: None)
+    return [
+        Case(
+            case.name,
+            case.truth,
+            case.diagnosis,
+            case.error,
+            case.seconds,
+            signatures.get(case.name),
+            (again.get(case.name) or {}).get("diagnosis"),
+            (oracle.get(case.name) or {}).get("gain"),
+        )
+        for case in plain
+    ]
+
+
+def _signatures(maker: str, argument: dict[str, Any]) -> dict[str, Any]:
+    truth = truth_of(maker, argument["truth"])
+    found: dict[str, Any] = layout.plain(layout.maker_of(maker).separable(truth, Path(argument["folder"])))
+    return found
+
+
+def _next_test(case: Case, code: str, folder: Path) -> dict[str, Any]:
+    return {"test": (case.diagnosis or {})["next_tests"][0], "code": code, "folder": str(folder / case.name)}
+
+
+def _follow_up(maker: str, task: Task, argument: dict[str, Any]) -> dict[str, Any]:
+    """The recommended test simulated by the second rig, and the recording diagnosed with it."""
+    more, folder = argument["more"], Path(argument["more"]["folder"])
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    layout.maker_of(maker).follow_up(truth_of(maker, argument["truth"]), more["test"], folder)
+    return task({"folder": str(folder), "seed": argument["seed"], "code": more["code"]})
+
+
+def _oracle() -> Oracle | None:
+    """The held-out gain of a given set, where the diagnosis offers it: held_out_gain(folder, ids, seed)."""
+    from calibration import diagnosis
+
+    found: Oracle | None = getattr(diagnosis, "held_out_gain", None)
+    return found
+
+
+def _oracle_gain(argument: dict[str, Any]) -> dict[str, Any]:
+    computed = _oracle()
+    if computed is None:
+        raise layout.ChallengeError("this worker's diagnosis offers no held_out_gain")
+    return {"gain": float(computed(Path(argument["folder"]), sorted(argument["truth"]["ids"]), argument["seed"]))}
+
+
+def _renamed(case: Case, campaign: str) -> Case:
+    return replace(case, name=f"{campaign}/{case.name}")
+
+
+def _entry(
+    campaign: Campaign,
+    contents: dict[str, Any],
+    frozen: dict[str, Any],
+    verdicts: str,
+    settings: Settings,
+    found: dict[str, Any],
+) -> dict[str, Any]:
+    """What the ledger keeps of a campaign."""
+    told = ("goal", "got", "ratio", "met")
+    result = {
+        "make_up": found["make_up"],
+        "outcomes": found["outcomes"],
+        "goals": [{key: goal[key] for key in told if key in goal} for goal in found["goals"]],
+        "core_hours": round(found["core_hours"], 3),
+    }
+    return {
+        "scored_utc": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "campaign": campaign.name,
+        "family": campaign.family,
+        "only": campaign.only,
+        "seed": contents["seed"],
+        "cases": campaign.cases,
+        "truth_sha256": campaign.truth_sha256,
+        "verdicts_sha256": verdicts,
+        "follow_ups": settings.follow_ups,
+        **{key: frozen[key] for key in ("commit", "dirty", "code_sha256", "diagnosis_sha256", "versions")},
+        "scorer_code_sha256": code_sha256(),
+        "result": result,
+    }

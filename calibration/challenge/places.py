@@ -1,0 +1,102 @@
+"""Whether a diagnosis found the place: balance, channel, and the coordinate with its range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Located:
+    """One place against the truth.
+
+    Attributes
+    ----------
+    balance, channel, coordinate : bool
+        Whether each is right; the coordinate also when it is in the group of those that cannot be told apart.
+    group : int
+        Size of that group, 1 where the coordinate was said outright; 0 where it is wrong [-].
+    overlaps : bool or None
+        Whether the ranges meet; None where they are along different coordinates, or the truth has none.
+    """
+
+    balance: bool
+    channel: bool
+    coordinate: bool
+    group: int
+    overlaps: bool | None
+
+    @property
+    def right(self) -> bool:
+        """All of it."""
+        return self.balance and self.channel and self.coordinate and self.overlaps is not False
+
+
+NOWHERE = Located(False, False, False, 0, None)
+
+
+def first_place(truth: Mapping[str, Any], located: Sequence[Mapping[str, Any]]) -> Located:
+    """The place that the diagnosis puts first.
+
+    Parameters
+    ----------
+    truth : mapping
+        ``balance``, ``channel``, ``coordinate`` (each a word, or a list of those that are right) and ``where``.
+    located : sequence of mapping
+        Of a diagnosis/1.
+    """
+    return compare(truth, located[0]) if located else NOWHERE
+
+
+def any_place(truth: Mapping[str, Any], located: Sequence[Mapping[str, Any]]) -> Located:
+    """The first of all places that is right; else the first.
+
+    Parameters
+    ----------
+    truth : mapping
+        As for `first_place`.
+    located : sequence of mapping
+        Of a diagnosis/1.
+    """
+    compared = [compare(truth, place) for place in located]
+    return next((one for one in compared if one.right), compared[0] if compared else NOWHERE)
+
+
+def compare(truth: Mapping[str, Any], place: Mapping[str, Any]) -> Located:
+    """One place.
+
+    Parameters
+    ----------
+    truth : mapping
+        As for `first_place`.
+    place : mapping
+        Of a diagnosis/1.
+    """
+    group = [place["coordinate"], *place["same_as"]]
+    wanted = _words(truth.get("coordinate"))
+    said = not wanted or place["coordinate"] in wanted
+    size = 1 if said else len(group) if any(one in wanted for one in group) else 0
+    where = truth.get("where")
+    overlaps = None
+    if said and wanted and where is not None:
+        overlaps = place["where"][0] <= where[1] and where[0] <= place["where"][1]
+    return Located(
+        _among(truth.get("balance"), place["balance"]),
+        _among(truth.get("channel"), place["channel"]),
+        size > 0,
+        size,
+        overlaps,
+    )
+
+
+def _words(wanted: Any) -> list[str]:
+    if wanted is None:
+        return []
+    return [wanted] if isinstance(wanted, str) else list(wanted)
+
+
+def _among(wanted: Any, said: str) -> bool:
+    """Whether a word is right; any is where the truth has none."""
+    words = _words(wanted)
+    return not words or said in words

@@ -1,0 +1,178 @@
+"""Many recordings at once: a fleet of motors, a year of runs. One table comes out, whatever one recording does.
+
+How a folder is read is given from outside, for a run's folder is read by the rig.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calibration import many_table
+from calibration.many import Item, Result, Task, Tell, run_many
+from calibration.report.files import write_files
+from calibration.sources import diagnosis_sha256
+
+if TYPE_CHECKING:
+    from calibration.sampling import Settings
+    from rig.recording import Recording
+
+Read = Callable[[Path], "Recording"]
+CSV, PARQUET, RESULTS = "table.csv", "table.parquet", "results"
+
+
+def diagnose_all(
+    folders: Sequence[Path], read: Read, seed: int, out: Path, workers: int, scheduler: str | None, tell: Tell
+) -> list[dict[str, Any]]:
+    """Diagnose recordings, and write one table.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Recordings.
+    read : callable
+        Reads one; a function of a module.
+    seed : int
+        Of every diagnosis [-].
+    out : Path
+        Gets ``table.csv``, ``table.parquet`` and a result a recording; what is there is not done again.
+    workers : int
+        Processes [-].
+    scheduler : str or None
+        A Dask scheduler instead, whose workers see the folders under the same paths.
+    tell : callable
+        Told of the progress.
+
+    Returns
+    -------
+    list of dict
+        The table's rows.
+    """
+    task = functools.partial(_diagnose_one, read)
+    done = _each(task, folders, {"seed": seed}, out, workers, scheduler, tell)
+    rows = [many_table.diagnosis_row(result) for result in done]
+    return _write(out, rows, many_table.DIAGNOSIS_COLUMNS, folders)
+
+
+def fit_all(
+    folders: Sequence[Path], read: Read, settings: Settings, out: Path, workers: int, scheduler: str | None, tell: Tell
+) -> list[dict[str, Any]]:
+    """Fit recordings, and write one table.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Recordings.
+    read : callable
+        Reads one; a function of a module.
+    settings : Settings
+        Of every fit.
+    out : Path
+        As for `diagnose_all`.
+    workers : int
+        Processes [-].
+    scheduler : str or None
+        A Dask scheduler instead.
+    tell : callable
+        Told of the progress.
+
+    Returns
+    -------
+    list of dict
+        The table's rows.
+    """
+    task = functools.partial(_fit_one, read)
+    done = _each(task, folders, {"settings": asdict(settings)}, out, workers, scheduler, tell)
+    rows = [many_table.fit_row(result) for result in done]
+    return _write(out, rows, many_table.fit_columns(rows), folders)
+
+
+def recordings_in(folders: Sequence[Path], is_recording: Callable[[Path], bool]) -> list[Path]:
+    """The recordings that folders are, or hold one level down; each once, in the order given.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        As a person names them.
+    is_recording : callable
+        Whether a folder is one.
+
+    Raises
+    ------
+    FileNotFoundError
+        When a folder neither is a recording nor holds one.
+    """
+    found: dict[Path, Path] = {}
+    for folder in folders:
+        inside = sorted(p for p in folder.iterdir() if p.is_dir() and is_recording(p)) if folder.is_dir() else []
+        mine = [folder] if is_recording(folder) else inside
+        if not mine:
+            raise FileNotFoundError(f"{folder}: neither a recording nor a folder of recordings")
+        found |= {one.resolve(): one for one in mine if one.resolve() not in found}
+    return list(found.values())
+
+
+def item_of(folder: Path, options: dict[str, Any]) -> Item:
+    """A recording as an item: a file name of its own, and a mark that changes with its contents.
+
+    Parameters
+    ----------
+    folder : Path
+        The recording.
+    options : dict
+        What the task is told besides.
+    """
+    place = str(folder.resolve())
+    slug = re.sub(r"[^A-Za-z0-9._-]", "_", folder.resolve().name)[:60]
+    contents = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+        with path.open("rb") as stream:
+            contents.update(
+                f"{path.relative_to(folder)} {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode()
+            )
+    mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{diagnosis_sha256()}"
+    name = f"{slug}-{hashlib.sha256(place.encode()).hexdigest()[:8]}"
+    return Item(name, {"folder": place, **options}, mark)
+
+
+def _each(
+    task: Task,
+    folders: Sequence[Path],
+    options: dict[str, Any],
+    out: Path,
+    workers: int,
+    scheduler: str | None,
+    tell: Tell,
+) -> list[Result]:
+    items = [item_of(folder, options) for folder in folders]
+    return run_many(task, items, out / RESULTS, workers, scheduler, tell)
+
+
+def _write(
+    out: Path, rows: list[dict[str, Any]], columns: dict[str, str], folders: Sequence[Path]
+) -> list[dict[str, Any]]:
+    named = [row | {"recording": str(folder)} for row, folder in zip(rows, folders, strict=True)]
+    first = {"recording": many_table.TEXT} | columns
+    contents = {CSV: many_table.as_csv(named, first), PARQUET: many_table.as_parquet(named, first)}
+    write_files(out, contents)
+    return named
+
+
+def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
+    from calibration.diagnosis import as_json, diagnose
+
+    return {"diagnosis": as_json(diagnose(read(Path(argument["folder"])), seed=argument["seed"]))}
+
+
+def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
+    from calibration import fit, posterior
+    from calibration.sampling import Settings
+
+    found = fit.fit(read(Path(argument["folder"])), Settings(**argument["settings"]))
+    return {"posterior": posterior.as_json(found.posterior)}

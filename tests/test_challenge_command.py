@@ -1,0 +1,118 @@
+"""`spinbench challenge` and `spinbench many` as a person types them: real recordings, real diagnoses and fits."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from calibration import many_table
+from calibration.challenge.campaign import make
+from calibration.challenge.layout import read_campaign
+from calibration.many import Result
+from tests import sweep_rig
+
+ROOT = Path(__file__).resolve().parent.parent
+SPINBENCH = [sys.executable, str(ROOT / "spinbench.py")]
+LIMIT_S = 300.0
+
+
+def spinbench(*words, code=0):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+    done = subprocess.run(
+        [*SPINBENCH, *map(str, words)], env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False
+    )
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """Three sweeps, diagnosed by the command; then scored."""
+    folder = tmp_path_factory.mktemp("campaign") / "blind"
+    make(folder, len(sweep_rig.CONCEALED), 1, "development", maker=sweep_rig.NAME, workers=0)
+    away = folder.parent / "sealed"
+    shutil.move(folder / "sealed", away)  # the run has to do without
+    ran = spinbench("challenge", "run", folder, "--workers", 2)
+    shutil.move(away, folder / "sealed")
+    book = folder.parent / "ledger.jsonl"
+    scored = spinbench("challenge", "score", folder, "--ledger", book, "--page", folder / "page", "--json", "-")
+    return folder, ran, scored, book
+
+
+@pytest.mark.slow
+def test_a_campaign_of_real_recordings_is_run_without_its_seal(campaign):
+    folder, ran, _, _ = campaign
+    assert "3 verdicts, 0 failed" in ran.stdout
+    table = pq.read_table(folder / "verdicts.parquet").to_pydict()
+    assert table["name"] == read_campaign(folder).names
+    assert set(table["verdict"]) <= {"consistent", "named", "confounded", "unresolved"}
+
+
+@pytest.mark.slow
+def test_its_score_is_published_and_in_the_ledger(campaign):
+    folder, _, scored, book = campaign
+    assert json.loads(scored.stdout)["make_up"]["single"] == 1
+    assert {"result.md", "result.json", "cases.csv"} <= {path.name for path in (folder / "page").iterdir()}
+    shown = spinbench("challenge", "ledger", "--ledger", book)
+    assert "1 lines, the chain holds" in shown.stdout
+
+
+@pytest.mark.slow
+def test_a_broken_ledger_is_refused_in_a_sentence(campaign, tmp_path):
+    broken = tmp_path / "ledger.jsonl"
+    broken.write_bytes(campaign[3].read_bytes().replace(b'"number":1', b'"number":2'))
+    told = spinbench("challenge", "ledger", "--ledger", broken, code=2).stderr
+    assert "line 1: it does not follow the line before" in told
+
+
+@pytest.mark.slow
+def test_many_recordings_give_one_table_and_a_bad_one_stops_none(campaign, tmp_path):
+    fleet = tmp_path / "fleet"
+    shutil.copytree(campaign[0] / "recordings" / "case0000", fleet / "good")
+    shutil.copytree(campaign[0] / "recordings" / "case0000", fleet / "=bad")
+    (fleet / "=bad" / "sweep.csv").unlink()
+    told = spinbench("many", "diagnose", fleet, "-o", tmp_path / "out", "--workers", 1, code=2)
+    assert "=bad" in told.stderr
+    table = pq.read_table(tmp_path / "out" / "table.parquet").to_pydict()
+    assert [Path(name).name for name in table["recording"]] == ["=bad", "good"]
+    assert table["verdict"][0] == "failed"
+    assert table["verdict"][1] != "failed"
+    assert len((tmp_path / "out" / "table.csv").read_text(encoding="utf-8").splitlines()) == 3
+
+
+def test_a_recording_that_cannot_be_fitted_is_a_row_with_its_reason(put_recording, tmp_path):
+    bad = put_recording(("sweep.csv", "steady", "pressure_bar_abs,flow_l_min,speed_rpm\n1.5,30,oops\n"))
+    told = spinbench("many", "fit", bad, "-o", tmp_path / "out", "--workers", 1, code=2)
+    assert "oops" in told.stderr
+    (row,) = pq.read_table(tmp_path / "out" / "table.parquet").to_pylist()
+    assert row["error"].startswith("RecordingError")
+
+
+def test_a_fit_s_row_has_every_unknown():
+    one = {"unit": "N m s", "mean": 0.064, "sd": 0.002, "q05": 0.060, "q50": 0.064, "q95": 0.067}
+    found = {"parameters": {"f_overall": one}, "convergence": {"rhat_max": 1.001, "ess_min": 2100.0}}
+    rows = [many_table.fit_row(Result("good", {"posterior": found}, "", 9.0))]
+    rows.append(many_table.fit_row(Result("bad", None, "RecordingError: no flow", 0.1)))
+    table = many_table.as_csv(rows, many_table.fit_columns(rows)).decode().splitlines()
+    assert table == [
+        "name,error,seconds,rhat_max,ess_min,f_overall_mean,f_overall_sd,f_overall_q05,f_overall_q95",
+        "good,,9.0,1.001,2100.0,0.064,0.002,0.06,0.067",
+        "bad,RecordingError: no flow,0.1,,,,,,",
+    ]
+
+
+def test_a_folder_without_recordings_is_told(tmp_path):
+    told = spinbench("many", "diagnose", tmp_path, "-o", tmp_path / "out", code=2).stderr
+    assert "neither a recording nor a folder of recordings" in told
+
+
+def test_a_folder_without_a_campaign_is_told(tmp_path):
+    assert "holds no campaign" in spinbench("challenge", "run", tmp_path, code=2).stderr

@@ -1,0 +1,323 @@
+"""The arithmetic of the score, against cases that are counted by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calibration.challenge import cases as lines
+from calibration.challenge import goals, scoring
+from calibration.challenge.calibrated import coverage, held_out, stated
+from calibration.challenge.intervals import clopper_pearson, reliability, share
+from calibration.challenge.judging import Case
+from calibration.challenge.places import any_place, first_place
+from calibration.challenge.tables import as_markdown, cell_text, percent
+from tests.fake_rig import PLACE, verdict
+
+
+def case(category, ids, diagnosis, D=10.0, separable=True, **more):
+    truth = {"category": category, "ids": ids, "f_overall": 0.06, "sizes": {i: {"torque_nm": 0.1} for i in ids}}
+    truth |= {"place": PLACE, "misdeclared": False, "near_nuisance": False} | more.pop("truth", {})
+    signatures = {"D": D, "rho": 0.1, "rival": ["leakage"], "separable": separable}
+    return Case("case", truth, diagnosis, signatures=signatures, **more)
+
+
+def single(diagnosis, **more):
+    return case("single", ["windage"], diagnosis, **more)
+
+
+def null(diagnosis, **more):
+    return case("none", [], diagnosis, **more)
+
+
+NAMED, OTHER = verdict("named", ["windage"]), verdict("named", ["leakage"])
+CONSISTENT, UNRESOLVED = verdict("consistent", []), verdict("unresolved", ["unknown"])
+LISTED = verdict("confounded", ["leakage"], [["windage"]])
+ASTRAY = verdict("confounded", ["leakage"], [["inertia"]])
+
+
+# verdicts
+
+
+@pytest.mark.parametrize(
+    ("category", "ids", "diagnosis", "expected"),
+    [
+        ("none", [], CONSISTENT, "right"),
+        ("none", [], NAMED, "wrong name"),
+        ("none", [], LISTED, "false alarm"),
+        ("none", [], UNRESOLVED, "false alarm"),
+        ("single", ["windage"], NAMED, "right"),
+        ("single", ["windage"], OTHER, "wrong name"),
+        ("single", ["windage"], verdict("named", ["leakage", "windage"]), "wrong name"),
+        ("single", ["windage"], LISTED, "truth listed"),
+        ("single", ["windage"], ASTRAY, "confounded without the truth"),
+        ("single", ["windage"], CONSISTENT, "missed"),
+        ("single", ["windage"], UNRESOLVED, "unresolved"),
+        ("single", ["windage"], None, "failed"),
+        ("pair", ["leakage", "windage"], verdict("named", ["windage", "leakage"]), "right"),
+        ("pair", ["leakage", "windage"], NAMED, "part named"),
+        ("pair", ["leakage", "windage"], verdict("named", ["windage", "inertia"]), "wrong name"),
+        ("pair", ["leakage", "windage"], LISTED, "confounded without the truth"),
+        ("other_form", ["windage"], NAMED, "right"),
+        ("not_in_library", ["backlash"], UNRESOLVED, "right"),
+        ("not_in_library", ["backlash"], NAMED, "wrong name"),
+        ("not_in_library", ["backlash"], LISTED, "confounded without the truth"),
+        ("not_in_library", ["backlash"], CONSISTENT, "missed"),
+    ],
+)
+def test_what_a_verdict_is_worth(category, ids, diagnosis, expected):
+    assert case(category, ids, diagnosis).outcome == expected
+
+
+def test_cases_near_a_nuisance_are_a_group_of_their_own():
+    found = scoring.summary([single(NAMED), single(CONSISTENT, truth={"near_nuisance": True})])
+    assert found["outcomes"] == {"single": {"right": 1}, "near_nuisance": {"missed": 1}}
+    assert found["separable"]["right_set"]["n"] == 1
+
+
+def test_the_confusion_matrix_has_refusals_as_columns():
+    found = scoring.confusion(
+        [null(CONSISTENT), null(OTHER), single(NAMED), single(NAMED), single(LISTED), single(None)]
+    )
+    assert found["rows"] == ["none", "windage"]
+    assert found["columns"] == ["consistent", "leakage", "windage", "truth listed", "failed"]
+    assert found["counts"] == [[1, 1, 0, 0, 0], [0, 0, 2, 1, 1]]
+
+
+def test_refusing_helps_only_the_conditional_accuracy():
+    found = scoring.accuracy([single(NAMED), single(OTHER), single(UNRESOLVED), single(LISTED)])
+    assert found["unconditional"]["share"] == 0.25
+    assert found["given_a_name"]["share"] == 0.5
+    assert found["with_truth_listed"]["share"] == 0.5
+
+
+def test_rates_against_the_signal_fall_into_their_bins():
+    found = scoring.by_signal(
+        [single(CONSISTENT, D=2.9), single(NAMED, D=3.0), single(OTHER, D=4.9), single(NAMED, D=80)]
+    )
+    filled = [
+        (b["from"], b["to"], b["n"], b["right"]["hits"], b["detected"]["hits"], b["wrong"]["hits"]) for b in found
+    ]
+    assert [one for one in filled if one[2]] == [
+        (0.0, 3.0, 1, 0, 0, 0),
+        (3.0, 5.0, 2, 1, 2, 1),
+        (50.0, None, 1, 1, 1, 0),
+    ]
+
+
+def test_false_alarms_are_told_apart_from_false_names_and_by_noise():
+    found = scoring.nulls([null(CONSISTENT), null(UNRESOLVED), null(OTHER, truth={"misdeclared": True})])
+    assert (found["all"]["false_alarms"]["hits"], found["all"]["false_names"]["hits"]) == (2, 1)
+    assert found["noise as declared"]["false_names"]["hits"] == 0
+    assert found["noise misdeclared"]["false_names"]["share"] == 1.0
+
+
+def test_only_separable_cases_count_for_the_right_set():
+    found = scoring.summary([single(NAMED), single(LISTED, separable=False), single(OTHER)])["separable"]
+    assert (found["share"]["hits"], found["share"]["n"]) == (2, 3)
+    assert (found["right_set"]["hits"], found["right_set"]["n"]) == (1, 2)
+
+
+def test_a_case_whose_signatures_failed_is_told_and_not_counted_as_separable():
+    bare = dataclasses.replace(single(NAMED), signatures=None)
+    found = scoring.summary([bare])["separable"]
+    assert (found["not_computed"], found["share"]["n"]) == (1, 0)
+
+
+def test_confounded_pairs_are_flagged_only_above_the_noise():
+    pairs = [single(LISTED, separable=False), single(NAMED, separable=False), single(LISTED, separable=False, D=5.0)]
+    found = scoring.confounded(pairs)
+    assert (found["not_separable_above_7"], found["flagged"]["hits"], found["flagged_with_the_rival"]["hits"]) == (
+        2,
+        1,
+        1,
+    )
+    assert found["named_all_the_same"]["hits"] == 1
+
+
+def test_a_further_test_can_resolve_rightly_or_wrongly():
+    found = scoring.confounded([single(LISTED, again=NAMED), single(LISTED, again=OTHER), single(LISTED)])
+    assert (found["followed_up"], found["resolved"]["hits"], found["resolved_wrongly"]["hits"]) == (2, 1, 1)
+
+
+# places
+
+
+def place(**more):
+    return {"balance": "torque", "channel": "speed", "coordinate": "speed", "where": [12.0, 18.0], "same_as": []} | more
+
+
+def test_a_place_that_agrees_is_right():
+    found = first_place(PLACE, [place()])
+    assert (found.right, found.group, found.overlaps) == (True, 1, True)
+
+
+def test_a_coordinate_in_the_group_counts_by_the_group_s_size():
+    found = first_place(PLACE, [place(coordinate="pressure", same_as=["flow", "speed"])])
+    assert (found.right, found.group, found.overlaps) == (True, 3, None)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"balance": "mass"}, {"channel": "flow"}, {"coordinate": "time"}, {"where": [30.0, 40.0]}]
+)
+def test_a_place_that_is_wrong_in_one_thing_is_wrong(wrong):
+    assert not first_place(PLACE, [place(**wrong)]).right
+
+
+def test_the_first_place_counts_and_any_is_told_apart():
+    two = [place(balance="mass"), place()]
+    assert not first_place(PLACE, two).right
+    assert any_place(PLACE, two).right
+
+
+def test_no_place_is_not_right():
+    assert not first_place(PLACE, []).right
+
+
+# intervals and probabilities
+
+
+@pytest.mark.parametrize(
+    ("hits", "n", "low", "high"),
+    [(0, 10, 0.0, 0.3085), (10, 10, 0.6915, 1.0), (5, 10, 0.1871, 0.8129), (0, 1000, 0.0, 0.003682), (0, 0, 0.0, 1.0)],
+)
+def test_clopper_pearson_against_published_values(hits, n, low, high):
+    assert clopper_pearson(hits, n) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(1, 200).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_the_interval_holds_the_share(counted):
+    hits, n = counted
+    low, high = clopper_pearson(hits, n)
+    assert 0.0 <= low <= hits / n <= high <= 1.0
+
+
+def test_brier_score_and_calibration_error_by_hand():
+    found = reliability([0.95, 0.95, 0.25, 0.25], [True, False, False, False])
+    assert found["brier"] == pytest.approx((0.05**2 + 0.95**2 + 2 * 0.25**2) / 4)
+    assert found["ece"] == pytest.approx(0.5 * abs(0.95 - 0.5) + 0.5 * 0.25)
+    assert [(b["from"], b["n"], b["hits"]) for b in found["bins"]] == [(0.2, 2, 0), (0.9, 2, 1)]
+
+
+def test_stated_probabilities_are_held_against_whole_sets_and_single_effects():
+    pair = case("pair", ["leakage", "windage"], verdict("named", ["windage"], probability=0.9))
+    found = stated([single(NAMED), pair, null(CONSISTENT)])
+    assert (found["sets"]["n"], found["effects"]["n"]) == (2, 2)
+    assert found["sets"]["brier"] == pytest.approx((0.03**2 + 0.9**2) / 2)
+    assert found["effects"]["brier"] == pytest.approx((0.03**2 + 0.1**2) / 2)
+
+
+def test_a_name_where_nothing_is_concealed_counts_against_its_probability():
+    assert stated([null(OTHER)])["sets"]["brier"] == pytest.approx(0.97**2)
+
+
+def test_coverage_counts_what_lies_inside_each_interval():
+    inside, at_edge, outside = (verdict("named", ["windage"], f=0.06 + off) for off in (0.0005, 0.001, 0.002))
+    found = coverage([single(one) for one in (inside, at_edge, outside)])["f_overall"]["all"]
+    assert (found["50"]["hits"], found["90"]["hits"]) == (1, 2)  # half of the 50 % interval is 0.674 sd of 0.001
+
+
+def test_sizes_are_counted_only_where_the_right_set_was_named_in_the_library_s_form():
+    far = {"sizes": {"windage": {"torque_nm": 0.3}}}
+    found = [single(NAMED), single(NAMED, truth=far), single(OTHER), case("other_form", ["windage"], NAMED)]
+    assert coverage(found)["effect_size"]["90"] == share([True, False])
+
+
+def test_the_held_out_gain_of_a_refusal_is_nothing():
+    found = held_out([single(NAMED, oracle_gain=10.0), single(UNRESOLVED, oracle_gain=10.0), single(NAMED)])
+    assert (found["cases"], found["gain"], found["oracle_gain"], found["ratio"]) == (2, 9.0, 20.0, 0.45)
+
+
+# goals
+
+
+def goal_of(found, words):
+    return next(one for one in found if one["goal"] == words)
+
+
+def test_a_goal_is_met_or_missed_by_its_share():
+    met = scoring.summary([single(NAMED)] * 40)["goals"]
+    missed = scoring.summary([single(NAMED)] * 30 + [single(OTHER)] * 10)["goals"]
+    for words in ("right set of effects where separable", "wrong names in all"):
+        assert goal_of(met, words)["met"] == goals.MET
+        assert goal_of(missed, words)["met"] == goals.MISSED
+
+
+def test_a_goal_without_cases_is_not_met():
+    found = scoring.summary([single(NAMED)])["goals"]
+    assert goal_of(found, "false names where nothing is concealed")["met"] == goals.NO_CASES
+    assert goal_of(found, "held-out gain against the oracle's")["met"] == goals.NO_CASES
+
+
+def test_a_goal_is_certain_only_with_its_whole_interval():
+    few = goal_of(scoring.summary([null(CONSISTENT)] * 10)["goals"], "false names where nothing is concealed")
+    many = goal_of(scoring.summary([null(CONSISTENT)] * 1000)["goals"], "false names where nothing is concealed")
+    assert (few["met"], few["certain"]) == (goals.MET, False)
+    assert (many["met"], many["certain"]) == (goals.MET, True)
+
+
+def test_coverage_too_high_misses_its_goal_too():
+    found = scoring.summary([single(NAMED)] * 50)["goals"]
+    assert goal_of(found, "90 % intervals of f_overall that hold it")["met"] == goals.MISSED
+
+
+# what is shown
+
+
+def test_failures_put_wrong_names_first():
+    shown = lines.failures([single(NAMED), single(UNRESOLVED), single(OTHER), null(LISTED)])
+    assert [one["outcome"] for one in shown] == ["wrong name", "false alarm", "unresolved"]
+
+
+def test_a_share_is_told_with_its_counts_and_interval():
+    assert percent(share([True, False])) == "50.0 % (1 of 2; 1.3 to 98.7 %)"
+    assert percent(share([])) == "no cases"
+
+
+def test_text_of_a_rig_is_harmless_on_the_page():
+    assert cell_text("<script>|[x](y)`\n") == "&lt;script&gt;&#124;&#91;x](y)&#96;"
+
+
+def test_text_of_a_rig_is_harmless_in_the_csv():
+    odd = dataclasses.replace(single(None), error="=cmd()")
+    assert b"'=cmd()" in lines.as_csv([odd])
+
+
+def test_a_summary_of_nothing_can_still_be_told():
+    from calibration.challenge import figures, tables
+
+    found = scoring.summary([])
+    assert all(as_markdown(grid) for grid in tables.all_grids(found))
+    assert all(picture.startswith(b"\x89PNG") for picture in figures.pictures(found).values())
+
+
+# sizes about those of a nuisance
+
+
+def near_case(diagnosis, sds):
+    return single(diagnosis, truth={"near_nuisance": True, "total_sds": {"windage": sds}})
+
+
+@pytest.mark.parametrize(
+    ("sds", "diagnosis", "expected"),
+    [
+        (3.5, NAMED, "right"),
+        (3.5, CONSISTENT, "missed"),
+        (2.5, CONSISTENT, "right"),
+        (-2.5, CONSISTENT, "right"),
+        (2.5, NAMED, "right"),
+        (2.5, OTHER, "wrong name"),
+        (2.5, LISTED, "truth listed"),
+        (2.5, UNRESOLVED, "unresolved"),
+    ],
+)
+def test_within_three_sds_it_is_the_nuisance_at_work(sds, diagnosis, expected):
+    assert near_case(diagnosis, sds).outcome == expected
+
+
+def test_of_two_effects_the_one_within_three_sds_need_not_be_named():
+    pair = case("pair", ["flow_offset", "windage"], NAMED, truth={"total_sds": {"flow_offset": 1.9}})
+    assert (pair.group, pair.outcome) == ("near_nuisance", "right")
