@@ -14,7 +14,7 @@ from model.transient import Supply
 from rig.recording import Recording, RecordingError, RecordingFile
 
 REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed: below, it hangs on single pulses
-BEFORE_S = 0.4  # real time that a run in time is simulated before its first sample, to reach its steady state
+BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
 

@@ -34,6 +34,8 @@ class HeldOut:
         rmse by channel, of the base model and of the sets chosen [SI].
     gain, gain_se : float
         In log predictive density, and its standard error over the blocks [-].
+    scheme : str
+        How readings were held out.
     """
 
     folds: int
@@ -42,9 +44,12 @@ class HeldOut:
     after: dict[str, float]
     gain: float
     gain_se: float
+    scheme: str = "pressure levels and transient segments, selection repeated in each fold"
 
 
-def cross_validate(comparison: Comparison, found: Sequence[Candidate], names: tuple[str, ...]) -> HeldOut:
+def cross_validate(
+    comparison: Comparison, found: Sequence[Candidate], names: tuple[str, ...], choose: bool = True
+) -> HeldOut:
     """Predict each block from the others.
 
     Parameters
@@ -55,6 +60,8 @@ def cross_validate(comparison: Comparison, found: Sequence[Candidate], names: tu
         All sets weighed.
     names : tuple of str
         The set whose constancy is counted.
+    choose : bool
+        Whether the set is chosen anew in each fold; otherwise it is ``names`` in all.
     """
     blocks = folds_of(comparison)
     K = len(comparison.problem.effects_that_could())
@@ -68,7 +75,7 @@ def cross_validate(comparison: Comparison, found: Sequence[Candidate], names: tu
         for one in others:
             z, A, evidence = _fit(comparison, one.mode, ~held)
             scored.append((evidence + log_prior(len(one.names), K), one, z, A))
-        _, best, z, A = max(scored, key=lambda s: s[0])
+        _, best, z, A = max((s for s in scored if choose or s[1].names == names), key=lambda s: s[0])
         same += best.names == names
         z0, A0 = next((s[2], s[3]) for s in scored if s[1] is base)
         density, error = _predict(comparison, best.mode, z, A, held)
@@ -78,7 +85,7 @@ def cross_validate(comparison: Comparison, found: Sequence[Candidate], names: tu
         errors["after"].append(error)
         rows.append(np.flatnonzero(held))
     index = np.concatenate(rows)
-    rmse = {key: _by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
+    rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
     gain = np.array(gains)
     se = float(np.std(gain, ddof=1) * math.sqrt(gain.size)) if gain.size > 1 else 0.0
     return HeldOut(len(blocks), int(same), rmse["before"], rmse["after"], float(gain.sum()), se)
@@ -142,7 +149,18 @@ def _predict(
     return density, np.nan_to_num(error)
 
 
-def _by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> dict[str, float]:
+def by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> dict[str, float]:
+    """Root mean square of errors by channel [SI].
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    index : ndarray of int
+        Readings that the errors belong to.
+    error : ndarray
+        Readings less predictions [SI].
+    """
     kind = comparison.kind[index]
     found = {}
     for key, mine in (("flow_m3_s", kind == 0), ("speed_rad_s", kind > 0)):

@@ -125,7 +125,7 @@ def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dic
 
 def _weighed(found: Diagnosis) -> list[Candidate]:
     if found.verdict.kind in ("consistent", "unresolved"):
-        return [Candidate((), found.base, 0.0, 1.0, "")]
+        return [c for c in found.candidates if not c.refused]
     kept = {found.verdict.chosen.names if found.verdict.chosen else (), *found.verdict.alternatives}
     return [c for c in found.candidates if c.names in kept]
 
@@ -153,7 +153,7 @@ def _held_out(found: Diagnosis) -> dict[str, Any] | None:
     if h is None:
         return None
     return {
-        "scheme": "pressure levels and transient segments, selection repeated in each fold",
+        "scheme": h.scheme,
         "folds": h.folds,
         "same_set_in_folds": h.same,
         "rmse_before": h.before,

@@ -26,7 +26,7 @@ BAD_WIDTH = 10.0
 LARGEST_MOVE = 6.0
 MOST_PASSES = 30
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
-SETTLED = 0.02  # squared length of a move, in posterior sds, below which a search ends
+SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
 CLOSE = 100.0  # squared length of a move below which derivatives are taken along the axes of the posterior
 ROUGHLY = 1.0  # share of the swing of the pulses that is left to chance while a search is on its way
 ANGLES = 16  # starting angles tried within a pulse
@@ -130,6 +130,8 @@ def find(
             if comparison.blur == BLUR:
                 break
             comparison.blur = BLUR
+            z = _turned(f, comparison, z, u, predicted)
+            predicted = f(z)
         near = rough and (near or far < CLOSE)
         if near:
             size, turn = np.linalg.eigh(A)
@@ -212,19 +214,10 @@ def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) ->
     return move
 
 
-def turned(comparison: Comparison, mode: Mode) -> Mode:
-    """A mode with the starting angle of each run in time at the best of a few within a pulse: a start for `find`.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        A set of effects where its search ended.
-    """
-    f = Function(comparison, mode.names)
-    z, here = mode.z.copy(), mode.prediction
-    names = [u.name for u in comparison.problem.nuisances]
+def _turned(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction) -> np.ndarray:
+    """A point with the starting angle of each run in time at the best of a few within a pulse [-]."""
+    z = z.copy()
+    names = [unknown.name for unknown in comparison.problem.nuisances]
     for i, run in enumerate(comparison.problem.blocks.runs):
         place = names.index(f"{run.file}.angle")
         best = (math.inf, float(z[place]))
@@ -233,11 +226,11 @@ def turned(comparison: Comparison, mode: Mode) -> Mode:
         for angle in [float(z[place]), within, *np.linspace(-edge, edge, ANGLES)]:
             z[place] = angle
             there = f(z, here, (i,))
-            white = comparison.whitener(there, mode.u)
+            white = comparison.whitener(there, u)
             r = white(comparison.read - comparison.raw(there))
-            best = min(best, (_cost(r, white.log_scale, z, mode.u, comparison), float(angle)))
+            best = min(best, (_cost(r, white.log_scale, z, u, comparison), float(angle)))
         z[place] = best[1]
-    return replace(mode, z=z)
+    return z
 
 
 def _step(

@@ -18,19 +18,19 @@ from scipy.special import gammaln, logsumexp
 from scipy.stats import norm
 
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.mode import Mode, find, turned
+from calibration.diagnosis.mode import Mode, find
 from calibration.diagnosis.problem import SI_OF, Problem
 from calibration.diagnosis.signatures import Signature, log_gain, project, signatures
 from model.effects import effects
 
 SINGLES = 6  # most single effects refitted
+SINGLES_WITH_RUNS = 4  # ... where each takes seconds
 PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
 BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
 SWAPS = 5  # other second members tried
-POLISHED = 2  # most probable sets whose search goes on until it settles
 AGAIN = 0.5  # amplitude that a second search starts from, in ordinary sizes
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
 
@@ -67,6 +67,7 @@ def search(
     u: np.ndarray,
     tell: Callable[[str], None] = lambda _: None,
     size: int = 2,
+    modes: dict[tuple[str, ...], Mode] | None = None,
 ) -> list[Candidate]:
     """Sets of effects with their probabilities, the most probable first; the base model is always among them.
 
@@ -84,18 +85,14 @@ def search(
         Told what is being refitted.
     size : int
         Most effects in a set [-].
+    modes : dict or None
+        Of `singles_of`, when that was done before.
     """
-    modes: dict[tuple[str, ...], Mode] = {(): base}
-    for name, first in screen(comparison, base, found, u)[:SINGLES]:
-        tell(f"refit {name}")
-        modes[(name,)] = refit(comparison, [name], base, first)
+    modes = singles_of(comparison, base, found, u, tell) if modes is None else dict(modes)
     if size > 1:
         singles = sorted((key for key in modes if key), key=lambda key: -modes[key].log_evidence)[:SEEDS]
         order: dict[tuple[str, ...], list[str]] = {}
         for seed in singles:
-            if base.prediction.runs:
-                tell(f"refit {seed[0]} again")
-                modes[seed] = _better(modes[seed], find(comparison, seed))
             second = screen(comparison, modes[seed], signatures(comparison, modes[seed]), modes[seed].u)
             order[seed] = [name for name, _ in second]
             for name, first in second[: PAIRS // SEEDS]:
@@ -105,11 +102,62 @@ def search(
                     start = {**_values(comparison.problem, modes[seed]), **first}
                     modes[key] = refit(comparison, key, modes[seed], start)
         _swap(comparison, modes, order, tell)
-    if base.prediction.runs:
-        for key in sorted(modes, key=lambda key: -modes[key].log_evidence)[:POLISHED]:
-            tell(f"polish {' and '.join(key) or 'the base model'}")
-            modes[key] = _better(modes[key], find(comparison, key, turned(comparison, modes[key])))
     return weigh(comparison, modes)
+
+
+def singles_of(
+    comparison: Comparison,
+    base: Mode,
+    found: Sequence[Signature],
+    u: np.ndarray,
+    tell: Callable[[str], None] = lambda _: None,
+    worth: float = WORTH,
+) -> dict[tuple[str, ...], Mode]:
+    """The base model and the most promising single effects, refitted.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    base : Mode
+        The base model.
+    found : sequence of Signature
+        At it.
+    u : ndarray, shape (3,)
+        Noise scales that the detection found [-].
+    tell : callable
+        Told what is being refitted.
+    worth : float
+        Log evidence gained in the linear model below which an effect is not refitted [-].
+    """
+    modes: dict[tuple[str, ...], Mode] = {(): base}
+    most = SINGLES_WITH_RUNS if base.prediction.runs else SINGLES
+    for name, first in screen(comparison, base, found, u, worth)[:most]:
+        tell(f"refit {name}")
+        modes[(name,)] = refit(comparison, [name], base, first)
+    if base.prediction.runs and len(modes) > 1:
+        tell("refit the base model again")
+        best = max(modes, key=lambda key: modes[key].log_evidence)
+        if best:
+            modes[()] = _better(base, find(comparison, (), modes[best]))
+    return modes
+
+
+def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> float:
+    """Bound on how often chance alone favours some effect as much: 1 over the mean Bayes factor (Markov) [-].
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    modes : dict
+        Of `singles_of`; effects that were not refitted count as worth nothing.
+    """
+    base = modes[()].log_evidence
+    gains = [mode.log_evidence - base for key, mode in modes.items() if key and not refusal(comparison, mode)]
+    if not gains:
+        return 1.0
+    return float(min(1.0, math.exp(math.log(len(comparison.problem.effects_that_could())) - logsumexp(gains))))
 
 
 def _better(one: Mode, other: Mode) -> Mode:
@@ -152,14 +200,14 @@ def refit(comparison: Comparison, names: Sequence[str], near: Mode, first: dict[
         Values of the effects' unknowns to start from [-].
     """
     if comparison.problem.blocks.runs:
-        return find(comparison, names, near, first=first)
+        return find(comparison, names, first=first)  # from the prior's middle the valley is entered at its best place
     found = find(comparison, names, near, first=first)
     other = find(comparison, names, None, first=first)
     return max(found, other, key=lambda mode: mode.log_evidence)
 
 
 def screen(
-    comparison: Comparison, mode: Mode, found: Sequence[Signature], u: np.ndarray
+    comparison: Comparison, mode: Mode, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH
 ) -> list[tuple[str, dict[tuple[str, str], float]]]:
     """Effects by what they would add in the linear model, with values to start a refit from.
 
@@ -173,6 +221,8 @@ def screen(
         At it.
     u : ndarray, shape (3,)
         Noise scales [-].
+    worth : float
+        Log evidence below which an effect is left out [-].
     """
     white = comparison.whitener(mode.prediction, u)
     good = (mode.bad < 0.5).astype(float)
@@ -188,7 +238,7 @@ def screen(
         if one.effect not in best or gain > best[one.effect][0]:
             best[one.effect] = (gain, first)
     order = sorted(best, key=lambda name: -best[name][0])
-    return [(name, best[name][1]) for name in order if best[name][0] > WORTH]
+    return [(name, best[name][1]) for name in order if best[name][0] > worth]
 
 
 def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Candidate]:

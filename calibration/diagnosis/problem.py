@@ -32,7 +32,7 @@ SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
 SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
 ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
-STRIDE = 3  # samples of a run in time between two looks at the effects' laws, where none follows the angle
+STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
 BESIDE = 4  # samples either side over which the swing of the pulses is taken
 SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
 

@@ -1,0 +1,82 @@
+"""A run that no fit has seen: what the base model and the set that was named say of it beforehand.
+
+The motor's own unknowns, and the effects', are those that the diagnosed recording left; the instruments' offsets and
+scales, the weather and the starting angles are anybody's guess again.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from calibration.diagnosis.confirm import HeldOut, by_channel
+from calibration.diagnosis.function import Function
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.problem import Problem
+from rig.recording import Recording
+
+OF_THE_MOTOR = ("port_lap", "roller_friction", "f_overall", "inertia")
+SCHEME = "unseen run"
+PASSES = 3
+
+
+def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording) -> HeldOut:
+    """What a run says of the set over the base model, both fitted without it.
+
+    Parameters
+    ----------
+    seen : Comparison
+        The recording that was diagnosed.
+    base, chosen : Mode
+        The base model and the named set, fitted to it.
+    unseen : Recording
+        Another run of the same motor.
+    """
+    there = Comparison(Problem(unseen))
+    found = {}
+    for key, mode in (("before", base), ("after", chosen)):
+        found[key] = _density(seen, mode, there)
+    gain = found["after"][0] - found["before"][0]
+    index = np.arange(there.read.size)
+    rmse = {key: by_channel(there, index, found[key][1]) for key in found}
+    return HeldOut(1, 1, rmse["before"], rmse["after"], gain, 0.0, f"{SCHEME} {unseen.folder.name}")
+
+
+def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[float, np.ndarray]:
+    """Log density of a run's readings, and their errors [SI]; starting angles are looked for first."""
+    f = Function(there, mode.names)
+    z, covariance = _prior(seen, mode, there)
+    predicted = f(z)
+    D = f.derivatives(z, predicted, np.zeros((there.read.size, z.size)), mode.u)
+    white = there.whitener(predicted, mode.u)
+    precision = np.linalg.inv(covariance)
+    start, J = z, white(D)
+    for _ in range(PASSES):  # the density is taken at the most probable point, where its curve is that of a normal
+        r = white(there.read - there.raw(predicted))
+        move = np.linalg.solve(J.T @ J + precision, J.T @ r - precision @ (z - start))
+        tried = f.clip(f.advance(z, move))
+        z, predicted = tried, f(tried)
+    r = white(there.read - there.raw(predicted)) + J @ (z - start)
+    error = there.read - there.raw(predicted) + D @ (z - start)
+    known = there.known
+    C = np.eye(int(known.sum())) + J[known] @ covariance @ J[known].T
+    density = -0.5 * float(r[known] @ np.linalg.solve(C, r[known])) - 0.5 * float(np.linalg.slogdet(C)[1])
+    density -= float(np.sum(np.log(white.scale[known]))) + 0.5 * known.sum() * math.log(2.0 * math.pi)
+    return float(density), np.nan_to_num(error)
+
+
+def _prior(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of the run's unknowns before it is looked at [-]."""
+    old = [u.name for u in seen.problem.nuisances]
+    new = [u.name for u in there.problem.nuisances]
+    effects = len(seen.problem.effect_unknowns(mode.names))
+    places = [(old.index(name), new.index(name)) for name in OF_THE_MOTOR if name in old and name in new]
+    places += [(len(old) + i, len(new) + i) for i in range(effects)]
+    of_old, of_new = (np.array(side) for side in zip(*places, strict=True))
+    z = np.zeros(len(new) + effects)
+    covariance = np.eye(z.size)
+    z[of_new] = mode.z[of_old]
+    covariance[np.ix_(of_new, of_new)] = mode.covariance[np.ix_(of_old, of_old)]
+    return z, covariance
