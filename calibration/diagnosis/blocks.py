@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -112,11 +113,32 @@ class RunInTime:
 
 
 @dataclass(frozen=True)
+class Vented:
+    """What the gauge reads with the line vented: in zero files, and in the vented spans of runs in time.
+
+    Attributes
+    ----------
+    file : tuple of str
+        Of each mean.
+    pressure, sd : ndarray, shape (n,)
+        Mean reading and its noise [Pa].
+    is_gauge : ndarray of bool
+        Whether it counts from the ambient.
+    """
+
+    file: tuple[str, ...]
+    pressure: np.ndarray
+    sd: np.ndarray
+    is_gauge: np.ndarray
+
+
+@dataclass(frozen=True)
 class Blocks:
     """Everything of a recording that a diagnosis looks at."""
 
     plateaus: Plateaus
     runs: tuple[RunInTime, ...]
+    vented: Vented
     measured: Measurement
 
 
@@ -135,7 +157,39 @@ def blocks_of(recording: Recording) -> Blocks:
     """
     measured = gather(recording)
     runs = tuple(_run(file, recording) for file in recording.files if file.kind == "transient")
-    return Blocks(_plateaus(recording, measured), runs, measured)
+    return Blocks(_plateaus(recording, measured), runs, _vented(recording), measured)
+
+
+def _vented(recording: Recording) -> Vented:
+    found: list[tuple[str, float, float, bool]] = []
+    for file in recording.files:
+        gauge = "pressure_bar_gauge" in file.columns
+        name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
+        if name not in file.columns or file.kind == "steady":
+            continue
+        rest = np.ones(file.rows, dtype=bool)
+        if file.kind == "transient":
+            if "supply_open" not in file.columns or "time_s" not in file.columns:
+                continue
+            rest = _settled(file.columns["time_s"].values, file.columns["supply_open"].values > 0.5)
+        read = file.columns[name].values[rest & (file.columns[name].censor == 0)] * PASCAL_PER_BAR
+        read = read[np.isfinite(read)]
+        if read.size:
+            figures = recording.channels[name]
+            noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
+            found.append((file.file, float(np.mean(read)), noise * PASCAL_PER_BAR / np.sqrt(read.size), gauge))
+    columns = list(zip(*found, strict=True)) or [(), (), (), ()]
+    return Vented(columns[0], np.array(columns[1]), np.array(columns[2]), np.array(columns[3], dtype=bool))
+
+
+def _settled(time: np.ndarray, opened: np.ndarray) -> np.ndarray:
+    """Samples in the second half of each vented span: by then the line has emptied."""
+    kept = np.zeros(time.size, dtype=bool)
+    edges = [0, *(np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist(), time.size]
+    for begin, end in itertools.pairwise(edges):
+        if end > begin and not opened[begin]:
+            kept[(begin + end) // 2 : end] = True
+    return kept
 
 
 def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:

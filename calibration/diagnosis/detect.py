@@ -163,13 +163,15 @@ def _draw(comparison: Comparison, mode: Mode, rng: np.random.Generator) -> np.nd
     out[n : 2 * n] += mode.prediction.speed_slope * pressure
     out[n : 2 * n] += noise["speed"] * plateaus.noise_scale * rng.standard_normal(n)
     out[:n] += problem.resolution["flow"] * (rng.random(n) - 0.5)
-    out[n:] += problem.resolution["speed"] * (rng.random(out.size - n) - 0.5)
+    end = comparison.end
+    out[n:end] += problem.resolution["speed"] * (rng.random(end - n) - 0.5)
     scale = np.repeat([run.noise_scale for run in problem.blocks.runs], comparison.sizes)
-    out[2 * n :] += noise["speed"] * scale * rng.standard_normal(out.size - 2 * n)
+    out[2 * n : end] += noise["speed"] * scale * rng.standard_normal(end - 2 * n)
+    out[end:] += problem.blocks.vented.sd * rng.standard_normal(out.size - end)
     swing = comparison.blur * comparison.swing
-    angle = swing * rng.standard_normal(out.size - 2 * n)
+    angle = swing * rng.standard_normal(end - 2 * n)
     first = np.cumsum([0, *comparison.sizes[:-1]])[: len(comparison.sizes)]
     before = np.roll(angle, 1)
     before[first] = swing[first] * rng.standard_normal(first.size)
-    out[2 * n :] += (angle - before) / comparison.step
+    out[2 * n : end] += (angle - before) / comparison.step
     return np.where(comparison.known, out, 0.0)

@@ -1,6 +1,7 @@
 """Readings against predictions as one vector, and its whitening: a linear map that a few noise scales set.
 
-The vector holds the plateaus' flows, then their speeds, then the samples of each run in time. The gauge's noise moves
+The vector holds the plateaus' flows, then their speeds, then the samples of each run in time, then what the gauge reads
+with the line vented. The gauge's noise moves
 flow and speed of a plateau together; the map takes that out, so a whitened residual is standard normal where the model
 is right. Readings that are missing are 0 in it.
 
@@ -24,7 +25,7 @@ NOISE_SD = math.log(NOISE_FACTOR)
 NOISE_PASSES = 4
 LARGEST_NOISE_STEP = 0.5
 BLUR = 0.3
-FLOW, SPEED, RUN = 0, 1, 2  # kinds of entries; run i is RUN + i
+VENTED, FLOW, SPEED, RUN = -1, 0, 1, 2  # kinds of entries; run i is RUN + i
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,9 @@ class Whitener:
     ----------
     flow, share, speed : ndarray, shape (n,)
         Of each plateau: sd of the flow, what of the speed follows the flow, sd of the rest.
-    run, before : ndarray, shape (m - 2 n,)
+    vented : ndarray, shape (v,)
+        sd of the gauge's readings with the line vented.
+    run, before : ndarray, shape (m - 2 n - v,)
         Of the runs' samples: sd given the samples before, and what of a sample follows the one before.
     log_scale : float
         Sum of the logarithms of the sds over the readings that there are [-].
@@ -46,6 +49,7 @@ class Whitener:
     flow: np.ndarray
     share: np.ndarray
     speed: np.ndarray
+    vented: np.ndarray
     run: np.ndarray
     before: np.ndarray
     log_scale: float
@@ -67,14 +71,17 @@ class Whitener:
         out[:n] = given[:n] / self.flow[rows]
         out[n : 2 * n] = (given[n : 2 * n] - self.share[rows] * out[:n]) / self.speed[rows]
         out[n : 2 * n][~self.known[n : 2 * n]] = 0.0
+        end = 2 * n + self.run.size
         if self.run.size:
-            out[2 * n :] = solve_banded((1, 0), np.vstack([self.run, np.append(self.before[1:], 0.0)]), given[2 * n :])
+            band = np.vstack([self.run, np.append(self.before[1:], 0.0)])
+            out[2 * n : end] = solve_banded((1, 0), band, given[2 * n : end])
+        out[end:] = given[end:] / self.vented[rows]
         return out
 
     @property
     def scale(self) -> np.ndarray:
         """sd of each reading given those before it [SI], shape (m,)."""
-        return np.concatenate([self.flow, self.speed, self.run])
+        return np.concatenate([self.flow, self.speed, self.run, self.vented])
 
 
 class Comparison:
@@ -93,7 +100,9 @@ class Comparison:
         FLOW, SPEED, or RUN + i.
     index : ndarray of int, shape (m,)
         Row of the plateaus, or sample of the run.
-    swing : ndarray, shape (m - 2 n,)
+    end : int
+        Where the runs' samples end and the readings with the line vented begin [-].
+    swing : ndarray, shape (end - 2 n,)
         How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
     blur : float
         Share of that swing to which the pulses' phase is not trusted [-].
@@ -113,10 +122,15 @@ class Comparison:
         for i, used in enumerate(self.used):
             kinds.append(np.full(int(used.sum()), RUN + i))
             places.append(np.flatnonzero(used))
+        rest = problem.blocks.vented
+        self.read = np.concatenate([self.read, rest.pressure])
+        kinds.append(np.full(rest.pressure.size, VENTED))
+        places.append(np.full(rest.pressure.size, -1))
         self.kind, self.index = np.concatenate(kinds), np.concatenate(places)
         self.known = np.isfinite(self.read)
         self.n = n
-        self.swing = np.zeros(self.read.size - 2 * n)
+        self.end = self.read.size - rest.pressure.size
+        self.swing = np.zeros(self.end - 2 * n)
         self.blur = BLUR
         self.step = np.concatenate(
             [np.full(int(used.sum()), _step(run.time)) for run, used in zip(runs, self.used, strict=True)]
@@ -138,7 +152,7 @@ class Comparison:
             Of the problem.
         """
         runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
-        return np.concatenate([predicted.flow, predicted.speed, *runs])
+        return np.concatenate([predicted.flow, predicted.speed, *runs, predicted.vented])
 
     def variances(self, u: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Variances of the plateaus' readings by channel [SI], and those of the runs' samples, pulses apart.
@@ -193,7 +207,8 @@ class Comparison:
         known_speed = self.known[self.n : 2 * self.n]
         log_scale = float(np.log(flow[has_flow]).sum() + np.log(speed[known_speed]).sum())
         log_scale += float(np.log(run).sum())
-        return Whitener(flow, share, speed, run, before, log_scale, self.known)
+        vented = self.problem.blocks.vented.sd
+        return Whitener(flow, share, speed, vented, run, before, log_scale, self.known)
 
     def noise_step(
         self, difference: np.ndarray, predicted: Prediction, u: np.ndarray, weight: np.ndarray
@@ -252,8 +267,8 @@ class Comparison:
         if runs.size:
             scale = np.repeat([run.noise_scale for run in problem.blocks.runs], self.sizes)
             own, beside = self.following(runs)
-            wr = weight[2 * n :]
-            white = solve_banded((1, 0), np.vstack([own, np.append(beside[1:], 0.0)]), difference[2 * n :])
+            wr = weight[2 * n : self.end]
+            white = solve_banded((1, 0), np.vstack([own, np.append(beside[1:], 0.0)]), difference[2 * n : self.end])
             y = solve_banded((0, 1), np.vstack([np.append(0.0, beside[1:]), own]), white)
             rate = 2.0 * (problem.noise["speed"] * math.exp(u[2]) * scale) ** 2
             inverse = _diagonal_of_inverse(own, beside)

@@ -189,7 +189,9 @@ def set_angles(comparison: Comparison, mode: Mode) -> Mode:
     z[[i for i, u in enumerate(problem.nuisances) if u.name.endswith(".angle")]] = 0.0
     chosen = problem.chosen(mode.names, mode.z[k:])
     for i, run in enumerate(problem.blocks.runs):
-        comparison.swing[comparison.kind[2 * comparison.n :] == RUN + i] = problem.swing(z[:k], i)[run.used]
+        comparison.swing[comparison.kind[2 * comparison.n : comparison.end] == RUN + i] = problem.swing(z[:k], i)[
+            run.used
+        ]
         best = (math.inf, 0.0)
         for angle in np.arange(ANGLES) * PULSE / ANGLES:
             problem.start_angle[run.file] = float(angle)

@@ -33,6 +33,7 @@ CHANNELS = ("pressure", "flow", "speed")
 SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
 ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
 STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
+VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
 BESIDE = 4  # samples either side over which the swing of the pulses is taken
 SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
 
@@ -49,6 +50,8 @@ class Prediction:
         With the true pressure [m3/s/Pa], [rad/s/Pa].
     runs : tuple of ndarray
         Speed readings expected of each run in time [rad/s].
+    vented : ndarray, shape (k,)
+        Gauge readings expected with the line vented [Pa].
     state : State
         Of the plateaus.
     """
@@ -58,6 +61,7 @@ class Prediction:
     flow_slope: np.ndarray
     speed_slope: np.ndarray
     runs: tuple[np.ndarray, ...]
+    vented: np.ndarray
     state: State
 
 
@@ -87,8 +91,11 @@ class Problem:
         for run in self.blocks.runs:
             self.nuisances.append(Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, max(run.supply_sd, 1.0), "noise"))
             self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
+        if self.blocks.vented.pressure.size:
+            self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))
         self._base = self.motor.vector()
         self._readings = self.motor.readings.vector()
+        self._share = next((i for i, u in enumerate(self.nuisances) if u.name == VENTED), None)
         self._place = {name: i for i, name in enumerate(QUANTITIES)}
         columns = {channel: column_of(recording, channel) for channel in CHANNELS}
         self.noise = {
@@ -177,7 +184,27 @@ class Problem:
             else like.runs[i]
             for i, run in enumerate(self.blocks.runs)
         )
-        return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, state)
+        vented = self._vented(float(z[self._share]) if self._share is not None else 0.0, parameters, errors, chosen)
+        return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, state)
+
+    def _vented(
+        self,
+        share_z: float,
+        parameters: np.ndarray,
+        errors: dict[str, tuple[float, float]],
+        chosen: dict[str, dict[str, float]],
+    ) -> np.ndarray:
+        """The gauge at ambient pressure: its span may count from there, from vacuum, or from anywhere between [Pa]."""
+        vented, offset = self.blocks.vented, errors["pressure"][0]
+        if not vented.pressure.size:
+            return vented.pressure
+        P_a = np.full(vented.pressure.size, parameters[at.P_A])
+        none, high = np.zeros_like(P_a), P_a.copy()
+        at_vacuum = readings_of(chosen, "pressure", none, _no_state(none))
+        span = readings_of(chosen, "pressure", high, _no_state(high)) - at_vacuum - P_a + errors["pressure"][1] * P_a
+        share = float(self.nuisances[self._share].value(np.asarray(share_z))) if self._share is not None else 0.5
+        found: np.ndarray = np.where(vented.is_gauge, 0.0, P_a + share * span) + at_vacuum + offset
+        return found
 
     def _split(
         self, z: np.ndarray
@@ -191,6 +218,8 @@ class Problem:
             if unknown.name in self._place:
                 quantity = QUANTITIES[unknown.name]
                 parameters[self._place[unknown.name]] = min(max(value, quantity.low), quantity.high) * quantity.to_si
+            elif unknown.name == VENTED:
+                continue
             elif unknown.name.endswith(".supply"):
                 supply[unknown.name.removesuffix(".supply")] = value
             elif unknown.name.endswith(".angle"):
