@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -34,9 +34,11 @@ UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED = 2, 3, 4
 # the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.
 EXIT_CODES = {
     "builtins.OSError": UNUSABLE_INPUT,
+    "calibration.challenge.layout.ChallengeError": UNUSABLE_INPUT,
     "calibration.fit.NotConvergedError": NOT_CONVERGED,
     "calibration.peak.NoPeakError": UNUSABLE_INPUT,
     "calibration.sampling.ChainError": UNUSABLE_INPUT,
+    "calibration.with_effects.EffectsError": UNUSABLE_INPUT,
     "configs.ConfigError": UNUSABLE_INPUT,
     "model.performance.OperatingPointError": UNUSABLE_INPUT,
     "rig.acquisition.recorder.RecorderError": RUN_FAILED,
@@ -65,6 +67,16 @@ runs_app = typer.Typer(
 )
 app.add_typer(runs_app, name="runs")
 
+challenge_app = typer.Typer(
+    help="Sealed blind campaigns: make recordings, run the diagnosis, score it, show the ledger.", no_args_is_help=True
+)
+app.add_typer(challenge_app, name="challenge")
+
+many_app = typer.Typer(
+    help="Many recordings at once, a fleet or a year of runs: one table, as CSV and Parquet.", no_args_is_help=True
+)
+app.add_typer(many_app, name="many")
+
 
 class TransientKind(StrEnum):
     """Runs in time."""
@@ -92,6 +104,26 @@ RateOption = Annotated[
     float | None,
     typer.Option(min=0.1, max=50.0, help="Of a virtual bench: its seconds in one of the wall; the file's if left out."),
 ]
+
+
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Processes of this machine; as many as it has cores if left out.")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers are used instead."),
+]
+CampaignArgument = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
+KeyOption = Annotated[
+    Path | None, typer.Option("--key", metavar="FILE", help="The seal's key; beside the seal if left out.")
+]
+ManyArgument = Annotated[
+    list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")
+]
+TableOption = Annotated[
+    Path, typer.Option("-o", "--out", metavar="DIR", help="Gets the table; started again, it goes on.")
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed; the same seed gives the same result to the bit.")]
 
 
 class CaptureKind(StrEnum):
@@ -249,10 +281,13 @@ def fit(
         float | None,
         typer.Option(metavar="BAR", help="Full scale of the gauge: fit again for accuracy classes 0.6, 1.0, 1.6, 2.5."),
     ] = None,
+    effects: Annotated[
+        str, typer.Option(metavar="ID,ID", help="Effects that the model holds too; their sizes become unknowns.")
+    ] = "",
 ) -> None:
     """Fit f_overall and what it hangs on to a recording; exit code 3 if the sampler does not converge."""
     from calibration import fit as fits
-    from calibration import posterior
+    from calibration import posterior, with_effects
     from calibration.report import files, fit_page, simulation
     from calibration.sampling import Settings
 
@@ -262,42 +297,120 @@ def fit(
     settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
     channels = ("pressure", "speed") if speed_only else fits.ALL_CHANNELS
     changes = assignments or []
+    held = [name.strip() for name in effects.split(",") if name.strip()]
     with _sampling_progress("fit") as progress:
-        found = fits.fit(read, settings, changes, channels, out / "chain" if out else None, progress)
+        found = fits.fit(read, settings, changes, channels, out / "chain" if out else None, progress, held)
     variants = []
     for name, changed, used in fits.variants(read, channels, compare, gauge_span_bar):
         with _sampling_progress(name) as progress:
-            variants.append((name, fits.fit(changed, fits.brief(settings), changes, used, None, progress).posterior))
+            still = with_effects.seen(held, used)
+            again = fits.fit(changed, fits.brief(settings), changes, used, None, progress, still)
+            variants.append((name, again.posterior))
     data = posterior.as_json(found.posterior)
     encoded = simulation.json_bytes(data)
+    report = fit_page.report(found, variants) if out is not None and not held else {}
     if out is not None:
-        files.write_files(out, {"posterior.json": encoded} | fit_page.report(found, variants))
+        files.write_files(out, {"posterior.json": encoded} | report)
     _deliver(encoded, fit_page.table(found), None, json_file, None)
-    for words in fit_page.remarks(found):
+    bad = [f"{one.file}: row {one.row}: {one.channel} is probably bad" for one in found.posterior.suspect_rows]
+    notes = [note for note in found.measured.notes if note not in read.warnings]
+    for words in [*notes, *bad] if held else fit_page.remarks(found):
         print(f"spinbench: {words}", file=sys.stderr)
-    if out is not None:
+    if out is not None and held:  # its bands are those of the article's model alone
+        print(f"spinbench: no page is drawn of a fit with effects; {out / 'posterior.json'} holds it", file=sys.stderr)
+    elif out is not None:
         print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
 
 
 @app.command()
 def diagnose(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder, or a run's.")],
+    recording: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs'; several as one.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="Write report.html, .png and diagnosis.json there."),
+    ] = None,
     json_file: JsonOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same result to the bit.")] = 1,
+    hold_out: Annotated[
+        Path | None,
+        typer.Option("--hold-out", metavar="DIR", help="A run that nothing sees before it is predicted, as the proof."),
+    ] = None,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
-    from rich.console import Console
-
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
-    from calibration.report import diagnosis_words, simulation
+    from calibration.diagnosis.together import together
+    from calibration.report import diagnosis_page, diagnosis_words, files, simulation
+    from calibration.rigs_problem import OF_KIND
 
-    read = _recording(recording)
-    console = Console(stderr=True)
-    with console.status("diagnosis") as status:
-        found = as_json(look(read, seed, lambda step: status.update(f"diagnosis: {step}")))
-    _deliver(simulation.json_bytes(found), diagnosis_words.table(found), None, json_file, None)
+    read = together([_recording(folder) for folder in recording])
+    for words in read.warnings:
+        print(f"spinbench: {words}", file=sys.stderr)
+    if not isinstance(read.motor, str) and read.motor.get("kind") in OF_KIND:
+        _diagnose_rig(read, out, json_file, seed, hold_out)
+        return
+    unseen = None if hold_out is None else _recording(hold_out)
+    with _diagnosing() as tell:
+        diagnosis = look(read, seed, tell, unseen)
+        found = as_json(diagnosis)
+        data = simulation.json_bytes(found)
+        if out is not None:
+            tell("report")
+            files.write_files(out, {diagnosis_page.JSON: data} | diagnosis_page.report(diagnosis, found))
+    _deliver(data, diagnosis_words.table(found), None, json_file, None)
     print(diagnosis_words.sentence(found), file=sys.stderr)
+    print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
+    if out is not None:
+        print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
+
+
+def _diagnose_rig(read: Recording, out: Path | None, json_file: Path | None, seed: int, hold_out: Path | None) -> None:
+    """The diagnosis of a rig that is not this motor."""
+    from calibration.report import files, simulation
+    from calibration.rigs_diagnosis import as_json, look, words
+    from calibration.rigs_diagnosis.picture import picture
+
+    unseen = None if hold_out is None else _recording(hold_out)
+    with _diagnosing() as tell:
+        diagnosis = look(read, seed, tell, unseen)
+        found = as_json(diagnosis)
+        data = simulation.json_bytes(found)
+        if out is not None:
+            tell("report")
+            files.write_files(out, {"diagnosis.json": data, "diagnosis.png": picture(diagnosis)})
+    _deliver(data, words.table(found), None, json_file, None)
+    print(words.sentence(found), file=sys.stderr)
+    if out is not None:
+        print(f"spinbench: the picture is {out / 'diagnosis.png'}", file=sys.stderr)
+
+
+# Percent done when each step of a diagnosis begins; what is told in between goes on from there.
+DIAGNOSIS_STEPS = {"base": 0, "detect": 8, "name": 12, "test": 80, "confirm": 88, "locate": 92, "look": 93, "next": 94}
+
+
+@contextlib.contextmanager
+def _diagnosing() -> Iterator[Callable[[str], None]]:
+    """A bar on standard error that names the step; it is gone once there is a result or a refusal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    done = 0.0
+    columns = (TextColumn("diagnosis"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    console = Console(stderr=True)
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=100)
+
+        def tell(step: str) -> None:
+            nonlocal done
+            begins = [percent for name, percent in DIAGNOSIS_STEPS.items() if step.split(" ")[0] == name]
+            following = next((percent for percent in DIAGNOSIS_STEPS.values() if percent > done), 98)
+            done = max(done, begins[0]) if begins else done + 0.1 * (following - done)
+            bar.update(task, description=step, completed=done)
+
+        yield tell
 
 
 @contextlib.contextmanager
@@ -367,6 +480,9 @@ def sweep(
         str | None, typer.Option("--continue", metavar="RUN", help="A new run that takes the levels this one did not.")
     ] = None,
     wire: Annotated[bool, typer.Option("--wire/--no-wire", help="Keep the bytes, so that it can be replayed.")] = True,
+    check: Annotated[
+        bool, typer.Option("--check/--no-check", help="Hold the plateaus against the model while it runs, and warn.")
+    ] = True,
 ) -> None:
     """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
     from rig.running import Wanted
@@ -382,7 +498,8 @@ def sweep(
         have = taken(parent, read, logs) if parent else Taken()
         return sweep_course(read, ambient, have.steps, have.captures)
 
-    _take(bench, given, course, Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate))
+    wanted = Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate)
+    _take(bench, given, course, wanted, check)
 
 
 @app.command()
@@ -416,27 +533,52 @@ def capture(
 
 
 def _take(
-    path: Path, given: Given, course: Callable[[Bench, Ambient], tuple[Course, list[str]]], wanted: Wanted
+    path: Path,
+    given: Given,
+    course: Callable[[Bench, Ambient], tuple[Course, list[str]]],
+    wanted: Wanted,
+    check: bool = False,
 ) -> None:
     """A run, under a bar where a regulator makes it; what came of it in a line."""
     from dataclasses import replace
+    from functools import partial
 
+    from calibration.beside import Beside
     from rig.bench import bench_path, read_bench
     from rig.running import take
     from rig.terminal import Terminal, somebody_is_there
 
     place = bench_path(path)
     bench = read_bench(place)
+    say: Callable[[str], None] = _say_beside
     with contextlib.ExitStack() as shown:
         if bench.file.roles.regulator is not None:
             terminal = shown.enter_context(Terminal(f"{wanted.kind} on {bench.name}"))
             wanted = replace(wanted, progress=terminal, ask=terminal.ask if somebody_is_there() else None)
+            say = partial(terminal.say, warning=True)
+        if check:
+            wanted = replace(wanted, beside=lambda folder, note: Beside(folder, _so_far, note, say))
         folder, outcome = take(place, given, course, wanted)
     print(f"{folder}: {outcome.outcome}{f', {outcome.reason}' if outcome.reason else ''}")
     if not outcome.vented:
         print("spinbench: the line is NOT known to be without pressure: close the supply", file=sys.stderr)
     if outcome.outcome != "finished":
         raise typer.Exit(RUN_FAILED)
+
+
+def _say_beside(text: str) -> None:
+    """Tell a person who may be typing."""
+    print(f"\nspinbench: {text}", file=sys.stderr)
+
+
+def _so_far(folder: Path) -> Recording:
+    """The plateaus of a run that is being written; the check beside a sweep calls it in its own process."""
+    from dataclasses import replace
+
+    from rig.runlog import read_run
+    from rig.runlog.export import recording_of
+
+    return recording_of(replace(read_run(folder), state="so far")).recording  # an export is of what has ended
 
 
 @app.command()
@@ -691,6 +833,180 @@ def import_data(
     print(import_files(files, read, logs if out is None else out))
 
 
+@challenge_app.command("make")
+def challenge_make(
+    out: CampaignArgument,
+    cases: Annotated[int, typer.Option(min=1, max=100_000, help="Recordings.")] = 200,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of all truths, and sealed with them; drawn if left out.")
+    ] = None,
+    family: Annotated[str, typer.Option(help="Family of draws: proof, or that of development.")] = "proof",
+    only: Annotated[str, typer.Option(metavar="CATEGORY", help="Cases of one category alone, such as none.")] = "",
+    key: KeyOption = None,
+    workers: WorkersOption = None,
+) -> None:
+    """Draw truths, seal them, and make their recordings by the second rig; goes on where it was interrupted."""
+    from calibration.challenge.campaign import make
+
+    with _bars() as begin:
+        made = make(out, cases, seed, family, only, key=key, workers=_workers(workers), tell=begin("recordings"))
+    print(f"{out}: {made.cases} recordings; committed to truths with SHA-256 {made.truth_sha256}")
+
+
+@challenge_app.command("run")
+def challenge_run(out: CampaignArgument, workers: WorkersOption = None, scheduler: SchedulerOption = None) -> None:
+    """Diagnose every recording of a campaign, its seal untouched; goes on where it was interrupted."""
+    from calibration.challenge.running import VERDICTS, run
+
+    with _bars() as begin:
+        ran = run(out, _workers(workers), scheduler, begin("verdicts"))
+    for result in [one for one in ran.results if one.error][:10]:
+        print(f"spinbench: {result.name}: {result.error}", file=sys.stderr)
+    failed = sum(bool(one.error) for one in ran.results)
+    hours = sum(one.seconds for one in ran.results) / 3600.0
+    print(f"{out / VERDICTS}: {len(ran.results)} verdicts, {failed} failed, {hours:.2f} core-hours; {ran.sha256}")
+
+
+@challenge_app.command("score")
+def challenge_score(
+    campaigns: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Campaigns; several are counted together.")],
+    key: KeyOption = None,
+    follow_ups: Annotated[
+        bool,
+        typer.Option("--follow-ups", help="Simulate the test recommended for confounded verdicts; diagnose again."),
+    ] = False,
+    oracle: Annotated[
+        bool, typer.Option("--oracle", help="Compute the held-out gain of the true set, where the diagnosis offers it.")
+    ] = False,
+    page: Annotated[
+        Path | None, typer.Option("--page", metavar="DIR", help="Write the result page with its figures and tables.")
+    ] = None,
+    book: Annotated[
+        Path | None, typer.Option("--ledger", metavar="FILE", help="The ledger; that of this repository if left out.")
+    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Open the seal, count hits, misses, refusals and false alarms, and enter the campaign into the ledger."""
+    from calibration.challenge import ledger, opening, tables
+    from calibration.challenge import page as pages
+    from calibration.report import files, simulation
+
+    place = _ledger(book)
+    settings = opening.Settings(key, follow_ups, oracle, _workers(workers), scheduler)
+    with _bars() as begin:
+        scored = opening.score(campaigns, place, settings, begin)
+    if page is not None:
+        files.write_files(page, pages.files(scored, ledger.read_ledger(place)))
+        print(f"spinbench: the page is {page / pages.PAGE}", file=sys.stderr)
+    grids = [tables.goals(scored.summary), tables.outcomes(scored.summary), tables.by_signal(scored.summary)]
+    _deliver(simulation.json_bytes(scored.summary), [tables.as_rich(grid) for grid in grids], None, json_file, None)
+    for problem in scored.problems[:10]:
+        print(f"spinbench: {problem}", file=sys.stderr)
+    for entry, added in zip(scored.entries, scored.added, strict=True):
+        words = "entered into" if added else "already in"
+        print(f"spinbench: {entry['campaign']} {words} {place}", file=sys.stderr)
+
+
+@challenge_app.command("ledger")
+def challenge_ledger(
+    book: Annotated[
+        Path | None, typer.Option("--ledger", metavar="FILE", help="The ledger; that of this repository if left out.")
+    ] = None,
+) -> None:
+    """Verify the chain of the ledger, and show every campaign that was ever scored; exit code 2 if it is broken."""
+    from calibration.challenge import ledger, page, tables
+
+    place = _ledger(book)
+    lines = ledger.read_ledger(place)
+    _print(tables.as_rich(page.ledger_grid(lines)))
+    print(f"{place}: {len(lines)} lines, the chain holds")
+
+
+@many_app.command("diagnose")
+def many_diagnose(
+    recordings: ManyArgument,
+    out: TableOption,
+    seed: SeedOption = 1,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Diagnose many recordings into one table; exit code 2 when some could not be."""
+    from calibration import fleet
+
+    found = fleet.recordings_in(recordings, _is_recording)
+    with _bars() as begin:
+        rows = fleet.diagnose_all(found, _recording, seed, out, _workers(workers), scheduler, begin("diagnoses"))
+    shown = [(str(row["recording"]), row["verdict"], " + ".join(row["effects"] or [])) for row in rows]
+    _tell_of_many(("recording", "verdict", "effects"), shown, rows, out / fleet.CSV)
+
+
+@many_app.command("fit")
+def many_fit(
+    recordings: ManyArgument,
+    out: TableOption,
+    seed: SeedOption = 1,
+    effective_samples: Annotated[
+        int, typer.Option(min=200, max=1_000_000, help="Least effective sample size of every unknown.")
+    ] = 2000,
+    max_steps: Annotated[int, typer.Option(min=50, max=1_000_000, help="Budget of each ensemble.")] = 12_000,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Fit many recordings into one table; exit code 2 when some could not be."""
+    from calibration import fleet
+    from calibration.sampling import Settings
+
+    found = fleet.recordings_in(recordings, _is_recording)
+    settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
+    with _bars() as begin:
+        rows = fleet.fit_all(found, _recording, settings, out, _workers(workers), scheduler, begin("fits"))
+    figures = [(row.get("f_overall_mean"), row.get("f_overall_sd")) for row in rows]
+    shown = [
+        (str(row["recording"]), "failed" if mean is None else f"{mean:.4f} +- {sd:.4f}")
+        for row, (mean, sd) in zip(rows, figures, strict=True)
+    ]
+    _tell_of_many(("recording", "f_overall, N m s"), shown, rows, out / fleet.CSV)
+
+
+def _tell_of_many(
+    header: tuple[str, ...], shown: list[tuple[str, ...]], rows: list[dict[str, Any]], place: Path
+) -> None:
+    """The table on the terminal, what failed on standard error."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(*header)
+    for cells in shown:
+        table.add_row(*(escape(cell) for cell in cells))
+    _print(table)
+    print(place)
+    failed = [row for row in rows if row["error"]]
+    for row in failed:
+        print(f"spinbench: {row['recording']}: {row['error']}", file=sys.stderr)
+    if failed:
+        raise typer.Exit(UNUSABLE_INPUT)
+
+
+def _ledger(book: Path | None) -> Path:
+    from calibration.challenge.ledger import LEDGER
+
+    return Path(__file__).resolve().parent / LEDGER if book is None else book
+
+
+def _workers(asked: int | None) -> int:
+    import os
+
+    return asked or os.cpu_count() or 1
+
+
+def _is_recording(folder: Path) -> bool:
+    from rig.runlog.folder import START
+
+    return (folder / "recording.toml").is_file() or (folder / START).is_file()
+
+
 def _run(name: str, logs: Path) -> Run:
     """A run, by what the person typed."""
     from rig.runlog import read_run
@@ -724,6 +1040,24 @@ def _counting(name: str, total: int) -> Iterator[Callable[[int], None]]:
     with Bar(console=Console(stderr=True)) as bar:
         task = bar.add_task(name, total=max(total, 1))
         yield lambda done: bar.update(task, completed=done)
+
+
+@contextlib.contextmanager
+def _bars() -> Iterator[Callable[[str], Callable[[int, int, str], None]]]:
+    """Bars on standard error, one a step, with the time left, for items that take seconds to minutes each."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    left = (TextColumn("left"), TimeRemainingColumn())
+    with Bar(*columns, *left, console=Console(stderr=True), speed_estimate_period=3600.0) as bar:
+
+        def begin(step: str) -> Callable[[int, int, str], None]:
+            task = bar.add_task(step, total=None)
+            return lambda done, total, last: bar.update(task, completed=done, total=total)
+
+        yield begin
 
 
 def _print(table: object) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,24 @@ def nobody(plateau: Plateau) -> None:
     """
 
 
+# What goes on beside a run: called with the run's folder and a function that writes an event (its kind, then details by
+# name), it gives a context, whose value is called with each plateau. Whatever fails in it is its own to catch.
+Beside = Callable[[Path, Callable[..., None]], AbstractContextManager[Callable[[Plateau], None]]]
+
+
+def alone(folder: Path, note: Callable[..., None]) -> AbstractContextManager[Callable[[Plateau], None]]:
+    """What goes on beside a run when nothing does.
+
+    Parameters
+    ----------
+    folder : Path
+        The run.
+    note : callable
+        Writes an event.
+    """
+    return contextlib.nullcontext(nobody)
+
+
 @dataclass(frozen=True)
 class Wanted:
     """What a run is to be.
@@ -80,6 +99,8 @@ class Wanted:
         Puts a prompt about the room to the person; None when nobody is there.
     on_plateau : callable
         Called with each `Plateau`.
+    beside : callable
+        Gives the context in which the course is gone through, see `Beside`; it ends before the run is sealed.
     """
 
     kind: str
@@ -91,6 +112,7 @@ class Wanted:
     progress: Progress = field(default_factory=Silent)
     ask: Ask | None = None
     on_plateau: Callable[[Plateau], None] = nobody
+    beside: Beside = alone
 
 
 @dataclass(frozen=True)
@@ -226,7 +248,8 @@ class _Run:
         try:
             self.acquisition.begin(writer)
             watchdog = self._watchdog(writer)
-            outcome = self._course(writer, course, self._hooks(watchdog))
+            with self.wanted.beside(writer.folder, self._note) as tell:
+                outcome = self._course(writer, course, self._hooks(watchdog, tell))
         except BaseException as error:
             outcome = Outcome("failed", f"{type(error).__name__}: {error}", False, [], [])
             raise
@@ -234,6 +257,9 @@ class _Run:
             minutes = (self.place.clock.now_ns() - begin_ns) / NS / 60.0
             self._seal(writer, outcome, minutes, watchdog)
         return writer.folder, outcome
+
+    def _note(self, kind: str, **details: Any) -> None:
+        self.acquisition.event(kind, None, **details)
 
     def _start(self) -> StartRecord:
         room, wanted = self.ambient, self.wanted
@@ -263,7 +289,7 @@ class _Run:
         self.acquisition.event("watchdog", None, pid=watchdog.pid)
         return watchdog
 
-    def _hooks(self, watchdog: Watchdog | None) -> Hooks:
+    def _hooks(self, watchdog: Watchdog | None, tell: Callable[[Plateau], None]) -> Hooks:
         file, ambient = self.bench.file, self.ambient
         _, gauge = self.bench.channel("pressure")
         gauge_sd_bar = DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
@@ -276,6 +302,10 @@ class _Run:
             fault = watchdog.fault() if watchdog is not None else None
             return fault or limits.trip(view, now_ns, pressurised)
 
+        def taken(plateau: Plateau) -> None:
+            self.wanted.on_plateau(plateau)
+            tell(plateau)
+
         is_gauge = file.roles.pressure.endswith("_gauge")
         return Hooks(
             guarded(guard, ambient.pressure_bar_abs, is_gauge),
@@ -283,7 +313,7 @@ class _Run:
             lambda: self.stop.asked,
             self.wanted.progress,
             Silent() if self.conversation is None else ValveHand(self.conversation),
-            self.wanted.on_plateau,
+            taken,
         )
 
     def _seal(self, writer: RunWriter, outcome: Outcome, minutes: float, watchdog: Watchdog | None) -> None:

@@ -8,10 +8,12 @@ import numpy as np
 
 from calibration.priors import at_ambient
 from model.effects import steady as effect_steady
+from model.effects import transient as effect_transient
 from model.effects.laws import readings_of
 from model.layout import L_MIN, RPM
 from model.motor import read_motor
 from model.steady import gas_table
+from model.transient import OMEGA, Supply, rest_state
 from rig.recording import Recording, read_recording
 
 HEAD = """format = "recording/1"
@@ -70,4 +72,36 @@ def sweep(folder: Path, seed: int, chosen: dict[str, dict[str, float]], bad_row:
             f"{time[i]},{way},{pressure[i]:.3f},{max(0.0, round(flow[i] * 2) / 2):.1f},{max(0.0, speed[i]):.1f}"
         )
     (folder / "sweep.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return read_recording(folder)
+
+
+def add_coast_down(folder: Path, seed: int, chosen: dict[str, dict[str, float]]) -> Recording:
+    """A coast-down from 2.0 bar beside the sweep of a folder: 200 samples at 5 ms, of the effects' own solver."""
+    rng = np.random.default_rng(seed)
+    motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
+    parameters, readings = motor.vector(), motor.readings.vector()
+    line = np.array([2.0e5])
+    start = rest_state(motor, float(rng.random()))
+    start[OMEGA] = effect_steady.solve(
+        parameters[None, :], readings, line, gas_table(motor, line), chosen, np.zeros(1)
+    ).speed[0]
+    time = 0.005 * np.arange(1, 61)
+    supply = [Supply(-0.6, 2.0e5, True), Supply(0.1, 2.0e5, False)]
+    run = effect_transient.simulate(
+        parameters, readings, supply, np.concatenate([[-0.6], np.arange(-0.5, 0.0, 0.02), [0.0], time]), start, chosen
+    )
+    speed = np.maximum(run.reading[-time.size :] * RPM + 0.8 * rng.normal(size=time.size), 0.0)
+    opened = time <= 0.1 + 1e-9
+    pressure = np.where(opened, 2.0, 1.01325) + 0.003 * rng.normal(size=time.size)
+    rows = zip(time, opened.astype(int), pressure, speed, strict=True)
+    (folder / "coast_down.csv").write_text(
+        "time_s,supply_open,pressure_bar_abs,speed_rpm\n"
+        + "".join(f"{t:.3f},{o},{p:.3f},{n:.1f}\n" for t, o, p, n in rows),
+        encoding="utf-8",
+    )
+    text = (folder / "recording.toml").read_text(encoding="utf-8")
+    run_file = '{ file = "coast_down.csv", kind = "transient", start_s = 1100.0, noise_scale = 2.0 }'
+    both = '{ file = "sweep.csv", kind = "steady" }, ' + run_file
+    text = text.replace('{ file = "sweep.csv", kind = "steady" }', both)
+    (folder / "recording.toml").write_text(text, encoding="utf-8")
     return read_recording(folder)

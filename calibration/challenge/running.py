@@ -173,9 +173,8 @@ def diagnose_case(argument: dict[str, Any]) -> dict[str, Any]:
 
     if diagnosis_sha256() != argument["code"]:
         raise ChallengeError("this worker has other code than the campaign; restart it")
-    found = as_json(diagnose(read_recording(Path(argument["folder"])), seed=argument["seed"]))
-    seconds = found.pop("seconds", {})
-    return {"diagnosis": found, "seconds": seconds}
+    found = diagnose(read_recording(Path(argument["folder"])), seed=argument["seed"])
+    return {"diagnosis": as_json(found), "seconds": found.seconds}
 
 
 def _is_no_verdict(result: Result) -> bool:

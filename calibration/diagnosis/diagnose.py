@@ -16,7 +16,7 @@ from calibration.diagnosis.discover import Term, discover
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate
 from calibration.diagnosis.mode import Mode, find, set_angles
-from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of
+from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of, weigh
 from calibration.diagnosis.next_test import NextTest, propose
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.signatures import forces, signatures
@@ -113,6 +113,7 @@ def diagnose(
         clock("look farther")
         singles = singles_of(comparison, base, found, detection.u, tell, 0.0)
         base = singles[()]
+        candidates = weigh(comparison, singles)
         far = min(1.0, TESTS * evidence_p(comparison, singles))
         if far < MISMATCH_P:
             detection = replace(detection, p_value=far, extrapolated=True)

@@ -60,7 +60,6 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
         ],
         "why": verdict.why,
-        "seconds": found.seconds,
     }
 
 

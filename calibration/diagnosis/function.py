@@ -15,6 +15,7 @@ from model.effects import effects
 
 STEP = 0.02  # of a standard normal unknown, for derivatives; at most
 FAR = 20.0  # whitened size of the change that it makes: over more than a pulse, whose phase says nothing yet
+NEAR = 1.0  # ... where there are no pulses
 LEAST_STEP = 1e-5
 LEAST_FACTOR = 0.25  # a quantity that cannot be negative falls to no less than this share of itself in a step
 THREADS = 2
@@ -129,6 +130,7 @@ class Function:
             Noise scales, to size the steps [-].
         """
         raw, white = self.comparison.raw(here), self.comparison.whitener(here, u)
+        far = FAR if self.problem.blocks.runs else NEAR
         drives = self._drives(z, here)
 
         def column(i: int) -> np.ndarray:
@@ -147,11 +149,11 @@ class Function:
             if name.startswith(("flow_", "speed_")):
                 return self._instrument(i, name, raw, z)
             size = float(np.linalg.norm(white(D[:, i])))
-            step = STEP if size == 0.0 else min(STEP, max(FAR / size, LEAST_STEP))
+            step = STEP if size == 0.0 else min(STEP, max(far / size, LEAST_STEP))
             found = self._difference(z, i, here, raw, step)
             size = float(np.linalg.norm(white(np.nan_to_num(found))))
-            if step * size > 3.0 * FAR:
-                found = self._difference(z, i, here, raw, max(FAR / size, LEAST_STEP))
+            if step * size > 3.0 * far:
+                found = self._difference(z, i, here, raw, max(far / size, LEAST_STEP))
             return found
 
         return self._columns(column, z.size)

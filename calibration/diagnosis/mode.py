@@ -277,6 +277,7 @@ def _cost(r: np.ndarray, log_scale: float, z: np.ndarray, u: np.ndarray, compari
     good = -0.5 * r**2 + math.log(1.0 - BAD)
     wide = -0.5 * (r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH)
     fit = np.logaddexp(good, wide) if comparison.size >= 6 else good
+    fit[comparison.end :] = good[comparison.end :]  # a mean of many readings is not one bad reading
     return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / NOISE_SD) ** 2))
 
 
@@ -286,6 +287,7 @@ def _weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndar
         return np.ones_like(r), np.zeros_like(r)
     odds = BAD / BAD_WIDTH / (1.0 - BAD) * np.exp(np.minimum(0.5 * r**2 * (1.0 - BAD_WIDTH**-2), 700.0))
     bad = odds / (1.0 + odds)
+    bad[comparison.end :] = 0.0
     return 1.0 - bad + bad * BAD_WIDTH**-2, bad
 
 

@@ -1,0 +1,269 @@
+"""The report of `spinbench diagnose`: one self-contained HTML page that reads top down, and one picture."""
+
+from __future__ import annotations
+
+import base64
+import math
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+from calibration.diagnosis.diagnose import Diagnosis
+from calibration.report import diagnosis_figures as draw
+from calibration.report import diagnosis_numbers as numbers
+from calibration.report import diagnosis_sets as sets
+from calibration.report import diagnosis_words as words
+from calibration.report.fit_page import HTML, PACKAGES, PNG, Grid
+from calibration.report.fit_words import figure, probability, rounded
+
+JSON = "diagnosis.json"
+CERTAIN = 1e6  # odds that are told no further
+MOST = 12  # rows of a table
+CLEAR = 0.6  # share of what speaks against a rival, from which one file is said to do it
+
+
+def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
+    """Files of the report by name: ``report.html``, ``report.png``.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    document : mapping
+        Its diagnosis/1.
+    """
+    models, curves, intervals = numbers.models(found), numbers.curves(found), sets.frictions(found, document)
+    figures: dict[str, bytes] = {}
+    if numbers.coordinates(found) and numbers.channels(found):
+        figures["units"] = draw.residuals(found, models, False)
+        figures["whitened"] = draw.residuals(found, models, True)
+    if found.comparison.problem.blocks.runs:
+        figures["runs"] = draw.runs(found, models)
+    if curves:
+        figures["forces"] = draw.forces(curves)
+    if len(found.candidates) > 1:
+        figures["odds"] = draw.ranked(found)
+    if intervals:
+        figures["friction"] = draw.friction(intervals)
+    filled = context(found, document)
+    inline = {name: f"data:image/png;base64,{base64.b64encode(one).decode()}" for name, one in figures.items()}
+    return {
+        HTML: page(filled | {"figures": inline, "models": [one.name for one in models]}),
+        PNG: draw.essentials(found, models, curves, intervals, filled["verdict"]),
+    }
+
+
+def page(filled: Mapping[str, Any]) -> bytes:
+    """The page, every text in it escaped.
+
+    Parameters
+    ----------
+    filled : mapping
+        `context` with the figures.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("calibration.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("diagnosis.html.j2").render(filled).encode()
+
+
+def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
+    """The texts and tables of the page.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    document : mapping
+        Its diagnosis/1.
+    """
+    problem, held_out = found.comparison.problem, document["improvement"]["held_out"]
+    return {
+        "name": problem.recording.folder.resolve().name,
+        "motor": problem.motor.name,
+        "description": problem.motor.description,
+        "kind": document["verdict"],
+        "verdict": words.sentence(document, sets.at_top(found, found.verdict.chosen), _excluded(found, document)),
+        "certainty": _certainty(found, document),
+        "rivals": _rivals(found, document),
+        "used": _used(found),
+        "suspects": _suspect_table(document),
+        "places": _place_table(document),
+        "law": words.law_in_words(document["term"]) if document["term"] else "",
+        "candidates": _candidate_table(found),
+        "held_out": sets.gain_in_words(held_out) if held_out else "",
+        "scheme": held_out["scheme"] if held_out else "",
+        "errors": _error_table(held_out) if held_out else None,
+        "bias": sets.bias_in_words(document),
+        "frictions": _friction_table(found, document),
+        "tests": _test_table(document),
+        "notes": list(dict.fromkeys([*problem.recording.warnings, *problem.blocks.measured.notes])),
+        "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
+        "instruments": _instrument_table(found),
+        "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
+        "sha256": problem.recording.sha256,
+    }
+
+
+def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
+    p = document["mismatch"]["p_value"]
+    beyond = " (beyond the draws: from a fitted tail)" if document["mismatch"].get("beyond_the_draws") else ""
+    if document["verdict"] == "consistent":
+        return f"A recording that the model explains would look worse than this one in {100 * p:.2g} % of all cases."
+    chance = f"{100 * p:.2g} %" if p >= words.LEAST_P else "less than one in a million"
+    said = f"If nothing were left out, a mismatch as large would come by chance in {chance} of all cases{beyond}."
+    if document["verdict"] == "unresolved":
+        return said
+    share = probability(document["set_probability"]).replace("> ", "above ")
+    this = "the first of these sets" if document["verdict"] == "confounded" else "this set"
+    return f"{said} The probability of {this}, of all that were weighed, is {share}."
+
+
+def _excluded(found: Diagnosis, document: Mapping[str, Any]) -> str:
+    """The nearest set that a named verdict excludes, with the file that speaks most against it."""
+    chosen = found.verdict.chosen
+    if document["verdict"] != "named" or chosen is None:
+        return ""
+    rivals = (c for c in found.candidates if c.names and not set(chosen.names) <= set(c.names) and not c.refused)
+    one = next((c for c in rivals if len(c.names) <= len(chosen.names)), None)
+    if one is None:
+        return ""
+    odds = sets.odds(found, one)
+    file, share = sets.told_by(found, one)
+    by = f", by {file} above all" if share >= CLEAR and found.comparison.problem.blocks.runs else ""
+    return f"Excluded with odds of {_odds(odds)}{by}: {words.titles(one.names)}."
+
+
+def _rivals(found: Diagnosis, document: Mapping[str, Any]) -> list[str]:
+    """What each set of a confounded verdict would say, were it alone."""
+    if document["verdict"] != "confounded":
+        return []
+    listed = [tuple(e["id"] for e in document["effects"]), *(tuple(names) for names in document["alternatives"])]
+    by_names = {frozenset(c.names): c for c in found.candidates}
+    said: list[str] = []
+    for names in listed[:MOST]:
+        one = by_names.get(frozenset(names))
+        size = f": {sets.sizes(found, one)}" if one is not None and one.names else ""
+        size += "".join(f"; that is {there}" for there in sets.at_top(found, one).values())
+        said.append(f"Either {words.titles(names)}{size}." if not said else f"Or {words.titles(names)}{size}.")
+    return said
+
+
+def _used(found: Diagnosis) -> str:
+    comparison = found.comparison
+    plateaus, runs = comparison.n, comparison.problem.blocks.runs
+    parts = [f"{plateaus} plateau{'s' * (plateaus != 1)}"] if plateaus else []
+    parts += [f"{size} samples of {run.file}" for run, size in zip(runs, comparison.sizes, strict=True)]
+    return " and ".join(parts)
+
+
+def _suspect_table(document: Mapping[str, Any]) -> Grid:
+    rows = tuple(
+        (row["file"], row["channel"], str(row["row"]), probability(row["probability"]))
+        for row in document.get("suspect_rows", [])
+    )
+    return Grid(("file", "channel", "row", "probability of being bad"), rows, 2)
+
+
+def _place_table(document: Mapping[str, Any]) -> Grid:
+    rows = tuple(
+        (
+            words.BALANCES[place["balance"]],
+            place["channel"],
+            place["coordinate"],
+            "" if place["coordinate"] == "direction" else words.span_in_words(place),
+            ", ".join(place["same_as"]) or "nothing",
+            words.p_in_words(place["p_value"]).removeprefix("p = ").removeprefix("p "),
+        )
+        for place in document["located"]
+    )
+    return Grid(("does not close", "seen in", "along", "most between", "cannot be told from", "p"), rows, 5)
+
+
+def _candidate_table(found: Diagnosis) -> Grid:
+    rows = []
+    for one in found.candidates[:MOST]:
+        p = found.residual_p.get(one.names)
+        left = "not tested" if p is None else words.p_in_words(p)
+        rows.append(
+            (
+                " + ".join(one.names) or "base model: nothing left out",
+                sets.sizes(found, one) or "",
+                f"refused: {one.refused}" if one.refused else left,
+                _odds(sets.odds(found, one)),
+                probability(one.probability) if one.probability >= 1e-3 else words.quantity(one.probability, 0.0, ""),
+            )
+        )
+    return Grid(("set", "size", "what it leaves", "odds", "probability"), tuple(rows), 3)
+
+
+def _error_table(held_out: Mapping[str, Any]) -> Grid:
+    rows = []
+    for key, before in held_out["rmse_before"].items():
+        channel, _, unit = key.partition("_")
+        familiar, factor = words.FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
+        after = held_out["rmse_after"].get(key, before)
+        rows.append((channel, f"{before * factor:.3g} {familiar}", f"{after * factor:.3g} {familiar}"))
+    return Grid(("held-out error, rms", "before", "after"), tuple(rows))
+
+
+def _friction_table(found: Diagnosis, document: Mapping[str, Any]) -> Grid:
+    rows = tuple(
+        (
+            one.name,
+            words.quantity(one.mean, one.sd, "N m s"),
+            rounded(one.q05, one.sd),
+            rounded(one.q95, one.sd),
+        )
+        for one in sets.frictions(found, document)
+    )
+    return Grid(("f_overall", "mean ± sd", "5 %", "95 %"), rows)
+
+
+def _test_table(document: Mapping[str, Any]) -> Grid:
+    """Tests with what they would tell; repeats and instruments where the diagnosis says them."""
+    rows = []
+    for test in document["next_tests"]:
+        nats = float(test["information_nats"])
+        repeats = test.get("repeats", math.ceil(words.SETTLED_NATS / nats) if nats > 0.0 else None)
+        needs = test.get("needs") or ""
+        apart = " from ".join(words.titles(name.split("+")) for name in test["separates"])
+        rows.append(
+            (
+                str(test["test"]) + (f"; needs {needs}" if needs else ""),
+                apart,
+                f"{nats:.1f}",
+                "never" if repeats is None else str(repeats),
+            )
+        )
+    return Grid(("test", "tells", "nats", "repeats"), tuple(rows), 2)
+
+
+def _instrument_table(found: Diagnosis) -> Grid:
+    rows = tuple(
+        (
+            column,
+            figure(one.noise_sd),
+            figure(one.bias_sd),
+            f"{figure(100 * one.scale_sd)} %",
+            figure(one.resolution),
+        )
+        for column, one in found.comparison.problem.recording.channels.items()
+    )
+    return Grid(("column", "noise, 1 sd", "offset, 1 sd", "scale, 1 sd", "resolution"), rows)
+
+
+def _odds(odds: float) -> str:
+    """Odds of the best set against another."""
+    if odds > CERTAIN:
+        return "over 10⁶ : 1"
+    if odds >= 1.0:
+        return f"{odds:.2g} : 1" if odds < 100 else f"{float(f'{odds:.2g}'):.0f} : 1"
+    return f"1 : {1.0 / odds:.2g}"

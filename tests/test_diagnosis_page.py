@@ -1,0 +1,298 @@
+"""The report of a diagnosis: what it says, that it stands alone, and that no text from a file gets into its markup."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from calibration.diagnosis import Diagnosis, as_json, diagnose
+from calibration.diagnosis.discover import Term
+from calibration.diagnosis.next_test import NextTest
+from calibration.diagnosis.verdict import Verdict
+from calibration.report import diagnosis_numbers as numbers
+from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_words
+from rig.recording import read_recording
+
+ROOT = Path(__file__).resolve().parent.parent
+_spec = importlib.util.spec_from_file_location(
+    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
+)
+assert _spec is not None and _spec.loader is not None
+_module = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(_module)
+sweep = _module.sweep
+
+HOSTILE = "a<b>$x$.csv"  # markup for the page, and mathematics for the plots
+LEAK = 4e-14
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+def hostile(folder: Path) -> Path:
+    """The recording with its data file renamed by someone unfriendly."""
+    (folder / "sweep.csv").rename(folder / HOSTILE)
+    description = folder / "recording.toml"
+    description.write_text(description.read_text().replace('"sweep.csv"', f'"{HOSTILE}"'))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def leak(tmp_path_factory) -> Diagnosis:
+    """A sweep with a leak and nothing else."""
+    folder = tmp_path_factory.mktemp("recordings") / "<i>leak"
+    sweep(folder, 3, {"leakage": {"conductance_kg_s_pa2": LEAK}})
+    found = diagnose(read_recording(hostile(folder)), 1)
+    chosen = next(c for c in found.candidates if c.names == ("leakage",))
+    return dataclasses.replace(found, verdict=Verdict("named", chosen, (), 0.99, "one set explains it alone"))
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory) -> Diagnosis:
+    """A sweep of the model itself but for one misread row."""
+    folder = tmp_path_factory.mktemp("recordings") / "clean"
+    sweep(folder, 5, {}, bad_row=7)
+    return diagnose(read_recording(hostile(folder)), 1)
+
+
+@pytest.fixture(scope="module")
+def files(leak) -> dict[str, bytes]:
+    return diagnosis_page.report(leak, as_json(leak))
+
+
+@pytest.fixture(scope="module")
+def page(files) -> str:
+    return files["report.html"].decode()
+
+
+def confounded(found: Diagnosis) -> Diagnosis:
+    """The same, as if it could not be told from a flow meter's scale."""
+    rival = next(c.names for c in found.candidates if c.names and "leakage" not in c.names)
+    verdict = Verdict("confounded", found.verdict.chosen, (rival,), 0.6, "several sets explain it")
+    tests = [NextTest("coast-down from 1.8 bar", ("leakage", "+".join(rival)), 2.0)]
+    return dataclasses.replace(found, verdict=verdict, next_tests=tests)
+
+
+def unresolved(found: Diagnosis, column: np.ndarray) -> Diagnosis:
+    """The same, as if no set explained it and a law had been found."""
+    term = Term("torque", "0.2083*(omega > 32.4) + -0.0049*abs(omega)**1.5", "N m", 5.0, column)
+    return dataclasses.replace(found, verdict=Verdict("unresolved", None, (), 0.0, ""), term=term, held_out=None)
+
+
+def words_of(found: Diagnosis) -> str:
+    """The page's text without figures."""
+    filled = diagnosis_page.context(found, as_json(found))
+    return diagnosis_page.page(filled | {"figures": {}, "models": []}).decode()
+
+
+def test_the_report_is_a_page_and_a_picture_that_opens(files):
+    assert set(files) == {"report.html", "report.png"}
+    height, width, _ = imread(io.BytesIO(files["report.png"])).shape
+    assert width >= 900
+    assert height >= 900
+
+
+def test_the_page_begins_with_the_verdict_its_size_and_what_is_excluded(leak, page):
+    said = as_json(leak)["effects"][0]["parameters"]["conductance_kg_s_pa2"]
+    assert f"({said['mean'] * 1e14:.2f} ± {said['sd'] * 1e14:.2f})·10⁻¹⁴ kg/(s Pa²)" in page
+    verdict = page.index("Air enters that does no work on the pistons")
+    excluded = page.index("Excluded with odds of")
+    assert page.index('class="verdict"') < verdict < excluded < page.index("<h2>")
+
+
+def test_a_coefficient_is_told_as_what_it_does_at_the_highest_level(leak):
+    line, ambient, temperature = 2.4e5, 1.01325e5, 293.15
+    true = LEAK * (line**2 - ambient**2) * 287.05 * temperature / line * 60_000.0
+    said = diagnosis_sets.at_top(leak, leak.verdict.chosen)["leakage"]
+    found = re.match(r"([\d.]+) ± ([\d.]+) L/min at the highest level, 2\.4\d bar", said)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(true, abs=5.0 * float(found[2]))
+
+
+def test_every_set_weighed_is_in_the_table_with_its_odds(leak, page):
+    for one in leak.candidates[: diagnosis_page.MOST]:
+        assert f"<td>{' + '.join(one.names) or 'base model: nothing left out'}</td>" in page
+    assert page.count(" : 1</td>") >= min(len(leak.candidates), diagnosis_page.MOST) - 2
+
+
+def test_the_page_tells_f_overall_before_and_after_and_what_it_was_biased_by(leak, page):
+    document = as_json(leak)
+    before, after = document["f_overall_before"], document["f_overall_after"]
+    assert f"too {'low' if before['mean'] < after['mean'] else 'high'} without air that does no work" in page
+    assert f"{before['mean']:.4f} ± {before['sd']:.4f} N m s" in page
+    assert f"{after['mean']:.4f} ± {after['sd']:.4f} N m s" in page
+
+
+def test_the_page_tells_the_error_on_held_out_rows(leak, page):
+    held_out = as_json(leak)["improvement"]["held_out"]
+    assert "On readings that it had not seen" in page
+    assert f"{held_out['rmse_before']['flow_m3_s'] * 60_000.0:.3g} L/min</td>" in page
+
+
+def test_a_confounded_page_sets_the_rivals_side_by_side_with_the_test_that_parts_them(leak):
+    said = words_of(confounded(leak))
+    assert "this recording cannot tell air that does no work from" in said
+    assert "<p>Either air that does no work: " in said
+    assert "<p>Or " in said
+    assert re.search(r"<td>coast-down from 1\.8 bar</td>.*?2\.0</td><td class=\"n\">3</td>", said)
+    assert "Excluded" not in said
+
+
+def test_an_unresolved_page_tells_the_place_and_the_law_and_warns_of_f_overall(leak):
+    said = words_of(unresolved(leak, np.zeros(leak.comparison.read.size)))
+    assert "no effect in the list explains it" in said
+    assert "balance does not close along" in said
+    assert "0.2083·(ω &gt; 32.4) − 0.0049·abs(ω)^1.5 N m" in said
+    assert "do not rely on it" in said
+
+
+def test_a_misread_row_is_named_and_ringed(clean):
+    said = words_of(clean)
+    assert "One reading stands out from everything else" in said
+    assert "a&lt;b&gt;$x$.csv, row 7: speed" in said
+    assert said.index("<h2>Bad readings</h2>") < said.index("<h2>Assumptions and time</h2>")
+    assert diagnosis_page.report(clean, as_json(clean))["report.png"]
+
+
+def test_a_consistent_page_has_nothing_to_rank(clean):
+    verdict = Verdict("consistent", None, (), 1.0, "")
+    quiet = dataclasses.replace(clean, verdict=verdict, places=[], bad_rows=[])
+    said = words_of(quiet)
+    assert "The model explains the recording" in said
+    assert "Candidates" not in said
+    assert "What to measure next" not in said
+
+
+def test_text_from_the_recording_is_escaped(page):
+    assert "<i>leak" not in page
+    assert "&lt;i&gt;leak" in page
+    assert "a<b>" not in page
+
+
+def test_the_page_needs_nothing_from_outside(page):
+    links = re.findall(r"(?:src|href)\s*=\s*[\"']([^\"']*)", page)
+    assert len(links) >= 5
+    assert all(link.startswith("data:image/png;base64,") for link in links)
+    assert not re.search(r"@import|url\(|<script|<link", page)
+
+
+def test_the_page_names_the_recording_by_its_hash_and_not_by_its_place(leak, page):
+    recording = leak.comparison.problem.recording
+    assert recording.sha256 in page
+    assert str(recording.folder.parent) not in page
+
+
+def test_the_model_that_the_verdict_rests_on_leaves_less(leak):
+    before, after = numbers.models(leak)
+    assert np.nansum(after.white**2) < 0.5 * np.nansum(before.white**2)
+
+
+def test_a_law_that_is_in_the_readings_leaves_the_residuals_that_were_there_without_it(leak):
+    column = 1e-5 * np.where(leak.comparison.kind == numbers.KINDS["flow"], 1.0, -20.0)
+    zero = numbers.models(unresolved(leak, np.zeros_like(column)))[1]
+    changed = unresolved(leak, column)
+    shifted = dataclasses.replace(changed, comparison=_with_readings(changed, column))
+    assert numbers.models(shifted)[1].difference == pytest.approx(zero.difference, abs=1e-9, nan_ok=True)
+
+
+def _with_readings(found: Diagnosis, column: np.ndarray) -> Any:
+    import copy
+
+    changed = copy.copy(found.comparison)
+    changed.read = changed.read + column
+    return changed
+
+
+def test_a_free_form_force_is_near_nothing_where_nothing_is_left_out(clean):
+    for curve in numbers.curves(clean):
+        assert np.mean(np.abs(curve.mean) < 3.0 * curve.sd) >= 0.75
+
+
+def test_the_file_that_speaks_against_a_rival_is_the_only_one_there_is(leak):
+    rival = next(c for c in leak.candidates if not c.names)
+    assert diagnosis_sets.told_by(leak, rival) == (HOSTILE, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("figures", "text"),
+    [
+        ((0.1, 0.01, "N m"), "0.100 ± 0.010 N m"),
+        ((-6e-5, 2.5e-6, "m3/s"), "−3.60 ± 0.15 L/min"),
+        ((4100.0, 300.0, "Pa"), "4.10 ± 0.30 kPa"),
+        ((3.1e-14, 2.6e-15, "kg/(s Pa2)"), "(3.10 ± 0.26)·10⁻¹⁴ kg/(s Pa²)"),
+        ((0.147, 0.0081, "-", "share_cold"), "14.70 ± 0.81 %"),
+        ((0.03, 0.002, "s"), "30.0 ± 2.0 ms"),
+    ],
+)
+def test_a_figure_has_a_unit_and_an_uncertainty_of_two_digits(figures, text):
+    assert diagnosis_words.quantity(*figures) == text
+
+
+@pytest.mark.parametrize(("offset", "way"), [(4e3, "high"), (-4e3, "low")])
+def test_a_signed_effect_is_told_in_its_own_direction(offset, way):
+    parameters = {"offset_pa": {"mean": offset, "sd": 300.0, "q05": 0.0, "q95": 0.0}}
+    effect = {"id": "pressure_gauge_offset", "parameters": parameters}
+    assert diagnosis_words.effect_in_words(effect, {}) == f"The pressure gauge reads 4.00 ± 0.30 kPa {way}."
+
+
+def test_a_probability_that_no_draw_reached_is_not_told_to_its_last_digit():
+    assert diagnosis_words.p_in_words(1e-80) == "p < 10⁻⁶"
+    assert diagnosis_words.p_in_words(0.0123) == "p = 0.012"
+
+
+def test_the_times_of_like_steps_are_told_together():
+    seconds = {"detect": 0.4, "test what is left of leakage": 1.0, "test what is left of windage": 0.5}
+    assert diagnosis_words.steps_in_words(seconds) == "detect 0.4 s, test what is left 1.5 s; 1.9 s in all"
+
+
+def spinbench(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, ROOT / "spinbench.py", *arguments]
+    return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, cwd=ROOT)
+
+
+def test_the_command_writes_page_picture_and_document_and_tells_the_time_of_each_step(tmp_path):
+    sweep(tmp_path / "recording", 11, {})
+    done = spinbench("diagnose", tmp_path / "recording", "-o", tmp_path / "out", "--json", tmp_path / "found.json")
+    assert done.returncode == 0, done.stderr
+    assert {place.name for place in (tmp_path / "out").iterdir()} == {"report.html", "report.png", "diagnosis.json"}
+    written = (tmp_path / "out" / "diagnosis.json").read_bytes()
+    assert written == (tmp_path / "found.json").read_bytes()
+    assert json.loads(written)["format"] == "diagnosis/1"
+    assert re.search(r"base model \d+\.\d s, detect \d+\.\d s.* s in all", done.stderr)
+
+
+def test_unusable_input_is_refused_in_a_line_and_nothing_is_written(tmp_path):
+    sweep(tmp_path / "recording", 11, {})
+    description = tmp_path / "recording" / "recording.toml"
+    description.write_text(description.read_text().replace("ptm3600", "nobody"))
+    done = spinbench("diagnose", tmp_path / "recording", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "motor 'nobody' is not in configs/motors" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_page_opens_in_a_browser(files, tmp_path):
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is installed")
+    (tmp_path / "report.html").write_bytes(files["report.html"])
+    picture = tmp_path / "page.png"
+    switches = "--headless --no-sandbox --disable-gpu --hide-scrollbars --disable-background-networking "
+    switches += "--disable-component-update --disable-sync --no-first-run --window-size=1100,3000"
+    places = [f"--user-data-dir={tmp_path / 'profile'}", f"--screenshot={picture}"]
+    address = (tmp_path / "report.html").as_uri()
+    subprocess.run([browser, *switches.split(), *places, address], check=True, capture_output=True, timeout=120)
+    seen = imread(picture)[..., :3]
+    assert seen.shape[:2] == (3000, 1100)
+    assert (seen < 0.5).any(axis=(1, 2)).mean() > 0.3  # print on many of its lines: not a blank page

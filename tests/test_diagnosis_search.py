@@ -1,0 +1,122 @@
+"""The search behind a diagnosis: the valley of f_overall, runs in time, the vented gauge, unseen runs."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import as_json, diagnose, together
+from calibration.diagnosis.function import Function
+from calibration.diagnosis.linear import RUN, VENTED, Comparison
+from calibration.diagnosis.mode import find, set_angles
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.unseen import predict_unseen
+from rig.recording import Recording, RecordingError, read_recording
+
+_spec = importlib.util.spec_from_file_location(
+    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
+)
+assert _spec is not None and _spec.loader is not None
+recordings = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(recordings)
+
+LEAK = {"leakage": {"conductance_kg_s_pa2": 4e-14}}
+DRAG = {"windage": {"drag_nm_s2": 2e-4}}
+
+
+def with_zero(folder: Path, reading_bar: float) -> Recording:
+    """A recording with ten readings of the vented gauge added to it."""
+    (folder / "zero.csv").write_text(
+        "time_s,pressure_bar_abs\n" + "".join(f"{i},{reading_bar + 0.001 * (-1) ** i:.4f}\n" for i in range(10)),
+        encoding="utf-8",
+    )
+    text = (folder / "recording.toml").read_text(encoding="utf-8")
+    both = '{ file = "sweep.csv", kind = "steady" }, { file = "zero.csv", kind = "zero" }'
+    text = text.replace('{ file = "sweep.csv", kind = "steady" }', both)
+    (folder / "recording.toml").write_text(text, encoding="utf-8")
+    return read_recording(folder)
+
+
+def test_a_step_along_the_valley_keeps_the_plateaus_speeds(tmp_path: Path) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 1, {})))
+    mode = find(comparison, ())
+    f = Function(comparison, ())
+    moved = mode.z.copy()
+    moved[[u.name for u in comparison.problem.nuisances].index("port_lap")] += 0.5
+    expected = mode.prediction.speed + mode.D[comparison.n : 2 * comparison.n] @ (moved - mode.z)
+    straight = np.linalg.norm(f(moved).speed - expected)
+    end = f.along_valley(mode.z, moved, mode.prediction, mode.D)
+    assert np.linalg.norm(f(end).speed - expected) < 0.5 * straight
+    changed = [u.name for u, a, b in zip(comparison.problem.nuisances, end, moved, strict=True) if a != b]
+    assert set(changed) <= {"f_overall", "inertia"}
+
+
+def test_derivatives_along_axes_are_those_along_the_unknowns(tmp_path: Path) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 2, {})))
+    mode = find(comparison, ())
+    f = Function(comparison, ())
+    size, turn = np.linalg.eigh(np.linalg.inv(mode.covariance))
+    along = f.along(mode.z, mode.prediction, 0.1 * turn / np.sqrt(size), mode.D)
+    white = comparison.whitener(mode.prediction, mode.u)
+    axes = turn / np.sqrt(size)
+    assert np.linalg.norm(white((along - mode.D) @ axes), axis=0).max() < 0.2  # both are forward differences
+    assert np.linalg.norm(white(mode.D @ axes), axis=0).max() > 0.9
+
+
+def test_drag_is_found_with_its_size_in_a_coast_down(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 3, DRAG)
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
+    base = find(comparison, ())
+    base = find(comparison, (), set_angles(comparison, base))
+    found = find(comparison, ("windage",))
+    assert found.log_evidence > base.log_evidence + 10.0
+    k = len(comparison.problem.nuisances)
+    said = comparison.problem.chosen(("windage",), found.z[k:])["windage"]["drag_nm_s2"]
+    sd = np.sqrt(found.covariance[k, k]) * 1e-4
+    assert abs(said - 2e-4) < 4.0 * sd + 0.1 * 2e-4
+    assert np.sum(found.r[comparison.kind == RUN] ** 2) < 2.0 * np.sum(comparison.kind == RUN)
+
+
+def test_a_vented_gauge_that_reads_high_is_named(tmp_path: Path) -> None:
+    high = {"pressure_gauge_offset": {"offset_pa": 5000.0}}
+    recordings.sweep(tmp_path, 4, high)
+    recording = with_zero(tmp_path, 1.01325 + 0.05)
+    assert np.sum(Comparison(Problem(recording)).kind == VENTED) == 1
+    found = as_json(diagnose(recording, 1))
+    assert found["verdict"] in ("named", "confounded")
+    assert "pressure_gauge_offset" in {e["id"] for e in found["effects"]}
+
+
+def test_a_vented_gauge_that_reads_right_is_consistent(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 5, {})
+    assert as_json(diagnose(with_zero(tmp_path, 1.0135), 1))["verdict"] == "consistent"
+
+
+def test_an_unseen_run_speaks_for_the_effect_that_is_there(tmp_path: Path) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path / "seen", 6, LEAK)))
+    base, leak = find(comparison, ()), find(comparison, ("leakage",))
+    unseen = recordings.sweep(tmp_path / "unseen", 7, LEAK)
+    told = predict_unseen(comparison, base, leak, unseen)
+    assert told.gain > 0.0 and told.scheme == "unseen run unseen"
+    assert told.after["flow_m3_s"] < told.before["flow_m3_s"]
+    clean = predict_unseen(comparison, base, leak, recordings.sweep(tmp_path / "clean", 8, {}))
+    assert clean.gain < told.gain
+
+
+def test_recordings_of_one_bench_are_diagnosed_together(tmp_path: Path) -> None:
+    one, other = recordings.sweep(tmp_path / "one", 9, {}), recordings.sweep(tmp_path / "other", 10, {})
+    both = together([one, other])
+    assert [file.file for file in both.files] == ["one/sweep.csv", "other/sweep.csv"]
+    assert both.files[1].start_s > float(one.files[0].columns["time_s"].values[-1])
+    assert Problem(both).blocks.plateaus.size == 2 * Problem(one).blocks.plateaus.size
+
+
+def test_recordings_of_other_weather_are_not_mixed(tmp_path: Path) -> None:
+    one, other = recordings.sweep(tmp_path / "one", 9, {}), recordings.sweep(tmp_path / "other", 10, {})
+    elsewhere = replace(other, ambient=replace(other.ambient, pressure_bar_abs=0.95))
+    with pytest.raises(RecordingError, match=r"\[ambient\]"):
+        together([one, elsewhere])
