@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import measurement, posterior, priors, sampling
+from calibration import measurement, posterior, priors, sampling, with_effects
 from calibration.likelihood import Likelihood
 from calibration.measurement import Measurement
 from calibration.posterior import Posterior
@@ -23,6 +23,7 @@ from rig.recording import Channel, Recording, RecordingError
 ALL_CHANNELS = ("pressure", "flow", "speed")
 GAUGE_CLASSES = (0.6, 1.0, 1.6, 2.5)
 BRIEF_SAMPLES = 2000
+MORE_WALKERS = 2  # times as many where the model holds effects: the ridge is thinner, its map needs more draws
 
 
 class NotConvergedError(ArithmeticError):
@@ -47,6 +48,8 @@ class Fit:
         The result.
     settings : Settings
         Seed, target and budget.
+    effects : tuple of str
+        Ids of what the model holds beyond the article.
     """
 
     recording: Recording
@@ -55,6 +58,7 @@ class Fit:
     likelihood: Likelihood
     posterior: Posterior
     settings: Settings
+    effects: tuple[str, ...] = ()
 
 
 def fit(
@@ -64,6 +68,7 @@ def fit(
     channels: tuple[str, ...] = ALL_CHANNELS,
     chain_folder: Path | None = None,
     progress: Progress | None = None,
+    effects: Sequence[str] = (),
 ) -> Fit:
     """Fit a recording.
 
@@ -81,6 +86,8 @@ def fit(
         Where the chain is kept as it grows, and continued from.
     progress : callable, optional
         Told of the effective samples so far.
+    effects : sequence of str
+        Ids of effects whose parameters are unknowns too.
 
     Returns
     -------
@@ -91,12 +98,16 @@ def fit(
     ------
     RecordingError
         When the recording holds nothing that can be fitted, or contradicts the motor.
+    EffectsError
+        For an effect that there is not, or that a fit cannot hold.
     NotConvergedError
         When the budget is spent.
     """
     begun = time.monotonic()
-    motor, measured, likelihood = prepare(recording, assignments, channels)
-    mark = fingerprint(recording, motor, measured, settings)
+    motor, measured, likelihood = prepare(recording, assignments, channels, effects)
+    if effects:
+        settings = dataclasses.replace(settings, walkers=MORE_WALKERS * settings.walkers)
+    mark = fingerprint(recording, motor, measured, settings, effects)
     chain = sampling.sample(
         likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings, chain_folder, mark, progress
     )
@@ -104,11 +115,14 @@ def fit(
         raise NotConvergedError(_why_not(chain, settings, chain_folder))
     columns = [priors.column_of(recording, channel) for channel in ALL_CHANNELS]
     result = posterior.summarise(chain, likelihood, columns, time.monotonic() - begun)
-    return Fit(recording, motor, measured, likelihood, result, settings)
+    return Fit(recording, motor, measured, likelihood, result, settings, tuple(effects))
 
 
 def prepare(
-    recording: Recording, assignments: Sequence[str] = (), channels: tuple[str, ...] = ALL_CHANNELS
+    recording: Recording,
+    assignments: Sequence[str] = (),
+    channels: tuple[str, ...] = ALL_CHANNELS,
+    effects: Sequence[str] = (),
 ) -> tuple[Motor, Measurement, Likelihood]:
     """Everything of a fit but the sampling.
 
@@ -120,6 +134,8 @@ def prepare(
         ``NAME=VALUE`` changes of the motor.
     channels : tuple of str
         Channels that the likelihood sees.
+    effects : sequence of str
+        Ids of effects that the model holds.
 
     Returns
     -------
@@ -134,6 +150,8 @@ def prepare(
     ------
     RecordingError
         When the recording holds nothing that can be fitted, or contradicts the motor.
+    EffectsError
+        For an effect that there is not, or that a fit cannot hold.
     """
     if not isinstance(recording.motor, str):
         raise RecordingError(
@@ -146,7 +164,9 @@ def prepare(
     seen = dataclasses.replace(
         recording, channels={c: f for c, f in recording.channels.items() if _channel_of(c) in measured.channels}
     )
-    return motor, measured, Likelihood(motor, seen, measured, priors.unknowns(motor, seen))
+    held = with_effects.in_fit(effects, motor, recording, measured)
+    found = priors.unknowns(motor, seen) + (held.unknowns() if held else [])
+    return motor, measured, Likelihood(motor, seen, measured, found, effects=held)
 
 
 def with_gauge_class(recording: Recording, accuracy_class: float, span_bar: float) -> Recording:
@@ -213,7 +233,9 @@ def brief(settings: Settings) -> Settings:
     return dataclasses.replace(settings, effective_samples=min(settings.effective_samples, BRIEF_SAMPLES))
 
 
-def fingerprint(recording: Recording, motor: Motor, measured: Measurement, settings: Settings) -> str:
+def fingerprint(
+    recording: Recording, motor: Motor, measured: Measurement, settings: Settings, effects: Sequence[str] = ()
+) -> str:
     """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target.
 
     Parameters
@@ -226,9 +248,13 @@ def fingerprint(recording: Recording, motor: Motor, measured: Measurement, setti
         Which channels are used.
     settings : Settings
         Seed and walkers.
+    effects : sequence of str
+        Ids of effects that the model holds.
     """
     figures = {name: dataclasses.astuple(channel)[1:5] for name, channel in recording.channels.items()}
     parts = [recording.sha256, motor.model_dump(), figures, measured.channels, settings.seed, settings.walkers]
+    if effects:
+        parts.append(list(effects))
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 

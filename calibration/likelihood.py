@@ -15,14 +15,18 @@ enters as censored.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit, prange
 
+from calibration import effect_states
 from calibration.measurement import BELOW, MISSING, OBSERVED, Measurement, Rows
 from calibration.priors import PASCAL_PER_BAR, Unknown, column_of
+from calibration.with_effects import Effects
 from model import steady
+from model.effects.laws import Chosen
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor
 from rig.recording import Recording
@@ -55,9 +59,11 @@ class Likelihood:
     measured : Measurement
         The rows.
     found : list of Unknown
-        The coordinates of ``z``.
+        The coordinates of ``z``, those of the effects last.
     bad : float, optional
         Probability that a reading is bad [-]; `BAD`, or 0 with fewer than `FEW_ROWS` rows, when left out.
+    effects : Effects, optional
+        What the article leaves out and this model holds.
     """
 
     def __init__(
@@ -67,9 +73,12 @@ class Likelihood:
         measured: Measurement,
         found: list[Unknown],
         bad: float | None = None,
+        effects: Effects | None = None,
     ) -> None:
         self.unknowns = found
         self.measured = measured
+        self.effects = effects
+        self._first_of_effects = len(found) - (len(effects.unknowns()) if effects else 0)
         self._base = motor.vector()
         self._readings = motor.readings.vector()
         self._position = {name: i for i, name in enumerate(QUANTITIES)}
@@ -124,7 +133,7 @@ class Likelihood:
         parameters, errors, inside = self._split(z)
         result = np.full(len(z), -np.inf)
         if inside.any():
-            out = self.predict(parameters[inside], errors[inside])
+            out = self.predict(parameters[inside], errors[inside], self.chosen(z[inside]))
             found = np.empty(out.shape[0])
             _sum_rows(
                 out, errors[inside], self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found
@@ -151,12 +160,12 @@ class Likelihood:
             Draws from the posterior [-].
         """
         parameters, errors, _ = self._split(z)
-        out = self.predict(parameters, errors)
+        out = self.predict(parameters, errors, self.chosen(z))
         found = np.zeros((len(self.measured.steady), 3))
         _bad_rows(out, errors, self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found)
         return found / len(z)
 
-    def predict(self, parameters: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    def predict(self, parameters: np.ndarray, errors: np.ndarray, chosen: Sequence[Chosen] = ()) -> np.ndarray:
         """Steady states at each row's pressure reading, corrected for offset and scale; `steady.solve`'s array.
 
         Parameters
@@ -165,13 +174,59 @@ class Likelihood:
             Parameter sets [SI].
         errors : ndarray, shape (n, 3, 3)
             Offset [bar, L/min, rpm], scale [-] and noise scale [-] of pressure, flow and speed.
+        chosen : sequence of mapping
+            The effects of each set, of `chosen`; nothing where the fit has none.
         """
         rows = self.measured.steady
-        true = (rows.pressure - errors[:, 0, 0:1]) / (1.0 + errors[:, 0, 1:2])
-        P = true * PASCAL_PER_BAR + np.where(
-            rows.is_gauge, parameters[:, self._position["ambient_pressure"]][:, None], 0
-        )
-        return steady.solve(parameters, self._readings, np.clip(P, 2e4, 2e6), self._gas, slopes=True)
+        time = self.effects.time if self.effects else None
+        return self.states(parameters, errors, chosen, rows.pressure, rows.is_gauge, self._gas, time)
+
+    def states(
+        self,
+        parameters: np.ndarray,
+        errors: np.ndarray,
+        chosen: Sequence[Chosen],
+        pressure_bar: np.ndarray,
+        is_gauge: np.ndarray,
+        gas: np.ndarray,
+        time: np.ndarray | None,
+    ) -> np.ndarray:
+        """Steady states where the pressure gauge reads this; `steady.solve`'s array.
+
+        Parameters
+        ----------
+        parameters : ndarray, shape (n, n_parameters)
+            Parameter sets [SI].
+        errors : ndarray, shape (n, 3, 3)
+            As in `predict`.
+        chosen : sequence of mapping
+            As in `predict`.
+        pressure_bar : ndarray, shape (n_rows,)
+            What the gauge reads [bar].
+        is_gauge : ndarray of bool, shape (n_rows,)
+            The pressure is counted from the ambient's.
+        gas : ndarray, shape (n_rows, 12)
+            Of `steady.gas_table`.
+        time : ndarray, shape (n_rows,), or None
+            On the recording's clock [s]; effects alone ask for it.
+        """
+        true = (pressure_bar - errors[:, 0, 0:1]) / (1.0 + errors[:, 0, 1:2])
+        above = np.where(is_gauge, parameters[:, self._position["ambient_pressure"]][:, None], 0)
+        if self.effects is not None and time is not None:
+            shown = true * PASCAL_PER_BAR
+            return effect_states.solve(self.effects.way, parameters, self._readings, shown, above, gas, chosen, time)
+        P = true * PASCAL_PER_BAR + above
+        return steady.solve(parameters, self._readings, np.clip(P, 2e4, 2e6), gas, slopes=True)
+
+    def chosen(self, z: np.ndarray) -> Sequence[Chosen]:
+        """The effects at each point with their values; nothing where the fit has none.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, n_unknowns)
+            Points [-].
+        """
+        return self.effects.chosen(self.values(z)[:, self._first_of_effects :]) if self.effects else ()
 
     def split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameter sets [SI], shape (n, n_parameters), and instrument errors, shape (n, 3, 3), of points ``z`` [-].
@@ -192,7 +247,9 @@ class Likelihood:
         inside = np.ones(len(z), dtype=bool)
         for i, quantity in self._bounds:
             inside &= (values[:, i] >= quantity.low) & (values[:, i] <= quantity.high)
-        for i, unknown in enumerate(self.unknowns):
+        if self.effects is not None:
+            inside &= self.effects.inside(values[:, self._first_of_effects :])
+        for i, unknown in enumerate(self.unknowns[: self._first_of_effects]):
             if unknown.name in self._position:
                 parameters[:, self._position[unknown.name]] = values[:, i] * QUANTITIES[unknown.name].to_si
             else:

@@ -33,7 +33,8 @@ class Unknown:
     name, unit : str
         As they stand in posterior/1.
     kind : str
-        normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z) or loguniform (between ``a`` and ``b``).
+        normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z), loguniform (between ``a`` and ``b``) or halfnormal (above
+        ``a``, of scale ``b``: a normal one folded there, but rising with z, so that it has one peak).
     a, b : float
         The prior's figures, in the unit.
     why : str
@@ -42,7 +43,7 @@ class Unknown:
 
     name: str
     unit: str
-    kind: Literal["normal", "lognormal", "loguniform"]
+    kind: Literal["normal", "lognormal", "loguniform", "halfnormal"]
     a: float
     b: float
     why: str
@@ -53,11 +54,14 @@ class Unknown:
             return self.a + self.b * z
         if self.kind == "lognormal":
             return self.a * self.b**z
+        if self.kind == "halfnormal":
+            folded: np.ndarray = self.a - self.b * ndtri(0.5 * ndtr(-z))
+            return folded
         return self.a * (self.b / self.a) ** ndtr(z)
 
     def factor(self, z: float) -> float:
         """What one unit of z multiplies the value by near ``z``; 1 where it adds [-]."""
-        if self.kind == "normal":
+        if self.kind in ("normal", "halfnormal"):
             return 1.0
         if self.kind == "lognormal":
             return self.b
@@ -70,6 +74,8 @@ class Unknown:
             return (value - self.a) / self.b
         if self.kind == "lognormal":
             return float(np.log(value / self.a) / np.log(self.b))
+        if self.kind == "halfnormal":
+            return float(-ndtri(2.0 * ndtr((self.a - value) / self.b)))
         return float(ndtri(np.log(value / self.a) / np.log(self.b / self.a)))
 
 

@@ -199,7 +199,7 @@ def test_dry_friction_of_a_free_rotor_is_found_and_no_rival_comes_near(put: Put)
     fit = fit_rig(problem, [best])
     assert covers(fit, "coulomb_friction.torque_nm", 0.02)
     assert covers(fit, "viscous_friction", F)
-    assert fit.noise_scale["speed"] == pytest.approx(1.0, abs=0.2)
+    assert fit.noise_scale["speed data.csv"] == pytest.approx(1.0, abs=0.2)
     assert fit.at_bound == ()
 
 

@@ -2,35 +2,59 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from calibration.report.fit_words import rounded, uncertainty
 from model.effects import effects
+from model.layout import L_MIN, RPM
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 MOST_ROWS = 6
+LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
+FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
+BALANCES = {"torque": "torque balance", "mass": "flow balance", "sensor": "reading of an instrument"}
+OTHER_WAY = {"low": "high", "smaller": "larger"}
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SETTLED_NATS = 5.0  # odds of 150 to 1
 
 
-def sentence(found: Mapping[str, Any]) -> str:
-    """The verdict in one sentence.
+def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, excluded: str = "") -> str:
+    """The verdict as a person would say it.
 
     Parameters
     ----------
     found : mapping
         A diagnosis/1.
+    at_top : mapping of str to str, optional
+        What an effect amounts to at the highest level, by its id, for laws whose figure says nothing to a person.
+    excluded : str
+        What is excluded, in a sentence, for a verdict that names.
     """
-    named = [effect["id"] for effect in found["effects"]]
-    p = found["mismatch"]["p_value"]
-    if found["verdict"] == "consistent":
-        return f"The model explains the recording (p = {p:.2g}); nothing has to be added."
-    if found["verdict"] == "named":
-        return " ".join(_of(effect) for effect in found["effects"])
-    if found["verdict"] == "confounded":
-        rivals = [titles(named), *(titles(names) for names in found["alternatives"])]
-        return f"Something is left out (p = {p:.2g}), and this recording cannot tell {' from '.join(rivals)}."
-    return f"Something is left out (p = {p:.2g}), and no effect in the list explains it."
+    verdict, chance = found["verdict"], p_in_words(found["mismatch"]["p_value"])
+    if verdict == "consistent":
+        return f"The model explains the recording ({chance}); nothing has to be added."
+    if verdict == "named":
+        said = [effect_in_words(one, at_top or {}) for one in found["effects"]]
+        if any(one["id"] == "bad_reading" for one in found["effects"]):
+            said.append(f"{listed([reading_in_words(row) for row in found.get('suspect_rows', [])[:MOST_ROWS]])}.")
+        return " ".join([*said, excluded]).strip()
+    if verdict == "confounded":
+        named = [effect["id"] for effect in found["effects"]]
+        rivals = [titles(named), *(titles(names) for names in found["alternatives"][: MOST_ROWS - 1])]
+        rest = len(found["alternatives"]) + 1 - len(rivals)
+        more = f", nor from {rest} more" if rest else ""
+        return f"Something is left out ({chance}), and this recording cannot tell {' from '.join(rivals)}{more}."
+    words = f"Something is left out ({chance}), and no effect in the list explains it."
+    if found["located"]:
+        words += f" {place_in_words(found['located'][0])}"
+    if found["term"]:
+        words += f" A law found there: {law_in_words(found['term'])}."
+    return words
 
 
 def titles(names: Sequence[str]) -> str:
@@ -41,7 +65,148 @@ def titles(names: Sequence[str]) -> str:
     names : sequence of str
         Effect ids.
     """
-    return " with ".join(effects()[name].title if name in effects() else name for name in names) or "nothing"
+    return " with ".join(effects()[name].title if name in effects() else name for name in names) or "nothing left out"
+
+
+def p_in_words(p: float) -> str:
+    """A p-value as text.
+
+    Parameters
+    ----------
+    p : float
+        The value [-].
+    """
+    return f"p = {p:.2g}" if p >= LEAST_P else "p < 10⁻⁶"
+
+
+def reading_in_words(row: Mapping[str, Any]) -> str:
+    """A reading by its place.
+
+    Parameters
+    ----------
+    row : mapping
+        An entry of ``suspect_rows``.
+    """
+    return f"{str(row['file'])[:40]}, row {row['row']}: {row['channel']}"
+
+
+def place_in_words(place: Mapping[str, Any]) -> str:
+    """Where the model does not close, in a sentence.
+
+    Parameters
+    ----------
+    place : mapping
+        An entry of ``located``.
+    """
+    alike = f"; this recording cannot tell that from {listed(place['same_as'])}" if place["same_as"] else ""
+    between = "" if place["coordinate"] == "direction" else f", most between {span_in_words(place)}"
+    return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{between}{alike}."
+
+
+def span_in_words(place: Mapping[str, Any]) -> str:
+    """From where to where, in a person's unit.
+
+    Parameters
+    ----------
+    place : mapping
+        An entry of ``located``.
+    """
+    unit, factor = FAMILIAR.get(place["unit"], (place["unit"], 1.0))
+    low, high = (factor * float(end) for end in place["where"])
+    return f"{low:.3g} and {high:.3g} {unit}".replace("e+03", "000").removesuffix(" 1")
+
+
+def law_in_words(term: Mapping[str, Any]) -> str:
+    """A law found from the data, with its unit.
+
+    Parameters
+    ----------
+    term : mapping
+        ``term`` of a diagnosis/1.
+    """
+    text = str(term["expression"]).replace("+ -", "− ").replace("omega", "ω").replace("*", "·").replace("··", "^")
+    return f"{text} {term['unit']}, ω in rad/s"
+
+
+def quantity(mean: float, sd: float, unit: str, name: str = "") -> str:
+    """A figure with its uncertainty and unit, the uncertainty to two digits.
+
+    Parameters
+    ----------
+    mean, sd : float
+        The figure [own unit].
+    unit : str
+        Its unit; - where it has none.
+    name : str
+        The parameter's name: shares and scales are told in percent.
+    """
+    mean, sd, unit = _for_people(mean, sd, unit, name)
+    size = max(abs(mean), sd)
+    if not math.isfinite(size) or size == 0.0:
+        return f"{mean:.3g} {unit}".strip()
+    power = math.floor(math.log10(size))
+    if sd <= 0.0:
+        digits, _, small = f"{mean:.2g}".partition("e")
+        return f"{digits}{f'·10{str(int(small)).translate(RAISED)}' if small else ''} {unit}".strip().replace("-", "−")
+    if -3 <= power <= 4 and sd < 100.0:
+        return f"{rounded(mean, sd)} ± {uncertainty(sd)} {unit}".strip()
+    scaled = 10.0**-power
+    figures = f"{rounded(mean * scaled, sd * scaled)} ± {uncertainty(sd * scaled)}"
+    return f"({figures})·10{str(power).translate(RAISED)} {unit}".strip()
+
+
+def effect_in_words(effect: Mapping[str, Any], at_top: Mapping[str, str]) -> str:
+    """An effect's own sentence with its figures.
+
+    Parameters
+    ----------
+    effect : mapping
+        An entry of ``effects``.
+    at_top : mapping of str to str
+        As in `sentence`.
+    """
+    known = effects().get(effect["id"])
+    if known is None:
+        return "An effect that is in no list."
+    text, units = powers(known.sentence), {parameter.name: parameter.unit for parameter in known.parameters}
+    for name, one in effect["parameters"].items():
+        mean = one["mean"]
+        if name == known.amplitude.name and "(negative: " in text:
+            text, mean = _signed(text, mean), abs(mean)
+        shown = quantity(mean, one["sd"], units.get(name, "-"), name)
+        text = text.replace("{" + name + "}", shown)
+    if known.id == "bad_reading":
+        text = text.replace("1 stand out", "One reading stands out")
+    if effect["id"] in at_top:
+        text = text.replace(" - ", " − ") + f" That is {at_top[effect['id']]}."
+    return text
+
+
+def powers(text: str) -> str:
+    """Digits behind a letter raised, as in m3/s; names in braces are left alone.
+
+    Parameters
+    ----------
+    text : str
+        A unit, or an effect's sentence.
+    """
+    return re.sub(r"\{[^}]*\}|(?<=[A-Za-z])\d\b", lambda m: m[0] if m[0][0] == "{" else m[0].translate(RAISED), text)
+
+
+def steps_in_words(seconds: Mapping[str, float]) -> str:
+    """The time of each step, those of a kind together, in a line.
+
+    Parameters
+    ----------
+    seconds : mapping of str to float
+        ``seconds`` of a diagnosis/1 [s].
+    """
+    kinds: dict[str, float] = {}
+    for step, one in seconds.items():
+        kind = step.partition(" of ")[0]
+        kinds[kind] = kinds.get(kind, 0.0) + one
+    parts = [f"{step} {one:.1f} s" for step, one in kinds.items()]
+    return f"{', '.join(parts)}; {sum(kinds.values()):.1f} s in all"
 
 
 def table(found: Mapping[str, Any]) -> Table:
@@ -52,47 +217,77 @@ def table(found: Mapping[str, Any]) -> Table:
     found : mapping
         A diagnosis/1.
     """
+    from rich.markup import escape
     from rich.table import Table
 
     made = Table("what", "finding", show_header=False)
-    made.add_row("verdict", f"{found['verdict']} (p = {found['mismatch']['p_value']:.2g})")
+    made.add_row("verdict", f"{found['verdict']} ({p_in_words(found['mismatch']['p_value'])})")
     for effect in found["effects"]:
-        made.add_row(effect["id"], f"probability {effect['probability']:.3f}; {_figures(effect)}")
+        made.add_row(effect["id"], f"probability {effect['probability']:.3f}; {figures(effect)}".rstrip("; "))
     for names in found["alternatives"][:MOST_ROWS]:
         made.add_row("or", titles(names))
     for place in found["located"][:MOST_ROWS]:
-        made.add_row("where", str(place["sentence"]))
+        made.add_row("where", place_in_words(place))
     if found["term"]:
-        made.add_row("law found", f"{found['term']['expression']} {found['term']['unit']} ({found['term']['balance']})")
+        made.add_row("law found", f"{law_in_words(found['term'])} ({found['term']['balance']})")
+    for row in found.get("suspect_rows", [])[:MOST_ROWS]:
+        made.add_row("bad reading", escape(reading_in_words(row)))
     held_out = (found.get("improvement") or {}).get("held_out")
     if held_out:
-        gain = f"{held_out['elpd_gain']:.1f} +- {held_out['elpd_gain_se']:.1f}"
+        gain = f"{held_out['elpd_gain']:.1f} ± {held_out['elpd_gain_se']:.1f}"
         made.add_row("held out", f"log score gained {gain} over {held_out['folds']} folds (cross-validated)")
     for key, words in (
         ("f_overall_before", "f_overall, base model"),
         ("f_overall_after", "f_overall, effects weighed in"),
     ):
         if found[key]:
-            made.add_row(words, f"{found[key]['mean']:.4f} +- {found[key]['sd']:.4f} N m s")
+            made.add_row(words, quantity(found[key]["mean"], found[key]["sd"], "N m s"))
     for test in found["next_tests"][:MOST_ROWS]:
         made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
     return made
 
 
-def _of(effect: Mapping[str, Any]) -> str:
-    """An effect's own sentence with its figures."""
+def figures(effect: Mapping[str, Any]) -> str:
+    """An effect's parameters with their uncertainties.
+
+    Parameters
+    ----------
+    effect : mapping
+        An entry of ``effects``.
+    """
     known = effects().get(effect["id"])
-    if known is None:
-        return "An effect that is in no list."
-    units = {parameter.name: parameter.unit for parameter in known.parameters}
-    words = {
-        name: f"{one['mean']:.3g} ± {one['sd']:.2g} {units.get(name, '')}" for name, one in effect["parameters"].items()
-    }
-    text = known.sentence
-    for name, shown in words.items():
-        text = text.replace("{" + name + "}", shown.removesuffix(" -").strip())
-    return text
+    units = {parameter.name: parameter.unit for parameter in known.parameters} if known else {}
+    parts = (
+        f"{name} {quantity(one['mean'], one['sd'], units.get(name, '-'), name)}"
+        for name, one in effect["parameters"].items()
+    )
+    return ", ".join(parts)
 
 
-def _figures(effect: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {one['mean']:.3g} +- {one['sd']:.2g}" for name, one in effect["parameters"].items())
+def listed(words: Sequence[str]) -> str:
+    """Words with commas, and an "and" before the last.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The words.
+    """
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _for_people(mean: float, sd: float, unit: str, name: str) -> tuple[float, float, str]:
+    if unit == "-":
+        return (100.0 * mean, 100.0 * sd, "%") if "share" in name or "scale" in name else (mean, sd, "")
+    if unit == "s" and abs(mean) < 0.5:
+        return 1e3 * mean, 1e3 * sd, "ms"
+    unit, factor = FAMILIAR.get(unit, (powers(unit), 1.0))
+    return factor * mean, factor * sd, unit
+
+
+def _signed(text: str, value: float) -> str:
+    """A sentence that tells of both signs, made to tell of one."""
+    other = re.search(r" \(negative: (\w+)\)", text)
+    if other is None:
+        return text
+    text = text.replace(other.group(0), "")
+    return re.sub(rf"\b{OTHER_WAY[other.group(1)]}\b", other.group(1), text) if value < 0.0 else text

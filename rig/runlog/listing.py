@@ -12,7 +12,8 @@ from rig.runlog.plateaus import QUANTITIES, Mean, PlateauRow
 from rig.runlog.reader import Run, read_end, read_start
 
 SHOWN_EVENTS = 40
-QUIET = {"state", "set-point", "statistics", "asked", "note", "plateau", "model check"}  # events that are no news in a summary
+# Events that are no news in a summary.
+QUIET = {"state", "set-point", "statistics", "asked", "note", "plateau", "model check"}
 
 
 @dataclass(frozen=True)

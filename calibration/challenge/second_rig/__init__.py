@@ -1,0 +1,21 @@
+"""The second rig: it makes the challenge's recordings, and shares rig.recording alone with what it tests.
+
+Another integrator, gas that flows through ports at a finite rate, other functional forms, its own sensors. Nothing of
+`model` or of the rest of the calibration is imported here (an import contract holds it). docs/second-rig.md tells what
+it does, and how far it and the article's reference figures agree.
+
+slots       figures of the motor, and where each stands
+curve, flows, losses, motor, marches    the motor: geometry, gas, torques, a step, and marching it
+concealed, instruments  effects: their laws on the motor, and on what is read
+bench       what the instruments would read without noise
+sizes, draws, truth    what a case conceals
+sheets, recordings     recording/1, and a further test
+signatures, separable  what a recording can tell apart
+"""
+
+from calibration.challenge.second_rig.draws import draw
+from calibration.challenge.second_rig.recordings import follow_up, make_recording
+from calibration.challenge.second_rig.separable import separable
+from calibration.challenge.second_rig.truth import Truth
+
+__all__ = ["Truth", "draw", "follow_up", "make_recording", "separable"]

@@ -1,0 +1,167 @@
+"""Recordings of a case: the sweep, the runs in time, and the test that a diagnosis asks for. They hold no truth."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.challenge.second_rig import bench, sheets
+from calibration.challenge.second_rig.instruments import misread
+from calibration.challenge.second_rig.sheets import TRANSIENT_NOISE, File
+from calibration.challenge.second_rig.slots import BAR, PULSE
+from calibration.challenge.second_rig.truth import Truth
+
+LEVELS_BAR = np.round(np.arange(1.2, 2.45, 0.1), 1)
+STEP_S = 40.0  # from plateau to plateau
+REGULATOR_BAR = 0.003  # how far a level is from what was meant
+RUN_BAR = 2.0
+SPIN_UP_S, COAST_DOWN_S = 1040.0, 1100.0
+SPIN_UP_SAMPLES, SPIN_UP_FROM, COAST_DOWN_SAMPLES, COAST_DOWN_FROM = 200, 10, 240, 20
+LATER_S = 1200.0  # when a further test begins
+FLYWHEEL_KG_M2 = 0.015  # three times the rotor's inertia
+PLATEAUS = 10
+LIMITS_BAR = (1.12, 3.5)  # of the bench
+
+
+def make_recording(truth: Truth, folder: Path) -> None:
+    """Write the recording of a case: a sweep of 26 plateaus up and down, and the runs in time where it has them.
+
+    A level at which the motor stands still is left out, as an operator would.
+
+    Parameters
+    ----------
+    truth : Truth
+        The case.
+    folder : Path
+        Where to; made when it is not there. Files of a recording in it are overwritten.
+    """
+    _write(folder, _files(truth, 0.0, ""), 0.0)
+
+
+def follow_up(truth: Truth, test: str | Mapping[str, Any], folder: Path) -> None:
+    """Write the recording of a case with a further test in it.
+
+    Where the folder holds no recording yet, the case's own is made first, to the bit. A flywheel changes every reading
+    of a run, so with one the whole recording is taken again and declares it.
+
+    Parameters
+    ----------
+    truth : Truth
+        The case.
+    test : str or mapping
+        The test in words, or an entry of ``next_tests`` with the words under ``test``. Understood are coast-down,
+        spin-up, flywheel, zero, locked rotor, reversed sweep, cold, and a pressure before "bar"; all else is taken for
+        plateaus.
+    folder : Path
+        Where to.
+    """
+    words = (str(test["test"]) if isinstance(test, Mapping) else str(test))[:200].lower()
+    inertia = FLYWHEEL_KG_M2 if "flywheel" in words else 0.0
+    files = _files(truth, inertia, "with a flywheel" if inertia else "")
+    files.append(_further(truth, words, inertia, len(files)))
+    _write(folder, files, inertia)
+
+
+def _files(truth: Truth, inertia: float, session: str) -> list[File]:
+    """The files that a case starts with."""
+    up = np.concatenate([LEVELS_BAR, LEVELS_BAR[::-1]])
+    files = [_sweep(truth, up, inertia, f"sweep{session}", "sweep.csv", None)]
+    if truth.with_transients:
+        files.append(_run(truth, RUN_BAR, True, SPIN_UP_S, inertia, f"spin-up{session}", "spin_up.csv"))
+        files.append(_run(truth, RUN_BAR, False, COAST_DOWN_S, inertia, f"coast-down{session}", "coast_down.csv"))
+    return files
+
+
+def _further(truth: Truth, words: str, inertia: float, number: int) -> File:
+    """The test that was asked for."""
+    start = 0.0 if "cold" in words else LATER_S + 200.0 * max(number - 3, 0)
+    said = re.search(r"(\d+(?:\.\d+)?)\s*bar", words)
+    default = 1.15 if "low" in words else 2.6 if "high" in words else RUN_BAR
+    level = float(np.clip(float(said[1]) if said else default, *LIMITS_BAR))
+    purpose = f"further|{words}"
+    if "coast" in words:
+        return _run(truth, level, False, start, inertia, purpose, "further_coast_down.csv")
+    if "spin" in words:
+        return _run(truth, level, True, start, inertia, purpose, "further_spin_up.csv")
+    if "zero" in words or "vented" in words:
+        return _zero(truth, inertia, purpose)
+    if "lock" in words or "held" in words:
+        return _steady(truth, np.full(PLATEAUS, level), start, inertia, purpose, "locked_rotor.csv", True)
+    if "revers" in words:
+        down = np.concatenate([LEVELS_BAR[::-1], LEVELS_BAR])
+        return _sweep(truth, down, inertia, purpose, "reversed_sweep.csv", start)
+    return _steady(truth, np.full(PLATEAUS, level), start, inertia, purpose, "plateaus.csv", False)
+
+
+def _sweep(truth: Truth, levels: np.ndarray, inertia: float, purpose: str, name: str, start: float | None) -> File:
+    """Plateaus in a given order, half of them on the way one way."""
+    rng = truth.rng(purpose)
+    lines = (levels + REGULATOR_BAR * rng.standard_normal(levels.size)) * BAR
+    time = STEP_S * np.arange(levels.size)
+    first = 1.0 if levels[0] < levels[levels.size // 2] else -1.0
+    way = np.where(np.arange(levels.size) < levels.size // 2, first, -first)
+    rig = truth.rig(inertia)
+    true = bench.plateaus(rig, bench.Plateaus(lines, (start or 0.0) + time, way))
+    shown = sheets.noisy(true, truth.sensors, 1.0, (start or 0.0) + time, rng)
+    turning = true.speed > 1.0
+    shown = {channel: values[turning] for channel, values in shown.items()}
+    if name == "sweep.csv":
+        shown = {
+            channel: misread(rig.effects, channel, values / sheets.UNIT[channel]) * sheets.UNIT[channel]
+            for channel, values in shown.items()
+        }
+    columns = {"time_s": sheets.stamps(time[turning]), "direction": ["up" if w > 0.0 else "down" for w in way[turning]]}
+    return File(name, "steady", start, 1.0, columns | sheets.cells(shown))
+
+
+def _steady(
+    truth: Truth, levels: np.ndarray, start: float, inertia: float, purpose: str, name: str, locked: bool
+) -> File:
+    """Plateaus at one level, read every four seconds."""
+    rng = truth.rng(purpose)
+    lines = (levels + REGULATOR_BAR * rng.standard_normal(levels.size)) * BAR
+    time = 4.0 * np.arange(levels.size)
+    true = bench.plateaus(truth.rig(inertia), bench.Plateaus(lines, start + time, np.ones(levels.size), locked))
+    shown = sheets.cells(sheets.noisy(true, truth.sensors, 1.0, start + time, rng))
+    columns = {"time_s": sheets.stamps(time)} | shown
+    if locked:
+        columns |= {"speed_rpm": ["0.0"] * levels.size, "rotor_locked": ["1"] * levels.size}
+    return File(name, "steady", start, 1.0, columns)
+
+
+def _zero(truth: Truth, inertia: float, purpose: str) -> File:
+    """Instruments read with the line vented and the rotor at rest."""
+    rng = truth.rng(purpose)
+    true = bench.at_rest(truth.rig(inertia), PLATEAUS)
+    shown = sheets.noisy(true, truth.sensors, 1.0, np.full(PLATEAUS, LATER_S), rng)
+    del shown["speed"]
+    return File("zero.csv", "zero", None, 1.0, sheets.cells(shown))
+
+
+def _run(truth: Truth, level: float, up: bool, start: float, inertia: float, purpose: str, name: str) -> File:
+    """A spin-up or a coast-down."""
+    rng = truth.rng(purpose)
+    longer = 1.0 + inertia / truth.nuisances["inertia"]
+    samples = int((SPIN_UP_SAMPLES if up else COAST_DOWN_SAMPLES) * (1.0 if inertia == 0.0 else longer))
+    opened = np.arange(samples) >= SPIN_UP_FROM if up else np.arange(samples) < COAST_DOWN_FROM
+    line = (level + REGULATOR_BAR * rng.standard_normal()) * BAR
+    asked = bench.Run(float(line), opened, start, float(rng.uniform(0.0, PULSE)))
+    jitter = truth.sensors["jitter_s"] * rng.standard_normal(samples)
+    jitter[-1] = 0.0
+    true = bench.run(truth.rig(inertia), asked, jitter=jitter)
+    time = bench.SAMPLE_S * (1.0 + np.arange(samples))
+    shown = sheets.noisy(replace(true, flow=np.zeros(samples)), truth.sensors, TRANSIENT_NOISE, start + time, rng)
+    columns = {"time_s": sheets.stamps(time), "supply_open": [str(int(is_open)) for is_open in opened]}
+    return File(name, "transient", start, TRANSIENT_NOISE, columns | sheets.cells(shown, ("flow",)))
+
+
+def _write(folder: Path, files: list[File], inertia: float) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in files:
+        sheets.write_file(folder, file)
+    (folder / "recording.toml").write_text(sheets.head(files, inertia), encoding="utf-8")

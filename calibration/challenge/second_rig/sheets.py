@@ -1,0 +1,171 @@
+"""From noise-free readings to the CSV files of a recording: noise, resolution, and the way a bench writes them down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.challenge.second_rig.bench import Readings
+from calibration.challenge.second_rig.slots import BAR, L_MIN, RPM
+
+# What the recordings declare of each instrument, in the columns' units.
+NOISE = {"pressure": 0.0015, "flow": 0.8, "speed": 0.4}
+RESOLUTION = {"pressure": 0.001, "flow": 0.5, "speed": 0.1}
+COLUMN = {"pressure": "pressure_bar_abs", "flow": "flow_l_min", "speed": "speed_rpm"}
+UNIT = {"pressure": 1.0 / BAR, "flow": L_MIN, "speed": RPM}
+DIGITS = {"pressure": 3, "flow": 1, "speed": 1}
+BIAS = {"pressure": 0.005, "flow": 0.5, "speed": 0.1}
+SCALE = {"pressure": 0.002, "flow": 0.02, "speed": 0.0005}
+TRANSIENT_NOISE = 2.0
+DRIFT_S = 1000.0
+
+
+@dataclass(frozen=True)
+class File:
+    """A file of a recording.
+
+    Attributes
+    ----------
+    name : str
+        Of the CSV file.
+    kind : str
+        steady, transient or zero.
+    start_s : float or None
+        On the recording's clock [s]; None: left out.
+    noise_scale : float
+        Times the declared noise [-].
+    columns : dict
+        Cells by column, in order.
+    """
+
+    name: str
+    kind: str
+    start_s: float | None
+    noise_scale: float
+    columns: dict[str, list[str]]
+
+
+def noisy(
+    true: Readings, sensors: Mapping[str, float], noise_scale: float, clock: np.ndarray, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Readings with noise, by channel and in the columns' units.
+
+    Parameters
+    ----------
+    true : Readings
+        Without noise [SI].
+    sensors : mapping of str to float
+        Of `truth.Truth`.
+    noise_scale : float
+        Of the file [-].
+    clock : ndarray, shape (n,)
+        On the recording's clock [s].
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+    found = {}
+    for channel, sd in NOISE.items():
+        shown = getattr(true, channel) * UNIT[channel]
+        found[channel] = shown + sd * noise_scale * sensors["noise_scale"] * unit_noise(sensors, clock.size, rng)
+    found["pressure"] = found["pressure"] + sensors["drift_bar"] * (clock / DRIFT_S - 0.5)
+    return found
+
+
+def unit_noise(sensors: Mapping[str, float], n: int, rng: np.random.Generator) -> np.ndarray:
+    """Noise of unit variance, each sample correlated with the one before where that is so, shape (n,) [-].
+
+    Parameters
+    ----------
+    sensors : mapping of str to float
+        ``correlation`` and ``tails``.
+    n : int
+        Number of samples [-].
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+    degrees, kept = sensors["tails"], sensors["correlation"]
+    white = rng.standard_normal(n)
+    if degrees > 2.0:
+        white = rng.standard_t(degrees, n) / np.sqrt(degrees / (degrees - 2.0))
+    for k in range(1, n):
+        white[k] = kept * white[k - 1] + np.sqrt(1.0 - kept**2) * white[k]
+    return white
+
+
+def cells(readings: Mapping[str, np.ndarray], empty: tuple[str, ...] = ()) -> dict[str, list[str]]:
+    """Readings as an instrument of limited resolution shows them; a tachometer shows no negative speed.
+
+    Parameters
+    ----------
+    readings : mapping of str to ndarray
+        By channel, in the columns' units.
+    empty : tuple of str
+        Channels that were not sampled.
+    """
+    found = {}
+    for channel, values in readings.items():
+        step, digits = RESOLUTION[channel], DIGITS[channel]
+        shown = np.round(values / step) * step + 0.0
+        if channel == "speed":
+            shown = np.maximum(shown, 0.0)
+        if channel == "flow":
+            shown = np.maximum(shown, -4.0)  # the float lies on its stop
+        if channel in empty:
+            found[COLUMN[channel]] = [""] * values.size
+        else:
+            found[COLUMN[channel]] = [repr(round(float(value), digits)) for value in shown]
+    return found
+
+
+def write_file(folder: Path, file: File) -> None:
+    """Write one CSV file.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the recording.
+    file : File
+        The file.
+    """
+    rows = zip(*file.columns.values(), strict=True)
+    lines = [",".join(file.columns), *(",".join(row) for row in rows)]
+    (folder / file.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def head(files: list[File], added_inertia: float) -> str:
+    """recording.toml: what is declared of the instruments is the same for every case.
+
+    Parameters
+    ----------
+    files : list of File
+        Of the recording.
+    added_inertia : float
+        Of a flywheel [kg m2].
+    """
+    lines = ['format = "recording/1"', 'motor = "ptm3600"', "files = ["]
+    for file in files:
+        start = "" if file.start_s is None else f", start_s = {file.start_s:.1f}"
+        noise = "" if file.noise_scale == 1.0 else f", noise_scale = {file.noise_scale:.1f}"
+        lines.append(f'    {{ file = "{file.name}", kind = "{file.kind}"{start}{noise} }},')
+    lines += ["]", "", "[ambient]", "pressure_bar_abs = 1.01325", "pressure_sd_bar = 0.0015", "temperature_c = 20.0"]
+    lines += ["relative_humidity = 0.0"]
+    for channel, column in COLUMN.items():
+        lines += ["", f"[channels.{column}]", f"noise_sd = {NOISE[channel]}", f"bias_sd = {BIAS[channel]}"]
+        lines += [f"scale_sd = {SCALE[channel]}", f"resolution = {RESOLUTION[channel]}"]
+    if added_inertia:
+        lines += ["", "[rig]", f"added_inertia_kg_m2 = {added_inertia}"]
+    return "\n".join(lines) + "\n"
+
+
+def stamps(time: np.ndarray) -> list[str]:
+    """Times as cells.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        From the file's start [s].
+    """
+    return [repr(round(float(t), 6)) for t in time]

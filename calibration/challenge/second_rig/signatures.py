@@ -1,0 +1,247 @@
+"""What each effect and each nuisance does to the readings of one recording, by the second rig and in units of noise.
+
+The declared figures alone enter: noise, resolution, priors. A gauge's reading stands for the pressure, so a change is
+counted at equal reading, and the gauge's noise moves speed and flow of a row together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.challenge.second_rig import bench
+from calibration.challenge.second_rig.bench import Rig
+from calibration.challenge.second_rig.concealed import USUAL, Concealed
+from calibration.challenge.second_rig.draws import ERRORS, WIDTHS
+from calibration.challenge.second_rig.instruments import misread
+from calibration.challenge.second_rig.sheets import NOISE, RESOLUTION, UNIT
+from calibration.challenge.second_rig.slots import BAR, PULSE
+from rig.recording import Recording, RecordingFile
+
+STEP_S = 2.5e-5  # of the march
+SLOPE_PA = 2000.0
+ANGLE_RAD = 0.02
+FLAT = float(np.log(0.4 / 0.01) / np.sqrt(12.0))  # sd of ln f_overall, log-uniform from 0.01 to 0.4
+LEVEL_PA = 4000.0  # rows nearer than this are of one level
+SLOWEST = 20.0  # rad/s; below it a coast-down depends on the phase at which the supply was shut, and not linearly
+ENDS = 3  # samples in which a pulse is not whole
+
+# Probes: effects of a small size, with the shapes that they can have. One-sided effects have no negative size.
+PROBES: tuple[tuple[str, tuple[dict[str, float], ...], bool], ...] = (
+    ("coulomb_friction", ({"torque_nm": 0.05},), True),
+    ("stribeck_friction", tuple({"torque_nm": 0.08, "speed_rad_s": w} for w in (4.0, 8.0, 14.0)), True),
+    ("windage", ({"drag_nm_s2": 5e-5},), True),
+    ("load_friction", ({"roller_factor": 0.008},), True),
+    ("friction_warm_up", tuple({"share_cold": 0.05, "time_s": t} for t in (120.0, 300.0, 800.0)), False),
+    ("once_per_rev_torque", ({"sine_nm": 0.1, "cosine_nm": 0.0}, {"sine_nm": 0.0, "cosine_nm": 0.1}), False),
+    ("inlet_throttling", ({"loss_pa_s2_m6": 6e8},), True),
+    ("exhaust_back_pressure", ({"rise_pa_s2_m6": 2e8},), True),
+    ("leakage", ({"conductance_kg_s_pa2": 5e-15},), True),
+    ("wall_heat_exchange", ({"extra_share": 4.0},), True),
+    ("pressure_gauge_offset", ({"offset_pa": 500.0},), False),
+    ("pressure_gauge_scale", ({"scale": 0.005},), False),
+    ("flow_offset", ({"offset_m3_s": 1e-5},), False),
+    ("flow_scale", ({"scale": 0.02},), False),
+    ("flow_density_correction", ({"share": 0.2},), True),
+    ("speed_scale", ({"scale": 0.01},), False),
+    ("speed_lag", ({"time_s": 0.01},), True),
+    ("inertia", ({"share": 0.1},), False),
+)
+TRANSIENT = ("once_per_rev_torque", "speed_lag", "inertia")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a recording's files ask of the rig.
+
+    Attributes
+    ----------
+    steady : list of (Plateaus, float, bool)
+        Rows, the file's noise scale, and whether it is the first sweep.
+    zeros : list of (int, float)
+        Number of rows, and noise scale.
+    runs : list of (Run, float)
+        Runs in time, and noise scale.
+    """
+
+    steady: list[tuple[bench.Plateaus, float, bool]]
+    zeros: list[tuple[int, float]]
+    runs: list[tuple[bench.Run, float]]
+
+
+def asked_of(recording: Recording, errors: dict[str, float], angle: float = 0.1) -> Asked:
+    """The rows and runs of a recording, at the pressures that its gauge read.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    errors : dict
+        Of the instruments; the gauge's are taken off.
+    angle : float
+        At which a supply changes, the same for all [rad].
+    """
+    steady, zeros, runs = [], [], []
+    for file in recording.files:
+        if file.kind == "zero":
+            zeros.append((file.rows, file.noise_scale))
+            continue
+        lines = (file.columns["pressure_bar_abs"].values - errors.get("pressure_offset_bar", 0.0)) * BAR
+        lines = lines / (1.0 + errors.get("pressure_scale", 0.0))
+        clock = file.start_s + file.columns["time_s"].values
+        if file.kind == "transient":
+            opened = file.columns["supply_open"].values > 0.5
+            line = float(np.mean(lines[opened]))
+            runs.append((bench.Run(line, opened, file.start_s, angle), file.noise_scale))
+        else:
+            plateaus = bench.Plateaus(_levels(lines), clock, _ways(file), "rotor_locked" in file.columns)
+            steady.append((plateaus, file.noise_scale, file.file == "sweep.csv"))
+    return Asked(steady, zeros, runs)
+
+
+def _levels(lines: np.ndarray) -> np.ndarray:
+    """Each pressure replaced by the mean of its level: rows of a level are marched once [Pa]."""
+    order = np.argsort(lines)
+    groups = np.split(order, np.flatnonzero(np.diff(lines[order]) > LEVEL_PA) + 1)
+    found = lines.copy()
+    for group in groups:
+        found[group] = np.mean(lines[group])
+    return found
+
+
+def _ways(file: RecordingFile) -> np.ndarray:
+    if file.direction is None:
+        return np.zeros(file.rows)
+    return np.array([{"up": 1.0, "down": -1.0}.get(str(word), 0.0) for word in file.direction])
+
+
+class Whitened:
+    """The readings of a recording as one vector of unit noise, for any rig near a base.
+
+    Parameters
+    ----------
+    asked : Asked
+        Rows and runs.
+    base : Rig
+        Where slopes with pressure are taken.
+    """
+
+    def __init__(self, asked: Asked, base: Rig) -> None:
+        self.asked = asked
+        self.base = base
+        self._slopes = [self._row_slopes(rows) for rows, _, _ in asked.steady]
+        self._run_slopes, self._kept = [], []
+        for one, _ in asked.runs:
+            here = bench.run(base, one, STEP_S, ripple=False).speed
+            more = bench.run(base, replace(one, line=one.line + SLOPE_PA), STEP_S, ripple=False).speed
+            self._run_slopes.append((more - here) / SLOPE_PA)
+            kept = np.where(one.opened, here > 1.0, here > SLOWEST)
+            kept[:ENDS] = kept[-ENDS:] = False
+            self._kept.append(kept)
+
+    def _row_slopes(self, rows: bench.Plateaus) -> np.ndarray:
+        here = bench.plateaus(self.base, rows, STEP_S)
+        more = bench.plateaus(self.base, replace(rows, lines=rows.lines + SLOPE_PA), STEP_S)
+        return np.column_stack([more.speed - here.speed, more.flow - here.flow]) / SLOPE_PA
+
+    def readings(self, rig: Rig, supply: Sequence[float] = (), angle: Sequence[float] = ()) -> np.ndarray:
+        """Whitened readings of a rig, shape (m,) [-].
+
+        Parameters
+        ----------
+        rig : Rig
+            The rig.
+        supply, angle : sequence of float
+            By run, how much the line's pressure [Pa] and the angle [rad] are changed; nothing when left out.
+        """
+        parts = []
+        for (rows, scale, first), slopes in zip(self.asked.steady, self._slopes, strict=True):
+            found = bench.plateaus(rig, rows, STEP_S)
+            p, q, n = found.pressure, found.flow, found.speed
+            if first:
+                p, q, n = (misread(rig.effects, c, x) for c, x in (("pressure", p), ("flow", q), ("speed", n)))
+            parts.append(_white(p, q, n, slopes, scale, rows.locked))
+        for count, scale in self.asked.zeros:
+            found = bench.at_rest(rig, count)
+            parts += [found.pressure / _sd("pressure", scale), found.flow / _sd("flow", scale)]
+        for k, (one, scale) in enumerate(self.asked.runs):
+            more = supply[k] if len(supply) else 0.0
+            turned = angle[k] if len(angle) else 0.0
+            found = bench.run(rig, replace(one, line=one.line + more, angle=one.angle + turned), STEP_S, ripple=False)
+            read = float(np.mean(found.pressure[one.opened])) - more
+            speed = (found.speed - self._run_slopes[k] * read)[self._kept[k]]
+            parts.append(speed / _sd("speed", scale))
+        return np.concatenate(parts)
+
+    def nuisances(self) -> np.ndarray:
+        """Change per declared sd of each nuisance at the base, shape (m, k) [-]."""
+        y, rig, found = self.readings(self.base), self.base, []
+        width, own = WIDTHS["declared"], dict(self.base.nuisances)
+        changes = {
+            "f_overall": (own["f_overall"] * 1.02, FLAT / np.log(1.02)),
+            "lap": (own["lap"] + 0.3 * width["lap"], 1.0 / 0.3),
+            "roller_factor": (own["roller_factor"] * 1.5, width["roller_factor"] / np.log(1.5)),
+            "ambient_pa": (own["ambient_pa"] + 450.0, width["ambient_pa"] / 450.0),
+            "inlet_k": (own["inlet_k"] + 3.0, width["inlet_k"] / 3.0),
+            "inertia": (own["inertia"] * 1.05, width["inertia"] / np.log(1.05)),
+        }
+        for name, (value, times) in changes.items():
+            found.append((self.readings(replace(rig, nuisances=own | {name: value})) - y) * times)
+        for name, sd in ERRORS.items():
+            errors = dict(rig.errors) | {name: rig.errors.get(name, 0.0) + sd}
+            found.append(self.readings(replace(rig, errors=errors)) - y)
+        runs = len(self.asked.runs)
+        for k, (one, scale) in enumerate(self.asked.runs):
+            sd = _sd("pressure", scale) / np.sqrt(max(int(one.opened.sum()), 1))
+            shift = [SLOPE_PA if i == k else 0.0 for i in range(runs)]
+            found.append((self.readings(rig, supply=shift) - y) * sd / SLOPE_PA)
+            turn = [ANGLE_RAD if i == k else 0.0 for i in range(runs)]
+            found.append((self.readings(rig, angle=turn) - y) * PULSE / np.sqrt(12.0) / ANGLE_RAD)
+        return np.column_stack(found)
+
+    def effects(self) -> list[tuple[str, np.ndarray, bool]]:
+        """Id, change by a small effect for each shape, shape (m, shapes) [-], and whether its size has one sign."""
+        y, found = self.readings(self.base), []
+        for name, shapes, one_sided in PROBES:
+            if name in TRANSIENT and not self.asked.runs:
+                continue
+            columns = [
+                self.readings(replace(self.base, effects=(Concealed(name, USUAL[name], values),))) - y
+                for values in shapes
+            ]
+            found.append((name, np.column_stack(columns), one_sided))
+        return found
+
+    def rows(self) -> np.ndarray:
+        """Change by one misread reading, for each row and channel of the first sweep, shape (m, rows) [-]."""
+        before, size = 0, self.readings(self.base).size
+        for (rows, scale, first), slopes in zip(self.asked.steady, self._slopes, strict=True):
+            n, nothing = rows.lines.size, np.zeros(rows.lines.size)
+            if first:
+                found = np.zeros((size, 3 * n))
+                for column in range(3 * n):
+                    p, q, one = (np.eye(n)[column % n] if column // n == i else nothing for i in range(3))
+                    found[before : before + 2 * n, column] = _white(p, q, one, slopes, scale, False)
+                return found
+            before += n if rows.locked else 2 * n
+        return np.empty((size, 0))
+
+
+def _white(p: np.ndarray, q: np.ndarray, n: np.ndarray, slopes: np.ndarray, scale: float, locked: bool) -> np.ndarray:
+    """Speed and flow of steady rows at equal gauge reading, in units of noise: Cholesky of each row's covariance."""
+    sp, sq, sn = (_sd(channel, scale) for channel in ("pressure", "flow", "speed"))
+    if locked:
+        alone: np.ndarray = (q - slopes[:, 1] * p) / np.hypot(sq, slopes[:, 1] * sp)
+        return alone
+    a = np.hypot(sn, slopes[:, 0] * sp)
+    b = slopes[:, 0] * slopes[:, 1] * sp**2 / a
+    c = np.sqrt(sq**2 + (slopes[:, 1] * sp) ** 2 - b**2)
+    speed = (n - slopes[:, 0] * p) / a
+    return np.concatenate([speed, (q - slopes[:, 1] * p - b * speed) / c])
+
+
+def _sd(channel: str, scale: float) -> float:
+    """Declared noise of a reading, its rounding included [SI]."""
+    return float(np.hypot(NOISE[channel] * scale, RESOLUTION[channel] / np.sqrt(12.0)) / UNIT[channel])

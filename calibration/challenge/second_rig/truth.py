@@ -1,0 +1,111 @@
+"""What a case conceals, as plain data: JSON can hold it, and the rig is rebuilt from it to the bit."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.challenge.second_rig import concealed
+from calibration.challenge.second_rig.bench import Rig
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A case.
+
+    Attributes
+    ----------
+    family : str
+        Family of draws.
+    index : int
+        Of the case within the family and seed [-].
+    seed : str
+        Of everything random in the case; the campaign's seed cannot be told from it.
+    category : str
+        none, single, other_form, pair or not_in_library.
+    ids : list of str
+        What would be right to name; ``unknown`` for what is in no library.
+    effects : list of dict
+        ``id``, ``form`` and ``values`` [SI] of each effect at work; an unlisted one has this rig's word as id.
+    sizes : dict
+        By id, the values in SI under the names that a diagnosis reports; only effects in their usual form.
+    place : dict
+        ``balance``, ``channel``, ``coordinate`` (a word or a list of right ones), ``where`` (a range in SI, or None).
+    f_overall : float
+        The motor's [N m s].
+    nuisances : dict
+        Figures of the motor off their defaults [SI].
+    errors : dict
+        Of the instruments: offsets in the columns' units, scales less 1.
+    sensors : dict
+        Kind of noise: ``noise_scale``, ``correlation``, ``tails``, ``drift_bar``, ``jitter_s``.
+    with_transients : bool
+        Whether a spin-up and a coast-down stand beside the sweep.
+    misdeclared : bool
+        Whether the noise is not what the recording says.
+    near_nuisance : bool
+        Whether an effect with the form of a nuisance has, with it, 2 to 4 of its declared standard deviations.
+    total_sds : dict
+        By id, effect and nuisance together in declared standard deviations [-].
+    """
+
+    family: str
+    index: int
+    seed: str
+    category: str
+    ids: list[str]
+    effects: list[dict[str, Any]]
+    sizes: dict[str, dict[str, float]]
+    place: dict[str, Any]
+    f_overall: float
+    nuisances: dict[str, float]
+    errors: dict[str, float]
+    sensors: dict[str, float]
+    with_transients: bool
+    misdeclared: bool
+    near_nuisance: bool
+    total_sds: dict[str, float]
+
+    def rig(self, added_inertia: float = 0.0) -> Rig:
+        """The motor and its instruments as this case has them.
+
+        Parameters
+        ----------
+        added_inertia : float
+            Of a flywheel [kg m2].
+        """
+        return Rig(self.nuisances, self.errors, concealed.from_json(self.effects), added_inertia)
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        """Random numbers of the case for one purpose, the same each time."""
+        return generator(self.seed, purpose)
+
+
+def generator(seed: str | int | bytes, *purpose: object) -> np.random.Generator:
+    """Random numbers from a seed and a purpose, through a hash: neighbouring seeds have nothing in common.
+
+    Parameters
+    ----------
+    seed : str, int or bytes
+        The seed.
+    *purpose : object
+        What tells one use of the seed from another.
+    """
+    return np.random.default_rng(int(digest(seed, *purpose), 16))
+
+
+def digest(seed: str | int | bytes, *purpose: object) -> str:
+    """Hexadecimal SHA-256 of a seed and a purpose.
+
+    Parameters
+    ----------
+    seed : str, int or bytes
+        The seed.
+    *purpose : object
+        What tells one use of the seed from another.
+    """
+    start = seed if isinstance(seed, bytes) else f"{type(seed).__name__}:{seed}".encode()
+    return hashlib.sha256(b"|".join([start, *(str(word).encode() for word in purpose)])).hexdigest()

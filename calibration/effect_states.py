@@ -1,0 +1,179 @@
+"""Steady states of a batch of parameter sets, each with effects of its own sizes.
+
+What an effect does to the motor's parameters is often the same whatever speed comes out: a dry friction, a share of
+the roller factor. Then the article's own solver takes all points in one call. What differs from row to row, as
+friction that warms up does, is solved row by row. An effect that depends on the speed or flow that it changes is
+solved in passes, a set of sizes a call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from model import layout as at
+from model import steady
+from model.effects import effects, laws
+from model.effects import steady as effect_steady
+from model.effects.effect import State
+from model.effects.laws import Chosen
+from model.motor import Motor
+
+SPEEDS = (10.0, 30.0)  # rad/s, at which an effect is looked at to see whether it hangs on the speed
+SAME, NOTHING = 1e-6, 1e-10  # two sets of parameters alike: relative, and in SI
+GAUGE_PASSES = 4  # of undoing an effect on the gauge
+SLOPE_STEP = 1e-6  # relative, of a reading's slope with its true value
+LOWEST_PA, HIGHEST_PA = 2e4, 2e6
+
+Way = Literal["at once", "row by row", "in passes"]
+
+
+def way_of(names: Sequence[str], motor: Motor, time: np.ndarray) -> Way:
+    """How a set of effects is solved.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Ids.
+    motor : Motor
+        What they are added to.
+    time : ndarray, shape (n_rows,)
+        Of the rows on the recording's clock [s].
+    """
+    middle = {name: {p.name: p.scale for p in effects()[name].parameters} for name in names}
+    vector, P = motor.vector(), np.linspace(1.5e5, 2.5e5, time.size)
+    slow, fast = (_changed(middle, vector, P, time, speed) for speed in SPEEDS)
+    if not np.allclose(slow, fast, rtol=SAME, atol=NOTHING):
+        return "in passes"
+    return "at once" if np.allclose(slow, slow[0], rtol=SAME, atol=NOTHING) else "row by row"
+
+
+def solve(
+    way: Way,
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    shown: np.ndarray,
+    above: np.ndarray,
+    gas: np.ndarray,
+    chosen: Sequence[Chosen],
+    time: np.ndarray,
+) -> np.ndarray:
+    """Steady states as `model.steady.solve` gives them, speed and flow as the instruments take them up.
+
+    Parameters
+    ----------
+    way : str
+        Of `way_of`.
+    parameters : ndarray, shape (n_sets, 24)
+        Parameter sets [SI].
+    readings : ndarray, shape (5,)
+        `model.motor.Readings.vector`.
+    shown : ndarray, shape (n_sets, n_rows)
+        What the gauge shows, its own offset and scale undone [Pa].
+    above : ndarray, shape (n_sets, n_rows)
+        What that is counted from: the ambient's pressure, or 0 [Pa].
+    gas : ndarray, shape (n_rows, 12)
+        Of `model.steady.gas_table`.
+    chosen : sequence of mapping
+        The effects of each set, with their values.
+    time : ndarray, shape (n_rows,)
+        On the recording's clock [s].
+
+    Returns
+    -------
+    ndarray, shape (n_sets, n_rows, 9)
+        Columns as in `model.steady.solve`; speed, flow, their slopes and the status are with the effects. A row that
+        the passes of an effect give up counts as one where the motor stands still.
+    """
+    P = np.array([_true_pressure(one, row) for one, row in zip(chosen, shown, strict=True)]) + above
+    P = np.clip(P, LOWEST_PA, HIGHEST_PA)
+    if way == "in passes":
+        return _in_passes(parameters, readings, P, gas, chosen, time)
+    rows = [_changed(one, parameters[i], P[i], time) for i, one in enumerate(chosen)]
+    if way == "row by row":
+        every = [steady.solve_rows(row, readings, P[i], gas, slopes=True) for i, row in enumerate(rows)]
+        out = np.array(every)
+    else:
+        out = steady.solve(np.array([row[0] for row in rows]), readings, P, gas, slopes=True)
+    for i, one in enumerate(chosen):
+        state = _state(parameters[i], P[i], gas, time, out[i])
+        volume = gas[:, at.GAS_R] * parameters[i, at.T_IN] / P[i]
+        out[i, :, steady.VOLUME_FLOW] += laws.leak(one, state) * volume
+        _read(out[i], one, state)
+    return out
+
+
+def _in_passes(
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    P: np.ndarray,
+    gas: np.ndarray,
+    chosen: Sequence[Chosen],
+    time: np.ndarray,
+) -> np.ndarray:
+    """Where an effect depends on the state that it changes; the solver takes one set of effects a call."""
+    out = np.zeros((len(parameters), time.size, steady.N_OUT))
+    for i, one in enumerate(chosen):
+        rows = np.tile(parameters[i], (time.size, 1))
+        found = effect_steady.solve(rows, readings, P[i], gas, one, time, slopes=True)
+        out[i, :, steady.SPEED_OUT], out[i, :, steady.SPEED_SLOPE] = found.speed, found.speed_slope
+        out[i, :, steady.VOLUME_FLOW], out[i, :, steady.FLOW_SLOPE] = found.flow, found.flow_slope
+        out[i, :, steady.STATUS] = np.where(found.running, steady.RUNNING, steady.STALLED)
+        _read(out[i], one, found.state)
+    return out
+
+
+def _read(out: np.ndarray, chosen: Chosen, state: State) -> None:
+    """Put what the instruments take up in the place of speed and flow of one set."""
+    for column, slope, channel in (
+        (steady.VOLUME_FLOW, steady.FLOW_SLOPE, "flow"),
+        (steady.SPEED_OUT, steady.SPEED_SLOPE, "speed"),
+    ):
+        if not any(channel in effects()[name].reads for name in chosen):
+            continue
+        true = out[:, column].copy()
+        step = SLOPE_STEP * np.maximum(np.abs(true), 1e-9)
+        out[:, column] = laws.readings_of(chosen, channel, true, state)
+        out[:, slope] *= (laws.readings_of(chosen, channel, true + step, state) - out[:, column]) / step
+
+
+def _changed(
+    chosen: Chosen, parameters: np.ndarray, P: np.ndarray, time: np.ndarray, speed: float = 20.0
+) -> np.ndarray:
+    """Parameters of each row with the effects in them, at some speed, shape (n_rows, 24)."""
+    rows = laws.with_factors(np.tile(parameters, (time.size, 1)), chosen)
+    out = np.zeros((time.size, steady.N_OUT))
+    out[:, steady.SPEED_OUT], out[:, steady.MASS_FLOW] = speed, 1e-4 * speed
+    state = _state(rows[0], P, np.ones((time.size, at.N_GAS)), time, out, 0.1 * speed)
+    return laws.row_parameters(rows, chosen, state, laws.LEAST_FRICTION)
+
+
+def _state(
+    parameters: np.ndarray, P: np.ndarray, gas: np.ndarray, time: np.ndarray, out: np.ndarray, load: float = np.nan
+) -> State:
+    same = np.ones(time.size)
+    return State(
+        omega=out[:, steady.SPEED_OUT],
+        angle=np.nan * same,
+        mass_flow=out[:, steady.MASS_FLOW],
+        pressure=P,
+        temperature=parameters[at.T_IN] * same,
+        ambient=parameters[at.P_A] * same,
+        gas_constant=gas[:, at.GAS_R],
+        friction=parameters[at.F_OVERALL] * same,
+        load=load * same,
+        time=time,
+    )
+
+
+def _true_pressure(chosen: Chosen, shown: np.ndarray) -> np.ndarray:
+    """The pressure at which the gauge shows this, the effects on it undone [Pa]."""
+    if not any("pressure" in effects()[name].reads for name in chosen):
+        return shown
+    nothing = np.full_like(shown, np.nan)
+    state, true = State(*[nothing] * 10), shown
+    for _ in range(GAUGE_PASSES):
+        true = true + shown - laws.readings_of(chosen, "pressure", true, state)
+    return true

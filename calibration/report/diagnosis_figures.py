@@ -1,0 +1,301 @@
+"""The figures of a diagnosis's report. They draw what `diagnosis_numbers` and `diagnosis_sets` computed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.linear import RUN
+from calibration.diagnosis.verdict import RESIDUAL_P
+from calibration.report import diagnosis_numbers as numbers
+from calibration.report import diagnosis_sets as sets
+from calibration.report import style
+from calibration.report.diagnosis_numbers import Coordinate, Curve, Model
+from calibration.report.diagnosis_sets import Interval
+from model.layout import RPM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BEFORE, AFTER = style.COLOURS[1], style.COLOURS[0]
+MARKERS = ((1.0, "^", "up"), (-1.0, "v", "down"), (0.0, "s", "direction not noted"))
+BANDS = ((numbers.Q95, "#DCE9F3"), (1.0, "#9CC6E2"))
+DECADES = 8.0  # odds beyond which a bar goes on no longer
+
+
+def residuals(found: Diagnosis, models: Sequence[Model], whitened: bool) -> bytes:
+    """Residuals of the plateaus: a row a channel, a column a coordinate, before and after in one panel.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    models : sequence of Model
+        The base model, and the one that the verdict rests on.
+    whitened : bool
+        In standard deviations of the noise instead of units.
+    """
+    along, channels = numbers.coordinates(found), numbers.channels(found)
+    shape: dict[str, Any] = {"sharey": "row", "sharex": "col", "squeeze": False}
+    with style.drawing(len(channels), len(along), height_in=0.9 + 1.75 * len(channels), **shape) as (figure, axes):
+        for row, channel in enumerate(channels):
+            for column, one in enumerate(along):
+                _residual_panel(axes[row, column], found, models, channel, one, whitened)
+                axes[row, column].label_outer()
+        figure.legend(*_legend(axes[0, 0]), fontsize=7.5, loc="outside upper left", ncols=2)
+        return style.png(figure)
+
+
+def runs(found: Diagnosis, models: Sequence[Model]) -> bytes:
+    """Runs in time with the models, a column each, and the residuals beneath.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    models : sequence of Model
+        The models.
+    """
+    count = len(found.comparison.problem.blocks.runs)
+    rows, columns = 2 * -(-count // 2), min(count, 2)
+    ratios = [3, 2] * (rows // 2)
+    with style.drawing(rows, columns, height_in=2.1 * rows, squeeze=False, height_ratios=ratios) as (figure, axes):
+        for i in range(count):
+            _run_panels(axes[2 * (i // 2), i % 2], axes[2 * (i // 2) + 1, i % 2], found, models, i)
+        for i in range(count, columns * (rows // 2)):
+            for panel in axes[2 * (i // 2) : 2 * (i // 2) + 2, i % 2]:
+                panel.set_axis_off()
+        axes[0, 0].legend(fontsize=7, loc="best")
+        return style.png(figure)
+
+
+def forces(curves: Sequence[Curve]) -> bytes:
+    """Free-form torque and flow with bands, a panel each.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of `diagnosis_numbers.curves`.
+    """
+    rows = -(-len(curves) // 2)
+    with style.drawing(rows, min(len(curves), 2), height_in=0.4 + 2.1 * rows, squeeze=False) as (figure, axes):
+        for panel, curve in zip(axes.flat, curves, strict=False):
+            _curve_panel(panel, curve)
+        for panel in axes.flat[len(curves) :]:
+            panel.set_axis_off()
+        return style.png(figure)
+
+
+def friction(intervals: Sequence[Interval]) -> bytes:
+    """f_overall before and after, and in the sets that are not far behind.
+
+    Parameters
+    ----------
+    intervals : sequence of Interval
+        Of `diagnosis_sets.frictions`.
+    """
+    with style.drawing(height_in=0.9 + 0.4 * len(intervals)) as (figure, axes):
+        _friction_panel(axes, intervals)
+        return style.png(figure)
+
+
+def ranked(found: Diagnosis) -> bytes:
+    """The sets by their odds against the best.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
+    with style.drawing(height_in=0.9 + 0.4 * len(sets.shortlist(found))) as (figure, axes):
+        _odds_panel(axes, found)
+        return style.png(figure)
+
+
+def essentials(
+    found: Diagnosis, models: Sequence[Model], curves: Sequence[Curve], intervals: Sequence[Interval], sentence: str
+) -> bytes:
+    """One picture of the whole: the verdict, the place, the sets, f_overall.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    models : sequence of Model
+        The models.
+    curves : sequence of Curve
+        Free-form forces; the first two are drawn.
+    intervals : sequence of Interval
+        f_overall.
+    sentence : str
+        The verdict, on top.
+    """
+    import textwrap
+
+    from matplotlib.gridspec import GridSpec
+
+    along, channels = numbers.coordinates(found), numbers.channels(found)
+    place = found.places[0].coordinate if found.places else "pressure"
+    chosen = next((one for one in along if one.name.startswith(place)), along[0] if along else None)
+    rows: list[tuple[str, int]] = []
+    rows += [("residuals", len(channels))] if chosen is not None and channels else []
+    shown = min(len(found.comparison.problem.blocks.runs), 2)
+    rows += [("runs", shown)] if shown else []
+    rows += [("curves", min(len(curves), 2))] if curves else []
+    last = [name for name, there in (("odds", len(found.candidates) > 1), ("friction", bool(intervals))) if there]
+    rows += [("last", len(last))] if last else []
+    words = textwrap.wrap(sentence, 76)
+    with style.drawing(height_in=2.3 * len(rows) + 0.25 + 0.2 * len(words)) as (figure, first):
+        first.remove()
+        grid = GridSpec(len(rows), 2, figure=figure)
+        for row, (kind, count) in enumerate(rows):
+            panels = [figure.add_subplot(grid[row, slice(None) if count == 1 else i]) for i in range(count)]
+            for i, panel in enumerate(panels):
+                if kind == "residuals" and chosen is not None:
+                    _residual_panel(panel, found, models, channels[i], chosen, False)
+                elif kind == "runs":
+                    _run_panels(panel, None, found, models, i)
+                elif kind == "curves":
+                    _curve_panel(panel, curves[i])
+                elif last[i] == "odds":
+                    _odds_panel(panel, found)
+                else:
+                    _friction_panel(panel, intervals)
+            if kind == "residuals":
+                after = f"; open: {models[0].name}, filled: {models[1].name}" if len(models) > 1 else ""
+                panels[0].set_title(f"▲ up, ▼ down{after}"[:110], fontsize=8)
+        figure.suptitle("\n".join(words), x=0.01, ha="left", fontsize=9.5, fontweight="bold", parse_math=False)
+        return style.png(figure)
+
+
+def _residual_panel(
+    panel: Axes, found: Diagnosis, models: Sequence[Model], channel: str, along: Coordinate, whitened: bool
+) -> None:
+    comparison = found.comparison
+    plateaus = comparison.problem.blocks.plateaus
+    unit, factor = numbers.UNITS[channel]
+    mine = comparison.kind == numbers.KINDS[channel]
+    bad = found.verdict.chosen.mode.bad if found.verdict.chosen is not None else found.base.bad
+    for model, colour in zip(models, _colours(found), strict=False):
+        y = model.white[mine] if whitened else model.difference[mine] * factor
+        y = np.where(comparison.known[mine], y, np.nan)
+        for way, marker, name in MARKERS:
+            here = plateaus.up == way
+            if here.any():
+                panel.plot(
+                    along.values[here],
+                    y[here],
+                    marker=marker,
+                    linestyle="none",
+                    markersize=4.5,
+                    markerfacecolor="none" if colour == BEFORE else colour,
+                    markeredgecolor=colour,
+                    label=f"{model.name}, {name}",
+                )
+        out = bad[mine] > 0.5
+        if out.any():
+            ring: dict[str, Any] = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none"}
+            panel.plot(along.values[out], y[out], markeredgecolor=style.INK, **ring)
+    sd = 1.0 if whitened else numbers.noise(found, channel)
+    panel.axhspan(-sd, sd, color=style.SHADE, zorder=0)
+    panel.axhline(0.0, color=style.INK, linewidth=0.8)
+    panel.margins(y=0.12)
+    style.name_axes(panel, (along.name, along.unit), (f"{channel} residual", "sd" if whitened else unit))
+
+
+def _run_panels(upper: Axes, lower: Axes | None, found: Diagnosis, models: Sequence[Model], i: int) -> None:
+    comparison = found.comparison
+    run, mine = comparison.problem.blocks.runs[i], comparison.kind == RUN + i
+    time, reading = run.time[comparison.index[mine]], comparison.read[mine] * RPM
+    upper.plot(time, reading, **style.MEASURED | {"markersize": 3.0, "zorder": 2}, label="measured")
+    for model, colour, line in zip(models, _colours(found), ("--", "-"), strict=False):
+        difference = model.difference[mine] * RPM
+        upper.plot(time, reading - difference, color=colour, linestyle=line, linewidth=1.2, label=model.name)
+        if lower is not None:
+            lower.plot(time, difference, color=colour, linestyle=line, linewidth=1.0)
+    for place in found.places:
+        if lower is not None and place.coordinate == "phase" and _is_of(place.where, time):
+            lower.axvspan(*place.where, color=style.SHADE, zorder=0)
+    upper.set_title(run.file[:40], fontsize=8.5, parse_math=False)
+    style.name_axes(upper, ("time" if lower is None else "", "s" if lower is None else "1"), ("speed", "rpm"))
+    if lower is not None:
+        lower.axhline(0.0, color=style.INK, linewidth=0.8)
+        lower.sharex(upper)
+        style.name_axes(lower, ("time", "s"), ("residual", "rpm"))
+
+
+def _is_of(where: tuple[float, float], time: np.ndarray) -> bool:
+    """Whether a span lies within a run: places of runs do not tell which."""
+    return bool(where[0] >= time[0] - 1e-6 and where[1] <= time[-1] + 1e-6)
+
+
+def _curve_panel(panel: Axes, curve: Curve) -> None:
+    x = curve.along.values
+    for times, colour in BANDS:
+        panel.fill_between(x, curve.mean - times * curve.sd, curve.mean + times * curve.sd, color=colour, linewidth=0.0)
+    panel.plot(x, curve.mean, color=style.COLOURS[0], marker="D", markersize=3.5, markerfacecolor="white")
+    panel.axhline(0.0, color=style.INK, linewidth=0.8)
+    for low, high in curve.spans:
+        panel.axvspan(low, high, color=BEFORE, alpha=0.12, zorder=0, linewidth=0.0)
+    panel.set_xlim(min(x), max(x))
+    panel.set_title(curve.title, fontsize=8.5)
+    style.name_axes(panel, (curve.along.name, curve.along.unit), (curve.quantity, curve.unit))
+
+
+def _friction_panel(panel: Axes, intervals: Sequence[Interval]) -> None:
+    """A line each: 90 % thin, one sd thick, the mean a diamond; the name above the line."""
+    for i, one in enumerate(intervals):
+        colour = (AFTER if len(intervals) == 1 else BEFORE, AFTER)[i] if i < 2 else style.INK
+        panel.plot([one.q05, one.q95], [i, i], color=colour, linewidth=1.2)
+        panel.plot([one.mean - one.sd, one.mean + one.sd], [i, i], color=colour, linewidth=4)
+        panel.plot(one.mean, i, marker="D", color="white", markeredgecolor=colour, markersize=5)
+        _above(panel, one.name, i)
+    panel.set_ylim(len(intervals) - 0.5, -0.8)
+    panel.set_yticks([])
+    panel.locator_params(axis="x", nbins=5)
+    style.name_axes(panel, ("f_overall", "N m s"), ("", "1"))
+
+
+def _odds_panel(panel: Axes, found: Diagnosis) -> None:
+    """A bar each: how many decades behind the best; the base model is always among them."""
+    for i, one in enumerate(sets.shortlist(found)):
+        behind = sets.odds(found, one)
+        decades = min(max(math.log10(behind), 0.0) if math.isfinite(behind) else DECADES, DECADES)
+        best = found.verdict.chosen is not None and one.names == found.verdict.chosen.names
+        panel.barh(i, DECADES - decades, height=0.24, color=AFTER if best else style.FAINT, left=-DECADES)
+        open_ = found.residual_p.get(one.names, 1.0) < RESIDUAL_P and one.names
+        flaw = " (refused)" if one.refused else " (does not close)" if open_ else ""
+        _above(panel, (" + ".join(one.names) or "base model") + flaw, i)
+    panel.set_xlim(-DECADES, 0.0)
+    panel.set_ylim(len(sets.shortlist(found)) - 0.5, -0.8)
+    panel.set_yticks([])
+    panel.set_xticks([-8, -6, -4, -2, 0], ["10⁻⁸", "10⁻⁶", "10⁻⁴", "1 : 100", "1 : 1"])
+    style.name_axes(panel, ("odds against the best", "1"), ("", "1"))
+
+
+def _colours(found: Diagnosis) -> tuple[str, str]:
+    """Of the models: a base model that explains everything is not in the colour of what is wrong."""
+    return (AFTER, AFTER) if found.verdict.kind == "consistent" else (BEFORE, AFTER)
+
+
+def _above(panel: Axes, name: str, i: int) -> None:
+    panel.annotate(
+        name[:60],
+        (0.0, i),
+        xycoords=("axes fraction", "data"),
+        xytext=(2, 6),
+        textcoords="offset points",
+        fontsize=7.5,
+        parse_math=False,
+    )
+
+
+def _legend(panel: Axes) -> tuple[list[Any], list[str]]:
+    """Each entry once."""
+    handles, labels = panel.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    return list(once.values()), list(once)

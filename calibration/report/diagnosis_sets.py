@@ -1,0 +1,228 @@
+"""The sets of effects that a diagnosis weighed, for its report: sizes, odds, what speaks against each, f_overall."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.linear import RUN
+from calibration.diagnosis.name import Candidate
+from calibration.priors import PASCAL_PER_BAR
+from calibration.report.diagnosis_numbers import Q95, of_mode
+from calibration.report.diagnosis_words import FAMILIAR, listed, quantity, titles
+from calibration.report.fit_words import rounded, uncertainty
+from model.effects import effects, laws
+
+MOST_SHOWN = 6  # sets
+LEAST_ODDS = 1e-3  # of a set whose f_overall is shown
+
+
+@dataclass(frozen=True)
+class Interval:
+    """f_overall in a model: its name, and mean, sd, 5 % and 95 % [N m s]."""
+
+    name: str
+    mean: float
+    sd: float
+    q05: float
+    q95: float
+
+
+def sizes(found: Diagnosis, one: Candidate) -> str:
+    """The parameters of a set's effects with their uncertainties, as text.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    one : Candidate
+        The set.
+    """
+    problem = found.comparison.problem
+    k, parts = len(problem.nuisances), []
+    for i, (name, unknown) in enumerate(problem.effect_unknowns(one.names)):
+        sd = math.sqrt(max(float(one.mode.covariance[k + i, k + i]), 0.0))
+        low, mean, high = unknown.value(one.mode.z[k + i] + sd * np.array([-1.0, 0.0, 1.0]))
+        before = f"{name}: " if len(one.names) > 1 else ""
+        text = next(p.text for p in effects()[name].parameters if p.name == unknown.name) or unknown.name
+        parts.append(f"{before}{text} {quantity(mean, (high - low) / 2.0, unknown.unit, unknown.name)}")
+    return "; ".join(parts)
+
+
+def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
+    """What each effect of a set amounts to at the highest level, in words, by effect id.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    one : Candidate or None
+        The set; without one there is nothing to say.
+    """
+    if one is None or not found.comparison.problem.blocks.plateaus.size:
+        return {}
+    problem, state = found.comparison.problem, one.mode.prediction.state
+    top = int(np.nanargmax(np.where(np.isfinite(one.mode.prediction.speed), state.pressure, np.nan)))
+    k, said = len(problem.nuisances), {}
+    chosen_z = one.mode.z[k:]
+    place = {name: k + i for i, (name, _) in reversed(list(enumerate(problem.effect_unknowns(one.names))))}
+    for effect, values in laws.members(problem.chosen(one.names, chosen_z)):
+        size, unit = math.nan, ""
+        if effect.leak is not None:
+            volume = state.gas_constant[top] * state.temperature[top] / state.pressure[top]
+            size, unit = effect.leak(values, state)[top] * volume, "m3/s"
+        elif effect.inlet_drop is not None:
+            size, unit = effect.inlet_drop(values, state)[top], "Pa"
+        elif effect.outlet_rise is not None:
+            size, unit = effect.outlet_rise(values, state)[top], "Pa"
+        elif effect.torque is not None and effect.amplitude.unit == "N m s2":
+            size, unit = effect.torque(values, state)[top], "N m"
+        z = float(one.mode.z[place[effect.id]])
+        sd = abs(size / z) * math.sqrt(float(one.mode.covariance[place[effect.id], place[effect.id]])) if z else 0.0
+        if math.isfinite(size):
+            where = f"at the highest level, {state.pressure[top] / PASCAL_PER_BAR:.2f} bar"
+            said[effect.id] = f"{quantity(float(size), sd, unit)} {where}"
+    return said
+
+
+def odds(found: Diagnosis, one: Candidate) -> float:
+    """How many times more probable the best set is, from the probabilities of both [-].
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    one : Candidate
+        The set.
+    """
+    best = found.verdict.chosen or found.candidates[0]
+    return math.inf if one.probability <= 0.0 else best.probability / one.probability
+
+
+def told_by(found: Diagnosis, rival: Candidate) -> tuple[str, float]:
+    """The file that speaks most against a rival of the chosen set, and its share of what all files say [-].
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    rival : Candidate
+        A set that fits worse.
+    """
+    if found.verdict.chosen is None:
+        return "", 0.0
+    comparison = found.comparison
+    blocks = comparison.problem.blocks
+    theirs, ours = of_mode(found, rival.mode, "").white, of_mode(found, found.verdict.chosen.mode, "").white
+    good = (rival.mode.bad < 0.5) & (found.verdict.chosen.mode.bad < 0.5)
+    excess = np.where(good, theirs**2 - ours**2, 0.0)
+    files: dict[str, float] = {}
+    for kind, index, value in zip(comparison.kind, comparison.index, excess, strict=True):
+        name = blocks.plateaus.file[index] if kind < RUN else blocks.runs[kind - RUN].file
+        files[name] = files.get(name, 0.0) + float(value)
+    total = sum(max(value, 0.0) for value in files.values())
+    name = max(files, key=lambda key: files[key])
+    return (name, files[name] / total) if total > 0.0 else ("", 0.0)
+
+
+def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
+    """f_overall before and after, and in each set that is not far behind.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    document : mapping
+        Its diagnosis/1.
+    """
+    before, after = document["f_overall_before"], document["f_overall_after"]
+    if not before or not after:
+        return []
+    alone = document["verdict"] in ("consistent", "unresolved")
+    shown = [
+        Interval(
+            "base model" if alone else "before: base model", *(before[key] for key in ("mean", "sd", "q05", "q95"))
+        )
+    ]
+    if document["verdict"] in ("named", "confounded") and found.verdict.chosen is not None:
+        shown.append(
+            Interval("after: the sets that stand, weighed", *(after[key] for key in ("mean", "sd", "q05", "q95")))
+        )
+        likely = [c for c in found.candidates if c.names and 1.0 / max(odds(found, c), 1e-300) >= LEAST_ODDS]
+        shown += [_interval(found, one) for one in likely[:MOST_SHOWN] if len(likely) > 1]
+    return shown
+
+
+def shortlist(found: Diagnosis) -> list[Candidate]:
+    """The most probable sets, the base model always among them.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
+    first = found.candidates[:MOST_SHOWN]
+    return first if any(not c.names for c in first) else [*first, *(c for c in found.candidates if not c.names)]
+
+
+def gain_in_words(held_out: Mapping[str, Any]) -> str:
+    """What the held-out rows say, in a sentence or two.
+
+    Parameters
+    ----------
+    held_out : mapping
+        ``improvement.held_out`` of a diagnosis/1.
+    """
+    falls = []
+    for key, before in held_out["rmse_before"].items():
+        channel, _, unit = key.partition("_")
+        familiar, factor = FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
+        after = held_out["rmse_after"].get(key, before)
+        falls.append(f"from {before * factor:.2g} to {after * factor:.2g} {familiar} in the {channel}")
+    gain, error = held_out["elpd_gain"], held_out["elpd_gain_se"]
+    return (
+        f"On readings that it had not seen, the error (rms) went {listed(falls)}. The logarithm of the probability "
+        f"that it gave them changed by {rounded(gain, error)} ± {uncertainty(error)}; cross-validated in "
+        f"{held_out['folds']} folds, in {held_out['same_set_in_folds']} of which the same set was chosen."
+    )
+
+
+def bias_in_words(found: Mapping[str, Any]) -> str:
+    """What f_overall was biased by, in a sentence; empty where the motor has none.
+
+    Parameters
+    ----------
+    found : mapping
+        A diagnosis/1.
+    """
+    before, after = found["f_overall_before"], found["f_overall_after"]
+    if not before or not after:
+        return ""
+    value = quantity(after["mean"], after["sd"], "N m s")
+    if found["verdict"] == "consistent":
+        return f"f_overall is {value}; nothing has to be corrected."
+    shift = before["mean"] - after["mean"]
+    if abs(shift) < 0.1 * after["sd"]:
+        if found["verdict"] == "unresolved":
+            return f"f_overall is {value} in the base model, and biased by what is left out: do not rely on it."
+        return f"f_overall is {value}, as before."
+    sd = after["sd"]
+    size = f"{uncertainty(abs(shift)) if abs(shift) < sd else rounded(abs(shift), sd)} N m s"
+    share = f"{100.0 * abs(shift) / after['mean']:.2g} %" if after["mean"] > 0.0 else ""
+    names = listed([titles([effect["id"]]) for effect in found["effects"]])
+    rest = " or its rivals" if found["verdict"] == "confounded" else ""
+    way = "low" if shift < 0.0 else "high"
+    return f"f_overall came out {size} ({share}) too {way} without {names}{rest}; with it, it is {value}."
+
+
+def _interval(found: Diagnosis, one: Candidate) -> Interval:
+    nuisances = found.comparison.problem.nuisances
+    i = next(i for i, unknown in enumerate(nuisances) if unknown.name == "f_overall")
+    sd = math.sqrt(float(one.mode.covariance[i, i]))
+    q05, low, mean, high, q95 = nuisances[i].value(one.mode.z[i] + sd * np.array([-Q95, -1.0, 0.0, 1.0, Q95]))
+    return Interval(" + ".join(one.names), float(mean), float(high - low) / 2.0, float(q05), float(q95))

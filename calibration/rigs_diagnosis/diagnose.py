@@ -1,0 +1,199 @@
+"""The steps in order, for a recording whose motor is written out in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict
+from calibration.rigs_diagnosis.confirm import HeldOut, cross_validate, unseen
+from calibration.rigs_diagnosis.detect import DRAWS, Detection, detect
+from calibration.rigs_diagnosis.linear import forces, linear, signatures
+from calibration.rigs_diagnosis.name import Candidate, search
+from calibration.rigs_diagnosis.next_test import NextTest, propose
+from calibration.rigs_diagnosis.places import Force
+from calibration.rigs_diagnosis.verdict import weigh
+from calibration.rigs_fit import RigFit, fit_rig
+from calibration.rigs_problem import RigProblem
+from rig.recording import Recording, RecordingError
+
+TESTED = 6  # most probable sets whose residual is tested
+RESIDUAL_DRAWS = 200
+HOPELESS = 1e-3  # as probable as this beside one that passes, a set need not be tested
+MOSTLY = 0.05  # of the mismatch: a set that leaves less explains it, be the rest as certain as it may
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class RigDiagnosis:
+    """Everything that was found.
+
+    Attributes
+    ----------
+    problem : RigProblem
+        The recording.
+    base : RigFit
+        Viscous friction, or displacement, alone.
+    detection : Detection
+        Of the base model.
+    free : list of Force
+        Forces tested.
+    candidates : list of Candidate
+        The most probable first.
+    residual_p : dict
+        p-value of what each set tested leaves [-].
+    left : dict
+        Share of the mismatch that each set tested leaves [-].
+    verdict : Verdict
+        What is said.
+    held_out : HeldOut or None
+        Blocks held out, or an unseen run.
+    next_tests : list of NextTest
+        Ranked.
+    seconds : dict
+        Of each step [s].
+    """
+
+    problem: RigProblem
+    base: RigFit
+    detection: Detection
+    free: list[Force]
+    candidates: list[Candidate]
+    residual_p: dict[tuple[str, ...], float]
+    left: dict[tuple[str, ...], float]
+    verdict: Verdict
+    held_out: HeldOut | None
+    next_tests: list[NextTest]
+    seconds: dict[str, float]
+
+    def candidates_of(self, names: tuple[str, ...]) -> Candidate:
+        """The candidate of a set that was weighed.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Ids, sorted; empty for the base model.
+        """
+        return next(one for one in self.candidates if one.names == names)
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """The set that the verdict rests on."""
+        names = self.verdict.chosen.names if self.verdict.chosen is not None else None
+        return next((one for one in self.candidates if one.names == names), None)
+
+
+def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None = None) -> RigDiagnosis:
+    """Diagnose a recording of another rig.
+
+    Parameters
+    ----------
+    recording : Recording
+        With an inline motor.
+    seed : int
+        Of the draws [-].
+    tell : callable
+        Told the step that begins.
+    held_out : Recording or None
+        An unseen run of the same rig; blocks of the recording are held out where there is none.
+
+    Raises
+    ------
+    RecordingError
+        When a recording does not hold what its kind of rig needs.
+    """
+    rng = np.random.default_rng(seed)
+    clock = _Clock(tell)
+    clock("base model")
+    problem = RigProblem(recording)
+    other = _other(problem, held_out)
+    base = fit_rig(problem)
+    clock("detect")
+    view = linear(problem, base)
+    free = forces(view)
+    detection = detect(view, signatures(view), free, rng, DRAWS)
+    candidates = [Candidate((), base, base.log_evidence, 1.0, "")]
+    residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
+    left: dict[tuple[str, ...], float] = {}
+    found, best = None, None
+    tests: list[NextTest] = []
+    if detection.p_value < MISMATCH_P:
+        clock("name")
+        candidates = search(problem, base, tell)
+        passes = 0.0  # probability of the first set that leaves nothing
+        for one in [c for c in candidates if c.names and not c.refused][:TESTED]:
+            if one.probability < HOPELESS * passes:
+                break
+            clock(f"test what {' and '.join(one.names)} leaves")
+            residual_p[one.names], left[one.names] = _residual(problem, one, detection, rng)
+            if not passes and (residual_p[one.names] >= RESIDUAL_P or left[one.names] < MOSTLY):
+                passes = one.probability
+        clock("confirm")
+        passing = {names: 1.0 if left.get(names, 1.0) < MOSTLY else p for names, p in residual_p.items()}
+        best = next((c for c in candidates if c.names and passing.get(c.names, 0.0) >= RESIDUAL_P), None)
+        if best is not None:
+            found = _confirm(problem, candidates, best, other)
+        verdict = weigh(detection.p_value, candidates, passing, found)
+    else:
+        verdict = weigh(detection.p_value, candidates, residual_p, None)
+    if verdict.chosen is not None and best is not None and verdict.chosen.names != best.names:
+        chosen = next(c for c in candidates if c.names == verdict.chosen.names)
+        found = _confirm(problem, candidates, chosen, other)
+    if verdict.kind in ("confounded", "unresolved"):
+        clock("next test")
+        tests = propose(problem, _rivals(candidates, verdict))
+    clock("")
+    return RigDiagnosis(
+        problem, base, detection, free, candidates, residual_p, left, verdict, found, tests, clock.seconds
+    )
+
+
+def _other(problem: RigProblem, held_out: Recording | None) -> RigProblem | None:
+    if held_out is None:
+        return None
+    other = RigProblem(held_out)
+    if other.kind != problem.kind or other.slides != problem.slides:
+        raise RecordingError(f"{held_out.folder}: held out is a {other.kind}, and diagnosed a {problem.kind}")
+    return other
+
+
+def _confirm(problem: RigProblem, candidates: Sequence[Candidate], one: Candidate, other: RigProblem | None) -> HeldOut:
+    if other is None:
+        return cross_validate(problem, candidates, one.names)
+    base = next(c for c in candidates if not c.names)
+    return unseen(problem, base.fit, one.fit, other)
+
+
+def _residual(problem: RigProblem, one: Candidate, base: Detection, rng: np.random.Generator) -> tuple[float, float]:
+    """p-value of what a set leaves, and how much of the mismatch that is."""
+    view = linear(problem, one.fit)
+    found = detect(view, signatures(view), forces(view), rng, RESIDUAL_DRAWS)
+    return found.p_value, found.gain / max(base.gain, 1e-9)
+
+
+def _rivals(candidates: Sequence[Candidate], verdict: Verdict) -> list[Candidate]:
+    if verdict.chosen is None:
+        return [c for c in candidates if c.names and not c.refused][:3]
+    listed = set(verdict.alternatives)
+    first = [c for c in candidates if c.names == verdict.chosen.names]
+    return [*first, *(c for c in candidates if c.names in listed)]
+
+
+class _Clock:
+    """Times the steps, and tells of each."""
+
+    def __init__(self, tell: Tell) -> None:
+        self.tell = tell
+        self.seconds: dict[str, float] = {}
+        self.step, self.began = "", time.monotonic()
+
+    def __call__(self, step: str) -> None:
+        now = time.monotonic()
+        if self.step:
+            self.seconds[self.step] = round(now - self.began, 3)
+        self.step, self.began = step, now
+        if step:
+            self.tell(step)

@@ -1,0 +1,185 @@
+"""Which test on another rig would part explanations that its recording cannot tell apart."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.priors import PASCAL_PER_BAR
+from calibration.rigs_diagnosis.name import Candidate
+from calibration.rigs_fit import Coordinates
+from calibration.rigs_problem import RigProblem
+from model.effects.laws import Chosen, readings_of
+from model.layout import RPM
+from model.rigs.displacement_machine import rows
+from model.rigs.driven_axis import blocks_of, drive
+from model.rigs.free_rotor import coast
+
+MOST = 4
+MOST_RIVALS = 3
+LEAST_NATS = 0.1
+MOST_NATS = 20.0  # what is told beyond this is certainty
+BLUR = 5e-3  # of a reading: what a test leaves open of the nuisances
+REPEATS = 10.0
+SAMPLES = 60  # of a coast-down
+SPEEDS = (0.1, 0.3, 1.5)  # of the ordinary speed, at which an axis is driven
+
+Simulated = tuple[np.ndarray, np.ndarray]  # readings, and their deviations [SI]
+Simulate = Callable[[Mapping[str, float], Chosen], Simulated]
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """A test, and what it would tell.
+
+    Attributes
+    ----------
+    test : str
+        In words.
+    separates : tuple of str
+        Effects, or sets joined by +.
+    information_nats : float
+        Expected [-].
+    """
+
+    test: str
+    separates: tuple[str, ...]
+    information_nats: float
+
+
+def propose(problem: RigProblem, rivals: Sequence[Candidate]) -> list[NextTest]:
+    """Tests ranked by what they would tell of the first few rivals, the mean over their pairs.
+
+    Parameters
+    ----------
+    problem : RigProblem
+        The recording.
+    rivals : sequence of Candidate
+        Explanations, the most probable first.
+    """
+    tests = {"free_rotor": _rotor, "driven_axis": _axis, "displacement_machine": _machine}[problem.kind](
+        problem, rivals
+    )
+    weighed = rivals[:MOST_RIVALS]
+    found = []
+    for text, simulate in tests.items():
+        read = [_expected(problem, one, simulate) for one in weighed]
+        told: dict[tuple[str, str], float] = {}
+        for (one, (a, C, noise)), (other, (b, K, _)) in itertools.combinations(zip(weighed, read, strict=True), 2):
+            D = float((a - b) @ np.linalg.solve(C + K + noise, a - b))
+            told[_words(one), _words(other)] = 0.5 * min(D, 2.0 * MOST_NATS)
+        if told:
+            separates = tuple(dict.fromkeys(name for pair, nats in told.items() if nats > LEAST_NATS for name in pair))
+            found.append(NextTest(text, separates, round(sum(told.values()) / len(told), 2)))
+    best = sorted((t for t in found if t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats)
+    return best[:MOST]
+
+
+def _words(one: Candidate) -> str:
+    return "+".join(one.names) if one.names else "nothing missing"
+
+
+def _expected(problem: RigProblem, one: Candidate, simulate: Simulate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a test would read if an explanation holds; covariances of what the fit leaves open, and of noise [SI]."""
+    at, x = Coordinates(problem, one.names), one.fit.point
+    here, sd = simulate(*at.values(x))
+    slopes = np.empty((here.size, x.size))
+    for i in range(x.size):
+        step = min(0.1, max(1e-3, 0.1 * float(np.sqrt(one.fit.covariance[i, i]))))
+        step = step if x[i] + step <= at.high[i] else -step
+        moved = x.copy()
+        moved[i] += step
+        slopes[:, i] = (simulate(*at.values(moved))[0] - here) / step
+    return here, slopes @ one.fit.covariance @ slopes.T, np.diag(sd**2 + (BLUR * here) ** 2)
+
+
+def _noise(problem: RigProblem, rivals: Sequence[Candidate], channel: str) -> float:
+    """Noise of one reading of a channel as the best explanation has it [SI]; infinite where there is none."""
+    of_channel = [one for one in problem.readings if one.channel == channel and one.value.size]
+    if not of_channel:
+        return float("inf")
+    return float(np.median([np.median(one.sd) * rivals[0].fit.noise_scale[one.label] for one in of_channel]))
+
+
+def _zero(problem: RigProblem, channel: str) -> float:
+    return next((unknown.b for unknown in problem.unknowns if unknown.name == f"{channel}_offset"), 0.0)
+
+
+def _machine(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simulate]:
+    speed, pressure, _, _ = problem.rows
+    top, slow, fast = float(pressure.max()), float(speed.min()), float(speed.max())
+    sd = [np.hypot(_noise(problem, rivals, c) / np.sqrt(REPEATS), _zero(problem, c)) for c in ("drive", "flow")]
+
+    def at(omega: float, P: float, flow_alone: bool = False) -> Simulate:
+        def simulate(values: Mapping[str, float], chosen: Chosen) -> Simulated:
+            one = np.ones(1)
+            V = float(problem.motor["displacement_m3_per_rev"]) * values["displacement"]
+            friction = values.get("viscous_friction", 0.0)
+            found = rows(V, friction, omega * one, P * one, problem.room * one, problem.ambient, 0.0 * one, chosen)
+            flow = readings_of(chosen, "flow", found.flow, found.state) * (1.0 + values.get("flow_scale", 0.0))
+            torque = found.torque * (1.0 + values.get("drive_scale", 0.0))
+            both = np.array([torque[0], flow[0]])
+            if flow_alone:  # at rest friction may be anything
+                return both[1:], np.array(sd[1:])
+            return both, np.array(sd)
+
+        return simulate
+
+    words = f"bar abs, {REPEATS:.0f} plateaus"
+    return {
+        f"locked rotor: flow at zero speed and {top / PASCAL_PER_BAR:.2f} {words}": at(0.0, top, True),
+        f"{0.5 * slow * RPM:.0f} rpm at {top / PASCAL_PER_BAR:.2f} {words}": at(0.5 * slow, top),
+        f"{fast * RPM:.0f} rpm at {0.5 * top / PASCAL_PER_BAR:.2f} {words}": at(fast, 0.5 * top),
+    }
+
+
+def _axis(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simulate]:
+    sd = np.array([_noise(problem, rivals, "drive") / np.sqrt(REPEATS)])
+    ordinary = problem.sizes.speed
+    gauges = [blocks.pressure - problem.ambient for _, blocks in problem.blocks if np.isfinite(blocks.pressure).any()]
+    middle = float(np.nanmean(np.concatenate(gauges))) if gauges else None
+
+    def at(speed: float, gauge: float | None) -> Simulate:
+        def simulate(values: Mapping[str, float], chosen: Chosen) -> Simulated:
+            time = np.linspace(0.0, 1.0, 6)
+            read = []
+            for v in (speed, -speed):  # there and back: half the difference leaves the offset and the gas force out
+                P = None if gauge is None else np.full(time.size, problem.ambient + gauge)
+                one = blocks_of(time, np.zeros(time.size), np.full(time.size, v), 5, 0.0, None, P)
+                effects = problem.loaded(values, chosen)
+                read.append(drive(problem.inertia, values["viscous_friction"], one, effects, 0.0, problem.ambient)[0])
+            return np.array([0.5 * (read[0] - read[1])]), sd
+
+        return simulate
+
+    unit = "m/s" if problem.slides else "rad/s"
+    tests = {
+        f"steady strokes there and back at {share * ordinary:.3g} {unit}": at(share * ordinary, middle)
+        for share in SPEEDS
+    }
+    if middle is not None:
+        tests[f"steady strokes at {ordinary:.3g} {unit} with the pressure let off"] = at(ordinary, 0.0)
+    return tests
+
+
+def _rotor(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simulate]:
+    sd = _noise(problem, rivals, "speed")
+    time = problem.coasts[0][1]
+    first, span = float(problem.readings[0].value[0]), float(time[-1] - time[0])
+
+    def at(share: float, inertia: float) -> Simulate:
+        def simulate(values: Mapping[str, float], chosen: Chosen) -> Simulated:
+            t = np.linspace(0.0, 2.0 * inertia * span, SAMPLES)
+            friction = values["viscous_friction"]
+            return coast(inertia * problem.inertia, friction, t, share * first, chosen).reading, np.full(SAMPLES, sd)
+
+        return simulate
+
+    return {
+        f"coast-down from {0.3 * first * RPM:.0f} rpm to standstill": at(0.3, 1.0),
+        f"coast-down from {first * RPM:.0f} rpm to standstill": at(1.0, 1.0),
+        f"coast-down from {first * RPM:.0f} rpm with a flywheel of three times the inertia": at(1.0, 4.0),
+    }
