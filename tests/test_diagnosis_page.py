@@ -139,6 +139,14 @@ def test_the_page_tells_the_error_on_held_out_rows(leak, page):
     assert f"{held_out['rmse_before']['flow_m3_s'] * 60_000.0:.3g} L/min</td>" in page
 
 
+def test_a_run_that_nothing_had_seen_is_told_from_cross_validation(leak):
+    unseen = dataclasses.replace(leak.held_out, folds=1, same=1, gain_se=0.0, scheme="unseen run <b>monday")
+    said = words_of(dataclasses.replace(leak, held_out=unseen))
+    assert "On readings of an unseen run &lt;b&gt;monday" in said
+    assert "cross-validated" not in said
+    assert "cross-validated in" in words_of(leak)
+
+
 def test_a_confounded_page_sets_the_rivals_side_by_side_with_the_test_that_parts_them(leak):
     said = words_of(confounded(leak))
     assert "this recording cannot tell air that does no work from" in said

@@ -14,7 +14,7 @@ from calibration.diagnosis.confirm import HeldOut, cross_validate
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.discover import Term, discover
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.locate import Place, locate
+from calibration.diagnosis.locate import Place, locate, rows_as_places
 from calibration.diagnosis.mode import Mode, find, set_angles
 from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of, weigh
 from calibration.diagnosis.next_test import NextTest, propose
@@ -141,7 +141,12 @@ def diagnose(
         verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
     clock("locate")
     acts_in = effects()[verdict.chosen.names[0]].acts_in if verdict.chosen and len(verdict.chosen.names) == 1 else ""
-    places = locate(comparison, base, detection, free, acts_in) if verdict.kind != "consistent" else []
+    if verdict.kind == "consistent":
+        places = []
+    elif verdict.kind == "named" and verdict.chosen is None:
+        places = rows_as_places(bad)
+    else:
+        places = locate(comparison, base, detection, free, acts_in)
     if verdict.kind == "unresolved":
         clock("look for a law")
         if not places or places[0].balance == "torque":

@@ -107,3 +107,18 @@ def same_coordinates(comparison: Comparison, mode: Mode, coordinate: str) -> tup
         if abs(float(np.corrcoef(mine, rankdata(np.nan_to_num(values)))[0, 1])) > SAME:
             found.append(name)
     return tuple(found)
+
+
+def rows_as_places(bad: Sequence[tuple[str, int, str, float]]) -> list[Place]:
+    """Single readings that nothing explains, as places.
+
+    Parameters
+    ----------
+    bad : sequence of (str, int, str, float)
+        File, row, channel and the probability that the reading is bad.
+    """
+    found = []
+    for file, row, channel, probability in bad:
+        sentence = f"The {channel} in {file}, row {row}, stands out from everything else."
+        found.append(Place(channel, "sensor", "row", (float(row), float(row)), "1", 1.0 - probability, sentence, ()))
+    return found

@@ -14,7 +14,7 @@ from calibration.diagnosis.linear import RUN
 from calibration.diagnosis.name import Candidate
 from calibration.priors import PASCAL_PER_BAR
 from calibration.report.diagnosis_numbers import Q95, of_mode
-from calibration.report.diagnosis_words import FAMILIAR, listed, quantity, titles
+from calibration.report.diagnosis_words import FAMILIAR, is_unseen, listed, quantity, titles
 from calibration.report.fit_words import rounded, uncertainty
 from model.effects import effects, laws
 
@@ -149,6 +149,8 @@ def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
             "base model" if alone else "before: base model", *(before[key] for key in ("mean", "sd", "q05", "q95"))
         )
     ]
+    if alone and abs(before["mean"] - after["mean"]) > 0.1 * after["sd"]:
+        shown.append(Interval("all sets weighed", *(after[key] for key in ("mean", "sd", "q05", "q95"))))
     if document["verdict"] in ("named", "confounded") and found.verdict.chosen is not None:
         shown.append(
             Interval("after: the sets that stand, weighed", *(after[key] for key in ("mean", "sd", "q05", "q95")))
@@ -185,9 +187,11 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
         after = held_out["rmse_after"].get(key, before)
         falls.append(f"from {before * factor:.2g} to {after * factor:.2g} {familiar} in the {channel}")
     gain, error = held_out["elpd_gain"], held_out["elpd_gain_se"]
+    went = f"the error (rms) went {listed(falls)}. The logarithm of the probability that it gave them changed by "
+    if is_unseen(held_out):
+        return f"On readings of an {held_out['scheme']}, {went}{gain:.1f}; nothing had seen that run before."
     return (
-        f"On readings that it had not seen, the error (rms) went {listed(falls)}. The logarithm of the probability "
-        f"that it gave them changed by {rounded(gain, error)} ± {uncertainty(error)}; cross-validated in "
+        f"On readings that it had not seen, {went}{rounded(gain, error)} ± {uncertainty(error)}; cross-validated in "
         f"{held_out['folds']} folds, in {held_out['same_set_in_folds']} of which the same set was chosen."
     )
 
@@ -206,10 +210,10 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
     value = quantity(after["mean"], after["sd"], "N m s")
     if found["verdict"] == "consistent":
         return f"f_overall is {value}; nothing has to be corrected."
+    if found["verdict"] == "unresolved":
+        return f"f_overall is {value} over the sets weighed, none of which closes: biased, do not rely on it."
     shift = before["mean"] - after["mean"]
     if abs(shift) < 0.1 * after["sd"]:
-        if found["verdict"] == "unresolved":
-            return f"f_overall is {value} in the base model, and biased by what is left out: do not rely on it."
         return f"f_overall is {value}, as before."
     sd = after["sd"]
     size = f"{uncertainty(abs(shift)) if abs(shift) < sd else rounded(abs(shift), sd)} N m s"

@@ -98,6 +98,8 @@ def place_in_words(place: Mapping[str, Any]) -> str:
     place : mapping
         An entry of ``located``.
     """
+    if place["coordinate"] == "row":
+        return str(place["sentence"])
     alike = f"; this recording cannot tell that from {listed(place['same_as'])}" if place["same_as"] else ""
     between = "" if place["coordinate"] == "direction" else f", most between {span_in_words(place)}"
     return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{between}{alike}."
@@ -199,7 +201,7 @@ def steps_in_words(seconds: Mapping[str, float]) -> str:
     Parameters
     ----------
     seconds : mapping of str to float
-        ``seconds`` of a diagnosis/1 [s].
+        ``seconds`` of a diagnosis [s].
     """
     kinds: dict[str, float] = {}
     for step, one in seconds.items():
@@ -207,6 +209,17 @@ def steps_in_words(seconds: Mapping[str, float]) -> str:
         kinds[kind] = kinds.get(kind, 0.0) + one
     parts = [f"{step} {one:.1f} s" for step, one in kinds.items()]
     return f"{', '.join(parts)}; {sum(kinds.values()):.1f} s in all"
+
+
+def is_unseen(held_out: Mapping[str, Any]) -> bool:
+    """Whether the held-out readings are a run of their own instead of folds of the recording.
+
+    Parameters
+    ----------
+    held_out : mapping
+        ``improvement.held_out`` of a diagnosis/1.
+    """
+    return str(held_out["scheme"]).startswith("unseen run")
 
 
 def table(found: Mapping[str, Any]) -> Table:
@@ -234,8 +247,12 @@ def table(found: Mapping[str, Any]) -> Table:
         made.add_row("bad reading", escape(reading_in_words(row)))
     held_out = (found.get("improvement") or {}).get("held_out")
     if held_out:
-        gain = f"{held_out['elpd_gain']:.1f} ± {held_out['elpd_gain_se']:.1f}"
-        made.add_row("held out", f"log score gained {gain} over {held_out['folds']} folds (cross-validated)")
+        gain = f"log score changed by {held_out['elpd_gain']:.1f}"
+        if is_unseen(held_out):
+            made.add_row("held out", escape(f"{gain} on an {held_out['scheme']}"))
+        else:
+            over = f"± {held_out['elpd_gain_se']:.1f} over {held_out['folds']} folds (cross-validated)"
+            made.add_row("held out", f"{gain} {over}")
     for key, words in (
         ("f_overall_before", "f_overall, base model"),
         ("f_overall_after", "f_overall, effects weighed in"),
