@@ -22,6 +22,20 @@ FIGURES = {
 }
 
 
+# Files that take longest go first: the two processes then end together.
+LONGEST = ("test_fit", "test_sbc", "test_diagnosis_search", "test_kills", "test_lines", "test_live_check", "test_fit_page")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first; within a file the order stays."""
+
+    def rank(item: pytest.Item) -> int:
+        name = item.path.stem
+        return LONGEST.index(name) if name in LONGEST else len(LONGEST)
+
+    items.sort(key=rank)
+
+
 @pytest.fixture
 def put_recording(tmp_path: Path) -> Callable[..., Path]:
     """Writes a recording of files given as (name, kind, csv), each instrument with the figures above."""

@@ -256,7 +256,7 @@ def _friction_panel(panel: Axes, intervals: Sequence[Interval]) -> None:
         _above(panel, one.name, i)
     panel.set_ylim(len(intervals) - 0.5, -0.8)
     panel.set_yticks([])
-    panel.locator_params(axis="x", nbins=5)
+    panel.locator_params(axis="x", nbins=4)
     style.name_axes(panel, ("f_overall", "N m s"), ("", "1"))
 
 
@@ -266,10 +266,11 @@ def _odds_panel(panel: Axes, found: Diagnosis) -> None:
         behind = sets.odds(found, one)
         decades = min(max(math.log10(behind), 0.0) if math.isfinite(behind) else DECADES, DECADES)
         best = found.verdict.chosen is not None and one.names == found.verdict.chosen.names
-        panel.barh(i, DECADES - decades, height=0.24, color=AFTER if best else style.FAINT, left=-DECADES)
-        open_ = found.residual_p.get(one.names, 1.0) < RESIDUAL_P and one.names
-        flaw = " (refused)" if one.refused else " (does not close)" if open_ else ""
-        _above(panel, (" + ".join(one.names) or "base model") + flaw, i)
+        out = bool(one.refused) or (one.names and found.residual_p.get(one.names, 1.0) < RESIDUAL_P)
+        look: dict[str, Any] = {"color": AFTER if best else style.FAINT}
+        look = {"facecolor": "white", "edgecolor": style.FAINT, "hatch": "/////"} if out else look
+        panel.barh(i, DECADES - decades, height=0.24, left=-DECADES, **look)
+        _above(panel, " + ".join(one.names) or "base model", i)
     panel.set_xlim(-DECADES, 0.0)
     panel.set_ylim(len(sets.shortlist(found)) - 0.5, -0.8)
     panel.set_yticks([])
@@ -283,15 +284,16 @@ def _colours(found: Diagnosis) -> tuple[str, str]:
 
 
 def _above(panel: Axes, name: str, i: int) -> None:
-    panel.annotate(
+    text = panel.annotate(
         name[:60],
         (0.0, i),
         xycoords=("axes fraction", "data"),
         xytext=(2, 6),
         textcoords="offset points",
-        fontsize=7.5,
+        fontsize=7,
         parse_math=False,
     )
+    text.set_in_layout(False)  # a long name must not squeeze the panels
 
 
 def _legend(panel: Axes) -> tuple[list[Any], list[str]]:

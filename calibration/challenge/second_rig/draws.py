@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -20,7 +21,7 @@ BLOCK = sum(MAKE_UP.values())
 NEAR_SHARE = 0.25  # of effects that have the form of a nuisance
 MISDECLARED_SHARE = 0.25  # of cases that conceal something
 BEYOND = 2.5  # sds at which draws of nuisances are cut
-NEAR_SDS = (2.0, 4.0)
+NEAR_SDS = 4.0
 TURNS_PA, SLOW_RAD_S = 1.5e5, 5.0  # line and speed at which a case has to have torque to spare
 
 # One sd of each nuisance: as the twelve practice recordings have them, and as recordings and motor declare them.
@@ -78,6 +79,7 @@ def draw(family: str, index: int, seed: int | bytes | str) -> Truth:
         if _turns(effects, nuisances):
             break
     total = _totals(effects, nuisances, errors)
+    alone = _totals(effects, DEFAULTS, dict.fromkeys(ERRORS, 0.0))
     return Truth(
         family=family,
         index=index,
@@ -93,7 +95,7 @@ def draw(family: str, index: int, seed: int | bytes | str) -> Truth:
         sensors=_sensors(family, misdeclared, rng),
         with_transients=with_transients,
         misdeclared=misdeclared,
-        near_nuisance=any(NEAR_SDS[0] <= abs(size) <= NEAR_SDS[1] for size in total.values()),
+        near_nuisance=any(abs(size) <= NEAR_SDS for size in (*total.values(), *alone.values())),
         total_sds=total,
     )
 
@@ -160,7 +162,7 @@ def _sensors(family: str, misdeclared: bool, rng: np.random.Generator) -> dict[s
     return found
 
 
-def _totals(effects: list[Concealed], nuisances: dict[str, float], errors: dict[str, float]) -> dict[str, float]:
+def _totals(effects: list[Concealed], nuisances: Mapping[str, float], errors: Mapping[str, float]) -> dict[str, float]:
     """By id, effect and nuisance of one form together, in declared sds [-]."""
     found: dict[str, float] = {}
     for effect in effects:

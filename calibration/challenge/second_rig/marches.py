@@ -19,6 +19,7 @@ AVERAGED_S = 0.3
 MOST_S = 8.0  # of marched time
 ENOUGH = 1e-5  # relative change of the speed over a block
 STALLED_S = 0.3
+SPARE_RAD_S = 2.0  # above the guess: near stall a motor that starts too slow stays standing
 SLOWEST = 0.5  # rad/s; below it the rotor may have stalled
 
 
@@ -80,7 +81,7 @@ def settle(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, dt: flo
         slope = (near[0] * 1.01 * now + near[1] - here[0] * now - here[1]) / (0.01 * now)
         decay = math.exp(-took * max(slope, 0.3 * p[F]) / p[J])
         if runs and calm == 0 and decay > 1e-3:
-            jump = min(max(change * decay / (1.0 - decay), -0.3 * now), 0.3 * now)
+            jump = min(max(change * decay / (1.0 - decay), -0.1 * now), 0.3 * now)
             y[OMEGA] += jump
             took, _, _, runs = _to(p, table, y, line, y[THETA] + width, dt)
             passed += took
@@ -253,7 +254,7 @@ def guess(p: np.ndarray, line: float) -> float:
             low = middle
         else:
             high = middle
-    return 0.5 * (low + high)
+    return 0.5 * (low + high) + SPARE_RAD_S
 
 
 def steady(rows: np.ndarray, lines: np.ndarray, dt: float = STEP_S) -> np.ndarray:

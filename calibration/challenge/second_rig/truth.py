@@ -47,7 +47,7 @@ class Truth:
     misdeclared : bool
         Whether the noise is not what the recording says.
     near_nuisance : bool
-        Whether an effect with the form of a nuisance has, with it, 2 to 4 of its declared standard deviations.
+        Whether an effect with the form of a nuisance has, alone or with it, at most 4 declared standard deviations.
     total_sds : dict
         By id, effect and nuisance together in declared standard deviations [-].
     """
