@@ -23,7 +23,15 @@ FIGURES = {
 
 
 # Files that take longest go first: the two processes then end together.
-LONGEST = ("test_fit", "test_sbc", "test_diagnosis_search", "test_kills", "test_lines", "test_live_check", "test_fit_page")
+LONGEST = (
+    "test_fit",
+    "test_sbc",
+    "test_diagnosis_search",
+    "test_kills",
+    "test_lines",
+    "test_live_check",
+    "test_fit_page",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
