@@ -23,7 +23,7 @@ from rig.recording import Channel, Recording, RecordingError
 ALL_CHANNELS = ("pressure", "flow", "speed")
 GAUGE_CLASSES = (0.6, 1.0, 1.6, 2.5)
 BRIEF_SAMPLES = 2000
-MORE_WALKERS = 2  # times as many where the model holds effects: the ridge is thinner, its map needs more draws
+WARM_UP_WITH_EFFECTS = 24  # blocks, where the model holds effects: the ridge is thinner, its map needs more draws
 
 
 class NotConvergedError(ArithmeticError):
@@ -106,7 +106,7 @@ def fit(
     begun = time.monotonic()
     motor, measured, likelihood = prepare(recording, assignments, channels, effects)
     if effects:
-        settings = dataclasses.replace(settings, walkers=MORE_WALKERS * settings.walkers)
+        settings = dataclasses.replace(settings, warm_up_blocks=WARM_UP_WITH_EFFECTS)
     mark = fingerprint(recording, motor, measured, settings, effects)
     chain = sampling.sample(
         likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings, chain_folder, mark, progress

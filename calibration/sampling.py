@@ -53,6 +53,8 @@ class Settings:
         Walkers of each ensemble.
     times_tau : float
         Least length of a chain, in autocorrelation times.
+    warm_up_blocks : int
+        Blocks that the map is fitted to, not kept.
     """
 
     seed: int = 1
@@ -60,6 +62,7 @@ class Settings:
     most_steps: int = 12_000
     walkers: int = WALKERS
     times_tau: float = TIMES_TAU
+    warm_up_blocks: int = WARM_UP_BLOCKS
 
 
 @dataclass(frozen=True)
@@ -155,27 +158,27 @@ def sample(
     states = [_restored(blocks[-1], e) for e in range(ENSEMBLES)]
 
     shape = _mapped(blocks[0]["population"], factors)
-    most_blocks = WARM_UP_BLOCKS + -(-settings.most_steps // BLOCK)
+    most_blocks = settings.warm_up_blocks + -(-settings.most_steps // BLOCK)
     chain = None
     for number in range(1, most_blocks + 1):
-        if 1 < number <= WARM_UP_BLOCKS + 1:
+        if 1 < number <= settings.warm_up_blocks + 1:
             shape = _adapted(blocks[:number], factors)
         if number == len(blocks):
             states, block = _advance(log_prob, states, shape)
             blocks.append(block)
             store.write(number, block)
-        if number <= WARM_UP_BLOCKS:
+        if number <= settings.warm_up_blocks:
             tell(0, settings.effective_samples, "warm-up")
             continue
-        kept = number - WARM_UP_BLOCKS
+        kept = number - settings.warm_up_blocks
         if kept % max(1, kept // LOOKS) and number < most_blocks:
             continue
-        chain = _assess(blocks[WARM_UP_BLOCKS + 1 : number + 1], settings, time.monotonic() - begun)
+        chain = _assess(blocks[settings.warm_up_blocks + 1 : number + 1], settings, time.monotonic() - begun)
         tell(int(chain.effective.min()), settings.effective_samples, f"R-hat {chain.rhat.max():.3f}")
         if chain.converged:
             break
     if chain is None:
-        chain = _assess(blocks[WARM_UP_BLOCKS + 1 :], settings, time.monotonic() - begun)
+        chain = _assess(blocks[settings.warm_up_blocks + 1 :], settings, time.monotonic() - begun)
     return chain
 
 
@@ -252,7 +255,9 @@ def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, seconds: fl
         and effective.min() >= settings.effective_samples
     )
     acceptance = float(np.mean([block["acceptance"].mean() for block in blocks]))
-    return Chain(samples, tau, rhat, effective, acceptance, steps + WARM_UP_BLOCKS * BLOCK, bool(converged), seconds)
+    return Chain(
+        samples, tau, rhat, effective, acceptance, steps + settings.warm_up_blocks * BLOCK, bool(converged), seconds
+    )
 
 
 def _tau(samples: np.ndarray) -> np.ndarray:
