@@ -15,6 +15,9 @@ from model.effects import effects
 FORMAT = "diagnosis/1"
 Q95 = 1.6448536269514722  # of a standard normal
 MOST_PLACES = 6
+# How far two solutions of the article's equations, one with ports that open at a finite rate, disagree about f_overall
+# where spin-ups and coast-downs weigh in: 0.8 % twice, where the noise alone allowed 0.3 %.
+SOLVERS_DIFFER = 0.006
 
 
 def as_json(found: Diagnosis) -> dict[str, Any]:
@@ -143,6 +146,8 @@ def _friction(found: Diagnosis, weighed: Sequence[Candidate]) -> dict[str, float
         z = c.mode.z[place] + math.sqrt(c.mode.covariance[place, place]) * rng.standard_normal(n)
         draws.append(nuisances[place].value(z))
     x = np.concatenate(draws)
+    if found.comparison.problem.blocks.runs:
+        x = x * (1.0 + SOLVERS_DIFFER * rng.standard_normal(x.size))
     q05, q95 = np.quantile(x, [0.05, 0.95])
     return {"mean": float(x.mean()), "sd": float(x.std()), "q05": float(q05), "q95": float(q95)}
 

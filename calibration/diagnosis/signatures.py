@@ -12,6 +12,7 @@ from scipy.special import log_ndtr
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import RUN, Comparison
 from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.problem import SI_OF
 from model import layout as at
 from model.effects import effects
 from model.effects.effect import Effect
@@ -91,12 +92,29 @@ def signatures(comparison: Comparison, mode: Mode) -> list[Signature]:
         shapes = [u.name for u in unknown if u.kind != "normal"]
         for amplitude in (u for u in unknown if u.kind == "normal"):
             for at_z in SHAPES if shapes else (0.0,):
-                column, probe = answer(comparison, mode, effect, amplitude.name, at_z)
+                same = _of_the_nuisance(comparison, mode, effect)
+                column, probe = (
+                    answer(comparison, mode, effect, amplitude.name, at_z) if same is None else (same, PROBE)
+                )
                 where = {(effect.id, amplitude.name): probe} | {(effect.id, name): at_z for name in shapes}
                 bounded = effect.amplitude.low >= 0.0 and amplitude.name == effect.amplitude.name
                 unit = amplitude.a or amplitude.b
                 found.append(Signature(effect.id, where, column, amplitude.a / unit, amplitude.b / unit, bounded))
     return found
+
+
+def _of_the_nuisance(comparison: Comparison, mode: Mode, effect: Effect) -> np.ndarray | None:
+    """The signature of an effect that has the form of a nuisance: that nuisance's own derivative, in its unit [SI]."""
+    nuisances = comparison.problem.nuisances
+    i = next((i for i, u in enumerate(nuisances) if effect.nuisance and u.name == effect.nuisance), None)
+    if i is None:
+        return None
+    one, scale = nuisances[i], effect.amplitude.scale
+    if one.kind == "lognormal":  # an effect is a share of the inertia, or adds to the roller factor
+        size = scale if effect.factors else scale / float(one.value(mode.z[i]))
+        return mode.D[:, i] * size / math.log(one.b)
+    unit = one.b * (SI_OF[one.name.partition("_")[0]] if one.name.endswith("_offset") else 1.0)
+    return mode.D[:, i] * scale / unit
 
 
 def answer(
