@@ -146,9 +146,9 @@ def test_the_page_lists_every_effect_with_its_parameters_and_bounds() -> None:
 
 def described(parameter: EffectParameter) -> str:
     """A parameter as the page prints it."""
-    return (
-        f"`{parameter.name}` {parameter.low:g} to {parameter.high:g} {parameter.unit}, ordinarily {parameter.scale:g}"
-    )
+    about = f"{parameter.expected:g} ± " if parameter.expected else ""
+    span = f"{parameter.low:g} to {parameter.high:g}"
+    return f"`{parameter.name}` {span} {parameter.unit}, ordinarily {about}{parameter.scale:g}"
 
 
 NEW = '''

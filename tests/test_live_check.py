@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import contextlib
 import dataclasses
 import json
@@ -262,7 +263,7 @@ def test_a_sweep_in_another_room_than_was_said_is_warned_of_while_it_runs(on_a_m
     assert result.stderr.count("model check, 2 times in a row: the model does not explain") == 1
     found = [one for one in checks(folder) if one["p_value"] is not None]
     assert len(found) >= 2
-    assert all(one["p_value"] < 0.01 and one["places"] for one in found)
+    assert any(one["differs"] and other["differs"] for one, other in itertools.pairwise(found))
     assert "model check" in {event.details["text"].partition(",")[0] for event in warnings(folder)}
 
 
