@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import contextlib
 import dataclasses
+import itertools
 import json
 import multiprocessing
 import os
