@@ -120,10 +120,7 @@ class RigProblem:
                 kind, a, b = (
                     ("lognormal", parameter.scale, SHAPE_FACTOR)
                     if parameter.shape
-                    else (
-                        "normal",
-                        *((1.0, 0.2) if name == "flow_density_correction" else (0.0, parameter.scale)),
-                    )
+                    else ("normal", parameter.expected, parameter.scale)
                 )
                 unknown = Unknown(parameter.name, parameter.unit, kind, a, b, "effect")  # type: ignore[arg-type]
                 found.append((name, unknown, parameter.low, parameter.high))
