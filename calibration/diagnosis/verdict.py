@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.name import Candidate
+from model.effects import effects
 
 MISMATCH_P = 0.01  # below it something is missing
 RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
@@ -101,6 +102,9 @@ def judge(
         passing = [best, *(c for c in passing if not set(core.names) <= set(c.names))]
         blocked = [c for c in allowed if c.probability > best.probability and not set(core.names) <= set(c.names)]
     gained = held_out is None or held_out.gain > max(LEAST_GAIN, ERRORS * held_out.gain_se)
+    if held_out is not None and all(name in effects() and effects()[name].nuisance for name in best.names):
+        # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
+        gained = held_out.gain > -ERRORS * held_out.gain_se
     rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]
     if share >= NAMED and gained and not blocked and not rivals:
         return Verdict("named", best, (), share, "one set explains it alone")
