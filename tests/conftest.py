@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import hypothesis
 import pytest
+
+# Started in the background of a shell, a process inherits that Ctrl-C is ignored, and so would those that tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples every time: a run that passed here passes anywhere.
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
