@@ -12,7 +12,7 @@ RECORD_CASES ?= 1000
 RECORD_NULLS ?= 800
 SEED ?=
 
-.PHONY: help setup demo test lint bench sbc kills challenge record figures lock clean clean-cache
+.PHONY: help setup demo test lint bench sbc nulls kills challenge record figures lock clean clean-cache
 
 help:
 	@echo "make demo    install, sweep a virtual bench, replay and fit it; fit the published sweep; all in $(OUT)/demo"
@@ -21,6 +21,7 @@ help:
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
 	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
+	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
 	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (under an hour on two cores, resumable)"
 	@echo "make record  the full blind record and its page in docs/challenge (many hours, resumable)"
 	@echo "make lint    formatting, lint, import layers and types"
@@ -65,6 +66,10 @@ kills: $(STAMP)
 sbc: $(STAMP)
 	$(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
 
+# PAGE=docs/nulls also writes the page there.
+nulls: $(STAMP)
+	$(BIN)/python -m calibration.nulls -o $(OUT)/nulls $(if $(PAGE),--page $(PAGE))
+
 # Both go on where they were interrupted; another folder is another campaign, with a seed of its own unless SEED=N is given.
 challenge: $(STAMP)
 	$(BIN)/spinbench challenge make $(CHALLENGE) --cases 200 --family development $(if $(SEED),--seed $(SEED))
@@ -90,4 +95,4 @@ clean:
 	rm -rf $(VENV) $(OUT)
 
 clean-cache:
-	rm -f */__pycache__/*.nbi */__pycache__/*.nbc
+	find . -path ./$(VENV) -prune -o -path '*/__pycache__/*.nb[ic]' -type f -exec rm -f {} +

@@ -8,33 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import erfcx, log_ndtr
 
-from calibration.priors import NOISE_FACTOR
+from calibration.rigs_coordinates import Coordinates, Estimate
+from calibration.rigs_noise import Noise, log_scale, noise_of, whitened
 from calibration.rigs_problem import RigProblem
-from model.effects import effects
 
-NOISE_SD = math.log(NOISE_FACTOR)
-CORRELATIONS = np.linspace(-0.6, 0.95, 32)
 MOST_ROUNDS = 8
 SETTLED = 0.02  # nats
 MOST_STEPS = 40  # of a search at given noise
 CONVERGED = 1e-4  # nats
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 TOUCHES = 1e-9  # a bound
-FIRST_Z = 0.3  # at an amplitude of 0 nothing can be said of a shape
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Mean, standard deviation and unit of an unknown."""
-
-    mean: float
-    sd: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -72,128 +60,6 @@ class RigFit:
     covariance: np.ndarray
 
 
-@dataclass
-class _Noise:
-    """Logarithm of the scale, and correlation, of each of the readings, by label."""
-
-    u: dict[str, float] = field(default_factory=dict)
-    rho: dict[str, float] = field(default_factory=dict)
-
-
-class Coordinates:
-    """What a search moves: flat unknowns over their size, then standard normal numbers.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    names : sequence of str
-        Effect ids.
-    """
-
-    def __init__(self, problem: RigProblem, names: Sequence[str]) -> None:
-        self.problem, self.flats = problem, problem.flats
-        self.of_effects = problem.effect_unknowns(names)
-        self.unknowns = [*problem.unknowns, *(unknown for _, unknown, _, _ in self.of_effects)]
-        self.n_flat, k = len(self.flats), len(problem.unknowns)
-        self.low = np.array([*(flat.low / flat.size for flat in self.flats), *([-8.0] * len(self.unknowns))])
-        self.high = np.full(self.low.size, 8.0)
-        self.high[: self.n_flat] = np.inf
-        self.x = np.array([*(flat.start / flat.size for flat in self.flats), *([0.0] * len(self.unknowns))])
-        self.labels = [*(flat.name for flat in self.flats), *(unknown.name for unknown in problem.unknowns)]
-        self.folded = []
-        for i, (name, unknown, low, high) in enumerate(self.of_effects, start=self.n_flat + k):
-            amplitude = effects()[name].amplitude
-            self.low[i], self.high[i] = unknown.z(low), unknown.z(high)
-            if unknown.name == amplitude.name and amplitude.low == 0.0:
-                self.folded.append(i)
-                self.x[i] = FIRST_Z
-            self.labels.append(f"{name}.{unknown.name}")
-        for i, unknown in enumerate(problem.unknowns, start=self.n_flat):
-            if unknown.name in ("viscous_friction", "displacement"):
-                self.low[i] = max(self.low[i], unknown.z(1e-9 * unknown.a))
-        self.x = np.clip(self.x, self.low + 1e-6, self.high - 1e-6)
-
-    def values(self, x: np.ndarray) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-        """Unknowns by name, and the effects' parameters [SI].
-
-        Parameters
-        ----------
-        x : ndarray, shape (m,)
-            A point [-].
-        """
-        values = {flat.name: float(x[i] * flat.size) for i, flat in enumerate(self.flats)}
-        chosen: dict[str, dict[str, float]] = {}
-        k = len(self.problem.unknowns)
-        for i, unknown in enumerate(self.problem.unknowns, start=self.n_flat):
-            values[unknown.name] = float(unknown.value(np.asarray(x[i])))
-        for i, (name, unknown, _, _) in enumerate(self.of_effects, start=self.n_flat + k):
-            chosen.setdefault(name, {})[unknown.name] = float(unknown.value(np.asarray(x[i])))
-        return values, chosen
-
-    def begun(self, fit: RigFit) -> np.ndarray:
-        """A start at another fit's estimates, where it has them [-].
-
-        Parameters
-        ----------
-        fit : RigFit
-            Of the same recording.
-        """
-        x = self.x.copy()
-        for i, label in enumerate(self.labels):
-            if label in fit.estimates:
-                mean = fit.estimates[label].mean
-                x[i] = mean / self.flats[i].size if i < self.n_flat else self.unknowns[i - self.n_flat].z(mean)
-        return np.clip(x, self.low + 1e-6, self.high - 1e-6)
-
-    def residuals(self, x: np.ndarray) -> list[np.ndarray]:
-        """Readings less predictions [SI].
-
-        Parameters
-        ----------
-        x : ndarray, shape (m,)
-            A point [-].
-        """
-        values, chosen = self.values(x)
-        predicted = self.problem.predict(values, chosen)
-        return [one.value - p for one, p in zip(self.problem.readings, predicted, strict=True)]
-
-    def whole(self, x: np.ndarray, noise: _Noise) -> np.ndarray:
-        """Whitened residuals and, behind them, the standard normal unknowns: half its square is the cost.
-
-        Parameters
-        ----------
-        x : ndarray, shape (m,)
-            A point [-].
-        noise : _Noise
-            Scales and correlations.
-        """
-        return np.concatenate([*_white(self.problem, self.residuals(x), noise), x[self.n_flat :]])
-
-    def estimates(self, x: np.ndarray, covariance: np.ndarray) -> dict[str, Estimate]:
-        """Each unknown in its own unit.
-
-        Parameters
-        ----------
-        x : ndarray, shape (m,)
-            A point [-].
-        covariance : ndarray, shape (m, m)
-            Of it [-].
-        """
-        found = {}
-        for i, label in enumerate(self.labels):
-            sd = math.sqrt(max(covariance[i, i], 0.0))
-            if i < self.n_flat:
-                flat = self.flats[i]
-                found[label] = Estimate(float(x[i] * flat.size), sd * flat.size, flat.unit)
-            else:
-                unknown = self.unknowns[i - self.n_flat]
-                value = float(unknown.value(np.asarray(x[i])))
-                spread = unknown.b * sd if unknown.kind == "normal" else value * math.log(unknown.b) * sd
-                found[label] = Estimate(value, spread, unknown.unit)
-        return found
-
-
 def fit_rig(problem: RigProblem, names: Sequence[str] = (), start: RigFit | None = None) -> RigFit:
     """The most probable point with a set of effects.
 
@@ -215,13 +81,13 @@ def fit_rig(problem: RigProblem, names: Sequence[str] = (), start: RigFit | None
     if foreign:
         raise ValueError(f"{problem.kind}: {', '.join(foreign)} cannot show; it knows {', '.join(problem.could_show)}")
     at = Coordinates(problem, sorted(names))
-    noise = _Noise()  # as declared at first: what the start is off by would pass for noise, and hold the search there
-    x = _nearest(at, at.x if start is None else at.begun(start), noise)
+    noise = Noise()  # as declared at first: what the start is off by would pass for noise, and hold the search there
+    x = _nearest(at, at.x if start is None else at.begun(start.estimates), noise)
     cost = math.inf
     for _ in range(MOST_ROUNDS):
-        noise = _noise(problem, at.residuals(x))
+        noise = noise_of(problem.readings, at.residuals(x))
         x = _nearest(at, x, noise)
-        before, cost = cost, _cost(problem, at, x, noise)
+        before, cost = cost, _cost(at, x, noise)
         if before - cost < SETTLED:
             break
     here = at.whole(x, noise)
@@ -251,7 +117,7 @@ def fit_rig(problem: RigProblem, names: Sequence[str] = (), start: RigFit | None
     )
 
 
-def _nearest(at: Coordinates, x: np.ndarray, noise: _Noise) -> np.ndarray:
+def _nearest(at: Coordinates, x: np.ndarray, noise: Noise) -> np.ndarray:
     """The most probable point at given noise, by Levenberg and Marquardt within the bounds."""
     r = at.whole(x, noise)
     damping = FIRST_DAMPING
@@ -278,65 +144,12 @@ def _nearest(at: Coordinates, x: np.ndarray, noise: _Noise) -> np.ndarray:
     return x
 
 
-def uncorrelated(white: np.ndarray, rho: float) -> np.ndarray:
-    """Take the correlation of neighbours out of whitened residuals [-].
-
-    Parameters
-    ----------
-    white : ndarray, shape (n,) or (n, k)
-        Residuals in units of their noise [-].
-    rho : float
-        Correlation of neighbours [-].
-    """
-    if not rho:
-        return white
-    return np.concatenate([white[:1], (white[1:] - rho * white[:-1]) / math.sqrt(1.0 - rho * rho)])
-
-
-def _white(problem: RigProblem, residuals: Sequence[np.ndarray], noise: _Noise) -> list[np.ndarray]:
-    return [
-        uncorrelated(one.white(r) * math.exp(-noise.u.get(one.label, 0.0)), noise.rho.get(one.label, 0.0))
-        for one, r in zip(problem.readings, residuals, strict=True)
-    ]
-
-
-def _log_scale(problem: RigProblem, noise: _Noise) -> float:
-    total = 0.0
-    for one in problem.readings:
-        rho = noise.rho.get(one.label, 0.0)
-        total += one.value.size * noise.u.get(one.label, 0.0)
-        total += 0.5 * max(one.value.size - 1, 0) * math.log(1.0 - rho * rho)
-    return total + 0.5 * sum((u / NOISE_SD) ** 2 for u in noise.u.values())
-
-
-def _cost(problem: RigProblem, at: Coordinates, x: np.ndarray, noise: _Noise) -> float:
+def _cost(at: Coordinates, x: np.ndarray, noise: Noise) -> float:
     """Minus the log posterior, up to a constant."""
-    return 0.5 * float(np.sum(at.whole(x, noise) ** 2)) + _log_scale(problem, noise)
+    return 0.5 * float(np.sum(at.whole(x, noise) ** 2)) + log_scale(at.problem.readings, noise)
 
 
-def _noise(problem: RigProblem, residuals: Sequence[np.ndarray]) -> _Noise:
-    """Noise scale and correlation that suit the residuals best, one array after the other."""
-    found = _Noise()
-    for one, r in zip(problem.readings, residuals, strict=True):
-        white, best = one.white(r), math.inf
-        n = white.size
-        for rho in CORRELATIONS if one.serial else (0.0,):
-            square = float(np.sum(uncorrelated(white, float(rho)) ** 2))
-            u = 0.5 * math.log(max(square / max(n, 1), 1e-12))
-            for _ in range(30):  # of n u + square exp(-2u) / 2 + (u / sd)^2 / 2, by Newton
-                slope = n - square * math.exp(-2.0 * u) + u / NOISE_SD**2
-                step = slope / (2.0 * square * math.exp(-2.0 * u) + NOISE_SD**-2)
-                u -= min(max(step, -0.5), 0.5)
-                if abs(step) < 1e-9:
-                    break
-            cost = 0.5 * square * math.exp(-2.0 * u) + n * u + 0.5 * (u / NOISE_SD) ** 2
-            cost += 0.5 * max(n - 1, 0) * math.log(1.0 - rho * rho)
-            if cost < best:
-                best, found.u[one.label], found.rho[one.label] = cost, u, float(rho)
-    return found
-
-
-def _jacobian(at: Coordinates, x: np.ndarray, noise: _Noise, here: np.ndarray) -> np.ndarray:
+def _jacobian(at: Coordinates, x: np.ndarray, noise: Noise, here: np.ndarray) -> np.ndarray:
     J = np.zeros((here.size, x.size))
     values, _ = at.values(x)
     predicted = [one.value - r for one, r in zip(at.problem.readings, at.residuals(x), strict=True)]
@@ -344,7 +157,7 @@ def _jacobian(at: Coordinates, x: np.ndarray, noise: _Noise, here: np.ndarray) -
         slope = at.problem.slope(at.labels[i], values, predicted) if i >= at.n_flat else None
         if slope is not None:
             b = at.unknowns[i - at.n_flat].b
-            white = _white(at.problem, [-b * part for part in slope], noise)
+            white = whitened(at.problem.readings, [-b * part for part in slope], noise)
             J[: here.size - (x.size - at.n_flat), i] = np.concatenate(white)
             J[here.size - x.size + i, i] = 1.0
             continue

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import io
 import json
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -24,19 +22,13 @@ from calibration.diagnosis.verdict import Verdict
 from calibration.report import diagnosis_numbers as numbers
 from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_words
 from rig.recording import read_recording
+from tests import browser
+from tests.diagnosis_recordings import sweep
 
 ROOT = Path(__file__).resolve().parent.parent
-_spec = importlib.util.spec_from_file_location(
-    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
-)
-assert _spec is not None and _spec.loader is not None
-_module = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_module)
-sweep = _module.sweep
 
 HOSTILE = "a<b>$x$.csv"  # markup for the page, and mathematics for the plots
 LEAK = 4e-14
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 def hostile(folder: Path) -> Path:
@@ -291,16 +283,4 @@ def test_unusable_input_is_refused_in_a_line_and_nothing_is_written(tmp_path):
 
 
 def test_the_page_opens_in_a_browser(files, tmp_path):
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is installed")
-    (tmp_path / "report.html").write_bytes(files["report.html"])
-    picture = tmp_path / "page.png"
-    switches = "--headless --no-sandbox --disable-gpu --hide-scrollbars --disable-background-networking "
-    switches += "--disable-component-update --disable-sync --no-first-run --window-size=1100,3000"
-    places = [f"--user-data-dir={tmp_path / 'profile'}", f"--screenshot={picture}"]
-    address = (tmp_path / "report.html").as_uri()
-    subprocess.run([browser, *switches.split(), *places, address], check=True, capture_output=True, timeout=120)
-    seen = imread(picture)[..., :3]
-    assert seen.shape[:2] == (3000, 1100)
-    assert (seen < 0.5).any(axis=(1, 2)).mean() > 0.3  # print on many of its lines: not a blank page
+    assert browser.has_print(browser.shown(files["report.html"], tmp_path))

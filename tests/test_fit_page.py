@@ -4,7 +4,6 @@ import dataclasses
 import io
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,10 @@ from calibration.fit import Fit, fit
 from calibration.report import fit_numbers, fit_page, fit_words
 from calibration.sampling import Settings
 from rig.recording import read_recording
+from tests import browser
 
 ROOT = Path(__file__).resolve().parent.parent
 HOSTILE = "a<b>$x$.csv"  # markup for the page, and mathematics for the plots
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -167,16 +166,4 @@ def test_a_value_is_rounded_to_what_is_known_of_it(value, sd, text):
 
 
 def test_the_page_opens_in_a_browser(files, tmp_path):
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is installed")
-    (tmp_path / "report.html").write_bytes(files["report.html"])
-    picture = tmp_path / "page.png"
-    switches = "--headless --no-sandbox --disable-gpu --hide-scrollbars --disable-background-networking "
-    switches += "--disable-component-update --disable-sync --no-first-run --window-size=1100,3000"
-    places = [f"--user-data-dir={tmp_path / 'profile'}", f"--screenshot={picture}"]
-    address = (tmp_path / "report.html").as_uri()
-    subprocess.run([browser, *switches.split(), *places, address], check=True, capture_output=True, timeout=120)
-    seen = imread(picture)[..., :3]
-    assert seen.shape[:2] == (3000, 1100)
-    assert (seen < 0.5).any(axis=(1, 2)).mean() > 0.3  # print on many of its lines: not a blank page
+    assert browser.has_print(browser.shown(files["report.html"], tmp_path))

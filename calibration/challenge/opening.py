@@ -19,7 +19,7 @@ from calibration.many import Item, Result, Task, Tell, run_many
 from calibration.sources import code_sha256
 
 FOLDER = "scoring"
-Oracle = Callable[[Path, Sequence[str], int], float]
+Oracle = Callable[[Path, Sequence[str]], float]
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _cases(
         again = each("follow_ups", follow, chosen, code, lambda c: _next_test(c, code, folder))
     oracle: dict[str, Any] = {}
     if settings.oracle and _oracle() is None:
-        problems.append("the oracle's gain was not computed: the diagnosis offers no held_out_gain(folder, ids, seed)")
+        problems.append("the oracle's gain was not computed: the diagnosis offers no held_out_gain(folder, ids)")
     elif settings.oracle:
         oracle = each("oracle", _oracle_gain, listed, code_now, lambda c: None)
     return [
@@ -201,7 +201,7 @@ def _follow_up(maker: str, task: Task, argument: dict[str, Any]) -> dict[str, An
 
 
 def _oracle() -> Oracle | None:
-    """The held-out gain of a given set, where the diagnosis offers it: held_out_gain(folder, ids, seed)."""
+    """The held-out gain of a given set, where the diagnosis offers it: held_out_gain(folder, ids)."""
     from calibration import diagnosis
 
     found: Oracle | None = getattr(diagnosis, "held_out_gain", None)
@@ -212,7 +212,7 @@ def _oracle_gain(argument: dict[str, Any]) -> dict[str, Any]:
     computed = _oracle()
     if computed is None:
         raise layout.ChallengeError("this worker's diagnosis offers no held_out_gain")
-    return {"gain": float(computed(Path(argument["folder"]), sorted(argument["truth"]["ids"]), argument["seed"]))}
+    return {"gain": float(computed(Path(argument["folder"]), sorted(argument["truth"]["ids"])))}
 
 
 def _renamed(case: Case, campaign: str) -> Case:

@@ -8,13 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.name import Candidate
+from calibration.diagnosis.next_test import NextTest
+from calibration.priors import Unknown
 from model.effects import effects
 
 FORMAT = "diagnosis/1"
 Q95 = 1.6448536269514722  # of a standard normal
 MOST_PLACES = 6
+UNKNOWN = {"id": "unknown", "probability": 1.0, "log10_bayes_factor": None, "parameters": {}}
 # How far two solutions of the article's equations, one with ports that open at a finite rate, disagree about f_overall
 # where spin-ups and coast-downs weigh in: 0.8 % twice, where the noise alone allowed 0.3 %.
 SOLVERS_DIFFER = 0.006
@@ -52,13 +56,10 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "term": None
         if found.term is None
         else {"balance": found.term.balance, "expression": found.term.expression, "unit": found.term.unit},
-        "improvement": {"held_out": _held_out(found)},
+        "improvement": {"held_out": held_out_as_json(found.held_out)},
         "f_overall_before": _friction(found, [Candidate((), found.base, 0.0, 1.0, "")]),
         "f_overall_after": _friction(found, _weighed(found)),
-        "next_tests": [
-            {"test": t.test, "separates": list(t.separates), "information_nats": t.information_nats}
-            for t in found.next_tests
-        ],
+        "next_tests": next_tests_as_json(found.next_tests),
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
         ],
@@ -69,7 +70,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
 def _effects(found: Diagnosis) -> list[dict[str, Any]]:
     verdict = found.verdict
     if verdict.kind == "unresolved":
-        return [{"id": "unknown", "probability": 1.0, "log10_bayes_factor": None, "parameters": {}}]
+        return [dict(UNKNOWN)]
     if verdict.chosen is None:
         return [_bad_reading(found)] if verdict.kind == "named" else []
     listed = []
@@ -115,13 +116,7 @@ def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dic
             continue
         parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
         z, sd = float(chosen.mode.z[k + i]), math.sqrt(float(chosen.mode.covariance[k + i, k + i]))
-        values = np.clip(unknown.value(np.array([z - sd, z, z + sd, z - Q95 * sd, z + Q95 * sd])), parameter.low, None)
-        out[unknown.name] = {
-            "mean": float(values[1]),
-            "sd": float(values[2] - values[0]) / 2.0,
-            "q05": float(values[3]),
-            "q95": float(values[4]),
-        }
+        out[unknown.name] = size_as_json(unknown, z, sd, parameter.low, math.inf)
     return out
 
 
@@ -152,8 +147,46 @@ def _friction(found: Diagnosis, weighed: Sequence[Candidate]) -> dict[str, float
     return {"mean": float(x.mean()), "sd": float(x.std()), "q05": float(q05), "q95": float(q95)}
 
 
-def _held_out(found: Diagnosis) -> dict[str, Any] | None:
-    h = found.held_out
+def size_as_json(unknown: Unknown, z: float, sd: float, low: float, high: float) -> dict[str, float]:
+    """Mean, spread and 5 and 95 % quantiles of an effect's parameter, within its bounds.
+
+    Parameters
+    ----------
+    unknown : Unknown
+        The parameter.
+    z, sd : float
+        Its most probable standard normal number, and the spread of it [-].
+    low, high : float
+        Bounds of its value [SI].
+    """
+    values = np.clip(unknown.value(np.array([z - sd, z, z + sd, z - Q95 * sd, z + Q95 * sd])), low, high)
+    return {
+        "mean": float(values[1]),
+        "sd": float(values[2] - values[0]) / 2.0,
+        "q05": float(values[3]),
+        "q95": float(values[4]),
+    }
+
+
+def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
+    """Tests worth making.
+
+    Parameters
+    ----------
+    tests : sequence of NextTest
+        The best first.
+    """
+    return [{"test": t.test, "separates": list(t.separates), "information_nats": t.information_nats} for t in tests]
+
+
+def held_out_as_json(h: HeldOut | None) -> dict[str, Any] | None:
+    """What held-out readings say; None where none were.
+
+    Parameters
+    ----------
+    h : HeldOut or None
+        Cross-validation, or an unseen run.
+    """
     if h is None:
         return None
     return {
@@ -162,6 +195,7 @@ def _held_out(found: Diagnosis) -> dict[str, Any] | None:
         "same_set_in_folds": h.same,
         "rmse_before": h.before,
         "rmse_after": h.after,
+        **({"rms_of_readings": h.size} if h.size else {}),
         "elpd_gain": h.gain,
         "elpd_gain_se": h.gain_se,
     }

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 from calibration.diagnosis.confirm import HeldOut
-from calibration.diagnosis.name import Candidate
 from model.effects import effects
 
 MISMATCH_P = 0.01  # below it something is missing
@@ -19,15 +19,34 @@ LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothin
 ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
 
 
+class Weighed(Protocol):
+    """A set of effects that was weighed against others, whatever rig it is of."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effect ids, sorted; empty for the base model."""
+
+    @property
+    def probability(self) -> float:
+        """Over all sets weighed [-]."""
+
+    @property
+    def refused(self) -> str:
+        """Why it cannot be named; empty where it can."""
+
+
+Candidate = TypeVar("Candidate", bound=Weighed)
+
+
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Generic[Candidate]):
     """What is said.
 
     Attributes
     ----------
     kind : str
         consistent, named, confounded or unresolved.
-    chosen : Candidate or None
+    chosen : Weighed or None
         What the verdict rests on; None when consistent or unresolved.
     alternatives : tuple of tuple of str
         Sets that cannot be told from it.
@@ -46,14 +65,14 @@ class Verdict:
 
 def judge(
     p_value: float, found: Sequence[Candidate], residual_p: dict[tuple[str, ...], float], held_out: HeldOut | None
-) -> Verdict:
+) -> Verdict[Candidate]:
     """Weigh everything.
 
     Parameters
     ----------
     p_value : float
         Of the base model [-].
-    found : sequence of Candidate
+    found : sequence of Weighed
         All sets weighed, the most probable first.
     residual_p : dict
         p-value of the residual of each set tested [-].

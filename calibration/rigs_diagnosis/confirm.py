@@ -8,44 +8,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.diagnosis.confirm import HeldOut
+from calibration.diagnosis.unseen import SCHEME
+from calibration.rigs_coordinates import Coordinates
 from calibration.rigs_diagnosis.linear import Linear, linear
 from calibration.rigs_diagnosis.name import Candidate, log_prior
 from calibration.rigs_diagnosis.places import LEVEL
-from calibration.rigs_fit import Coordinates, RigFit, uncorrelated
+from calibration.rigs_fit import RigFit
+from calibration.rigs_noise import uncorrelated
 from calibration.rigs_problem import RigProblem
 
 WEIGHED = 6  # most probable sets among which each fold chooses
 FOLDS = 6
 RUNS = 4  # files from which on whole runs are held out
 RIDGE = 1e-9
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """What the held-out readings say.
-
-    Attributes
-    ----------
-    scheme : str
-        How they were held out.
-    folds, same : int
-        Folds, and those in which the same set was chosen [-].
-    before, after : dict
-        rmse by channel, of the base model and of the sets chosen [SI].
-    size : dict
-        Root mean square of the readings themselves by channel [SI].
-    gain, gain_se : float
-        In log predictive density, and its standard error over the blocks [-].
-    """
-
-    scheme: str
-    folds: int
-    same: int
-    before: dict[str, float]
-    after: dict[str, float]
-    size: dict[str, float]
-    gain: float
-    gain_se: float
 
 
 @dataclass(frozen=True)
@@ -98,14 +74,14 @@ def cross_validate(problem: RigProblem, found: Sequence[Candidate], names: tuple
     value = np.concatenate([one.value for one in problem.readings])
     index = np.concatenate(rows)
     return HeldOut(
-        f"{scheme}, selection repeated in each fold",
         len(blocks),
         int(same),
         _rms(channel[index], np.concatenate(before)),
         _rms(channel[index], np.concatenate(after)),
-        _rms(channel[index], value[index]),
         float(np.sum(gains)),
         _se(gains),
+        f"{scheme}, selection repeated in each fold",
+        _rms(channel[index], value[index]),
     )
 
 
@@ -138,14 +114,14 @@ def unseen(problem: RigProblem, base: RigFit, best: RigFit, other: RigProblem) -
     channel = np.concatenate([np.full(one.value.size, _key(other, one.channel)) for one in other.readings])
     gains = densities[1] - densities[0]
     return HeldOut(
-        "unseen run",
         1,
         1,
         _rms(channel, errors[0]),
         _rms(channel, errors[1]),
-        _rms(channel, np.concatenate([one.value for one in other.readings])),
         float(gains.sum()),
         _se(gains),
+        SCHEME,
+        _rms(channel, np.concatenate([one.value for one in other.readings])),
     )
 
 
@@ -161,19 +137,19 @@ def folds_of(problem: RigProblem) -> tuple[list[np.ndarray], str]:
     starts = np.concatenate([[0], np.cumsum(sizes)])
     found = []
     if problem.kind == "displacement_machine":
-        pressure = problem.rows[1]
+        pressure = problem.seen.rows[1]
         order = np.sort(pressure)
         cuts = order[1:][np.diff(order) > LEVEL * order[-1]]
         level = np.searchsorted(cuts, pressure, side="right")
         if cuts.size:
             for k in range(min(cuts.size + 1, FOLDS)):
                 mask = level % min(cuts.size + 1, FOLDS) == k
-                found.append(np.concatenate([mask[has] for has in problem.seen]))
+                found.append(np.concatenate([mask[has] for has in problem.seen.has]))
             return found, "pressure levels"
         parts = np.array_split(np.arange(pressure.size), FOLDS)
         for part in parts:
             mask = np.isin(np.arange(pressure.size), part)
-            found.append(np.concatenate([mask[has] for has in problem.seen]))
+            found.append(np.concatenate([mask[has] for has in problem.seen.has]))
         return found, "contiguous rows"
     runs = problem.kind == "driven_axis" and sum(size > 0 for size in sizes) >= RUNS
     pieces = 1 if runs else max(3, math.ceil(FOLDS / len(sizes)))

@@ -18,7 +18,7 @@ from scipy.special import chdtrc, log_ndtr
 
 from calibration.rigs_diagnosis.linear import Linear, Signature
 from calibration.rigs_diagnosis.places import Force
-from calibration.rigs_fit import CORRELATIONS, NOISE_SD, uncorrelated
+from calibration.rigs_noise import CORRELATIONS, NOISE_SD, uncorrelated
 
 DRAWS = 300
 TAIL = 0.15  # share of the draws that the exponential tail is fitted to

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.diagnosis.confirm import HeldOut
+from calibration.diagnosis.next_test import NextTest
 from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict
-from calibration.rigs_diagnosis.confirm import HeldOut, cross_validate, unseen
+from calibration.rigs_diagnosis.confirm import cross_validate, unseen
 from calibration.rigs_diagnosis.detect import DRAWS, Detection, detect
 from calibration.rigs_diagnosis.linear import forces, linear, signatures
 from calibration.rigs_diagnosis.name import Candidate, search
-from calibration.rigs_diagnosis.next_test import NextTest, propose
+from calibration.rigs_diagnosis.next_test import propose
 from calibration.rigs_diagnosis.places import Force
 from calibration.rigs_diagnosis.verdict import weigh
 from calibration.rigs_fit import RigFit, fit_rig
 from calibration.rigs_problem import RigProblem
+from calibration.step_clock import StepClock, Tell
 from rig.recording import Recording, RecordingError
 
 TESTED = 6  # most probable sets whose residual is tested
 RESIDUAL_DRAWS = 200
 HOPELESS = 1e-3  # as probable as this beside one that passes, a set need not be tested
 MOSTLY = 0.05  # of the mismatch: a set that leaves less explains it, be the rest as certain as it may
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class RigDiagnosis:
     candidates: list[Candidate]
     residual_p: dict[tuple[str, ...], float]
     left: dict[tuple[str, ...], float]
-    verdict: Verdict
+    verdict: Verdict[Candidate]
     held_out: HeldOut | None
     next_tests: list[NextTest]
     seconds: dict[str, float]
@@ -82,8 +83,7 @@ class RigDiagnosis:
     @property
     def chosen(self) -> Candidate | None:
         """The set that the verdict rests on."""
-        names = self.verdict.chosen.names if self.verdict.chosen is not None else None
-        return next((one for one in self.candidates if one.names == names), None)
+        return self.verdict.chosen
 
 
 def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None = None) -> RigDiagnosis:
@@ -106,7 +106,7 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
         When a recording does not hold what its kind of rig needs.
     """
     rng = np.random.default_rng(seed)
-    clock = _Clock(tell)
+    clock = StepClock(tell)
     clock("base model")
     problem = RigProblem(recording)
     other = _other(problem, held_out)
@@ -140,8 +140,7 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
     else:
         verdict = weigh(detection.p_value, candidates, residual_p, None)
     if verdict.chosen is not None and best is not None and verdict.chosen.names != best.names:
-        chosen = next(c for c in candidates if c.names == verdict.chosen.names)
-        found = _confirm(problem, candidates, chosen, other)
+        found = _confirm(problem, candidates, verdict.chosen, other)
     if verdict.kind in ("confounded", "unresolved"):
         clock("next test")
         tests = propose(problem, _rivals(candidates, verdict))
@@ -174,26 +173,8 @@ def _residual(problem: RigProblem, one: Candidate, base: Detection, rng: np.rand
     return found.p_value, found.gain / max(base.gain, 1e-9)
 
 
-def _rivals(candidates: Sequence[Candidate], verdict: Verdict) -> list[Candidate]:
+def _rivals(candidates: Sequence[Candidate], verdict: Verdict[Candidate]) -> list[Candidate]:
     if verdict.chosen is None:
         return [c for c in candidates if c.names and not c.refused][:3]
     listed = set(verdict.alternatives)
-    first = [c for c in candidates if c.names == verdict.chosen.names]
-    return [*first, *(c for c in candidates if c.names in listed)]
-
-
-class _Clock:
-    """Times the steps, and tells of each."""
-
-    def __init__(self, tell: Tell) -> None:
-        self.tell = tell
-        self.seconds: dict[str, float] = {}
-        self.step, self.began = "", time.monotonic()
-
-    def __call__(self, step: str) -> None:
-        now = time.monotonic()
-        if self.step:
-            self.seconds[self.step] = round(now - self.began, 3)
-        self.step, self.began = step, now
-        if step:
-            self.tell(step)
+    return [verdict.chosen, *(c for c in candidates if c.names in listed)]

@@ -7,17 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.document import (
+    FORMAT,
+    MOST_PLACES,
+    Q95,
+    UNKNOWN,
+    held_out_as_json,
+    next_tests_as_json,
+    size_as_json,
+)
+from calibration.rigs_coordinates import Coordinates
 from calibration.rigs_diagnosis.diagnose import RigDiagnosis
 from calibration.rigs_diagnosis.name import Candidate
 from calibration.rigs_diagnosis.places import same_coordinates
 from calibration.rigs_diagnosis.words import sentence
-from calibration.rigs_fit import Coordinates
 
-FORMAT = "diagnosis/1"
 FOUND_P = 0.01
 STANDS_OUT = 0.5  # share of the largest score that a piece needs to belong to the place
-Q95 = 1.6448536269514722
-MOST_PLACES = 6
 NAMES = {
     "torque": "torque balance does not close",
     "mass": "flow balance does not close",
@@ -45,13 +51,10 @@ def as_json(found: RigDiagnosis) -> dict[str, Any]:
         "effects": _effects(found),
         "alternatives": [list(names) for names in verdict.alternatives],
         "term": None,
-        "improvement": {"held_out": _held_out(found)},
+        "improvement": {"held_out": held_out_as_json(found.held_out)},
         "f_overall_before": _friction(found, [found.candidates_of(())]),
         "f_overall_after": _friction(found, _weighed(found)),
-        "next_tests": [
-            {"test": t.test, "separates": list(t.separates), "information_nats": t.information_nats}
-            for t in found.next_tests
-        ],
+        "next_tests": next_tests_as_json(found.next_tests),
         "suspect_rows": [],
         "left": _left(found),
         "nuisances": _nuisances(found),
@@ -103,7 +106,7 @@ def _places(found: RigDiagnosis) -> list[dict[str, Any]]:
 
 def _effects(found: RigDiagnosis) -> list[dict[str, Any]]:
     if found.verdict.kind == "unresolved":
-        return [{"id": "unknown", "probability": 1.0, "log10_bayes_factor": None, "parameters": {}}]
+        return [dict(UNKNOWN)]
     chosen = found.chosen
     if chosen is None or found.verdict.kind == "consistent":
         return []
@@ -132,16 +135,8 @@ def _parameters(found: RigDiagnosis, chosen: Candidate, name: str) -> dict[str, 
         if effect != name:
             continue
         x, sd = float(chosen.fit.point[i]), math.sqrt(max(float(chosen.fit.covariance[i, i]), 0.0))
-        z = np.array([x - sd, x, x + sd, x - Q95 * sd, x + Q95 * sd])
-        values = np.clip(unknown.value(z), low, high)
         unit = OF_SLIDE.get(unknown.unit, unknown.unit) if found.problem.slides else unknown.unit
-        out[unknown.name] = {
-            "mean": float(values[1]),
-            "sd": float(values[2] - values[0]) / 2.0,
-            "q05": float(values[3]),
-            "q95": float(values[4]),
-            "unit": unit,
-        }
+        out[unknown.name] = {**size_as_json(unknown, x, sd, low, high), "unit": unit}
     return out
 
 
@@ -181,20 +176,4 @@ def _nuisances(found: RigDiagnosis) -> dict[str, dict[str, Any]]:
         label: {"mean": one.mean, "sd": one.sd, "unit": one.unit}
         for label, one in fit.estimates.items()
         if label.partition(".")[0] not in fit.names
-    }
-
-
-def _held_out(found: RigDiagnosis) -> dict[str, Any] | None:
-    h = found.held_out
-    if h is None:
-        return None
-    return {
-        "scheme": h.scheme,
-        "folds": h.folds,
-        "same_set_in_folds": h.same,
-        "rmse_before": h.before,
-        "rmse_after": h.after,
-        "rms_of_readings": h.size,
-        "elpd_gain": h.gain,
-        "elpd_gain_se": h.gain_se,
     }

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.rigs_coordinates import Coordinates
 from calibration.rigs_diagnosis.places import Force, forces_of
-from calibration.rigs_fit import Coordinates, RigFit
+from calibration.rigs_fit import RigFit
 from calibration.rigs_problem import RigProblem
 from model.effects import effects
 

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.special import gammaln, logsumexp
 
 from calibration.rigs_diagnosis.linear import linear, signatures
-from calibration.rigs_fit import RigFit, fit_rig, uncorrelated
+from calibration.rigs_fit import RigFit, fit_rig
+from calibration.rigs_noise import uncorrelated
 from calibration.rigs_problem import RigProblem
 from model.effects import effects
 
@@ -23,12 +24,6 @@ SCREEN = 1.5  # nats that a further effect has to promise
 WORTH = 3.0  # nats that a single effect gains before a pair is grown from it
 FURTHER = 10.0  # how much rarer each further effect is
 BEYOND_SD = 3.0  # of the declared size of a nuisance
-NUISANCE = {
-    "flow_offset": "flow_offset",
-    "flow_scale": "flow_scale",
-    "pressure_gauge_offset": "pressure_offset",
-    "pressure_gauge_scale": "pressure_scale",
-}
 
 
 @dataclass(frozen=True)
@@ -157,9 +152,10 @@ def refusal(problem: RigProblem, fit: RigFit) -> str:
         if label in fit.at_bound:
             absent = amplitude.low == 0.0 and abs(fit.estimates[label].mean) < 1e-3 * abs(_high(problem, name))
             return f"{name} vanishes" if absent else f"{name}: {amplitude.name} is at the bound of what is believable"
-        if name in NUISANCE:
-            sd = next((u.b for u in problem.unknowns if u.name == NUISANCE[name]), 0.0)
-            instrument = fit.estimates.get(NUISANCE[name])
+        nuisance = effects()[name].nuisance  # where the rig has no such unknown, nothing is refused
+        if nuisance:
+            sd = next((u.b for u in problem.unknowns if u.name == nuisance), 0.0)
+            instrument = fit.estimates.get(nuisance)
             size = fit.estimates[label].mean + (instrument.mean if instrument is not None else 0.0)
             if abs(size) < BEYOND_SD * sd:
                 return f"{name} is no larger than declared"

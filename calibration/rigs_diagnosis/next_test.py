@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.diagnosis.next_test import BLUR, LEAST_NATS, MOST_NATS, NextTest, ranked
 from calibration.priors import PASCAL_PER_BAR
+from calibration.rigs_axis import loaded
+from calibration.rigs_coordinates import Coordinates
 from calibration.rigs_diagnosis.name import Candidate
-from calibration.rigs_fit import Coordinates
 from calibration.rigs_problem import RigProblem
 from model.effects.laws import Chosen, readings_of
 from model.layout import RPM
@@ -18,36 +19,13 @@ from model.rigs.displacement_machine import rows
 from model.rigs.driven_axis import blocks_of, drive
 from model.rigs.free_rotor import coast
 
-MOST = 4
 MOST_RIVALS = 3
-LEAST_NATS = 0.1
-MOST_NATS = 20.0  # what is told beyond this is certainty
-BLUR = 5e-3  # of a reading: what a test leaves open of the nuisances
 REPEATS = 10.0
 SAMPLES = 60  # of a coast-down
 SPEEDS = (0.1, 0.3, 1.5)  # of the ordinary speed, at which an axis is driven
 
 Simulated = tuple[np.ndarray, np.ndarray]  # readings, and their deviations [SI]
 Simulate = Callable[[Mapping[str, float], Chosen], Simulated]
-
-
-@dataclass(frozen=True)
-class NextTest:
-    """A test, and what it would tell.
-
-    Attributes
-    ----------
-    test : str
-        In words.
-    separates : tuple of str
-        Effects, or sets joined by +.
-    information_nats : float
-        Expected [-].
-    """
-
-    test: str
-    separates: tuple[str, ...]
-    information_nats: float
 
 
 def propose(problem: RigProblem, rivals: Sequence[Candidate]) -> list[NextTest]:
@@ -74,8 +52,7 @@ def propose(problem: RigProblem, rivals: Sequence[Candidate]) -> list[NextTest]:
         if told:
             separates = tuple(dict.fromkeys(name for pair, nats in told.items() if nats > LEAST_NATS for name in pair))
             found.append(NextTest(text, separates, round(sum(told.values()) / len(told), 2)))
-    best = sorted((t for t in found if t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats)
-    return best[:MOST]
+    return ranked(found)
 
 
 def _words(one: Candidate) -> str:
@@ -109,7 +86,7 @@ def _zero(problem: RigProblem, channel: str) -> float:
 
 
 def _machine(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simulate]:
-    speed, pressure, _, _ = problem.rows
+    speed, pressure, _, _ = problem.seen.rows
     top, slow, fast = float(pressure.max()), float(speed.min()), float(speed.max())
     sd = [np.hypot(_noise(problem, rivals, c) / np.sqrt(REPEATS), _zero(problem, c)) for c in ("drive", "flow")]
 
@@ -139,7 +116,9 @@ def _machine(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simu
 def _axis(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simulate]:
     sd = np.array([_noise(problem, rivals, "drive") / np.sqrt(REPEATS)])
     ordinary = problem.sizes.speed
-    gauges = [blocks.pressure - problem.ambient for _, blocks in problem.blocks if np.isfinite(blocks.pressure).any()]
+    gauges = [
+        blocks.pressure - problem.ambient for _, blocks in problem.seen.blocks if np.isfinite(blocks.pressure).any()
+    ]
     middle = float(np.nanmean(np.concatenate(gauges))) if gauges else None
 
     def at(speed: float, gauge: float | None) -> Simulate:
@@ -149,7 +128,7 @@ def _axis(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simulat
             for v in (speed, -speed):  # there and back: half the difference leaves the offset and the gas force out
                 P = None if gauge is None else np.full(time.size, problem.ambient + gauge)
                 one = blocks_of(time, np.zeros(time.size), np.full(time.size, v), 5, 0.0, None, P)
-                effects = problem.loaded(values, chosen)
+                effects = loaded(values, chosen)
                 read.append(drive(problem.inertia, values["viscous_friction"], one, effects, 0.0, problem.ambient)[0])
             return np.array([0.5 * (read[0] - read[1])]), sd
 
@@ -167,7 +146,7 @@ def _axis(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simulat
 
 def _rotor(problem: RigProblem, rivals: Sequence[Candidate]) -> dict[str, Simulate]:
     sd = _noise(problem, rivals, "speed")
-    time = problem.coasts[0][1]
+    time = problem.seen.coasts[0][1]
     first, span = float(problem.readings[0].value[0]), float(time[-1] - time[0])
 
     def at(share: float, inertia: float) -> Simulate:

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, cast
 
+from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.verdict import SUPERSET_ODDS, Verdict, judge
-from calibration.rigs_diagnosis.confirm import HeldOut
 from calibration.rigs_diagnosis.name import Candidate
 
 
@@ -20,7 +19,7 @@ def weigh(
     found: Sequence[Candidate],
     residual_p: dict[tuple[str, ...], float],
     held_out: HeldOut | None,
-) -> Verdict:
+) -> Verdict[Candidate]:
     """What is said.
 
     Parameters
@@ -34,10 +33,10 @@ def weigh(
     held_out : HeldOut or None
         What the best set that passes predicts.
     """
-    verdict = judge(p_value, cast(Any, found), residual_p, cast(Any, held_out))
+    verdict = judge(p_value, found, residual_p, held_out)
     if verdict.kind not in ("named", "confounded") or verdict.chosen is None:
         return verdict
-    best = next(c for c in found if c.names == verdict.chosen.names)
+    best = verdict.chosen
     near = [
         c.names
         for c in found

@@ -14,13 +14,13 @@ from calibration.challenge.second_rig import concealed, instruments, marches, mo
 from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.slots import BAR, PULSE, R_AIR
 
-SAMPLE_S = 0.005
+SAMPLE_S = 0.005  # between samples of a run in time
 CELL_S = 0.0005  # in which a run in time is kept before it is sampled
 
 
 @dataclass(frozen=True)
 class Plateaus:
-    """Steady rows, arrays of shape (n,).
+    """Steady rows that are to be measured, arrays of shape (n,).
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Plateaus:
 
 @dataclass(frozen=True)
 class Run:
-    """A run in time.
+    """A run in time that is to be measured: the supply opens or shuts while the speed is sampled.
 
     Attributes
     ----------
@@ -98,11 +98,11 @@ class Readings:
     Attributes
     ----------
     pressure : ndarray
-        [Pa].
+        Of the line, at the gauge [Pa].
     flow : ndarray
-        [m3/s].
+        Volume at the line's state [m3/s]; nan along a run in time.
     speed : ndarray
-        [rad/s].
+        Of the shaft [rad/s].
     """
 
     pressure: np.ndarray
@@ -249,6 +249,6 @@ def without(rig: Rig, effects: Sequence[Concealed]) -> Rig:
     rig : Rig
         The rig.
     effects : sequence of Concealed
-        The set.
+        What is at work then.
     """
     return Rig(rig.nuisances, rig.errors, tuple(effects), rig.added_inertia)

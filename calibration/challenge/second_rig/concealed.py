@@ -125,7 +125,7 @@ def figures(nuisances: Mapping[str, float], effects: Sequence[Concealed]) -> dic
     nuisances : mapping of str to float
         Figures off their defaults [SI].
     effects : sequence of Concealed
-        The set.
+        What is at work.
     """
     found = dict(DEFAULTS) | {name: value for name, value in nuisances.items() if name in DEFAULTS}
     for effect in effects:
@@ -149,7 +149,7 @@ def row_figures(
     base : mapping of str to float
         Of `figures`.
     effects : sequence of Concealed
-        The set.
+        What is at work.
     clock : ndarray, shape (n,)
         On the recording's clock [s].
     way : ndarray, shape (n,)
@@ -160,7 +160,7 @@ def row_figures(
     Returns
     -------
     rows : ndarray, shape (n, k)
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     lines : ndarray, shape (n,)
         Pressure that the motor gets [Pa].
     """

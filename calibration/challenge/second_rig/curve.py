@@ -12,11 +12,11 @@ import numpy as np
 
 from calibration.challenge.second_rig.slots import LOBE
 
-CONCAVE, CONVEX, ROLLER, FAR = 80.23e-3 / 2, 52.84e-3 / 2, 18.20e-3 / 2, 76.61e-3  # R2, R3, R5, R6 [m]
+CONCAVE, CONVEX, ROLLER, FAR = 80.23e-3 / 2, 52.84e-3 / 2, 18.20e-3 / 2, 76.61e-3  # R2, R3, R5, R6 of Table 1 [m]
 TOP, PISTON, BORE = 24.95e-3, 35.07e-3, 24.03e-3  # R4, Lp, Dp [m]
-AREA = math.pi / 4.0 * BORE**2
+AREA = math.pi / 4.0 * BORE**2  # of a piston [m2]
 CELLS = 7200  # of a lobe
-VOLUME, SLOPE, GAS_ARM, ROLLER_ARM = 0, 1, 2, 3
+VOLUME, SLOPE, GAS_ARM, ROLLER_ARM = 0, 1, 2, 3  # columns of the table
 
 
 def radius(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +48,11 @@ def radius(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def table() -> np.ndarray:
-    """Volume [m3], slope [m3/rad], gas arm r sin(phi) [m] and roller arm r cos(phi) [m], shape (CELLS + 1, 4)."""
+    """The guide curve over one lobe, a row an angle: what a cylinder and its piston do there, shape (CELLS + 1, 4).
+
+    Its columns are the gas volume [m3], its slope with the angle [m3/rad], and the arms of Eq. 25 at the point where
+    the roller touches the curve: r sin(phi) of the gas force and r cos(phi) of the roller's friction [m].
+    """
     psi = np.linspace(0.0, LOBE, CELLS + 1)
     reach, phi = radius(psi)
     phi[-1] = 0.0

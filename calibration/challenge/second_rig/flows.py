@@ -10,12 +10,12 @@ from numba import njit
 from calibration.challenge.second_rig.curve import AREA, BORE
 from calibration.challenge.second_rig.slots import AT, R_AIR
 
-CHOKED = 0.528  # pressure ratio below which a nozzle's flow no longer grows
+CHOKED = 0.528  # pressure ratio below which a nozzle's flow no longer grows: (2/(g + 1))^(g/(g - 1)) for g = 1.4
 NOZZLE = 0.6847  # choked flow: NOZZLE A P / sqrt(R T)
 PLENUM_M3 = 5e-5  # between a throttle and the ports
-QUADRATIC, ORIFICE, LAMINAR = 0, 1, 2
+QUADRATIC, ORIFICE, LAMINAR = 0, 1, 2  # forms of a throttle
 PRANDTL = 0.71**0.6  # of air, to the power of Eq. 19
-VISCOSITY, CONDUCTIVITY = 1.82e-5, 0.0257  # at 293.15 K
+VISCOSITY, CONDUCTIVITY = 1.82e-5, 0.0257  # of air at 293.15 K [Pa s], [W/(m K)]
 OUTSIDE = 1.0 / 10.0 + 0.005 / 16.0  # Eq. 18: natural convection, and the wall [m2 K/W]
 DENSITY_IN, DENSITY_OUT = 2.38, 1.2  # at which the loss coefficients are given [kg/m3]
 
@@ -40,7 +40,7 @@ def uncovered(psi: float, opens: float, closes: float, p: np.ndarray) -> float:
     opens, closes : float
         The article's angles [rad].
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     """
     return max(0.0, min(1.0, min(psi - opens, closes - psi) / p[RAMP] + p[LEAD]))
 
@@ -48,6 +48,8 @@ def uncovered(psi: float, opens: float, closes: float, p: np.ndarray) -> float:
 @njit(cache=True)
 def nozzle(area: float, high: float, low: float, T: float) -> float:
     """Mass flow per root of the pressure difference, of a nozzle [kg/(s Pa^0.5)].
+
+    Choked flow of an ideal gas; from there to no flow at all the quarter of an ellipse that ISO 6358 draws.
 
     Parameters
     ----------
@@ -67,14 +69,35 @@ def nozzle(area: float, high: float, low: float, T: float) -> float:
 
 @njit(cache=True)
 def relaxed(gap: float, rate: float) -> float:
-    """What is left of a pressure difference after a step that takes ``rate`` times its root away [Pa]."""
+    """What is left of a pressure difference after a step that takes ``rate`` times its root away [Pa].
+
+    Backward Euler: left + rate sqrt(left) = gap, a quadratic equation in the root. At rate 0 all of it is left.
+
+    Parameters
+    ----------
+    gap : float
+        Before the step [Pa].
+    rate : float
+        Step times conductance times stiffness [Pa^0.5].
+    """
     root = 0.5 * (math.sqrt(rate * rate + 4.0 * gap) - rate)
     return root * root
 
 
 @njit(cache=True)
 def leak_flow(p: np.ndarray, high: float) -> float:
-    """Air that passes straight to the exhaust [kg/s], for a pressure behind the inlet's throttle [Pa]."""
+    """Air that passes straight to the exhaust and does no work [kg/s].
+
+    Through a gap it flows laminar, in proportion to the difference of the squared pressures; through a hole as through
+    a nozzle.
+
+    Parameters
+    ----------
+    p : ndarray
+        Figures of the motor, laid out as in `slots`.
+    high : float
+        Pressure behind the inlet's throttle [Pa].
+    """
     if high <= p[PA]:
         return 0.0
     flow = p[LEAK] * (high * high - p[PA] * p[PA])
@@ -85,12 +108,15 @@ def leak_flow(p: np.ndarray, high: float) -> float:
 
 @njit(cache=True)
 def heat(p: np.ndarray, P: float, T: float, V: float, piston_speed: float, filling: float) -> float:
-    """Heat into a cylinder's gas [W]: Eq. 18-19, with one row of Table 2 and the gas's speed added to the piston's.
+    """Heat into a cylinder's gas [W]: Eq. 18-19 through gas, wall and ambient air in series.
+
+    Instead of the rows of Table 2, Nu = 0.09 Re^0.8 Pr^0.6 in all phases, between those rows; Re with the gas's speed
+    added to the piston's. The other form is a wall at the ambient's temperature with a constant coefficient.
 
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     P, T, V : float
         Gas pressure [Pa], temperature [K] and volume [m3].
     piston_speed : float
@@ -119,9 +145,9 @@ def plenums(p: np.ndarray, y: np.ndarray, line: float, is_open: bool, entered: f
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     y : ndarray
-        State, changed.
+        State of the motor, laid out as at the top of `motor`; changed.
     line : float
         Pressure of the line [Pa].
     is_open : bool

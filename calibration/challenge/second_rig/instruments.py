@@ -10,14 +10,14 @@ from calibration.challenge.second_rig.concealed import Concealed
 
 
 def read_pressure(effects: Sequence[Concealed], true: np.ndarray) -> np.ndarray:
-    """What the gauge makes of the pressure at it [Pa].
+    """What the gauge makes of the pressure at it [Pa]: errors of its zero and its span, and a made-up sawtooth.
 
     Parameters
     ----------
     effects : sequence of Concealed
-        The set.
+        What is at work.
     true : ndarray, shape (n,)
-        Pressure [Pa].
+        Pressure at the gauge [Pa].
     """
     for effect in effects:
         v = effect.values
@@ -33,12 +33,15 @@ def read_pressure(effects: Sequence[Concealed], true: np.ndarray) -> np.ndarray:
 def read_flow(
     effects: Sequence[Concealed], true: np.ndarray, line: np.ndarray, line_k: float, follows: np.ndarray
 ) -> np.ndarray:
-    """What the flow meter makes of the flow [m3/s].
+    """What the flow meter makes of the flow [m3/s]: errors of its zero and its span, a sawtooth, a float that sticks.
+
+    A variable-area meter whose scale was drawn for 1 atm and 20 C reads the flow times the root of the density ratio:
+    its float balances the drag. The other form takes another power of the ratio.
 
     Parameters
     ----------
     effects : sequence of Concealed
-        The set.
+        What is at work.
     true : ndarray, shape (n,)
         Flow at the line's state [m3/s].
     line : ndarray, shape (n,)
@@ -65,14 +68,14 @@ def read_flow(
 
 
 def read_speed(effects: Sequence[Concealed], true: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    """What the tachometer makes of a steady speed [rad/s].
+    """What the tachometer makes of a steady speed [rad/s]: miscounted pulses, and a coupling that begins to slip.
 
     Parameters
     ----------
     effects : sequence of Concealed
-        The set.
+        What is at work.
     true : ndarray, shape (n,)
-        Speed [rad/s].
+        Speed of the shaft [rad/s].
     clock : ndarray, shape (n,)
         On the recording's clock [s].
     """
@@ -86,12 +89,12 @@ def read_speed(effects: Sequence[Concealed], true: np.ndarray, clock: np.ndarray
 
 
 def lagged(effects: Sequence[Concealed], speed: np.ndarray, cell_s: float) -> np.ndarray:
-    """What a slow tachometer makes of the speed in time [rad/s].
+    """What a slow tachometer makes of the speed in time [rad/s]: a first-order lag, a pure delay or a moving average.
 
     Parameters
     ----------
     effects : sequence of Concealed
-        The set.
+        What is at work.
     speed : ndarray, shape (n,)
         Of cells of equal duration [rad/s].
     cell_s : float
@@ -126,7 +129,7 @@ def misread(effects: Sequence[Concealed], channel: str, readings: np.ndarray) ->
     Parameters
     ----------
     effects : sequence of Concealed
-        The set.
+        What is at work.
     channel : str
         ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
     readings : ndarray, shape (n,)

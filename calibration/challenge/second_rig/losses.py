@@ -24,10 +24,15 @@ CLUTCH_WIDTH = 0.15  # rad/s over which a clutch takes hold
 def drag(p: np.ndarray, omega: float, line_gauge: float) -> tuple[float, float]:
     """Losses outside the cylinders: what is proportional to the speed [N m s], and what is dry [N m].
 
+    Viscous friction of the article; dry friction (Coulomb), sharp or built up as tanh(w/w0); Stribeck's, which fades
+    with speed as exp(-(w/ws)^2), exp(-w/ws) or 1/(1 + (w/ws)^2); the drag of the air as a power of the speed, 2 for a
+    turbulent one; a seal that the line's pressure loads. A torque in a band of speeds and one above a speed are made
+    up: they are to resemble nothing in a library.
+
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     omega : float
         Speed [rad/s].
     line_gauge : float
@@ -59,12 +64,12 @@ def drag(p: np.ndarray, omega: float, line_gauge: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def swing(p: np.ndarray, theta: float) -> float:
-    """Torque fixed to the shaft's angle [N m], positive where it opposes turning forward.
+    """Torque fixed to the shaft's angle, as of an unbalanced rotor [N m], positive where it opposes turning forward.
 
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     theta : float
         Shaft angle [rad].
     """

@@ -14,11 +14,11 @@ from calibration.challenge.second_rig.motor import FR, IN, OMEGA, STEP_S, THETA,
 from calibration.challenge.second_rig.slots import PULSE
 
 TABLE = curve.table()
-LOBE_PULSES, TURN_PULSES = 7, 28
-AVERAGED_S = 0.3
+LOBE_PULSES, TURN_PULSES = 7, 28  # pulses in a lobe, and in a turn of four lobes
+AVERAGED_S = 0.3  # of a periodic motor, over which a plateau is averaged
 MOST_S = 8.0  # of marched time
 ENOUGH = 1e-5  # relative change of the speed over a block
-STALLED_S = 0.3
+STALLED_S = 0.3  # below the slowest speed, after which the rotor counts as standing
 SPARE_RAD_S = 2.0  # above the guess: near stall a motor that starts too slow stays standing
 SLOWEST = 0.5  # rad/s; below it the rotor may have stalled
 
@@ -56,11 +56,11 @@ def settle(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, dt: flo
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     table : ndarray
-        The guide curve.
+        The guide curve, of `curve.table`.
     y : ndarray
-        State, changed.
+        State of the motor, laid out as at the top of `motor`; changed.
     line : float
         Pressure of the line [Pa].
     dt : float
@@ -96,9 +96,9 @@ def plateau(p: np.ndarray, table: np.ndarray, line: float, omega: float, dt: flo
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     table : ndarray
-        The guide curve.
+        The guide curve, of `curve.table`.
     line : float
         Pressure of the line [Pa].
     omega : float
@@ -139,7 +139,7 @@ def plateaus(rows: np.ndarray, table: np.ndarray, lines: np.ndarray, omegas: np.
     rows : ndarray, shape (n, k)
         Figures of the motor, a row a plateau.
     table : ndarray
-        The guide curve.
+        The guide curve, of `curve.table`.
     lines : ndarray, shape (n,)
         Pressure of the line [Pa].
     omegas : ndarray, shape (n,)
@@ -162,9 +162,9 @@ def turning(
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     table : ndarray
-        The guide curve.
+        The guide curve, of `curve.table`.
     line : float
         Pressure of the line [Pa].
     omega : float
@@ -195,11 +195,11 @@ def run_in_time(
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     table : ndarray
-        The guide curve.
+        The guide curve, of `curve.table`.
     y : ndarray
-        State at the start; changed.
+        State of the motor at the start, laid out as at the top of `motor`; changed.
     line : float
         Pressure of the line when the supply is open [Pa].
     opened : ndarray of bool, shape (n,)
@@ -226,7 +226,7 @@ def gas_torque(p: np.ndarray, gauge: float) -> float:
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     gauge : float
         Pressure of the line above the ambient's [Pa].
     """
@@ -240,7 +240,7 @@ def guess(p: np.ndarray, line: float) -> float:
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     line : float
         Pressure of the line [Pa].
     """
@@ -263,7 +263,7 @@ def steady(rows: np.ndarray, lines: np.ndarray, dt: float = STEP_S) -> np.ndarra
     Parameters
     ----------
     rows : ndarray, shape (k,) or (n, k)
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     lines : ndarray, shape (n,)
         Pressure of the line [Pa].
     dt : float

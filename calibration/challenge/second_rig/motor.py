@@ -36,7 +36,7 @@ from calibration.challenge.second_rig.slots import AT, CYLINDERS, GAMMA, LOBE, R
 
 STEP_S = 2.5e-5
 CV = R_AIR / (GAMMA - 1.0)
-CP = GAMMA * CV
+CP = GAMMA * CV  # [J/(kg K)], as CV
 
 # State: angle, speed, plenum pressures, masses and energies of the cylinders, then what has passed.
 THETA, OMEGA = 0, 1
@@ -57,7 +57,17 @@ FR, J, LAP, PORT = AT["roller_factor"], AT["inertia"], AT["lap"], AT["port_area_
 
 @njit(cache=True)
 def look_up(table: np.ndarray, psi: float, column: int) -> float:
-    """A column of the guide curve at an angle within the lobe [rad], linear between its cells."""
+    """A column of the guide curve at an angle, linear between its cells [unit of the column].
+
+    Parameters
+    ----------
+    table : ndarray
+        The guide curve, of `curve.table`.
+    psi : float
+        Angle within the lobe [rad].
+    column : int
+        One of those that `curve` names.
+    """
     place = psi * (CELLS / LOBE)
     cell = min(int(place), CELLS - 1)
     share = place - cell
@@ -71,9 +81,9 @@ def rest(p: np.ndarray, table: np.ndarray, theta: float, line: float, is_open: b
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     table : ndarray
-        The guide curve.
+        The guide curve, of `curve.table`.
     theta : float
         Shaft angle [rad].
     line : float
@@ -100,10 +110,12 @@ def rest(p: np.ndarray, table: np.ndarray, theta: float, line: float, is_open: b
 def opened(p: np.ndarray, start: float, end: float, half: float) -> float:
     """Mean share of a port's area that is open over a step [-]; taken at its end alone it would jump with the step.
 
+    Simpson's rule over start, middle and end.
+
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     start, end : float
         Angles within the lobe [rad].
     half : float
@@ -119,7 +131,17 @@ def opened(p: np.ndarray, start: float, end: float, half: float) -> float:
 
 @njit(cache=True)
 def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Gas torque and size of the roller friction's [N m], Eq. 22-25 with the article's arms."""
+    """Gas torque and size of the roller friction's [N m]: forces of Eq. 22 at the article's arms, Eq. 23-25.
+
+    Parameters
+    ----------
+    p : ndarray
+        Figures of the motor, laid out as in `slots`.
+    table : ndarray
+        The guide curve, of `curve.table`.
+    y : ndarray
+        State of the motor, laid out as at the top of this module.
+    """
     gas = roller = 0.0
     for i in range(CYLINDERS):
         psi = y[PSI + i]
@@ -132,16 +154,16 @@ def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, flo
 
 @njit(cache=True)
 def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt: float) -> None:
-    """Change the speed over one step; dry friction may hold the rotor, and never drives it.
+    """Change the speed over one step, Eq. 21; dry friction may hold the rotor, and never drives it.
 
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     table : ndarray
-        The guide curve.
+        The guide curve, of `curve.table`.
     y : ndarray
-        State, changed.
+        State of the motor, laid out as at the top of this module; changed.
     line_gauge : float
         Pressure of the line above the ambient's [Pa].
     dt : float
@@ -164,11 +186,11 @@ def step(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, is_open: 
     Parameters
     ----------
     p : ndarray
-        Figures of the motor.
+        Figures of the motor, laid out as in `slots`.
     table : ndarray
-        The guide curve.
+        The guide curve, of `curve.table`.
     y : ndarray
-        State.
+        State of the motor, laid out as at the top of this module; changed.
     line : float
         Pressure of the line [Pa].
     is_open : bool

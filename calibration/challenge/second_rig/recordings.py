@@ -19,12 +19,13 @@ from calibration.challenge.second_rig.truth import Truth
 LEVELS_BAR = np.round(np.arange(1.2, 2.45, 0.1), 1)
 STEP_S = 40.0  # from plateau to plateau
 REGULATOR_BAR = 0.003  # how far a level is from what was meant
-RUN_BAR = 2.0
-SPIN_UP_S, COAST_DOWN_S = 1040.0, 1100.0
-SPIN_UP_SAMPLES, SPIN_UP_FROM, COAST_DOWN_SAMPLES, COAST_DOWN_FROM = 200, 10, 240, 20
+RUN_BAR = 2.0  # of the runs in time
+SPIN_UP_S, COAST_DOWN_S = 1040.0, 1100.0  # when they begin, on the recording's clock
+SPIN_UP_SAMPLES, COAST_DOWN_SAMPLES = 200, 240
+SPIN_UP_FROM, COAST_DOWN_FROM = 10, 20  # samples before the supply opens, or shuts
 LATER_S = 1200.0  # when a further test begins
 FLYWHEEL_KG_M2 = 0.015  # three times the rotor's inertia
-PLATEAUS = 10
+PLATEAUS = 10  # of a further test at one level
 LIMITS_BAR = (1.12, 3.5)  # of the bench
 
 

@@ -12,15 +12,15 @@ from calibration.challenge.second_rig.bench import Readings
 from calibration.challenge.second_rig.slots import BAR, L_MIN, RPM
 
 # What the recordings declare of each instrument, in the columns' units.
-NOISE = {"pressure": 0.0015, "flow": 0.8, "speed": 0.4}
+NOISE = {"pressure": 0.0015, "flow": 0.8, "speed": 0.4}  # noise_sd
 RESOLUTION = {"pressure": 0.001, "flow": 0.5, "speed": 0.1}
 COLUMN = {"pressure": "pressure_bar_abs", "flow": "flow_l_min", "speed": "speed_rpm"}
 UNIT = {"pressure": 1.0 / BAR, "flow": L_MIN, "speed": RPM}
-DIGITS = {"pressure": 3, "flow": 1, "speed": 1}
-BIAS = {"pressure": 0.005, "flow": 0.5, "speed": 0.1}
-SCALE = {"pressure": 0.002, "flow": 0.02, "speed": 0.0005}
-TRANSIENT_NOISE = 2.0
-DRIFT_S = 1000.0
+DIGITS = {"pressure": 3, "flow": 1, "speed": 1}  # decimals that are written
+BIAS = {"pressure": 0.005, "flow": 0.5, "speed": 0.1}  # bias_sd
+SCALE = {"pressure": 0.002, "flow": 0.02, "speed": 0.0005}  # scale_sd
+TRANSIENT_NOISE = 2.0  # times the declared noise, along a run in time
+DRIFT_S = 1000.0  # in which the gauge drifts by the whole of a case's drift
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def noisy(
 
 
 def unit_noise(sensors: Mapping[str, float], n: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise of unit variance, each sample correlated with the one before where that is so, shape (n,) [-].
+    """Noise of unit variance, shape (n,) [-]: normal or Student's t, each sample correlated with the one before or not.
 
     Parameters
     ----------

@@ -21,8 +21,8 @@ from calibration.challenge.second_rig.slots import BAR, PULSE
 from rig.recording import Recording, RecordingFile
 
 STEP_S = 2.5e-5  # of the march
-SLOPE_PA = 2000.0
-ANGLE_RAD = 0.02
+SLOPE_PA = 2000.0  # over which slopes with the line's pressure are taken
+ANGLE_RAD = 0.02  # likewise with a run's angle
 FLAT = float(np.log(0.4 / 0.01) / np.sqrt(12.0))  # sd of ln f_overall, log-uniform from 0.01 to 0.4
 LEVEL_PA = 4000.0  # rows nearer than this are of one level
 SLOWEST = 20.0  # rad/s; below it a coast-down depends on the phase at which the supply was shut, and not linearly
@@ -176,7 +176,10 @@ class Whitened:
         return np.concatenate(parts)
 
     def nuisances(self) -> np.ndarray:
-        """Change per declared sd of each nuisance at the base, shape (m, k) [-]."""
+        """Change per declared sd of each nuisance at the base, shape (m, k) [-].
+
+        Figures of the motor come first, then the instruments' errors, then pressure and angle of each run.
+        """
         y, rig, found = self.readings(self.base), self.base, []
         width, own = WIDTHS["declared"], dict(self.base.nuisances)
         changes = {

@@ -14,16 +14,17 @@ CYLINDERS = 7
 LOBE = np.pi / 2.0  # angle of one lobe of the guide curve [rad]
 PULSE = LOBE / CYLINDERS  # angle after which the seven cylinders look alike again [rad]
 
-# Name and default of each figure. Forms are numbers: 0 is the form that a textbook gives first.
+# Name and default of each figure. Forms are numbers: 0 is the form that a textbook gives first. What the article does
+# not print is assumed, as it is in what is tested, so that a null conceals nothing.
 DEFAULTS: dict[str, float] = {
-    "f_overall": 0.0625,  # viscous friction [N m s]
-    "roller_factor": 0.008,  # f_r [-]
-    "inertia": 0.005,  # J [kg m2]
-    "lap": np.radians(8.0),  # closed angle on each side of a dead centre [rad]
-    "ambient_pa": 101_325.0,
+    "f_overall": 0.0625,  # viscous friction, the article's section 5 [N m s]
+    "roller_factor": 0.008,  # f_r of Eq. 25, assumed [-]
+    "inertia": 0.005,  # J of Eq. 21, assumed [kg m2]
+    "lap": np.radians(8.0),  # closed angle on each side of a dead centre, assumed [rad]
+    "ambient_pa": 101_325.0,  # this and the two temperatures: assumed
     "ambient_k": 293.15,
     "inlet_k": 293.15,
-    "inlet_drop_pa": 1000.0,  # the article's fixed losses at the ports
+    "inlet_drop_pa": 1000.0,  # this and the next: the article's fixed losses at the ports, section 2.4
     "outlet_drop_pa": 1000.0,
     "port_area_m2": 4.5e-4,  # effective area of a port, fully open: that of the bore
     "port_ramp_rad": 0.003,  # angle over which a port uncovers
@@ -54,7 +55,7 @@ DEFAULTS: dict[str, float] = {
     "outlet_area_m2": 0.0,
     "outlet_form": 0.0,
     "leak_kg_s_pa2": 0.0,  # laminar gap
-    "leak_area_m2": 0.0,  # orifice
+    "leak_area_m2": 0.0,  # orifice beside the gap
 }
 NAMES = tuple(DEFAULTS)
 AT = {name: i for i, name in enumerate(NAMES)}

@@ -1,0 +1,36 @@
+"""How long each step of a diagnosis takes, and the telling of each step as it begins."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+Tell = Callable[[str], None]
+
+
+class StepClock:
+    """Called with the name of a step when it begins, and with an empty one after the last.
+
+    Parameters
+    ----------
+    tell : callable
+        Told the name of each step.
+
+    Attributes
+    ----------
+    seconds : dict of str to float
+        Of each step that has ended [s].
+    """
+
+    def __init__(self, tell: Tell) -> None:
+        self.seconds: dict[str, float] = {}
+        self._tell = tell
+        self._step, self._began = "", time.monotonic()
+
+    def __call__(self, step: str) -> None:
+        now = time.monotonic()
+        if self._step:
+            self.seconds[self._step] = round(now - self._began, 3)
+        self._step, self._began = step, now
+        if step:
+            self._tell(step)

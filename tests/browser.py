@@ -1,0 +1,38 @@
+"""A report's page as a browser shows it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+WIDTH, HEIGHT = 1100, 3000  # px
+SWITCHES = (
+    "--headless --no-sandbox --disable-gpu --hide-scrollbars --disable-background-networking "
+    "--disable-component-update --disable-sync --no-first-run"
+)
+
+
+def shown(page: bytes, folder: Path) -> np.ndarray:
+    """A picture of the page, shape (HEIGHT, WIDTH, 3), black 0 and white 1; without a browser the test is skipped."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is installed")
+    (folder / "report.html").write_bytes(page)
+    picture = folder / "page.png"
+    places = [f"--user-data-dir={folder / 'profile'}", f"--screenshot={picture}", f"--window-size={WIDTH},{HEIGHT}"]
+    address = (folder / "report.html").as_uri()
+    subprocess.run([browser, *SWITCHES.split(), *places, address], check=True, capture_output=True, timeout=120)
+    seen = imread(picture)[..., :3]
+    assert seen.shape[:2] == (HEIGHT, WIDTH)
+    return seen
+
+
+def has_print(seen: np.ndarray) -> bool:
+    """Whether there is print on many of a picture's lines: it is not a blank page."""
+    return bool((seen < 0.5).any(axis=(1, 2)).mean() > 0.3)
