@@ -55,16 +55,38 @@ def test_a_step_along_the_valley_keeps_the_plateaus_speeds(tmp_path: Path) -> No
     assert set(changed) <= {"f_overall", "inertia"}
 
 
-def test_derivatives_along_axes_are_those_along_the_unknowns(tmp_path: Path) -> None:
-    comparison = Comparison(Problem(recordings.sweep(tmp_path, 2, {})))
-    mode = find(comparison, ())
+def test_near_a_point_a_run_is_what_it_is_with_every_pulse(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 2, {})
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 2, {})))
     f = Function(comparison, ())
-    size, turn = np.linalg.eigh(np.linalg.inv(mode.covariance))
-    along = f.along(mode.z, mode.prediction, 0.1 * turn / np.sqrt(size), mode.D)
-    white = comparison.whitener(mode.prediction, mode.u)
-    axes = turn / np.sqrt(size)
-    assert np.linalg.norm(white((along - mode.D) @ axes), axis=0).max() < 0.2  # both are forward differences
-    assert np.linalg.norm(white(mode.D @ axes), axis=0).max() > 0.9
+    z = np.zeros(f.k)
+    near, noise = f.near(z), comparison.problem.noise["speed"]
+    used = comparison.used[0]
+    assert np.max(np.abs(near(z).runs[0] - f(z).runs[0])[used]) < 0.1 * noise
+    names = [u.name for u in comparison.problem.nuisances]
+    for name in ("f_overall", "inertia", "coast_down.csv.angle"):
+        moved = z.copy()
+        moved[names.index(name)] += 0.01
+        with_pulses, mean = f(moved).runs[0] - f(z).runs[0], near(moved).runs[0] - near(z).runs[0]
+        left = np.linalg.norm((with_pulses - mean)[used])
+        assert left < 0.5 * np.linalg.norm(with_pulses[used]), name
+
+
+def test_two_starts_end_at_the_same_evidence(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 3, DRAG)
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
+    base = find(comparison, ())
+    base = find(comparison, (), set_angles(comparison, base))
+    ends = [find(comparison, ("windage",), start).log_evidence for start in (base, None)]
+    assert abs(ends[0] - ends[1]) < 2.0
+
+
+def test_of_a_coast_down_only_what_follows_the_closing_valve_is_compared(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 2, {})
+    run = Problem(recordings.add_coast_down(tmp_path, 2, {})).blocks.runs[0]
+    closed = run.supply[1].start_s
+    assert not run.used[run.time <= closed].any()
+    assert run.used[run.time > closed][0]
 
 
 def test_drag_is_found_with_its_size_in_a_coast_down(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from model.transient import Supply
 from rig.recording import Recording, RecordingError, RecordingFile
 
 REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed: below, it hangs on single pulses
+RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest speed on: how it broke away nobody knows
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
@@ -86,7 +87,8 @@ class RunInTime:
     from_rest : bool
         Whether it starts at rest; otherwise in the steady state of its first span.
     used : ndarray of bool, shape (n,)
-        Samples that are compared: a spin-up's once its line is open, a coast-down's until it is nearly over.
+        Samples that are compared: a spin-up's once it is well on its way, a coast-down's from when the line is vented
+        until it is nearly over. What it turned at before says no more than a plateau, and is seldom as settled.
     """
 
     file: str
@@ -250,10 +252,16 @@ def _useful(speed: np.ndarray, time: np.ndarray, spans: Sequence[Supply], from_r
     used = np.isfinite(speed)
     if from_rest:
         opened = next((span.start_s for span in spans if span.is_open), time[0])
-        return used & (time > opened + 1e-9)
+        used &= time > opened + 1e-9
+        turning = np.flatnonzero(used & (speed > RISEN_SHARE * np.nanmax(np.where(used, speed, np.nan), initial=0.0)))
+        if turning.size:
+            used[: turning[0]] = False
+        return used
     slow = np.flatnonzero(speed < REST_SHARE * np.nanmean(speed[:5]))
     if slow.size:
         used[slow[0] :] = False
+    if len(spans) > 1 and np.any(used & (time > spans[1].start_s + 1e-9)):
+        used &= time > spans[1].start_s + 1e-9
     return used
 
 
@@ -288,14 +296,3 @@ def levels(plateaus: Plateaus, tolerance_pa: float = 3000.0) -> list[np.ndarray]
     order = np.argsort(plateaus.pressure)
     cuts = np.flatnonzero(np.diff(plateaus.pressure[order]) > tolerance_pa) + 1
     return list(np.split(order, cuts))
-
-
-def all_files(blocks: Blocks) -> Sequence[str]:
-    """Names of the files that are looked at.
-
-    Parameters
-    ----------
-    blocks : Blocks
-        Of `blocks_of`.
-    """
-    return [*dict.fromkeys(blocks.plateaus.file), *(run.file for run in blocks.runs)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class HeldOut:
         In log predictive density, and its standard error over the blocks [-].
     scheme : str
         How readings were held out.
+    size : dict
+        Root mean square of the readings themselves by channel [SI]; empty where it is not told.
     """
 
     folds: int
@@ -45,6 +47,7 @@ class HeldOut:
     gain: float
     gain_se: float
     scheme: str = "pressure levels and transient segments, selection repeated in each fold"
+    size: dict[str, float] = field(default_factory=dict)
 
 
 def cross_validate(

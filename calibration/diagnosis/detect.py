@@ -168,7 +168,7 @@ def _draw(comparison: Comparison, mode: Mode, rng: np.random.Generator) -> np.nd
     scale = np.repeat([run.noise_scale for run in problem.blocks.runs], comparison.sizes)
     out[2 * n : end] += noise["speed"] * scale * rng.standard_normal(end - 2 * n)
     out[end:] += problem.blocks.vented.sd * rng.standard_normal(out.size - end)
-    swing = comparison.blur * comparison.swing
+    swing = comparison.angle_sd
     angle = swing * rng.standard_normal(end - 2 * n)
     first = np.cumsum([0, *comparison.sizes[:-1]])[: len(comparison.sizes)]
     before = np.roll(angle, 1)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,18 +18,18 @@ from calibration.diagnosis.mode import Mode, find, set_angles
 from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of, weigh
 from calibration.diagnosis.next_test import NextTest, propose
 from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.signatures import forces, signatures
+from calibration.diagnosis.signatures import Force, Signature, forces, signatures
 from calibration.diagnosis.unseen import predict_unseen
 from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict, judge
+from calibration.step_clock import StepClock, Tell
 from model.effects import effects
 from rig.recording import Recording, read_recording
 
 TESTED = 3  # most sets whose residual is tested
 RESIDUAL_DRAWS = 100
+FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
 TESTS = 2.0  # looks at a recording with runs in time: the straight test, and the refits
 BAD_ROW = 0.99  # probability beyond which a reading is named as bad
-
-Tell = Callable[[str], None]
 
 
 @dataclass
@@ -71,12 +70,59 @@ class Diagnosis:
     places: list[Place]
     candidates: list[Candidate]
     residual_p: dict[tuple[str, ...], float]
-    verdict: Verdict
+    verdict: Verdict[Candidate]
     held_out: HeldOut | None = None
     term: Term | None = None
     next_tests: list[NextTest] = field(default_factory=list)
     bad_rows: list[tuple[str, int, str, float]] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Detected:
+    """What the base model and the test of it come to, before anything is looked for.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        The recording.
+    base : Mode
+        The base model.
+    found : list of Signature
+        Of all effects that the recording could show.
+    free : list of Force
+        Free-form forces.
+    detection : Detection
+        Whether anything is missing.
+    """
+
+    comparison: Comparison
+    base: Mode
+    found: list[Signature]
+    free: list[Force]
+    detection: Detection
+
+
+def detect_mismatch(recording: Recording, rng: np.random.Generator, tell: Tell = lambda _: None) -> Detected:
+    """The first steps of a diagnosis: fit the base model, and test whether anything is missing.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording, of a motor that `model.motor` knows.
+    rng : numpy.random.Generator
+        For the null law.
+    tell : callable
+        Told the step that begins.
+    """
+    tell("base model")
+    comparison = Comparison(Problem(recording))
+    base = find(comparison, ())
+    if comparison.problem.blocks.runs:
+        base = find(comparison, (), set_angles(comparison, base))
+    tell("detect")
+    found, free = signatures(comparison, base), forces(comparison, base)
+    return Detected(comparison, base, found, free, detect(comparison, base, found, free, rng))
 
 
 def diagnose(
@@ -96,22 +142,17 @@ def diagnose(
         A run that nothing here has seen, to be predicted once a set is named.
     """
     rng = np.random.default_rng(seed)
-    clock = _Clock(tell)
-    clock("base model")
-    comparison = Comparison(Problem(recording))
-    base = find(comparison, ())
-    if comparison.problem.blocks.runs:
-        base = find(comparison, (), set_angles(comparison, base))
-    clock("detect")
-    found, free = signatures(comparison, base), forces(comparison, base)
-    detection = detect(comparison, base, found, free, rng)
+    clock = StepClock(tell)
+    first = detect_mismatch(recording, rng, clock)
+    comparison, base, found, free = first.comparison, first.base, first.found, first.free
+    detection = first.detection
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
     held_out, term, tests, singles = None, None, [], None
     if detection.p_value >= MISMATCH_P and comparison.problem.blocks.runs:
         # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
         clock("look farther")
-        singles = singles_of(comparison, base, found, detection.u, tell, 0.0)
+        singles = singles_of(comparison, base, found, detection.u, tell, FARTHER)
         base = singles[()]
         candidates = weigh(comparison, singles)
         far = min(1.0, TESTS * evidence_p(comparison, singles))
@@ -160,7 +201,7 @@ def diagnose(
     )
 
 
-def held_out_gain(folder: Path, ids: Sequence[str], seed: int = 0) -> float:
+def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
     """The gain in log predictive density of a given set over the base model, as the diagnosis takes it [-].
 
     Parameters
@@ -169,8 +210,6 @@ def held_out_gain(folder: Path, ids: Sequence[str], seed: int = 0) -> float:
         A recording.
     ids : sequence of str
         Effects.
-    seed : int
-        Not used: nothing here is drawn [-].
     """
     comparison = Comparison(Problem(read_recording(folder)))
     base = find(comparison, ())
@@ -188,7 +227,7 @@ def _residual(comparison: Comparison, mode: Mode, rng: np.random.Generator) -> f
     return detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS).p_value
 
 
-def _rivals(candidates: list[Candidate], verdict: Verdict) -> list[Candidate]:
+def _rivals(candidates: list[Candidate], verdict: Verdict[Candidate]) -> list[Candidate]:
     if verdict.chosen is None:
         return [c for c in candidates if c.names][:3]
     listed = set(verdict.alternatives)
@@ -210,21 +249,4 @@ def _bad_p(comparison: Comparison, mode: Mode) -> float:
     return float(min(1.0, 2.0 * comparison.n * 2.0 * norm.sf(farthest)))
 
 
-class _Clock:
-    """Times the steps, and tells of each."""
-
-    def __init__(self, tell: Tell) -> None:
-        self.tell = tell
-        self.seconds: dict[str, float] = {}
-        self.step, self.began = "", time.monotonic()
-
-    def __call__(self, step: str) -> None:
-        now = time.monotonic()
-        if self.step:
-            self.seconds[self.step] = round(now - self.began, 3)
-        self.step, self.began = step, now
-        if step:
-            self.tell(step)
-
-
-__all__ = ["Diagnosis", "diagnose", "held_out_gain"]
+__all__ = ["Detected", "Diagnosis", "detect_mismatch", "diagnose", "held_out_gain"]

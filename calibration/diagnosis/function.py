@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 
 import numpy as np
 
-from calibration.diagnosis.linear import RUN, Comparison
+from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.problem import SI_OF, Prediction
 from model.effects import effects
 
 STEP = 0.02  # of a standard normal unknown, for derivatives; at most
-FAR = 20.0  # whitened size of the change that it makes: over more than a pulse, whose phase says nothing yet
-NEAR = 1.0  # ... where there are no pulses
+NEAR = 1.0  # whitened size of the change that it makes
+FAR = 20.0  # ... where pulses are simulated: over more than one, whose phase says nothing yet
 LEAST_STEP = 1e-5
 LEAST_FACTOR = 0.25  # a quantity that cannot be negative falls to no less than this share of itself in a step
-THREADS = 2
 
 
 class Function:
@@ -35,6 +32,8 @@ class Function:
     ----------
     low, high : ndarray, shape (m,)
         Bounds of each unknown [-].
+    angles : dict
+        Places of the angles at which coast-downs begin, and the runs that they belong to [-].
     log_step : ndarray, shape (m,)
         Change of an unknown's logarithm per unit of z; 0 where it is not log-normal [-].
     """
@@ -50,6 +49,10 @@ class Function:
             self.low[self.k + i] = one.z(max(parameter.low, 1e-12) if one.kind == "lognormal" else parameter.low)
             self.high[self.k + i] = one.z(parameter.high)
         everything = [*self.problem.nuisances, *(one for _, one in unknown)]
+        names = [nuisance.name for nuisance in self.problem.nuisances]
+        self.angles = {
+            names.index(f"{run.file}.angle"): i for i, run in enumerate(self.problem.blocks.runs) if not run.from_rest
+        }
         self.log_step = np.array([math.log(one.b) if one.kind == "lognormal" else 0.0 for one in everything])
 
     def clip(self, z: np.ndarray) -> np.ndarray:
@@ -112,125 +115,97 @@ class Function:
         return self.clip(found) if np.all(np.isfinite(found)) else tried
 
     def __call__(self, z: np.ndarray, like: Prediction | None = None, runs: Sequence[int] | None = None) -> Prediction:
-        chosen = self.problem.chosen(self.names, z[self.k :])
-        return self.problem.predict(z[: self.k], chosen, like, runs)
+        return self.problem.predict(z[: self.k], self.problem.chosen(self.names, z[self.k :]), like, runs)
 
-    def derivatives(self, z: np.ndarray, here: Prediction, D: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Forward differences of the predictions [SI]; what acts on few parts is taken of these alone.
+    def with_pulses(self, z: np.ndarray) -> np.ndarray:
+        """Predictions as a vector [SI], shape (n,).
+
+        Parameters
+        ----------
+        z : ndarray, shape (m,)
+            A point [-].
+        """
+        return self.comparison.raw(self(z))
+
+    def smooth(self, z: np.ndarray) -> np.ndarray:
+        """Predictions with the runs in time by the mean torque, as a vector [SI], shape (n,).
+
+        Where two unknowns nearly make up for each other, their derivatives are two large numbers whose difference is
+        all that tells them apart: with the pulses it is lost in their phase. Without them it is kept.
+
+        Parameters
+        ----------
+        z : ndarray, shape (m,)
+            A point [-].
+        """
+        chosen = self.problem.chosen(self.names, z[self.k :])
+        return self.comparison.raw(self.problem.predict(z[: self.k], chosen, smooth=True))
+
+    def near(self, there: np.ndarray) -> Callable[[np.ndarray], Prediction]:
+        """Predictions about a point: the mean torque's, and what the pulses add there, at the angle that is reached.
+
+        Parameters
+        ----------
+        there : ndarray, shape (m,)
+            The point [-].
+        """
+        added = self.problem.pulses(there[: self.k], self.problem.chosen(self.names, there[self.k :]))
+
+        def predict(z: np.ndarray) -> Prediction:
+            chosen = self.problem.chosen(self.names, z[self.k :])
+            return self.problem.predict(z[: self.k], chosen, pulses=added)
+
+        return predict
+
+    def derivatives(
+        self, z: np.ndarray, here: Prediction, D: np.ndarray, u: np.ndarray, of: Callable[[np.ndarray], Prediction]
+    ) -> np.ndarray:
+        """Forward differences of the predictions [SI].
 
         Parameters
         ----------
         z : ndarray, shape (m,)
             The point [-].
         here : Prediction
-            At it.
+            At it, by the function differentiated.
         D : ndarray, shape (n, m)
             Derivatives so far, for the size of the steps; 0 where nothing is known [SI].
         u : ndarray, shape (3,)
             Noise scales, to size the steps [-].
+        of : callable
+            Differentiated: `near` a point, or this function where there are no runs in time. Effects that follow the
+            angle have their pulses simulated in any case.
         """
         raw, white = self.comparison.raw(here), self.comparison.whitener(here, u)
-        far = FAR if self.problem.blocks.runs else NEAR
-        drives = self._drives(z, here)
+        members = [effects()[name] for name, _ in self.problem.effect_unknowns(self.names)]
+        whole = self.with_pulses(z) if any(effect.periodic for effect in members) else raw
 
         def column(i: int) -> np.ndarray:
             name = self.problem.nuisances[i].name if i < self.k else ""
-            if name in ("pressure_offset", "pressure_scale"):
-                found = self._difference(z, i, here, raw, STEP, ())
-                self._through_supply(found, drives, name, i)
-                return found
-            if name.endswith(".supply"):
-                run = self._run_of(name)
-                found = np.zeros(raw.size)
-                found[self.comparison.kind == RUN + run] = drives[run] * self.problem.nuisances[i].b
-                return found
-            if name.endswith(".angle"):
-                return self._difference(z, i, here, raw, STEP, (self._run_of(name),))
             if name.startswith(("flow_", "speed_")):
                 return self._instrument(i, name, raw, z)
+            far, start = NEAR, raw
+            differentiated = lambda moved: self.comparison.raw(of(moved))  # noqa: E731
+            if i >= self.k and members[i - self.k].periodic:
+                differentiated, start, far = self.with_pulses, whole, FAR
             size = float(np.linalg.norm(white(D[:, i])))
             step = STEP if size == 0.0 else min(STEP, max(far / size, LEAST_STEP))
-            found = self._difference(z, i, here, raw, step)
+            found = self._difference(z, i, differentiated, start, step)
             size = float(np.linalg.norm(white(np.nan_to_num(found))))
             if step * size > 3.0 * far:
-                found = self._difference(z, i, here, raw, max(far / size, LEAST_STEP))
+                found = self._difference(z, i, differentiated, start, max(far / size, LEAST_STEP))
             return found
 
-        return self._columns(column, z.size)
-
-    def along(self, z: np.ndarray, here: Prediction, axes: np.ndarray, D: np.ndarray) -> np.ndarray:
-        """Differences of the predictions along given axes, as derivatives with z [SI].
-
-        Where two unknowns nearly make up for each other, derivatives with each alone are two large numbers whose
-        difference, all that tells them apart, is lost in the phase of the pulses. Along the axes of the posterior,
-        one sd each, it is not.
-
-        Parameters
-        ----------
-        z : ndarray, shape (m,)
-            The point [-].
-        here : Prediction
-            At it.
-        axes : ndarray, shape (m, m)
-            Steps, a column each [-].
-        D : ndarray, shape (n, m)
-            Derivatives so far [SI].
-        """
-        raw = self.comparison.raw(here)
-
-        def column(i: int) -> np.ndarray:
-            moved = self.advance(z, axes[:, i])
-            sign = 1.0 if np.all((moved >= self.low) & (moved <= self.high)) else -1.0
-            straight = np.clip(self.advance(z, sign * axes[:, i]), -9.0, 9.0)
-            end = self.along_valley(z, straight, here, D)
-            change = self.comparison.raw(self(end)) - raw
-            found: np.ndarray = sign * (np.nan_to_num(change) - D @ (end - straight))
-            return found
-
-        found: np.ndarray = np.linalg.solve(axes.T, self._columns(column, z.size).T).T
-        return found
-
-    def _columns(self, column: Callable[[int], np.ndarray], count: int) -> np.ndarray:
-        each = _threads().map(column, range(count)) if self.problem.blocks.runs else map(column, range(count))
-        return np.nan_to_num(np.column_stack(list(each)))
-
-    def _run_of(self, name: str) -> int:
-        return [run.file for run in self.problem.blocks.runs].index(name.rpartition(".")[0])
+        return np.nan_to_num(np.column_stack([column(i) for i in range(z.size)]))
 
     def _difference(
-        self,
-        z: np.ndarray,
-        i: int,
-        here: Prediction,
-        raw: np.ndarray,
-        step: float,
-        runs: Sequence[int] | None = None,
+        self, z: np.ndarray, i: int, of: Callable[[np.ndarray], np.ndarray], start: np.ndarray, step: float
     ) -> np.ndarray:
         """A forward difference, backward at the upper bound [SI]."""
         moved = z.copy()
         moved[i] += step if z[i] + step <= self.high[i] else -step
-        there = self(moved) if runs is None else self(moved, here, runs)
-        change: np.ndarray = self.comparison.raw(there) - raw
-        return change / (moved[i] - z[i])
-
-    def _drives(self, z: np.ndarray, here: Prediction) -> list[np.ndarray]:
-        """What each run's samples do per Pa that the gauge's readings are taken off."""
-        found = []
-        for j, run in enumerate(self.problem.blocks.runs):
-            i = next(i for i, u in enumerate(self.problem.nuisances) if u.name == f"{run.file}.supply")
-            moved = z.copy()
-            moved[i] += 0.2
-            there = self(moved, here, (j,))
-            used = self.comparison.used[j]
-            found.append((there.runs[j] - here.runs[j])[used] / (0.2 * self.problem.nuisances[i].b))
-        return found
-
-    def _through_supply(self, column: np.ndarray, drives: list[np.ndarray], name: str, i: int) -> None:
-        """A gauge's error acts on a run through its supply alone."""
-        for j, run in enumerate(self.problem.blocks.runs):
-            size = max((s.pressure_pa for s in run.supply if s.is_open), default=0.0)
-            per_z = self.problem.nuisances[i].b * (SI_OF["pressure"] if name == "pressure_offset" else size)
-            column[self.comparison.kind == RUN + j] = drives[j] * per_z
+        change: np.ndarray = (of(moved) - start) / (moved[i] - z[i])
+        return change
 
     def _instrument(self, i: int, name: str, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
         """An offset or a scale of flow or speed needs no simulation."""
@@ -249,9 +224,3 @@ class Function:
             0.0,
         )
         return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)
-
-
-@cache
-def _threads() -> ThreadPoolExecutor:
-    """Two threads: the compiled integrator runs without the interpreter's lock."""
-    return ThreadPoolExecutor(THREADS)

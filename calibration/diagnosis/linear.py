@@ -22,9 +22,8 @@ from calibration.diagnosis.problem import CHANNELS, Prediction, Problem
 from calibration.priors import NOISE_FACTOR
 
 NOISE_SD = math.log(NOISE_FACTOR)
-NOISE_PASSES = 4
 LARGEST_NOISE_STEP = 0.5
-BLUR = 0.3
+BLUR = 0.5  # share of the swing of the pulses that is left to chance
 VENTED, FLOW, SPEED, RUN = -1, 0, 1, 2  # kinds of entries; run i is RUN + i
 
 
@@ -104,6 +103,8 @@ class Comparison:
         Where the runs' samples end and the readings with the line vented begin [-].
     swing : ndarray, shape (end - 2 n,)
         How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
+    starts : dict
+        Of the runs from rest, by file, at the base model's point.
     blur : float
         Share of that swing to which the pulses' phase is not trusted [-].
     """
@@ -137,6 +138,21 @@ class Comparison:
             or [np.zeros(0)]
         )
         self.sizes = tuple(int(used.sum()) for used in self.used)
+        self.see_pulses(np.zeros(len(problem.nuisances)))
+
+    def see_pulses(self, z: np.ndarray) -> None:
+        """Take the swing of the pulses anew, from simulations at a point of the base model.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            The point [-].
+        """
+        self.problem.see_starts(z, {})
+        self.starts = dict(self.problem.starts)
+        for i, used in enumerate(self.used):
+            mine = self.kind[2 * self.n : self.end] == RUN + i
+            self.swing[mine] = self.problem.swing(z, i)[used]
 
     @property
     def size(self) -> int:
@@ -169,6 +185,16 @@ class Comparison:
         runs = (noise["speed"] * scale) ** 2 + problem.resolution["speed"] ** 2 / 12.0
         return var, runs
 
+    @property
+    def angle_sd(self) -> np.ndarray:
+        """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,).
+
+        The angle at which a rotor stood is not known: after a start from rest the pulses are left to chance wholly.
+        """
+        runs = self.problem.blocks.runs
+        share = np.repeat([1.0 if run.from_rest else self.blur for run in runs], self.sizes)
+        return share * self.swing if runs else self.swing
+
     def following(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Cholesky factor of the runs' covariance: its diagonal, and what is left of it, shape (m - 2 n,) each [SI].
 
@@ -181,7 +207,7 @@ class Comparison:
             return np.zeros(0), np.zeros(0)
         first = np.zeros(runs.size, dtype=bool)
         first[np.cumsum([0, *self.sizes[:-1]])] = True
-        now = (self.blur * self.swing / self.step) ** 2
+        now = (self.angle_sd / self.step) ** 2
         last = np.where(first, now, np.roll(now, 1))
         band = np.vstack([runs + now + last, np.append(np.where(first, 0.0, -last)[1:], 0.0)])
         factor = cholesky_banded(band, lower=True)

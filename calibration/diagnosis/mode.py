@@ -9,27 +9,31 @@ that do not lower the cost are shortened.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import log_ndtr
 
 from calibration.diagnosis.function import Function
-from calibration.diagnosis.linear import BLUR, NOISE_SD, RUN, Comparison
+from calibration.diagnosis.linear import BLUR, NOISE_SD, Comparison
 from calibration.diagnosis.problem import Prediction, Problem
 from model.effects import effects
-from model.layout import PULSE
 
 BAD = 0.01
 BAD_WIDTH = 10.0
 LARGEST_MOVE = 6.0
 MOST_PASSES = 30
+HALVINGS = 8
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
-CLOSE = 100.0  # squared length of a move below which derivatives are taken along the axes of the posterior
-ROUGHLY = 1.0  # share of the swing of the pulses that is left to chance while a search is on its way
-ANGLES = 16  # starting angles tried within a pulse
+MOST_ROUNDS = 8  # times that the pulses are simulated anew
+ROUGH = 1.0  # ... while the pulses are left to chance
+STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
+# Share of the swing of the pulses left to chance, nats that a round has to gain, and rounds that may gain less.
+STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
+EDGE = math.sqrt(3.0)  # half a pulse, in sds of the angle's prior: an angle one pulse on is the same angle
+ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # starting angles tried, beside the one that there is
 
 
 @dataclass(frozen=True)
@@ -72,11 +76,22 @@ class Mode:
     prediction: Prediction
 
 
+@dataclass(frozen=True)
+class _Point:
+    """Where a search stands: the cost, the unknowns, the noise scales, derivatives once they are known, prediction."""
+
+    cost: float
+    z: np.ndarray
+    u: np.ndarray
+    D: np.ndarray
+    predicted: Prediction
+    stale: bool = True
+
+
 def find(
     comparison: Comparison,
     names: Sequence[str],
-    start: Mode | None = None,
-    passes: int = MOST_PASSES,
+    *starts: Mode | None,
     first: dict[tuple[str, str], float] | None = None,
 ) -> Mode:
     """The most probable point of the base model with a set of effects.
@@ -87,57 +102,139 @@ def find(
         The recording.
     names : sequence of str
         Effect ids.
-    start : Mode or None
-        A mode of a smaller or equal set to start from.
-    passes : int
-        Most Gauss-Newton passes [-].
+    *starts : Mode or None
+        Modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is given.
+        With runs in time the start that leads farthest in the first stage goes on.
     first : dict or None
         Starting values of effects' unknowns by (effect, parameter) [-].
+
+    Raises
+    ------
+    ArithmeticError
+        When the model gives no reading at any start.
     """
     problem = comparison.problem
-    k = len(problem.nuisances)
-    extra = problem.effect_unknowns(names)
-    z, u = np.zeros(k + len(extra)), np.zeros(3)
     f = Function(comparison, names)
+    problem.starts = dict(comparison.starts)
+    begun = [_begin(comparison, f, start, first or {}) for start in starts or (None,)]
+    if not problem.blocks.runs:
+        comparison.blur = BLUR
+        ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
+        return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
+    here = min((_stage(f, comparison, point, STAGES[0]) for point in begun), key=lambda point: point.cost)
+    for stage in STAGES[1:]:
+        here = _stage(f, comparison, replace(here, predicted=f(here.z)), stage)
+    comparison.blur = BLUR
+    of = f.near(here.z)
+    D = f.derivatives(here.z, of(here.z), here.D, here.u, of)
+    return close(comparison, names, here.z, here.u, D, here.predicted)
+
+
+def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[tuple[str, str], float]) -> _Point:
+    """A point to start from, at which the model gives readings."""
+    problem, k = comparison.problem, f.k
+    extra = problem.effect_unknowns(f.names)
+    z, u = np.zeros(k + len(extra)), np.zeros(3)
     D = np.zeros((comparison.read.size, z.size))
+    values: dict[tuple[str, str], float] = {}
     if start is not None:
         z[:k], u = start.z[:k], np.clip(start.u, -0.3, 0.3)
         D[:, :k] = start.D[:, :k]
-        kept = {(e, x.name): start.z[k + i] for i, (e, x) in enumerate(problem.effect_unknowns(start.names))}
-    else:
-        kept = {}
-    kept |= first or {}
+        values = {(e, x.name): start.z[k + i] for i, (e, x) in enumerate(problem.effect_unknowns(start.names))}
+    values |= first
+    amplitudes = []
     for i, (name, unknown) in enumerate(extra):
-        z[k + i] = kept.get((name, unknown.name), 0.0)
-        amplitude = effects()[name].amplitude
-        if unknown.name == amplitude.name and len(effects()[name].parameters) > 1 and abs(z[k + i]) < 0.05:
-            z[k + i] = 0.1  # at an amplitude of 0 nothing can be said of its shape
+        z[k + i] = values.get((name, unknown.name), 0.0)
+        if unknown.name == effects()[name].amplitude.name:
+            amplitudes.append(k + i)
+            if len(effects()[name].parameters) > 1 and abs(z[k + i]) < 0.05:
+                z[k + i] = 0.1  # at an amplitude of 0 nothing can be said of its shape
     z = f.clip(z)
-    predicted = f(z)
-    rough = bool(problem.blocks.runs)  # the phase of the pulses makes the surface rough
-    near, axes = False, np.eye(z.size)
-    comparison.blur = ROUGHLY if rough else BLUR
-    for _ in range(passes):
-        D = f.along(z, predicted, axes, D) if near else f.derivatives(z, predicted, D, u)
+    for _ in range(HALVINGS):
+        predicted = f(z)
+        if np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
+            return _Point(math.inf, z, u, D, predicted)
+        z[amplitudes] *= 0.5  # the motor may stall with as much of an effect
+    raise ArithmeticError(f"the model with {' and '.join(f.names) or 'nothing added'} gives no reading to start from")
+
+
+def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float, float, int]) -> _Point:
+    """Rounds of a search with runs in time: in each, what the pulses add is simulated anew and then kept."""
+    comparison.blur, least_gain, patience = stage
+    z, predicted = _turned(f, comparison, here.z, here.u, here.predicted)
+    cost, u = _at(comparison, z, here.u, predicted)
+    best, D, stale, worse = _Point(cost, z, u, here.D, predicted, here.stale), here.D, here.stale, 0
+    for _ in range(MOST_ROUNDS):
+        z = _within_a_pulse(f, z)
+        of, before = f.near(z), z
+        z, u, D, _ = _descend(f, comparison, z, u, D, of(z), of, stale)
+        stale = _distance(comparison, D, predicted, u, z - before) > STALE
+        predicted = f(z)
+        cost, u = _at(comparison, z, u, predicted)
+        # What the pulses add has changed on the way, so a round may end higher than it began.
+        worse = worse + 1 if best.cost - cost < least_gain else 0
+        if worse > patience:
+            break
+        if cost < best.cost:
+            best = _Point(cost, z, u, D, predicted, stale)
+        elif patience:
+            z = f.along_valley(best.z, f.clip(best.z + 0.5 * (z - best.z)), best.predicted, D)
+            predicted = f(z)
+    return best
+
+
+def _within_a_pulse(f: Function, z: np.ndarray) -> np.ndarray:
+    """The same point with each angle counted from the nearest pulse."""
+    z = z.copy()
+    for place in f.angles:
+        z[place] = (z[place] + EDGE) % (2.0 * EDGE) - EDGE
+    return z
+
+
+def _at(comparison: Comparison, z: np.ndarray, u: np.ndarray, predicted: Prediction) -> tuple[float, np.ndarray]:
+    """The cost of a point, and the noise scales that suit it."""
+    if not np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
+        return math.inf, u
+    u = _noise(comparison, predicted, u)
+    white = comparison.whitener(predicted, u)
+    r = white(comparison.read - comparison.raw(predicted))
+    return _cost(r, white.log_scale, z, u, comparison), u
+
+
+def _descend(
+    f: Function,
+    comparison: Comparison,
+    z: np.ndarray,
+    u: np.ndarray,
+    D: np.ndarray,
+    predicted: Prediction,
+    of: Callable[[np.ndarray], Prediction],
+    fresh: bool = True,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
+    """Gauss-Newton steps until one is short: the point, the noise scales, the derivatives and the prediction.
+
+    Derivatives are taken anew only after a long step: those of a place near by lead to the same point.
+    """
+    for _ in range(MOST_PASSES):
+        if fresh:
+            D = f.derivatives(z, predicted, D, u, of)
         white = comparison.whitener(predicted, u)
         r, J = white(comparison.read - comparison.raw(predicted)), white(D)
         weight, _ = _weights(r, comparison)
         A = (J * weight[:, None]).T @ J + np.eye(z.size)
-        moved, predicted = _step(f, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
+        moved, predicted = _step(f, of, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
         far = float((moved - z) @ A @ (moved - z))
         z, u = moved, _noise(comparison, predicted, u)
-        if far < SETTLED and near == rough:
-            if comparison.blur == BLUR:
-                break
-            comparison.blur = BLUR
-            z = _turned(f, comparison, z, u, predicted)
-            predicted = f(z)
-        near = rough and (near or far < CLOSE)
-        if near:
-            size, turn = np.linalg.eigh(A)
-            axes = turn / np.sqrt(size)
-    comparison.blur = BLUR
-    return close(comparison, names, z, u, D, predicted)
+        if far < (SETTLED if comparison.blur == BLUR else ROUGH) and (fresh or far > 0.0):
+            break
+        fresh = far > STALE or far == 0.0  # where old derivatives lead nowhere, new ones may
+    return z, u, D, predicted
+
+
+def _distance(comparison: Comparison, D: np.ndarray, predicted: Prediction, u: np.ndarray, move: np.ndarray) -> float:
+    """Squared length of a move in posterior sds [-]."""
+    J = comparison.whitener(predicted, u)(D)
+    return float(np.sum((J @ move) ** 2) + move @ move)
 
 
 def close(
@@ -169,12 +266,12 @@ def close(
 
 
 def set_angles(comparison: Comparison, mode: Mode) -> Mode:
-    """Give each run in time the starting angle, of a few within a pulse, that suits it best at a point.
+    """Take the starting angles of a mode, and the swing of its pulses, as those to deviate from.
 
     Parameters
     ----------
     comparison : Comparison
-        The recording; its problem's angles and its ripple are changed.
+        The recording; its problem's angles and its swing are changed.
     mode : Mode
         The point.
 
@@ -186,19 +283,11 @@ def set_angles(comparison: Comparison, mode: Mode) -> Mode:
     problem = comparison.problem
     k = len(problem.nuisances)
     z = mode.z.copy()
-    z[[i for i, u in enumerate(problem.nuisances) if u.name.endswith(".angle")]] = 0.0
-    chosen = problem.chosen(mode.names, mode.z[k:])
-    for i, run in enumerate(problem.blocks.runs):
-        comparison.swing[comparison.kind[2 * comparison.n : comparison.end] == RUN + i] = problem.swing(z[:k], i)[
-            run.used
-        ]
-        best = (math.inf, 0.0)
-        for angle in np.arange(ANGLES) * PULSE / ANGLES:
-            problem.start_angle[run.file] = float(angle)
-            predicted = problem.predict(z[:k], chosen, mode.prediction, [i])
-            r = comparison.whitener(predicted, np.zeros(3))(comparison.read - comparison.raw(predicted))
-            best = min(best, (float(np.sum(r[comparison.kind == RUN + i] ** 2)), float(angle)))
-        problem.start_angle[run.file] = best[1]
+    for i, unknown in enumerate(problem.nuisances):
+        if unknown.name.endswith(".angle"):
+            problem.start_angle[unknown.name.removesuffix(".angle")] += float(unknown.value(z[i]))
+            z[i] = 0.0
+    comparison.see_pulses(z[:k])
     return replace(mode, z=z)
 
 
@@ -216,27 +305,28 @@ def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) ->
     return move
 
 
-def _turned(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction) -> np.ndarray:
-    """A point with the starting angle of each run in time at the best of a few within a pulse [-]."""
-    z = z.copy()
-    names = [unknown.name for unknown in comparison.problem.nuisances]
-    for i, run in enumerate(comparison.problem.blocks.runs):
-        place = names.index(f"{run.file}.angle")
-        best = (math.inf, float(z[place]))
-        edge = math.sqrt(3.0)  # half a pulse: an angle one pulse on is the same angle
-        within = (float(z[place]) + edge) % (2.0 * edge) - edge
-        for angle in [float(z[place]), within, *np.linspace(-edge, edge, ANGLES)]:
-            z[place] = angle
-            there = f(z, here, (i,))
-            white = comparison.whitener(there, u)
+def _turned(
+    f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction
+) -> tuple[np.ndarray, Prediction]:
+    """A point with the angle at which each coast-down begins at the best of a few [-], and the prediction there."""
+    for place, run in f.angles.items():
+        white = comparison.whitener(here, u)
+        r = white(comparison.read - comparison.raw(here))
+        best, start = _cost(r, white.log_scale, z, u, comparison), float(z[place])
+        for move in ALL_ROUND:
+            tried = z.copy()
+            tried[place] = (start + move + EDGE) % (2.0 * EDGE) - EDGE
+            there = f(tried, here, (run,))
             r = white(comparison.read - comparison.raw(there))
-            best = min(best, (_cost(r, white.log_scale, z, u, comparison), float(angle)))
-        z[place] = best[1]
-    return z
+            cost = _cost(r, white.log_scale, tried, u, comparison)
+            if cost < best:
+                best, z, here = cost, tried, there
+    return z, here
 
 
 def _step(
     f: Function,
+    of: Callable[[np.ndarray], Prediction],
     comparison: Comparison,
     z: np.ndarray,
     u: np.ndarray,
@@ -257,7 +347,7 @@ def _step(
         move = share * whole
         move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
         tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
-        found = f(tried)
+        found = of(tried)
         if np.all(np.isfinite(comparison.raw(found)[comparison.known])) and cost(tried, found) <= before + 1e-6:
             return tried, found
     return z, predicted

@@ -24,7 +24,7 @@ from calibration.diagnosis.signatures import Signature, log_gain, project, signa
 from model.effects import effects
 
 SINGLES = 6  # most single effects refitted
-SINGLES_WITH_RUNS = 4  # ... where each takes seconds
+SINGLES_WITH_RUNS = 5  # ... where each takes seconds
 PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
@@ -32,6 +32,7 @@ BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
 SWAPS = 5  # other second members tried
 AGAIN = 0.5  # amplitude that a second search starts from, in ordinary sizes
+DOUBT = 2.0  # nats by which the evidence may be wrong with runs in time: the less probable sets get their benefit
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
 
 
@@ -186,7 +187,7 @@ def _swap(
 
 
 def refit(comparison: Comparison, names: Sequence[str], near: Mode, first: dict[tuple[str, str], float]) -> Mode:
-    """The most probable point of a set, from a smaller set's and, where that costs little, from the prior's middle.
+    """The most probable point of a set, from a smaller set's and from the prior's middle.
 
     Parameters
     ----------
@@ -199,11 +200,7 @@ def refit(comparison: Comparison, names: Sequence[str], near: Mode, first: dict[
     first : dict
         Values of the effects' unknowns to start from [-].
     """
-    if comparison.problem.blocks.runs:
-        return find(comparison, names, first=first)  # from the prior's middle the valley is entered at its best place
-    found = find(comparison, names, near, first=first)
-    other = find(comparison, names, None, first=first)
-    return max(found, other, key=lambda mode: mode.log_evidence)
+    return find(comparison, names, near, None, first=first)
 
 
 def screen(
@@ -256,9 +253,12 @@ def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Ca
     for names, mode in modes.items():
         log_evidence = mode.log_evidence + sum(beyond(comparison.problem, mode, name) for name in names)
         out.append((names, mode, log_evidence, log_evidence + log_prior(len(names), K), refusal(comparison, mode)))
-    total = logsumexp([o[3] for o in out])
-    found = [Candidate(o[0], o[1], o[2], math.exp(o[3] - total), o[4]) for o in out]
-    return sorted(found, key=lambda c: (-c.probability, c.names))
+    best = max(o[3] for o in out)
+    doubt = DOUBT if comparison.problem.blocks.runs else 0.0
+    weight = [min(o[3] + doubt, best) for o in out]
+    total = logsumexp(weight)
+    order = sorted(range(len(out)), key=lambda i: (-out[i][3], out[i][0]))
+    return [Candidate(*out[i][:3], math.exp(weight[i] - total), out[i][4]) for i in order]
 
 
 def log_prior(k: int, K: int) -> float:

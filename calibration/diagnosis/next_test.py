@@ -97,6 +97,17 @@ def propose(comparison: Comparison, rivals: Sequence[Candidate]) -> list[NextTes
                 )
         if any(n in ("flow_offset", "leakage", "flow_scale") for c in pair for n in c.names):
             found.append(NextTest("locked rotor: flow at 2 bar with the rotor held", names, _locked(comparison, pair)))
+    return ranked(found)
+
+
+def ranked(found: Sequence[NextTest]) -> list[NextTest]:
+    """The few tests that would tell most; those that would tell next to nothing are left out.
+
+    Parameters
+    ----------
+    found : sequence of NextTest
+        In any order.
+    """
     best = sorted((t for t in found if t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats)
     return best[:MOST]
 
@@ -104,7 +115,7 @@ def propose(comparison: Comparison, rivals: Sequence[Candidate]) -> list[NextTes
 def _parts(comparison: Comparison, one: Candidate) -> tuple[np.ndarray, dict[str, dict[str, float]]]:
     problem = comparison.problem
     k = len(problem.nuisances)
-    parameters, _, _, _ = problem._split(one.mode.z[:k])
+    parameters = problem.split(one.mode.z[:k])[0]
     return parameters, problem.chosen(one.names, one.mode.z[k:])
 
 

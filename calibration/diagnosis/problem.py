@@ -14,28 +14,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.blocks import Blocks, RunInTime, blocks_of
+from calibration.diagnosis import in_time
+from calibration.diagnosis.blocks import Blocks, blocks_of
 from calibration.priors import PASCAL_PER_BAR, Unknown, at_ambient, column_of, unknowns
 from model import layout as at
 from model import steady as base_steady
 from model.effects import effects
 from model.effects import steady as effect_steady
-from model.effects import transient as effect_transient
 from model.effects.effect import Effect, State
 from model.effects.laws import readings_of
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor, read_motor
-from model.transient import OMEGA, Supply, rest_state
+from model.transient import Supply
 from rig.recording import Recording, RecordingError
 
 SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
 SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
 ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
-STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
+REST_ANGLES = 16  # at which it may have stood, for what its pulses do
+UNSETTLED = 0.005  # of the line's pressure: by so much a coast-down may begin off its steady speed
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
-BESIDE = 4  # samples either side over which the swing of the pulses is taken
-SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
+
+# The motor's parameters, each channel's offset and scale, and by file: error of the supply, angle, and start.
+ByFile = dict[str, float]
+Split = tuple[np.ndarray, dict[str, tuple[float, float]], ByFile, ByFile, dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -89,8 +92,17 @@ class Problem:
         everything = unknowns(self.motor, recording)
         self.nuisances: list[Unknown] = [u for u in everything if not u.name.endswith("_noise_scale")]
         for run in self.blocks.runs:
-            self.nuisances.append(Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, max(run.supply_sd, 1.0), "noise"))
-            self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
+            sd = max(run.supply_sd, 1.0)
+            if not run.from_rest and len(run.supply) > 1:
+                sd = math.hypot(sd, UNSETTLED * run.supply[0].pressure_pa)
+            self.nuisances.append(
+                Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, sd, "noise, and what had not settled")
+            )
+            if run.from_rest:
+                for k in range(in_time.STARTS):
+                    self.nuisances.append(Unknown(f"{run.file}.start_{k}", "-", "normal", 0.0, 1.0, "nobody set it"))
+            else:
+                self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
         if self.blocks.vented.pressure.size:
             self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))
         self._base = self.motor.vector()
@@ -111,6 +123,7 @@ class Problem:
         self._gas = base_steady.gas_table(
             self.motor, np.clip(plateaus.pressure + np.where(plateaus.is_gauge, P_a, 0.0), 5e4, 8e5)
         )
+        self.starts: dict[str, in_time.Start] = {}
         self.start_angle = {run.file: 0.0 for run in self.blocks.runs}
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
@@ -158,6 +171,8 @@ class Problem:
         chosen: dict[str, dict[str, float]],
         like: Prediction | None = None,
         runs: Sequence[int] | None = None,
+        pulses: Sequence[in_time.Pulses | None] | None = None,
+        smooth: bool = False,
     ) -> Prediction:
         """What the instruments would read.
 
@@ -171,18 +186,22 @@ class Problem:
             Where runs that are not simulated anew are taken from.
         runs : sequence of int or None
             Indices of the runs to simulate; all when left out [-].
+        pulses : sequence of Pulses or None
+            Those of each run, to be added to its course by the mean torque: a twentieth of the time, and smooth in
+            every unknown. They are simulated where they are not given.
+        smooth : bool
+            Whether runs are to be without pulses.
         """
-        parameters, errors, supply, angle = self._split(z)
+        split = self.split(z)
+        parameters, errors = split[:2]
         points, state, _ = self._plateaus(parameters, errors, chosen)
         flow = readings_of(chosen, "flow", points.flow, state) * (1.0 + errors["flow"][1]) + errors["flow"][0]
         speed = readings_of(chosen, "speed", points.speed, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
         found = tuple(
-            self._read_speed(
-                self._run(run, parameters, errors, supply[run.file], angle[run.file], chosen), run, errors, chosen
-            )
+            self._read_speed(i, split, chosen, pulses[i] if pulses else None, smooth)
             if like is None or runs is None or i in runs
             else like.runs[i]
-            for i, run in enumerate(self.blocks.runs)
+            for i in range(len(self.blocks.runs))
         )
         vented = self._vented(float(z[self._share]) if self._share is not None else 0.0, parameters, errors, chosen)
         return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, state)
@@ -206,13 +225,29 @@ class Problem:
         found: np.ndarray = np.where(vented.is_gauge, 0.0, P_a + share * span) + at_vacuum + offset
         return found
 
-    def _split(
-        self, z: np.ndarray
-    ) -> tuple[np.ndarray, dict[str, tuple[float, float]], dict[str, float], dict[str, float]]:
+    def split(self, z: np.ndarray) -> Split:
+        """The nuisances' values: the motor's parameters, each channel's errors, and each run's supply and angle.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+
+        Returns
+        -------
+        parameters : ndarray, shape (24,)
+            Of the motor [SI].
+        errors : dict
+            Offset [SI] and scale [-] of each channel.
+        supply, angle, start : dict
+            By file: error of the gauge's mean over the open spans [Pa], angle of the shaft [rad], and how much there is
+            of each course that starts from rest are made of [-].
+        """
         parameters = self._base.copy()
         errors = {channel: [0.0, 0.0] for channel in CHANNELS}
         supply = {run.file: 0.0 for run in self.blocks.runs}
         angle = dict(self.start_angle)
+        start = {run.file: np.zeros(in_time.STARTS) for run in self.blocks.runs}
         for at_z, unknown in zip(z, self.nuisances, strict=True):
             value = float(unknown.value(np.asarray(at_z)))
             if unknown.name in self._place:
@@ -224,10 +259,13 @@ class Problem:
                 supply[unknown.name.removesuffix(".supply")] = value
             elif unknown.name.endswith(".angle"):
                 angle[unknown.name.removesuffix(".angle")] += value
+            elif ".start_" in unknown.name:
+                file, _, course = unknown.name.rpartition(".start_")
+                start[file][int(course)] = value
             else:
                 channel, _, error = unknown.name.partition("_")
                 errors[channel][error == "scale"] = value * (SI_OF[channel] if error == "offset" else 1.0)
-        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, supply, angle
+        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, supply, angle, start
 
     def _plateaus(
         self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
@@ -272,71 +310,44 @@ class Problem:
                 true = true + wanted - readings_of(chosen, "pressure", true, nothing)
         return true + np.where(is_gauge, parameters[at.P_A], 0.0)
 
-    def _run(
-        self,
-        run: RunInTime,
-        parameters: np.ndarray,
-        errors: dict[str, tuple[float, float]],
-        supply_error: float,
-        angle: float,
-        chosen: dict[str, dict[str, float]],
-    ) -> effect_transient.Run:
-        """The run in time; its first sample is the step before the recording's first."""
-        supply = [
-            Supply(
-                span.start_s,
-                float(
-                    self.true_pressure(
-                        np.array([span.pressure_pa - supply_error]), run.is_gauge, parameters, errors, chosen
-                    )[0]
-                )
-                if span.is_open
-                else span.pressure_pa,
-                span.is_open,
-            )
-            for span in run.supply
-        ]
-        step = float(run.time[1] - run.time[0])
-        if run.from_rest:
-            start = rest_state(self.motor, angle)
-            time = np.concatenate([[run.time[0] - step], run.time])
-        else:
-            rows = parameters[None, :]
-            pressure = np.array([supply[0].pressure_pa])
-            first = effect_steady.solve(
-                rows,
-                self._readings,
-                pressure,
-                base_steady.gas_table(self.motor, pressure),
-                chosen,
-                np.array([run.start_s]),
-            )
-            speed = max(float(first.speed[0]), 1.0)
-            # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
-            ahead = (supply[1].start_s if len(supply) > 1 else run.time[0]) - supply[0].start_s
-            start = rest_state(self.motor, (angle - speed * ahead) % at.PULSE)
-            start[OMEGA] = speed
-            before = np.arange(supply[0].start_s, run.time[0] - 0.5 * step, 0.02)
-            time = np.concatenate([before[before < run.time[0] - step - 1e-9], [run.time[0] - step], run.time])
-        stride = 1 if any(effects()[name].periodic for name in chosen) else STRIDE
-        time = time[: time.size - run.size + run.wanted]
-        return effect_transient.simulate(parameters, self._readings, supply, time, start, chosen, run.start_s, stride)
+    def _plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
+        """A run in time at a point: its line is the gauge's reading, freed of the gauge's errors."""
+        parameters, errors, wrong_by, angle, _ = split
+        run = self.blocks.runs[i]
+        supply: list[Supply] = []
+        for span in run.supply:
+            pressure = span.pressure_pa
+            if span.is_open:
+                reading = np.array([pressure - wrong_by[run.file]])
+                pressure = float(self.true_pressure(reading, run.is_gauge, parameters, errors, chosen)[0])
+            supply.append(Supply(span.start_s, pressure, span.is_open))
+        return in_time.plan(self.motor, run, parameters, supply, angle[run.file], chosen)
 
     def _read_speed(
         self,
-        found: effect_transient.Run,
-        run: RunInTime,
-        errors: dict[str, tuple[float, float]],
+        i: int,
+        split: Split,
         chosen: dict[str, dict[str, float]],
+        pulses: in_time.Pulses | None,
+        smooth: bool,
     ) -> np.ndarray:
+        run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]
+        planned = self._plan(i, split, chosen)
+        if run.file in self.starts and not planned.follows_angle:
+            start = self.starts[run.file]
+            true = planned.read(planned.mean_speed()) + (start.added + split[4][run.file] @ start.courses)[: run.wanted]
+        elif smooth:
+            true = planned.read(planned.mean_speed())
+        elif pulses is not None:
+            true = planned.read(pulses.beside(planned))
+        else:
+            true = planned.with_pulses().reading[-run.wanted :]
         reading = np.full(run.size, np.nan)
-        true = found.reading[-run.wanted :]
-        read = readings_of(chosen, "speed", true, _no_state(true))
-        reading[: run.wanted] = read * (1.0 + errors["speed"][1]) + errors["speed"][0]
+        reading[: run.wanted] = readings_of(chosen, "speed", true, _no_state(true)) * (1.0 + scale) + offset
         return reading
 
     def swing(self, z: np.ndarray, i: int) -> np.ndarray:
-        """How far the pulses of the cylinders swing the shaft about its mean course in a run in time, rms.
+        """How far the pulses of the cylinders swing the shaft in a run in time [rad], shape (n,).
 
         Parameters
         ----------
@@ -344,24 +355,49 @@ class Problem:
             Nuisances of the base model [-].
         i : int
             Index of the run [-].
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            At each sample [rad].
         """
-        run = self.blocks.runs[i]
-        parameters, errors, supply, angle = self._split(z)
-        found = self._run(run, parameters, errors, supply[run.file], angle[run.file], {})
-        mean = found.reading
-        between = 0.5 * (mean + np.append(mean[1:], mean[-1]))  # a reading is a mean since the sample before
-        left = ((found.speed - between) ** 2)[-run.wanted :]
-        width = np.ones(2 * BESIDE + 1) / (2 * BESIDE + 1)
-        rms = np.sqrt(np.convolve(np.pad(left, BESIDE, "edge"), width, "valid"))
-        swing = np.zeros(run.size)
-        pulses = 2.0 * math.pi / at.PULSE  # a turn's, and a radian's times 2 pi
-        swing[: run.wanted] = rms / (pulses * np.maximum(np.abs(mean[-run.wanted :]), SLOWEST))
-        return swing
+        run, split = self.blocks.runs[i], self.split(z)
+        if run.from_rest:
+            return self.starts[run.file].swing
+        return in_time.swing(self._plan(i, split, {}), run)
+
+    def see_starts(self, z: np.ndarray, chosen: dict[str, dict[str, float]]) -> None:
+        """Take anew what the pulses do to the runs from rest; predictions hold it from then on.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+        chosen : dict
+            Effects and the values of their parameters.
+        """
+        for i, run in enumerate(self.blocks.runs):
+            if run.from_rest:
+                self.starts[run.file] = in_time.start_of(self._from_rest(i, self.split(z), chosen), run)
+
+    def _from_rest(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> list[in_time.Plan]:
+        """A run from the angles at which its rotor may have stood."""
+        file, plans = self.blocks.runs[i].file, []
+        for angle in np.arange(REST_ANGLES) * at.PULSE / REST_ANGLES:
+            split[3][file] = float(angle)
+            plans.append(self._plan(i, split, chosen))
+        return plans
+
+    def pulses(self, z: np.ndarray, chosen: dict[str, dict[str, float]]) -> tuple[in_time.Pulses | None, ...]:
+        """What the pulses of the cylinders add to each run in time at a point.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+        chosen : dict
+            Effects and the values of their parameters.
+        """
+        split = self.split(z)
+        return tuple(
+            None if run.from_rest else in_time.Pulses(self._plan(i, split, chosen))
+            for i, run in enumerate(self.blocks.runs)
+        )
 
     def effects_that_could(self) -> list[Effect]:
         """The effects that this recording could show: those of a transient only where there is one."""

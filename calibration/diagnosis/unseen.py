@@ -49,7 +49,7 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[float, np
     f = Function(there, mode.names)
     z, covariance = _prior(seen, mode, there)
     predicted = f(z)
-    D = f.derivatives(z, predicted, np.zeros((there.read.size, z.size)), mode.u)
+    D = f.derivatives(z, predicted, np.zeros((there.read.size, z.size)), mode.u, f.near(z))
     white = there.whitener(predicted, mode.u)
     precision = np.linalg.inv(covariance)
     start, J = z, white(D)

@@ -1,0 +1,252 @@
+"""Runs in time by the mean torque, effects included: fast and smooth, for what a run does when something changes.
+
+Torque and flow are tabulated over the speed for each span of the supply; the speed then follows by Runge-Kutta steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from model import averaged as base
+from model import layout as at
+from model.cylinder import gas_state
+from model.effects import laws
+from model.effects.effect import State
+from model.effects.transient import FLOW_S
+from model.transient import Supply
+
+SPEEDS = 8  # at which the cycle is solved
+FINE = 96  # to which its torque is interpolated, and at which the laws are taken
+FLOWS = 32  # at which a loss of pressure is taken
+SLOWEST = 0.02  # of the highest speed, for the slowest at which the cycle is solved
+AHEAD = 1.3  # highest speed of the tables, of the one at which viscous friction alone holds the torque
+LONGEST_STEP_S = 0.004
+LEAST_TORQUE = 0.05  # N m; so that the tables of a line that drives nothing reach somewhere
+START_MARGIN = 1.1
+
+
+def speeds(
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    supply: Sequence[Supply],
+    time: np.ndarray,
+    start_rad_s: float,
+    chosen: laws.Chosen,
+    clock: float = 0.0,
+) -> np.ndarray:
+    """Mean speed since the sample before [rad/s], shape (n,); a tachometer's lag is not in it.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (24,)
+        Base parameters [SI].
+    readings : ndarray, shape (5,)
+        `model.motor.Readings.vector`.
+    supply : sequence of Supply
+        The line, true pressures.
+    time : ndarray, shape (n,)
+        Increasing sample times [s]; the first is the start.
+    start_rad_s : float
+        Speed at the start [rad/s].
+    chosen : mapping
+        Effect id to the values of its parameters. A torque that follows the shaft's angle is left out.
+    clock : float
+        Time of the recording's clock at time 0 of the run [s].
+    """
+    chosen = laws.switched_on(chosen)
+    parameters = laws.with_factors(parameters, chosen)
+    those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
+    P_a = float(parameters[at.P_A])
+    highest = max((span.pressure_pa for span in supply if span.is_open), default=P_a)
+    gas = gas_state(parameters, highest, readings)
+    pressures = np.array([span.pressure_pa if span.is_open else P_a for span in supply])
+    unique, which = np.unique(pressures, return_inverse=True)
+    top = _top_speed(parameters, readings, gas, float(unique[-1]), start_rad_s)
+    fine = np.linspace(0.0, top, FINE)
+    coarse = top * (SLOWEST + (1.0 - SLOWEST) * 0.5 * (1.0 - np.cos(np.pi * np.arange(SPEEDS) / (SPEEDS - 1))))
+    torque, flow = np.empty((unique.size, FINE)), np.empty((unique.size, FINE))
+    slope, loss = np.empty((unique.size, 2)), np.zeros((unique.size, 2, FLOWS))
+    most_flow = 1e-12
+    for s, P in enumerate(unique):
+        out = np.empty((SPEEDS, base.N_OUT))
+        slope[s] = base.torques(parameters, readings, gas, float(P), coarse, out)
+        torque[s] = np.interp(fine, coarse, out[:, base.NET])
+        flow[s] = np.interp(fine, np.append(0.0, coarse), np.append(0.0, out[:, base.MASS_FLOW]))
+        most_flow = max(most_flow, 1.5 * float(flow[s].max()))
+        load = np.interp(fine, coarse, out[:, base.LOAD])
+        begins = min(span.start_s for span, place in zip(supply, which, strict=True) if place == s)
+        state = _state(fine, flow[s], float(P), load, parameters, gas, clock + max(begins, 0.0))
+        torque[s] -= parameters[at.F_OVERALL] * fine + parameters[at.EXTRA_TORQUE]
+        torque[s] -= laws.sum_of_torques(those, state, np.zeros(FINE, dtype=bool))
+    flows = np.linspace(0.0, most_flow, FLOWS)
+    if any(effect.inlet_drop or effect.outlet_rise for effect, _ in those):
+        for s, P in enumerate(unique):
+            state = _state(np.zeros(FLOWS), flows, float(P), np.zeros(FLOWS), parameters, gas, clock)
+            rows = np.zeros((FLOWS, at.N_VECTOR))
+            laws.add_losses(rows, those, state)
+            loss[s, 0], loss[s, 1] = rows[:, at.DP_IN], rows[:, at.DP_OUT]
+    spans = np.array([span.start_s for span in supply])
+    lossy = bool(np.any(loss))
+    found: np.ndarray = _march(
+        time, spans, which, unique, start_rad_s, top, torque, flow, slope, loss, most_flow, lossy, parameters[at.J]
+    )
+    return found
+
+
+def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, start: float) -> float:
+    out = np.empty((1, base.N_OUT))
+    base.torques(parameters, readings, gas, P, np.array([max(start, 1.0)]), out)
+    f = max(float(parameters[at.F_OVERALL]), 1e-6)
+    return max(AHEAD * max(float(out[0, base.NET]), LEAST_TORQUE) / f, START_MARGIN * start)
+
+
+def _state(
+    omega: np.ndarray,
+    flow: np.ndarray,
+    pressure: float,
+    load: np.ndarray,
+    parameters: np.ndarray,
+    gas: np.ndarray,
+    clock: float,
+) -> State:
+    one = np.ones_like(omega)
+    return State(
+        omega=omega,
+        angle=np.full_like(omega, np.nan),
+        mass_flow=flow,
+        pressure=pressure * one,
+        temperature=parameters[at.T_IN] * one,
+        ambient=parameters[at.P_A] * one,
+        gas_constant=gas[at.GAS_R] * one,
+        friction=parameters[at.F_OVERALL] * one,
+        load=load,
+        time=clock * one,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _at(x: float, step: float, table: np.ndarray) -> float:
+    """Linear interpolation in a table that starts at 0; beyond its end the last piece goes on."""
+    k = min(max(int(x / step), 0), table.size - 2)
+    s = x / step - k
+    return (1.0 - s) * table[k] + s * table[k + 1]
+
+
+@njit(cache=True, nogil=True)
+def _rate(
+    omega: float,
+    passing: float,
+    s: int,
+    top: float,
+    torque: np.ndarray,
+    flow: np.ndarray,
+    slope: np.ndarray,
+    loss: np.ndarray,
+    most_flow: float,
+    lossy: bool,
+    pressure: float,
+    J: float,
+) -> tuple[float, float]:
+    """Rates of the speed [rad/s2] and of the averaged flow [kg/s2]."""
+    step = top / (torque.shape[1] - 1)
+    turning = _at(omega, step, torque[s])
+    if not lossy:
+        return turning / J, 0.0
+    flow_step = most_flow / (loss.shape[2] - 1)
+    drop = min(_at(passing, flow_step, loss[s, 0]), laws.MOST_LOST * pressure)
+    rise = _at(passing, flow_step, loss[s, 1])
+    turning += -slope[s, 0] * drop + slope[s, 1] * rise
+    now = _at(omega, step, flow[s]) * (1.0 - drop / pressure)
+    return turning / J, (now - passing) / FLOW_S
+
+
+@njit(cache=True, nogil=True)
+def _march(
+    time: np.ndarray,
+    spans: np.ndarray,
+    which: np.ndarray,
+    pressures: np.ndarray,
+    start: float,
+    top: float,
+    torque: np.ndarray,
+    flow: np.ndarray,
+    slope: np.ndarray,
+    loss: np.ndarray,
+    most_flow: float,
+    lossy: bool,
+    J: float,
+) -> np.ndarray:
+    """Mean speed since the sample before; the rotor does not turn back."""
+    out = np.empty(time.size)
+    out[0] = start
+    omega, t, span = start, time[0], 0
+    while span + 1 < spans.size and spans[span + 1] <= t:
+        span += 1
+    passing = _at(omega, top / (torque.shape[1] - 1), flow[which[span]])
+    for k in range(1, time.size):
+        turned, began = 0.0, t
+        while t < time[k] - 1e-12:
+            end = time[k]
+            if span + 1 < spans.size and spans[span + 1] < end - 1e-12:
+                end = spans[span + 1]
+            steps = max(1, int(np.ceil((end - t) / LONGEST_STEP_S - 1e-9)))
+            h, s = (end - t) / steps, which[span]
+            P = pressures[s]
+            for _ in range(steps):
+                w, q = omega, passing
+                a1, b1 = _rate(w, q, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                a2, b2 = _rate(
+                    max(w + 0.5 * h * a1, 0.0),
+                    q + 0.5 * h * b1,
+                    s,
+                    top,
+                    torque,
+                    flow,
+                    slope,
+                    loss,
+                    most_flow,
+                    lossy,
+                    P,
+                    J,
+                )
+                a3, b3 = _rate(
+                    max(w + 0.5 * h * a2, 0.0),
+                    q + 0.5 * h * b2,
+                    s,
+                    top,
+                    torque,
+                    flow,
+                    slope,
+                    loss,
+                    most_flow,
+                    lossy,
+                    P,
+                    J,
+                )
+                a4, b4 = _rate(
+                    max(w + h * a3, 0.0), q + h * b3, s, top, torque, flow, slope, loss, most_flow, lossy, P, J
+                )
+                omega = max(w + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4), 0.0)
+                passing = q + h / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
+                # Of the cubic through both ends and their slopes.
+                turned += 0.5 * h * (w + omega) + h * h / 12.0 * (a1 - a4)
+            t = end
+            if span + 1 < spans.size and t >= spans[span + 1] - 1e-12:
+                span += 1
+        t = time[k]
+        out[k] = turned / (t - began)
+    return out
+
+
+def without_angle(chosen: laws.Chosen) -> bool:
+    """Whether nothing in a set follows the shaft's angle, which has no place here.
+
+    Parameters
+    ----------
+    chosen : mapping
+        Effect id to the values of its parameters.
+    """
+    return not any(effect.periodic for effect, _ in laws.members(chosen))
