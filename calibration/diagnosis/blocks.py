@@ -16,6 +16,9 @@ from rig.recording import Recording, RecordingError, RecordingFile
 
 REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed: below, it hangs on single pulses
 RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest speed on: how it broke away nobody knows
+EMPTYING = (
+    2  # samples after the valve closes that are not compared: when it did within one, and what volume then emptied
+)
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
@@ -87,7 +90,7 @@ class RunInTime:
     from_rest : bool
         Whether it starts at rest; otherwise in the steady state of its first span.
     used : ndarray of bool, shape (n,)
-        Samples that are compared: a spin-up's once it is well on its way, a coast-down's from when the line is vented
+        Samples that are compared: a spin-up's once it is well on its way, a coast-down's from when the line is empty
         until it is nearly over. What it turned at before says no more than a plateau, and is seldom as settled.
     """
 
@@ -260,8 +263,10 @@ def _useful(speed: np.ndarray, time: np.ndarray, spans: Sequence[Supply], from_r
     slow = np.flatnonzero(speed < REST_SHARE * np.nanmean(speed[:5]))
     if slow.size:
         used[slow[0] :] = False
-    if len(spans) > 1 and np.any(used & (time > spans[1].start_s + 1e-9)):
-        used &= time > spans[1].start_s + 1e-9
+    if len(spans) > 1:
+        coasting = time > spans[1].start_s + (EMPTYING + 0.5) * float(np.median(np.diff(time)))
+        if np.any(used & coasting):
+            used &= coasting
     return used
 
 
