@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose, together
+from calibration.diagnosis.descent import find, set_angles
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import RUN, VENTED, Comparison
-from calibration.diagnosis.mode import find, set_angles
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.unseen import predict_unseen
 from rig.recording import Recording, RecordingError, read_recording

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.mode import find
 from calibration.diagnosis.name import log_prior
 from calibration.diagnosis.problem import Problem
 from rig.recording import read_recording

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import detect
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate
-from calibration.diagnosis.mode import find
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.signatures import forces, signatures
 from calibration.measurement import OBSERVED, gather

@@ -10,11 +10,12 @@ import numpy as np
 from scipy.stats import norm
 
 from calibration.diagnosis.confirm import HeldOut, cross_validate
+from calibration.diagnosis.descent import find, set_angles
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.discover import Term, discover
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate, rows_as_places
-from calibration.diagnosis.mode import Mode, find, set_angles
+from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of, weigh
 from calibration.diagnosis.next_test import NextTest, propose
 from calibration.diagnosis.problem import Problem

@@ -147,6 +147,10 @@ class Pulses:
         smooth = np.interp(found.time, planned.time, self.angle)
         smooth = np.maximum.accumulate(smooth + LEAST_TURN * np.arange(smooth.size))
         added = found.angle - found.angle[0] - (smooth - smooth[0])
+        if not (
+            np.all(np.isfinite(smooth)) and np.all(np.isfinite(added))
+        ):  # it stalls: nothing is known of its pulses
+            smooth, added = np.arange(float(smooth.size)), np.zeros(smooth.size)
         self._added = PchipInterpolator(smooth, added)
         self._ends = (float(smooth[0]), float(smooth[-1]))
 

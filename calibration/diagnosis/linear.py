@@ -103,8 +103,6 @@ class Comparison:
         Where the runs' samples end and the readings with the line vented begin [-].
     swing : ndarray, shape (end - 2 n,)
         How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
-    starts : dict
-        Of the runs from rest, by file, at the base model's point.
     blur : float
         Share of that swing to which the pulses' phase is not trusted [-].
     """
@@ -148,8 +146,7 @@ class Comparison:
         z : ndarray, shape (n_nuisances,)
             The point [-].
         """
-        self.problem.see_starts(z, {})
-        self.starts = dict(self.problem.starts)
+        self.problem.see_starts(z)
         for i, used in enumerate(self.used):
             mine = self.kind[2 * self.n : self.end] == RUN + i
             self.swing[mine] = self.problem.swing(z, i)[used]

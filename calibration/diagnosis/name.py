@@ -17,8 +17,9 @@ import numpy as np
 from scipy.special import gammaln, logsumexp
 from scipy.stats import norm
 
+from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.mode import Mode, find
+from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.problem import SI_OF, Problem
 from calibration.diagnosis.signatures import Signature, log_gain, project, signatures
 from model.effects import effects

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis import in_time
+from calibration.diagnosis import gauge, in_time
 from calibration.diagnosis.blocks import Blocks, blocks_of
 from calibration.priors import PASCAL_PER_BAR, Unknown, at_ambient, column_of, unknowns
 from model import layout as at
@@ -203,27 +203,9 @@ class Problem:
             else like.runs[i]
             for i in range(len(self.blocks.runs))
         )
-        vented = self._vented(float(z[self._share]) if self._share is not None else 0.0, parameters, errors, chosen)
+        share = 0.5 if self._share is None else float(self.nuisances[self._share].value(z[self._share]))
+        vented = gauge.vented_readings(self.blocks.vented, share, parameters[at.P_A], errors["pressure"], chosen)
         return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, state)
-
-    def _vented(
-        self,
-        share_z: float,
-        parameters: np.ndarray,
-        errors: dict[str, tuple[float, float]],
-        chosen: dict[str, dict[str, float]],
-    ) -> np.ndarray:
-        """The gauge at ambient pressure: its span may count from there, from vacuum, or from anywhere between [Pa]."""
-        vented, offset = self.blocks.vented, errors["pressure"][0]
-        if not vented.pressure.size:
-            return vented.pressure
-        P_a = np.full(vented.pressure.size, parameters[at.P_A])
-        none, high = np.zeros_like(P_a), P_a.copy()
-        at_vacuum = readings_of(chosen, "pressure", none, _no_state(none))
-        span = readings_of(chosen, "pressure", high, _no_state(high)) - at_vacuum - P_a + errors["pressure"][1] * P_a
-        share = float(self.nuisances[self._share].value(np.asarray(share_z))) if self._share is not None else 0.5
-        found: np.ndarray = np.where(vented.is_gauge, 0.0, P_a + share * span) + at_vacuum + offset
-        return found
 
     def split(self, z: np.ndarray) -> Split:
         """The nuisances' values: the motor's parameters, each channel's errors, and each run's supply and angle.
@@ -272,43 +254,11 @@ class Problem:
     ) -> tuple[effect_steady.Points, State, np.ndarray]:
         plateaus = self.blocks.plateaus
         rows = np.tile(parameters, (plateaus.size, 1))
-        true = self.true_pressure(plateaus.pressure, plateaus.is_gauge, parameters, errors, chosen)
+        true = gauge.true_pressure(plateaus.pressure, plateaus.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
         points = effect_steady.solve(
             rows, self._readings, np.clip(true, 3e4, 1.9e6), self._gas, chosen, plateaus.time, slopes=True
         )
         return points, points.state, true
-
-    def true_pressure(
-        self,
-        reading: np.ndarray,
-        is_gauge: np.ndarray | bool,
-        parameters: np.ndarray,
-        errors: dict[str, tuple[float, float]],
-        chosen: dict[str, dict[str, float]],
-    ) -> np.ndarray:
-        """True line pressure behind a gauge's reading, its errors and the effects on it undone [Pa].
-
-        Parameters
-        ----------
-        reading : ndarray, shape (n,)
-            Of the gauge [Pa].
-        is_gauge : ndarray of bool
-            Whether it counts from the ambient.
-        parameters : ndarray, shape (24,)
-            For the ambient [SI].
-        errors : dict
-            Offset [SI] and scale [-] of each channel.
-        chosen : dict
-            Effects.
-        """
-        offset, scale = errors["pressure"]
-        wanted = (reading - offset) / (1.0 + scale)
-        true = wanted.copy()
-        if any("pressure" in effects()[name].reads for name in chosen):
-            nothing = _no_state(true)
-            for _ in range(4):
-                true = true + wanted - readings_of(chosen, "pressure", true, nothing)
-        return true + np.where(is_gauge, parameters[at.P_A], 0.0)
 
     def _plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
         """A run in time at a point: its line is the gauge's reading, freed of the gauge's errors."""
@@ -319,7 +269,8 @@ class Problem:
             pressure = span.pressure_pa
             if span.is_open:
                 reading = np.array([pressure - wrong_by[run.file]])
-                pressure = float(self.true_pressure(reading, run.is_gauge, parameters, errors, chosen)[0])
+                found = gauge.true_pressure(reading, run.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
+                pressure = float(found[0])
             supply.append(Supply(span.start_s, pressure, span.is_open))
         return in_time.plan(self.motor, run, parameters, supply, angle[run.file], chosen)
 
@@ -343,7 +294,7 @@ class Problem:
         else:
             true = planned.with_pulses().reading[-run.wanted :]
         reading = np.full(run.size, np.nan)
-        reading[: run.wanted] = readings_of(chosen, "speed", true, _no_state(true)) * (1.0 + scale) + offset
+        reading[: run.wanted] = readings_of(chosen, "speed", true, gauge.no_state(true)) * (1.0 + scale) + offset
         return reading
 
     def swing(self, z: np.ndarray, i: int) -> np.ndarray:
@@ -361,27 +312,21 @@ class Problem:
             return self.starts[run.file].swing
         return in_time.swing(self._plan(i, split, {}), run)
 
-    def see_starts(self, z: np.ndarray, chosen: dict[str, dict[str, float]]) -> None:
+    def see_starts(self, z: np.ndarray) -> None:
         """Take anew what the pulses do to the runs from rest; predictions hold it from then on.
 
         Parameters
         ----------
         z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        chosen : dict
-            Effects and the values of their parameters.
+            Nuisances of the base model [-].
         """
         for i, run in enumerate(self.blocks.runs):
             if run.from_rest:
-                self.starts[run.file] = in_time.start_of(self._from_rest(i, self.split(z), chosen), run)
-
-    def _from_rest(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> list[in_time.Plan]:
-        """A run from the angles at which its rotor may have stood."""
-        file, plans = self.blocks.runs[i].file, []
-        for angle in np.arange(REST_ANGLES) * at.PULSE / REST_ANGLES:
-            split[3][file] = float(angle)
-            plans.append(self._plan(i, split, chosen))
-        return plans
+                split, plans = self.split(z), []
+                for angle in np.arange(REST_ANGLES) * at.PULSE / REST_ANGLES:
+                    split[3][run.file] = float(angle)
+                    plans.append(self._plan(i, split, {}))
+                self.starts[run.file] = in_time.start_of(plans, run)
 
     def pulses(self, z: np.ndarray, chosen: dict[str, dict[str, float]]) -> tuple[in_time.Pulses | None, ...]:
         """What the pulses of the cylinders add to each run in time at a point.
@@ -409,9 +354,3 @@ class Problem:
                 continue
             found.append(effect)
         return found
-
-
-def _no_state(like: np.ndarray) -> State:
-    """A state for sensors whose law looks at none."""
-    nothing = np.full_like(like, np.nan)
-    return State(nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing)

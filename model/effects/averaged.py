@@ -239,14 +239,3 @@ def _march(
         t = time[k]
         out[k] = turned / (t - began)
     return out
-
-
-def without_angle(chosen: laws.Chosen) -> bool:
-    """Whether nothing in a set follows the shaft's angle, which has no place here.
-
-    Parameters
-    ----------
-    chosen : mapping
-        Effect id to the values of its parameters.
-    """
-    return not any(effect.periodic for effect, _ in laws.members(chosen))

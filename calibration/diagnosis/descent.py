@@ -1,0 +1,280 @@
+"""The search for a model's most probable point: Gauss-Newton, with runs in time by their mean torque.
+
+Steps that do not lower the cost are shortened. With runs in time a search has rounds: what the pulses of the cylinders
+add is simulated, kept as a function of the shaft's angle while the search goes by the mean torque, and simulated anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.diagnosis.function import Function
+from calibration.diagnosis.linear import BLUR, Comparison
+from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
+from calibration.diagnosis.problem import Prediction
+from model.effects import effects
+
+LARGEST_MOVE = 6.0
+MOST_PASSES = 30
+HALVINGS = 8
+SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
+SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
+MOST_ROUNDS = 8  # times that the pulses are simulated anew
+ROUGH = 1.0  # ... while the pulses are left to chance
+STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
+# Share of the swing of the pulses left to chance, nats that a round has to gain, and rounds that may gain less.
+STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
+EDGE = math.sqrt(3.0)  # half a pulse, in sds of the angle's prior: an angle one pulse on is the same angle
+ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # starting angles tried, beside the one that there is
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where a search stands: the cost, the unknowns, the noise scales, derivatives once they are known, prediction."""
+
+    cost: float
+    z: np.ndarray
+    u: np.ndarray
+    D: np.ndarray
+    predicted: Prediction
+    stale: bool = True
+
+
+def find(
+    comparison: Comparison,
+    names: Sequence[str],
+    *starts: Mode | None,
+    first: dict[tuple[str, str], float] | None = None,
+) -> Mode:
+    """The most probable point of the base model with a set of effects.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    names : sequence of str
+        Effect ids.
+    *starts : Mode or None
+        Modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is given.
+        With runs in time the start that leads farthest in the first stage goes on.
+    first : dict or None
+        Starting values of effects' unknowns by (effect, parameter) [-].
+
+    Raises
+    ------
+    ArithmeticError
+        When the model gives no reading at any start.
+    """
+    problem = comparison.problem
+    f = Function(comparison, names)
+    begun = [_begin(comparison, f, start, first or {}) for start in starts or (None,)]
+    if not problem.blocks.runs:
+        comparison.blur = BLUR
+        ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
+        return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
+    here = min((_stage(f, comparison, point, STAGES[0]) for point in begun), key=lambda point: point.cost)
+    for stage in STAGES[1:]:
+        here = _stage(f, comparison, replace(here, predicted=f(here.z)), stage)
+    comparison.blur = BLUR
+    of = f.near(here.z)
+    D = f.derivatives(here.z, of(here.z), here.D, here.u, of)
+    return close(comparison, names, here.z, here.u, D, here.predicted)
+
+
+def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[tuple[str, str], float]) -> _Point:
+    """A point to start from, at which the model gives readings."""
+    problem, k = comparison.problem, f.k
+    extra = problem.effect_unknowns(f.names)
+    z, u = np.zeros(k + len(extra)), np.zeros(3)
+    D = np.zeros((comparison.read.size, z.size))
+    values: dict[tuple[str, str], float] = {}
+    if start is not None:
+        z[:k], u = start.z[:k], np.clip(start.u, -0.3, 0.3)
+        D[:, :k] = start.D[:, :k]
+        values = {(e, x.name): start.z[k + i] for i, (e, x) in enumerate(problem.effect_unknowns(start.names))}
+    values |= first
+    amplitudes = []
+    for i, (name, unknown) in enumerate(extra):
+        z[k + i] = values.get((name, unknown.name), 0.0)
+        if unknown.name == effects()[name].amplitude.name:
+            amplitudes.append(k + i)
+            if len(effects()[name].parameters) > 1 and abs(z[k + i]) < 0.05:
+                z[k + i] = 0.1  # at an amplitude of 0 nothing can be said of its shape
+    z = f.clip(z)
+    for _ in range(HALVINGS):
+        predicted = f(z)
+        if np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
+            return _Point(math.inf, z, u, D, predicted)
+        z[amplitudes] *= 0.5  # the motor may stall with as much of an effect
+    raise ArithmeticError(f"the model with {' and '.join(f.names) or 'nothing added'} gives no reading to start from")
+
+
+def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float, float, int]) -> _Point:
+    """Rounds of a search with runs in time: in each, what the pulses add is simulated anew and then kept."""
+    comparison.blur, least_gain, patience = stage
+    z, predicted = _turned(f, comparison, here.z, here.u, here.predicted)
+    cost, u = _at(comparison, z, here.u, predicted)
+    best, D, stale, worse = _Point(cost, z, u, here.D, predicted, here.stale), here.D, here.stale, 0
+    for _ in range(MOST_ROUNDS):
+        z = _within_a_pulse(f, z)
+        of, before = f.near(z), z
+        z, u, D, _ = _descend(f, comparison, z, u, D, of(z), of, stale)
+        stale = _distance(comparison, D, predicted, u, z - before) > STALE
+        predicted = f(z)
+        cost, u = _at(comparison, z, u, predicted)
+        # What the pulses add has changed on the way, so a round may end higher than it began.
+        worse = worse + 1 if best.cost - cost < least_gain else 0
+        if worse > patience:
+            break
+        if cost < best.cost:
+            best = _Point(cost, z, u, D, predicted, stale)
+        elif patience:
+            z = f.along_valley(best.z, f.clip(best.z + 0.5 * (z - best.z)), best.predicted, D)
+            predicted = f(z)
+    return best
+
+
+def _within_a_pulse(f: Function, z: np.ndarray) -> np.ndarray:
+    """The same point with each angle counted from the nearest pulse."""
+    z = z.copy()
+    for place in f.angles:
+        z[place] = (z[place] + EDGE) % (2.0 * EDGE) - EDGE
+    return z
+
+
+def _at(comparison: Comparison, z: np.ndarray, u: np.ndarray, predicted: Prediction) -> tuple[float, np.ndarray]:
+    """The cost of a point, and the noise scales that suit it."""
+    if not np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
+        return math.inf, u
+    u = suiting_noise(comparison, predicted, u)
+    white = comparison.whitener(predicted, u)
+    r = white(comparison.read - comparison.raw(predicted))
+    return minus_log_posterior(r, white.log_scale, z, u, comparison), u
+
+
+def _descend(
+    f: Function,
+    comparison: Comparison,
+    z: np.ndarray,
+    u: np.ndarray,
+    D: np.ndarray,
+    predicted: Prediction,
+    of: Callable[[np.ndarray], Prediction],
+    fresh: bool = True,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
+    """Gauss-Newton steps until one is short: the point, the noise scales, the derivatives and the prediction.
+
+    Derivatives are taken anew only after a long step: those of a place near by lead to the same point.
+    """
+    for _ in range(MOST_PASSES):
+        if fresh:
+            D = f.derivatives(z, predicted, D, u, of)
+        white = comparison.whitener(predicted, u)
+        r, J = white(comparison.read - comparison.raw(predicted)), white(D)
+        weight, _ = robust_weights(r, comparison)
+        A = (J * weight[:, None]).T @ J + np.eye(z.size)
+        moved, predicted = _step(f, of, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
+        far = float((moved - z) @ A @ (moved - z))
+        z, u = moved, suiting_noise(comparison, predicted, u)
+        if far < (SETTLED if comparison.blur == BLUR else ROUGH) and (fresh or far > 0.0):
+            break
+        fresh = far > STALE or far == 0.0  # where old derivatives lead nowhere, new ones may
+    return z, u, D, predicted
+
+
+def _distance(comparison: Comparison, D: np.ndarray, predicted: Prediction, u: np.ndarray, move: np.ndarray) -> float:
+    """Squared length of a move in posterior sds [-]."""
+    J = comparison.whitener(predicted, u)(D)
+    return float(np.sum((J @ move) ** 2) + move @ move)
+
+
+def set_angles(comparison: Comparison, mode: Mode) -> Mode:
+    """Take the starting angles of a mode, and the swing of its pulses, as those to deviate from.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording; its problem's angles and its swing are changed.
+    mode : Mode
+        The point.
+
+    Returns
+    -------
+    Mode
+        The point with the angles' deviations set to 0: a start for `find`.
+    """
+    problem = comparison.problem
+    k = len(problem.nuisances)
+    z = mode.z.copy()
+    for i, unknown in enumerate(problem.nuisances):
+        if unknown.name.endswith(".angle"):
+            problem.start_angle[unknown.name.removesuffix(".angle")] += float(unknown.value(z[i]))
+            z[i] = 0.0
+    comparison.see_pulses(z[:k])
+    return replace(mode, z=z)
+
+
+def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The step of a quadratic within bounds: what would leave them is held there and the rest is solved again."""
+    free = np.ones(b.size, dtype=bool)
+    move = np.zeros(b.size)
+    for _ in range(b.size):
+        move[free] = np.linalg.solve(A[np.ix_(free, free)], (b - A @ np.where(free, 0.0, move))[free])
+        out = free & ((move < low) | (move > high))
+        if not out.any():
+            break
+        move[out] = np.clip(move[out], low[out], high[out])
+        free &= ~out
+    return move
+
+
+def _turned(
+    f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction
+) -> tuple[np.ndarray, Prediction]:
+    """A point with the angle at which each coast-down begins at the best of a few [-], and the prediction there."""
+    for place, run in f.angles.items():
+        white = comparison.whitener(here, u)
+        r = white(comparison.read - comparison.raw(here))
+        best, start = minus_log_posterior(r, white.log_scale, z, u, comparison), float(z[place])
+        for move in ALL_ROUND:
+            tried = z.copy()
+            tried[place] = (start + move + EDGE) % (2.0 * EDGE) - EDGE
+            there = f(tried, here, (run,))
+            r = white(comparison.read - comparison.raw(there))
+            cost = minus_log_posterior(r, white.log_scale, tried, u, comparison)
+            if cost < best:
+                best, z, here = cost, tried, there
+    return z, here
+
+
+def _step(
+    f: Function,
+    of: Callable[[np.ndarray], Prediction],
+    comparison: Comparison,
+    z: np.ndarray,
+    u: np.ndarray,
+    A: np.ndarray,
+    downhill: np.ndarray,
+    predicted: Prediction,
+    D: np.ndarray,
+) -> tuple[np.ndarray, Prediction]:
+    """The largest share of a step that lowers the cost, and the prediction there; where there is none, no step."""
+
+    def cost(at_z: np.ndarray, there: Prediction) -> float:
+        white = comparison.whitener(there, u)
+        return minus_log_posterior(white(comparison.read - comparison.raw(there)), white.log_scale, at_z, u, comparison)
+
+    before = cost(z, predicted)
+    whole = _bounded(A, downhill, f.low - z, f.high - z)
+    for share in SHARES:
+        move = share * whole
+        move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
+        tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
+        found = of(tried)
+        if np.all(np.isfinite(comparison.raw(found)[comparison.known])) and cost(tried, found) <= before + 1e-6:
+            return tried, found
+    return z, predicted

@@ -1,0 +1,84 @@
+"""What the pressure gauge reads, and what the pressure is behind a reading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calibration.diagnosis.blocks import Vented
+from model.effects import effects
+from model.effects.effect import State
+from model.effects.laws import readings_of
+
+Chosen = Mapping[str, Mapping[str, float]]
+PASSES = 4  # to undo the effects on a reading; each is a few per cent of it
+
+
+def true_pressure(
+    reading: np.ndarray, is_gauge: np.ndarray | bool, ambient_pa: float, errors: tuple[float, float], chosen: Chosen
+) -> np.ndarray:
+    """True line pressure behind a gauge's reading, its errors and the effects on it undone [Pa].
+
+    Parameters
+    ----------
+    reading : ndarray, shape (n,)
+        Of the gauge [Pa].
+    is_gauge : ndarray of bool
+        Whether it counts from the ambient.
+    ambient_pa : float
+        Ambient pressure [Pa].
+    errors : tuple of float
+        Offset [Pa] and scale [-].
+    chosen : dict
+        Effects.
+    """
+    offset, scale = errors
+    wanted = (reading - offset) / (1.0 + scale)
+    true = wanted.copy()
+    if any("pressure" in effects()[name].reads for name in chosen):
+        nothing = no_state(true)
+        for _ in range(PASSES):
+            true = true + wanted - readings_of(chosen, "pressure", true, nothing)
+    return true + np.where(is_gauge, ambient_pa, 0.0)
+
+
+def vented_readings(
+    vented: Vented, share: float, ambient_pa: float, errors: tuple[float, float], chosen: Chosen
+) -> np.ndarray:
+    """The gauge at ambient pressure [Pa]: its span may count from there, from vacuum, or from anywhere between.
+
+    Parameters
+    ----------
+    vented : Vented
+        What it read with the line vented.
+    share : float
+        Of its span error that shows at ambient pressure [-].
+    ambient_pa : float
+        Ambient pressure [Pa].
+    errors : tuple of float
+        Offset [Pa] and scale [-].
+    chosen : dict
+        Effects.
+    """
+    if not vented.pressure.size:
+        return vented.pressure
+    offset, scale = errors
+    P_a = np.full(vented.pressure.size, ambient_pa)
+    none, high = np.zeros_like(P_a), P_a.copy()
+    at_vacuum = readings_of(chosen, "pressure", none, no_state(none))
+    span = readings_of(chosen, "pressure", high, no_state(high)) - at_vacuum - P_a + scale * P_a
+    found: np.ndarray = np.where(vented.is_gauge, 0.0, P_a + share * span) + at_vacuum + offset
+    return found
+
+
+def no_state(like: np.ndarray) -> State:
+    """A state for sensors whose law looks at none.
+
+    Parameters
+    ----------
+    like : ndarray, shape (n,)
+        For its size.
+    """
+    nothing = np.full_like(like, np.nan)
+    return State(nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing)
