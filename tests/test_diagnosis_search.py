@@ -89,6 +89,17 @@ def test_of_a_coast_down_only_what_follows_the_closing_valve_is_compared(tmp_pat
     assert np.flatnonzero(run.used)[0] == np.flatnonzero(run.time > closed)[2]  # two samples for the line to empty
 
 
+def test_a_run_of_a_few_samples_is_left_aside(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 2, {})
+    recordings.add_coast_down(tmp_path, 2, {})
+    file = tmp_path / "coast_down.csv"
+    closed = Problem(read_recording(tmp_path)).blocks.runs[0].supply[1].start_s
+    head, *rows = file.read_text(encoding="utf-8").splitlines()
+    kept = [row for row in rows if float(row.partition(",")[0]) <= closed + 0.022]
+    file.write_text("\n".join([head, *kept]) + "\n", encoding="utf-8")
+    assert Problem(read_recording(tmp_path)).blocks.runs == ()
+
+
 def test_drag_is_found_with_its_size_in_a_coast_down(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 3, DRAG)
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))

@@ -19,6 +19,7 @@ RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest sp
 EMPTYING = (
     2  # samples after the valve closes that are not compared: when it did within one, and what volume then emptied
 )
+FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
@@ -161,7 +162,8 @@ def blocks_of(recording: Recording) -> Blocks:
         When it has neither plateaus nor runs in time that can be used.
     """
     measured = gather(recording)
-    runs = tuple(_run(file, recording) for file in recording.files if file.kind == "transient")
+    every = (_run(file, recording) for file in recording.files if file.kind == "transient")
+    runs = tuple(run for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
     return Blocks(_plateaus(recording, measured), runs, _vented(recording), measured)
 
 
