@@ -22,7 +22,7 @@ help:
 	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
-	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (under an hour on two cores, resumable)"
+	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (about 70 minutes on two cores, resumable)"
 	@echo "make record  the full blind record and its page in docs/challenge (many hours, resumable)"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"

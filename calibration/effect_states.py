@@ -23,7 +23,6 @@ from model.motor import Motor
 
 SPEEDS = (10.0, 30.0)  # rad/s, at which an effect is looked at to see whether it hangs on the speed
 SAME, NOTHING = 1e-6, 1e-10  # two sets of parameters alike: relative, and in SI
-GAUGE_PASSES = 4  # of undoing an effect on the gauge
 SLOPE_STEP = 1e-6  # relative, of a reading's slope with its true value
 LOWEST_PA, HIGHEST_PA = 2e4, 2e6
 
@@ -87,7 +86,7 @@ def solve(
         Columns as in `model.steady.solve`; speed, flow, their slopes and the status are with the effects. A row that
         the passes of an effect give up counts as one where the motor stands still.
     """
-    P = np.array([_true_pressure(one, row) for one, row in zip(chosen, shown, strict=True)]) + above
+    P = np.array([laws.behind_the_gauge(one, row) for one, row in zip(chosen, shown, strict=True)]) + above
     P = np.clip(P, LOWEST_PA, HIGHEST_PA)
     if way == "in passes":
         return _in_passes(parameters, readings, P, gas, chosen, time)
@@ -166,14 +165,3 @@ def _state(
         load=load * same,
         time=time,
     )
-
-
-def _true_pressure(chosen: Chosen, shown: np.ndarray) -> np.ndarray:
-    """The pressure at which the gauge shows this, the effects on it undone [Pa]."""
-    if not any("pressure" in effects()[name].reads for name in chosen):
-        return shown
-    nothing = np.full_like(shown, np.nan)
-    state, true = State(*[nothing] * 10), shown
-    for _ in range(GAUGE_PASSES):
-        true = true + shown - laws.readings_of(chosen, "pressure", true, state)
-    return true

@@ -117,7 +117,7 @@ def page(found: Mapping[str, Any]) -> str:
         "says consistent, which is not measured here. The test models neither correlated nor heavy-tailed noise.\n\n"
         + (f"Failed:\n\n{failed}\n" if failed else "")
         + f"Seeds: {found['first_seed']} and those after it, in each class. Sources: {found['sources_sha256'][:12]}. "
-        "`make nulls` makes it anew.\n"
+        "`python -m calibration.nulls` with these numbers makes it anew; `make nulls` makes more.\n"
     )
 
 

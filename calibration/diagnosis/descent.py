@@ -20,11 +20,11 @@ from model.effects import effects
 
 LARGEST_MOVE = 6.0
 MOST_PASSES = 30
-HALVINGS = 8
+HALVINGS = 8  # of an effect with which the motor stalls
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
-SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
+SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends,
+ROUGH = 1.0  # ... and below which it does while the pulses are left to chance
 MOST_ROUNDS = 8  # times that the pulses are simulated anew
-ROUGH = 1.0  # ... while the pulses are left to chance
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 # Share of the swing of the pulses left to chance, nats that a round has to gain, and rounds that may gain less.
 STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
@@ -190,6 +190,18 @@ def _distance(comparison: Comparison, D: np.ndarray, predicted: Prediction, u: n
     """Squared length of a move in posterior sds [-]."""
     J = comparison.whitener(predicted, u)(D)
     return float(np.sum((J @ move) ** 2) + move @ move)
+
+
+def base_of(comparison: Comparison) -> Mode:
+    """The base model at its most probable point, found once more with runs in time, with the pulses' swing taken there.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording; its problem's angles and its swing are changed.
+    """
+    base = find(comparison, ())
+    return find(comparison, (), set_angles(comparison, base)) if comparison.problem.blocks.runs else base
 
 
 def set_angles(comparison: Comparison, mode: Mode) -> Mode:

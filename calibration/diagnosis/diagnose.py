@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from calibration.diagnosis.confirm import HeldOut, cross_validate
-from calibration.diagnosis.descent import find, set_angles
+from calibration.diagnosis.descent import base_of, find
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.discover import Term, discover
 from calibration.diagnosis.linear import Comparison
@@ -118,9 +118,7 @@ def detect_mismatch(recording: Recording, rng: np.random.Generator, tell: Tell =
     """
     tell("base model")
     comparison = Comparison(Problem(recording))
-    base = find(comparison, ())
-    if comparison.problem.blocks.runs:
-        base = find(comparison, (), set_angles(comparison, base))
+    base = base_of(comparison)
     tell("detect")
     found, free = signatures(comparison, base), forces(comparison, base)
     return Detected(comparison, base, found, free, detect(comparison, base, found, free, rng))
@@ -213,9 +211,7 @@ def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
         Effects.
     """
     comparison = Comparison(Problem(read_recording(folder)))
-    base = find(comparison, ())
-    if comparison.problem.blocks.runs:
-        base = find(comparison, (), set_angles(comparison, base))
+    base = base_of(comparison)
     names = tuple(sorted(ids))
     best = max((find(comparison, names, start) for start in (base, None)), key=lambda mode: mode.log_evidence)
     # The oracle need not choose: it knows the set.

@@ -7,12 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.diagnosis.blocks import Vented
-from model.effects import effects
-from model.effects.effect import State
-from model.effects.laws import readings_of
+from model.effects.effect import unknown_state
+from model.effects.laws import behind_the_gauge, readings_of
 
 Chosen = Mapping[str, Mapping[str, float]]
-PASSES = 4  # to undo the effects on a reading; each is a few per cent of it
 
 
 def true_pressure(
@@ -34,12 +32,7 @@ def true_pressure(
         Effects.
     """
     offset, scale = errors
-    wanted = (reading - offset) / (1.0 + scale)
-    true = wanted.copy()
-    if any("pressure" in effects()[name].reads for name in chosen):
-        nothing = no_state(true)
-        for _ in range(PASSES):
-            true = true + wanted - readings_of(chosen, "pressure", true, nothing)
+    true = behind_the_gauge(chosen, (reading - offset) / (1.0 + scale))
     return true + np.where(is_gauge, ambient_pa, 0.0)
 
 
@@ -66,19 +59,7 @@ def vented_readings(
     offset, scale = errors
     P_a = np.full(vented.pressure.size, ambient_pa)
     none, high = np.zeros_like(P_a), P_a.copy()
-    at_vacuum = readings_of(chosen, "pressure", none, no_state(none))
-    span = readings_of(chosen, "pressure", high, no_state(high)) - at_vacuum - P_a + scale * P_a
+    at_vacuum = readings_of(chosen, "pressure", none, unknown_state(none))
+    span = readings_of(chosen, "pressure", high, unknown_state(high)) - at_vacuum - P_a + scale * P_a
     found: np.ndarray = np.where(vented.is_gauge, 0.0, P_a + share * span) + at_vacuum + offset
     return found
-
-
-def no_state(like: np.ndarray) -> State:
-    """A state for sensors whose law looks at none.
-
-    Parameters
-    ----------
-    like : ndarray, shape (n,)
-        For its size.
-    """
-    nothing = np.full_like(like, np.nan)
-    return State(nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing)

@@ -96,7 +96,7 @@ class Comparison:
     read : ndarray, shape (m,)
         Readings [SI]; nan where there is none.
     kind : ndarray of int, shape (m,)
-        FLOW, SPEED, or RUN + i.
+        FLOW, SPEED, RUN + i, or VENTED.
     index : ndarray of int, shape (m,)
         Row of the plateaus, or sample of the run.
     end : int

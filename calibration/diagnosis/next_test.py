@@ -10,10 +10,11 @@ import numpy as np
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import CHANNELS
+from model import layout as at
 from model import steady as base_steady
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
-from model.effects.effect import State
+from model.effects.effect import unknown_state
 from model.effects.laws import readings_of
 from model.transient import OMEGA, Supply, rest_state
 
@@ -122,8 +123,6 @@ def _parts(comparison: Comparison, one: Candidate) -> tuple[np.ndarray, dict[str
 def _run(
     comparison: Comparison, one: Candidate, pressure: float, inertia: float, from_rest: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    from model import layout as at
-
     problem = comparison.problem
     parameters, chosen = _parts(comparison, one)
     parameters = parameters.copy()
@@ -141,8 +140,7 @@ def _run(
     found = effect_transient.simulate(
         parameters, problem.motor.readings.vector(), supply, time, start, chosen, 600.0, 3
     )
-    nowhere = np.full_like(found.reading, np.nan)
-    reading = readings_of(chosen, "speed", found.reading, State(*[nowhere] * 10))[1:]
+    reading = readings_of(chosen, "speed", found.reading, unknown_state(found.reading))[1:]
     sd = np.full(reading.size, 2.0 * problem.noise["speed"] + 1e-9)
     return reading, sd
 

@@ -21,7 +21,7 @@ from model import layout as at
 from model import steady as base_steady
 from model.effects import effects
 from model.effects import steady as effect_steady
-from model.effects.effect import Effect, State
+from model.effects.effect import Effect, State, unknown_state
 from model.effects.laws import readings_of
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor, read_motor
@@ -294,7 +294,7 @@ class Problem:
         else:
             true = planned.with_pulses().reading[-run.wanted :]
         reading = np.full(run.size, np.nan)
-        reading[: run.wanted] = readings_of(chosen, "speed", true, gauge.no_state(true)) * (1.0 + scale) + offset
+        reading[: run.wanted] = readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
         return reading
 
     def swing(self, z: np.ndarray, i: int) -> np.ndarray:

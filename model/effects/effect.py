@@ -90,6 +90,17 @@ class State:
     time: np.ndarray
 
 
+def unknown_state(like: np.ndarray) -> State:
+    """A state of which nothing is known, for sensors whose law looks at none.
+
+    Parameters
+    ----------
+    like : ndarray, shape (n,)
+        For its size.
+    """
+    return State(*[np.full_like(like, np.nan)] * 10)
+
+
 Values = Mapping[str, float]
 Law = Callable[[Values, State], np.ndarray]
 Reads = Callable[[Values, np.ndarray, State], np.ndarray]

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from model import layout as at
-from model.effects.effect import Effect, State, Values
+from model.effects.effect import Effect, State, Values, unknown_state
 from model.effects.library import effects
 
 Chosen = Mapping[str, Values]  # effect id to the values of its parameters
@@ -24,6 +24,7 @@ LOAD_STEP = 1.0  # N m
 SLOWEST = 1e-3  # rad/s; below it the rotor may be at rest
 MAY_STOP = 5.0  # rad/s; below it the rotor may come to rest before the next sample
 MOST_LOST = 0.9  # share of the line's pressure that a loss ahead of the cylinders may take
+GAUGE_PASSES = 4  # to undo the effects on a gauge's reading; each is a few per cent of it
 LEAST_FRICTION = 0.2  # share of f_overall that a steady pass leaves; a torque falling faster is stepped, not followed
 
 
@@ -265,4 +266,22 @@ def readings_of(chosen: Chosen, channel: str, true: np.ndarray, state: State) ->
     for effect, values in members(chosen):
         if channel in effect.reads:
             true = effect.reads[channel](values, true, state)
+    return true
+
+
+def behind_the_gauge(chosen: Chosen, shown: np.ndarray) -> np.ndarray:
+    """The pressure at which a gauge shows this, the effects on its reading undone [Pa].
+
+    Parameters
+    ----------
+    chosen : mapping
+        The set.
+    shown : ndarray, shape (n,)
+        Reading [Pa].
+    """
+    true = shown
+    if any("pressure" in effect.reads for effect, _ in members(chosen)):
+        nothing = unknown_state(shown)
+        for _ in range(GAUGE_PASSES):
+            true = true + shown - readings_of(chosen, "pressure", true, nothing)
     return true
