@@ -342,7 +342,7 @@ def diagnose(
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
     from calibration.diagnosis.together import together
-    from calibration.report import diagnosis_page, diagnosis_words, files, simulation
+    from calibration.report import diagnosis_page, diagnosis_table, diagnosis_words, files, simulation
     from calibration.rigs_problem import OF_KIND
 
     read = together([_recording(folder) for folder in recording])
@@ -359,7 +359,7 @@ def diagnose(
         if out is not None:
             tell("report")
             files.write_files(out, {diagnosis_page.JSON: data} | diagnosis_page.report(diagnosis, found))
-    _deliver(data, diagnosis_words.table(found), None, json_file, None)
+    _deliver(data, diagnosis_table.table(found), None, json_file, None)
     print(diagnosis_words.sentence(found), file=sys.stderr)
     print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
     if out is not None:

@@ -11,10 +11,11 @@ import numpy as np
 
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import detect
+from calibration.diagnosis.forces import forces
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate
 from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.signatures import forces, signatures
+from calibration.diagnosis.signatures import signatures
 from calibration.measurement import OBSERVED, gather
 from rig.recording import Recording
 

@@ -76,13 +76,13 @@ def cross_validate(
     for held in blocks:
         scored = []
         for one in others:
-            z, A, evidence = _fit(comparison, one.mode, ~held)
+            z, A, evidence = fit_on(comparison, one.mode, ~held)
             scored.append((evidence + log_prior(len(one.names), K), one, z, A))
         _, best, z, A = max((s for s in scored if choose or s[1].names == names), key=lambda s: s[0])
         same += best.names == names
         z0, A0 = next((s[2], s[3]) for s in scored if s[1] is base)
-        density, error = _predict(comparison, best.mode, z, A, held)
-        density0, error0 = _predict(comparison, base.mode, z0, A0, held)
+        density, error = predict_held(comparison, best.mode, z, A, held)
+        density0, error0 = predict_held(comparison, base.mode, z0, A0, held)
         gains.append(density - density0)
         errors["before"].append(error0)
         errors["after"].append(error)
@@ -120,8 +120,27 @@ def folds_of(comparison: Comparison) -> list[np.ndarray]:
     return [mask for mask in found if mask.any()]
 
 
-def _fit(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Most probable point, precision and log evidence on some of the readings, in the linear model of a mode."""
+def fit_on(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Most probable point, precision and log evidence on some of the readings, in the linear model of a mode.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    used : ndarray of bool, shape (m,)
+        Readings that are used.
+
+    Returns
+    -------
+    z : ndarray, shape (k,)
+        The point [-].
+    A : ndarray, shape (k, k)
+        Its precision [-].
+    evidence : float
+        Natural logarithm [-].
+    """
     weight = used * (mode.bad < 0.5)
     J = mode.J * weight[:, None]
     r = (mode.r + mode.J @ mode.z) * weight
@@ -136,10 +155,29 @@ def _fit(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.ndarr
     return z, A, evidence
 
 
-def _predict(
+def predict_held(
     comparison: Comparison, mode: Mode, z: np.ndarray, A: np.ndarray, held: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    """Log density of held-out readings, and their errors [SI]."""
+    """Log density of held-out readings, and their errors.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    z, A : ndarray
+        Of `fit_on` [-].
+    held : ndarray of bool, shape (m,)
+        Readings held out.
+
+    Returns
+    -------
+    density : float
+        Natural logarithm, up to a constant that all models share.
+    error : ndarray
+        Readings less predictions, those held out alone [SI].
+    """
     good = held & (mode.bad < 0.5)
     r = (mode.r + mode.J @ (mode.z - z))[good]
     J = mode.J[good]

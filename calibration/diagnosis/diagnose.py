@@ -10,16 +10,19 @@ import numpy as np
 from scipy.stats import norm
 
 from calibration.diagnosis.confirm import HeldOut, cross_validate
+from calibration.diagnosis.correction import Correction, corrections
+from calibration.diagnosis.correction import hold_out as hold_out_smooth
 from calibration.diagnosis.descent import base_of, find
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.discover import Term, discover
+from calibration.diagnosis.forces import forces
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate, rows_as_places
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of, weigh
 from calibration.diagnosis.next_test import NextTest, propose
 from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.signatures import Force, Signature, forces, signatures
+from calibration.diagnosis.signatures import Force, Signature, signatures
 from calibration.diagnosis.unseen import predict_unseen
 from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict, judge
 from calibration.step_clock import StepClock, Tell
@@ -54,7 +57,7 @@ class Diagnosis:
     verdict : Verdict
         What is said.
     held_out : HeldOut or None
-        Cross-validation.
+        Cross-validation: of the set named, or of the smooth correction where no set explains the recording.
     term : Term or None
         A law found from the data.
     next_tests : list of NextTest
@@ -63,6 +66,8 @@ class Diagnosis:
         (file, row, channel, probability) of bad readings.
     seconds : dict
         Time of each step [s].
+    correction : Correction or None
+        A smooth torque or flow that stands for what no set explains.
     """
 
     comparison: Comparison
@@ -77,6 +82,7 @@ class Diagnosis:
     next_tests: list[NextTest] = field(default_factory=list)
     bad_rows: list[tuple[str, int, str, float]] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
+    correction: Correction | None = None
 
 
 @dataclass(frozen=True)
@@ -147,7 +153,7 @@ def diagnose(
     detection = first.detection
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
-    held_out, term, tests, singles = None, None, [], None
+    held_out, term, correction, tests, singles = None, None, None, [], None
     if detection.p_value >= MISMATCH_P and comparison.problem.blocks.runs:
         # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
         clock("look farther")
@@ -189,14 +195,28 @@ def diagnose(
         places = locate(comparison, base, detection, free, acts_in)
     if verdict.kind == "unresolved":
         clock("look for a law")
-        if not places or places[0].balance == "torque":
-            term = discover(comparison, base, detection.u)
+        smooth = corrections(comparison, base, detection.u)
+        correction = smooth[0] if smooth else None
+        term = discover(comparison, base, detection.u, rng, correction.balance) if correction else None
+        held_out = hold_out_smooth(comparison, base, detection.u)
     if verdict.kind in ("confounded", "unresolved"):
         clock("next test")
         tests = propose(comparison, _rivals(candidates, verdict))
     clock("")
     return Diagnosis(
-        comparison, base, detection, places, candidates, residual_p, verdict, held_out, term, tests, bad, clock.seconds
+        comparison,
+        base,
+        detection,
+        places,
+        candidates,
+        residual_p,
+        verdict,
+        held_out,
+        term,
+        tests,
+        bad,
+        clock.seconds,
+        correction,
     )
 
 

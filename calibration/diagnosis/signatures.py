@@ -1,8 +1,7 @@
-"""What each effect, and a force of any shape, would do to the readings at a point: columns of a linear model."""
+"""What each effect would do to the readings at a point: columns of a linear model."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
@@ -10,11 +9,9 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from calibration.diagnosis.function import Function
-from calibration.diagnosis.linear import RUN, Comparison
+from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.problem import SI_OF
-from model import layout as at
-from model.effects import effects
 from model.effects.effect import Effect
 
 PROBE = 0.1  # amplitude at which a signature is taken, in ordinary sizes of the effect, at most
@@ -23,7 +20,6 @@ PROBES = 3
 LEAST_PROBE = 1e-5
 FADES = 0.1  # share of its size per amplitude that a signature keeps, or it is taken at the larger one
 SHAPES = (-1.0, 0.0, 1.5)  # shape parameters scanned, in sds of their prior
-HATS = 7  # pieces of a force along speed
 
 
 @dataclass(frozen=True)
@@ -64,6 +60,8 @@ class Force:
         Change of the readings per unit of each piece [SI].
     places : ndarray, shape (k, 2)
         Where each piece acts [own unit].
+    file : str
+        Of the run in time, where it is of one run alone.
     """
 
     channel: str
@@ -72,6 +70,7 @@ class Force:
     unit: str
     columns: np.ndarray
     places: np.ndarray
+    file: str = ""
 
 
 def signatures(comparison: Comparison, mode: Mode) -> list[Signature]:
@@ -206,132 +205,3 @@ def project(J: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """
     projected: np.ndarray = columns - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ columns)
     return projected
-
-
-def forces(comparison: Comparison, mode: Mode, torque: np.ndarray | None = None) -> list[Force]:
-    """Free-form forces: a torque along speed and time, a flow along speed and time, and the difference of directions.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
-    torque : ndarray, shape (m,) or None
-        Change of the readings per N m of a constant torque [SI]; simulated when left out.
-    """
-    if torque is None:
-        torque = torque_column(comparison, mode)
-    problem, plateaus = comparison.problem, comparison.problem.blocks.plateaus
-    omega, time, up = mode.prediction.speed, plateaus.time, plateaus.up
-    n = comparison.n
-    found = []
-    top = float(np.nanmax([*omega, *(np.nanmax(run) for run in mode.prediction.runs)])) if n else 40.0
-    edges = np.linspace(0.0, top, HATS + 1)
-    inside = [lambda w, lo=lo, hi=hi: _hat(w, lo, hi) for lo, hi in itertools.pairwise(edges)]
-    columns = np.column_stack([force_column(comparison, mode, torque, piece) for piece in inside])
-    found.append(Force("speed", "torque", "speed", "rad/s", columns, np.column_stack([edges[:-1], edges[1:]])))
-    flowing = np.zeros((comparison.read.size, HATS))
-    flowing[:n] = np.column_stack([piece(omega) for piece in inside]) * float(np.nanmedian(np.abs(plateaus.flow)))
-    kept = np.abs(flowing).sum(axis=0) > 0
-    if np.isfinite(plateaus.flow).any():
-        places = np.column_stack([edges[:-1], edges[1:]])
-        found.append(Force("flow", "mass", "speed", "rad/s", flowing[:, kept], places[kept]))
-    span = np.ptp(time) if n else 0.0
-    if n >= 8 and span > 0.0:
-        parts = np.linspace(time.min(), time.max() + 1e-9, 5)
-        pieces = np.column_stack([_hat(time, lo, hi) for lo, hi in itertools.pairwise(parts)])
-        places = np.column_stack([parts[:-1], parts[1:]])
-        for channel, balance, rows in (("speed", "torque", slice(0, 2 * n)), ("flow", "mass", slice(0, n))):
-            per = torque if channel == "speed" else np.full(comparison.read.size, np.nanmedian(np.abs(plateaus.flow)))
-            columns = np.zeros((comparison.read.size, 4))
-            count = (rows.stop - rows.start) // n
-            columns[rows] = np.tile(pieces, (count, 1)) * per[rows, None]
-            found.append(Force(channel, balance, "time", "s", columns, places))
-        if np.any(up > 0) and np.any(up < 0):
-            columns = np.zeros((comparison.read.size, 1))
-            columns[: 2 * n, 0] = np.tile(up, 2) * torque[: 2 * n]
-            found.append(Force("speed", "torque", "direction", "1", columns, np.array([[-1.0, 1.0]])))
-    for i, run in enumerate(problem.blocks.runs):
-        mine = comparison.kind == RUN + i
-        clock = run.time[comparison.index[mine]]
-        parts = np.linspace(clock.min(), clock.max() + 1e-9, 5)
-        columns = np.zeros((comparison.read.size, 4))
-        for j, (lo, hi) in enumerate(itertools.pairwise(parts)):
-            columns[mine, j] = _hat(clock, lo, hi)
-        found.append(Force("speed", "torque", "phase", "s", columns, np.column_stack([parts[:-1], parts[1:]])))
-    return found
-
-
-def torque_column(comparison: Comparison, mode: Mode) -> np.ndarray:
-    """Change of the readings per N m of a constant torque [SI], shape (m,).
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
-    """
-    dry = effects()["coulomb_friction"]
-    if dry.id in mode.names:  # its own column, brought from z to N m
-        k = len(comparison.problem.nuisances)
-        place = [name for name, _ in comparison.problem.effect_unknowns(mode.names)].index(dry.id)
-        return mode.D[:, k + place] / dry.amplitude.scale
-    return answer(comparison, mode, dry, dry.amplitude.name)[0] / dry.amplitude.scale
-
-
-def force_column(comparison: Comparison, mode: Mode, torque: np.ndarray, law: object) -> np.ndarray:
-    """Change of the readings by a torque that is a function of speed, of first order [SI], shape (m,).
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
-    torque : ndarray, shape (m,)
-        Of `torque_column`.
-    law : callable
-        Torque [N m] of speed [rad/s].
-    """
-    n = comparison.n
-    out = np.zeros_like(torque)
-    steady = law(np.nan_to_num(mode.prediction.speed))  # type: ignore[operator]
-    out[: 2 * n] = torque[: 2 * n] * np.tile(steady, 2)
-    problem = comparison.problem
-    J = problem.motor.vector()[at.J]
-    for i, run in enumerate(problem.blocks.runs):
-        mine = comparison.kind == RUN + i
-        omega = mode.prediction.runs[i][comparison.used[i]]
-        time = run.time[comparison.used[i]]
-        rate = _rate(torque[mine], time, J, run.from_rest)
-        force = law(omega)  # type: ignore[operator]
-        first = 0.0 if run.from_rest else -force[0] / (J * rate)
-        out[mine] = _follow(force, time, J, rate, first)
-    return out
-
-
-def _rate(column: np.ndarray, time: np.ndarray, J: float, from_rest: bool) -> float:
-    """Damping rate [1/s] with which a run answers a torque, from its answer to a constant one."""
-    best = (math.inf, 10.0)
-    for rate in np.geomspace(2.0, 60.0, 18):
-        answer = _follow(np.ones_like(time), time, J, rate, 0.0 if from_rest else -1.0 / (J * rate))
-        best = min(best, (float(np.sum((answer - column) ** 2)), float(rate)))
-    return best[1]
-
-
-def _follow(force: np.ndarray, time: np.ndarray, J: float, rate: float, first: float) -> np.ndarray:
-    out = np.empty_like(force)
-    x, before = first, time[0] - (time[1] - time[0])
-    for k in range(time.size):
-        decay = math.exp(-rate * (time[k] - before))
-        x = x * decay - force[k] / (J * rate) * (1.0 - decay)
-        out[k], before = x, time[k]
-    return out
-
-
-def _hat(x: np.ndarray, lo: float, hi: float) -> np.ndarray:
-    """A smooth piece: 1 in the middle of a span, 0 one span away."""
-    found: np.ndarray = np.maximum(0.0, 1.0 - np.abs(x - 0.5 * (lo + hi)) / (hi - lo))
-    return found

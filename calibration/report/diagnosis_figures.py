@@ -74,7 +74,7 @@ def runs(found: Diagnosis, models: Sequence[Model]) -> bytes:
 
 
 def forces(curves: Sequence[Curve]) -> bytes:
-    """Free-form torque and flow with bands, a panel each.
+    """Smooth torque and flow with bands, a panel each.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def _curve_panel(panel: Axes, curve: Curve) -> None:
     x = curve.along.values
     for times, colour in BANDS:
         panel.fill_between(x, curve.mean - times * curve.sd, curve.mean + times * curve.sd, color=colour, linewidth=0.0)
-    panel.plot(x, curve.mean, color=style.COLOURS[0], marker="D", markersize=3.5, markerfacecolor="white")
+    panel.plot(x, curve.mean, color=style.COLOURS[0])
     panel.axhline(0.0, color=style.INK, linewidth=0.8)
     for low, high in curve.spans:
         panel.axvspan(low, high, color=BEFORE, alpha=0.12, zorder=0, linewidth=0.0)

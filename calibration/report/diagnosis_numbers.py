@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.diagnosis.correction import Correction, corrections
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.linear import FLOW, SPEED
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.signatures import forces
 from calibration.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, RPM
 
 UNITS = {"flow": ("L/min", L_MIN), "speed": ("rpm", RPM)}
 KINDS = {"flow": FLOW, "speed": SPEED}
-FORCE_SD = 0.3  # prior of a free-form force: N m, or share of the middle flow
+FAMILIAR = {"speed": ("rpm", RPM), "time": ("min", 1.0 / 60.0), "pressure": ("bar", 1.0 / PASCAL_PER_BAR)}
 Q95 = 1.6448536269514722  # of a standard normal
 SAME = 1e-9
 
@@ -58,16 +58,16 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Curve:
-    """A free-form force or flow with its uncertainty.
+    """A smooth torque or flow with its uncertainty.
 
     Attributes
     ----------
     title, quantity, unit : str
         What it is, torque or flow, and its unit.
     along : Coordinate
-        Where the pieces are [own unit].
+        Where it is known [own unit].
     mean, sd : ndarray, shape (k,)
-        Of each piece [own unit].
+        There [own unit].
     spans : tuple of (float, float)
         Where it was found to stand out [unit of the coordinate].
     """
@@ -93,8 +93,10 @@ def models(found: Diagnosis) -> list[Model]:
     if found.verdict.chosen is not None:
         chosen = found.verdict.chosen
         shown.append(of_mode(found, chosen.mode, f"with {' + '.join(chosen.names)}"))
+    elif found.correction is not None:  # what the held-out rows are predicted with
+        shown.append(_with(found, found.correction.column, "with a smooth correction"))
     elif found.term is not None:
-        shown.append(_with_term(found, found.term.column))
+        shown.append(_with(found, found.term.column, "with the law found"))
     return shown
 
 
@@ -145,46 +147,46 @@ def noise(found: Diagnosis, channel: str) -> float:
 
 
 def curves(found: Diagnosis) -> list[Curve]:
-    """The torque and the flow that would close the balances, free in form, everything else free with its prior.
+    """The torque and the flow that would close the balances, smooth, everything else free with its prior.
+
+    Along speed and time; that which an unresolved verdict predicts with comes first, whatever it is along.
 
     Parameters
     ----------
     found : Diagnosis
         The diagnosis.
     """
-    comparison, base = found.comparison, found.base
-    free = [f for f in forces(comparison, base) if f.coordinate in ("speed", "time") and f.columns.shape[1] > 1]
-    white = comparison.whitener(base.prediction, found.detection.u)
-    good = (base.bad < 0.5).astype(float)
-    J = white(base.D) * good[:, None]
-    y = white(np.nan_to_num(comparison.read - comparison.raw(base.prediction)) + base.D @ base.z) * good
-    middle = float(np.nanmedian(np.abs(comparison.problem.blocks.plateaus.flow))) if comparison.n else 0.0
-    drawn = []
-    for force in free:
-        X = np.column_stack([J, FORCE_SD * white(force.columns) * good[:, None]])
-        covariance = np.linalg.inv(X.T @ X + np.eye(X.shape[1]))
-        k = J.shape[1]
-        torque = force.balance == "torque"
-        size = FORCE_SD * (1.0 if torque else middle * L_MIN)
-        unit, factor = ("rpm", RPM) if force.coordinate == "speed" else ("min", 1.0 / 60.0)
-        quantity = "torque" if torque else "flow"
-        spans = tuple(
-            (place.where[0] * factor, place.where[1] * factor)
-            for place in found.places
-            if place.coordinate == force.coordinate and place.channel == force.channel
-        )
-        drawn.append(
-            Curve(
-                f"{'braking torque' if torque else 'flow'} that the model lacks",
-                quantity,
-                "N m" if torque else "L/min",
-                Coordinate(force.coordinate, unit, force.places.mean(axis=1) * factor),
-                size * (covariance @ X.T @ y)[k:],
-                size * np.sqrt(np.diag(covariance)[k:]),
-                spans,
-            )
-        )
-    return drawn
+    smooth = corrections(found.comparison, found.base, found.detection.u)
+    order = {("torque", "speed"): 0, ("mass", "speed"): 1, ("torque", "time"): 2, ("mass", "time"): 3}
+    shown = sorted(
+        (one for one in smooth if (one.balance, one.coordinate) in order or _is(one, found.correction)),
+        key=lambda one: -1 if _is(one, found.correction) else order[one.balance, one.coordinate],
+    )
+    return [_curve(found, one) for one in shown]
+
+
+def _is(one: Correction, other: Correction | None) -> bool:
+    return other is not None and (one.balance, one.coordinate) == (other.balance, other.coordinate)
+
+
+def _curve(found: Diagnosis, one: Correction) -> Curve:
+    torque = one.balance == "torque"
+    unit, factor = FAMILIAR[one.coordinate]
+    spans = tuple(
+        (place.where[0] * factor, place.where[1] * factor)
+        for place in found.places
+        if place.coordinate == one.coordinate and place.channel == one.channel
+    )
+    size = 1.0 if torque else L_MIN
+    return Curve(
+        f"{'braking torque' if torque else 'flow'} that the model lacks",
+        "torque" if torque else "flow",
+        "N m" if torque else "L/min",
+        Coordinate(one.coordinate, unit, one.at * factor),
+        size * one.mean,
+        size * one.sd,
+        spans,
+    )
 
 
 def of_mode(found: Diagnosis, mode: Mode, name: str) -> Model:
@@ -204,8 +206,8 @@ def of_mode(found: Diagnosis, mode: Mode, name: str) -> Model:
     return Model(name, difference, comparison.whitener(mode.prediction, found.detection.u)(difference))
 
 
-def _with_term(found: Diagnosis, column: np.ndarray) -> Model:
-    """The base model with a law found from the data, its nuisances free, in the linear model."""
+def _with(found: Diagnosis, column: np.ndarray, name: str) -> Model:
+    """The base model with a law found from the data, or a smooth correction; nuisances free, in the linear model."""
     comparison, base = found.comparison, found.base
     white = comparison.whitener(base.prediction, found.detection.u)
     open_ = comparison.read - comparison.raw(base.prediction) + base.D @ base.z - column
@@ -213,4 +215,4 @@ def _with_term(found: Diagnosis, column: np.ndarray) -> Model:
     J = white(base.D) * good[:, None]
     z = np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ (white(np.nan_to_num(open_)) * good))
     difference = open_ - base.D @ z
-    return Model("with the law found", difference, white(difference))
+    return Model(name, difference, white(difference))

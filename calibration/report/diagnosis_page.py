@@ -10,6 +10,7 @@ from importlib.metadata import version
 from typing import Any
 
 from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.further_forces import unseen
 from calibration.report import diagnosis_figures as draw
 from calibration.report import diagnosis_numbers as numbers
 from calibration.report import diagnosis_sets as sets
@@ -96,6 +97,8 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "used": _used(found),
         "suspects": _suspect_table(document),
         "places": _place_table(document),
+        "unseen": unseen(found.comparison, found.base),
+        "stability": words.stability_in_words(found.term.stability) if found.term else "",
         "law": words.law_in_words(document["term"]) if document["term"] else "",
         "candidates": _candidate_table(found),
         "held_out": sets.gain_in_words(held_out) if held_out else "",

@@ -14,7 +14,7 @@ from calibration.diagnosis.linear import RUN
 from calibration.diagnosis.name import Candidate
 from calibration.priors import PASCAL_PER_BAR
 from calibration.report.diagnosis_numbers import Q95, of_mode
-from calibration.report.diagnosis_words import FAMILIAR, is_unseen, listed, quantity, titles
+from calibration.report.diagnosis_words import FAMILIAR, is_corrected, is_unseen, listed, quantity, titles
 from calibration.report.fit_words import rounded, uncertainty
 from model.effects import effects, laws
 
@@ -190,6 +190,12 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
     went = f"the error (rms) went {listed(falls)}. The logarithm of the probability that it gave them changed by "
     if is_unseen(held_out):
         return f"On readings of an {held_out['scheme']}, {went}{gain:.1f}; nothing had seen that run before."
+    if is_corrected(held_out):
+        return (
+            f"With a smooth correction in place of a cause, on readings that it had not seen, {went}"
+            f"{rounded(gain, error)} ± {uncertainty(error)}; cross-validated in {held_out['folds']} folds, in "
+            f"{held_out['same_set_in_folds']} of which it lay along the same coordinate of the same balance."
+        )
     return (
         f"On readings that it had not seen, {went}{rounded(gain, error)} ± {uncertainty(error)}; cross-validated in "
         f"{held_out['folds']} folds, in {held_out['same_set_in_folds']} of which the same set was chosen."

@@ -1,18 +1,15 @@
-"""What a diagnosis says, in the words of a person and as a table for the terminal; it reads diagnosis/1 alone."""
+"""What a diagnosis says, in the words of a person; it reads diagnosis/1 alone."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibration.report.fit_words import rounded, uncertainty
 from model.effects import effects
 from model.layout import L_MIN, RPM
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 MOST_ROWS = 6
 LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
@@ -20,6 +17,7 @@ FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)
 BALANCES = {"torque": "torque balance", "mass": "flow balance", "sensor": "reading of an instrument"}
 OTHER_WAY = {"low": "high", "smaller": "larger"}
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+VARIABLES = (("omega", "ω", "rad/s"), ("P", "P", "Pa"), ("t", "t", "s"), ("theta", "θ", "rad"))
 SETTLED_NATS = 5.0  # odds of 150 to 1
 
 
@@ -98,8 +96,11 @@ def place_in_words(place: Mapping[str, Any]) -> str:
     place : mapping
         An entry of ``located``.
     """
-    if place["coordinate"] == "row":
-        return str(place["sentence"])
+    sentence = str(place["sentence"])
+    if place["coordinate"] in ("row", "phase", "angle"):
+        return sentence
+    if place["balance"] == "sensor" and sentence.startswith("An error of"):
+        return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place)}."
     alike = f"; this recording cannot tell that from {listed(place['same_as'])}" if place["same_as"] else ""
     between = "" if place["coordinate"] == "direction" else f", most between {span_in_words(place)}"
     return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{between}{alike}."
@@ -126,8 +127,12 @@ def law_in_words(term: Mapping[str, Any]) -> str:
     term : mapping
         ``term`` of a diagnosis/1.
     """
-    text = str(term["expression"]).replace("+ -", "− ").replace("omega", "ω").replace("*", "·").replace("··", "^")
-    return f"{text} {term['unit']}, ω in rad/s"
+    text = str(term["expression"])
+    units = [f"{symbol} in {unit}" for name, symbol, unit in VARIABLES if re.search(rf"\b{name}\b", text)]
+    for name, symbol, _ in VARIABLES:
+        text = re.sub(rf"\b{name}\b", symbol, text)
+    text = text.replace("+ -", "− ").replace("*", "·").replace("··", "^")
+    return ", ".join([f"{text} {powers(str(term['unit']))}", *units])
 
 
 def quantity(mean: float, sd: float, unit: str, name: str = "") -> str:
@@ -222,63 +227,30 @@ def is_unseen(held_out: Mapping[str, Any]) -> bool:
     return str(held_out["scheme"]).startswith("unseen run")
 
 
-def table(found: Mapping[str, Any]) -> Table:
-    """Effects, alternatives, place, friction and next tests.
+def is_corrected(held_out: Mapping[str, Any]) -> bool:
+    """Whether a smooth correction predicted the held-out readings instead of a set of effects.
 
     Parameters
     ----------
-    found : mapping
-        A diagnosis/1.
+    held_out : mapping
+        ``improvement.held_out`` of a diagnosis/1.
     """
-    from rich.markup import escape
-    from rich.table import Table
-
-    made = Table("what", "finding", show_header=False)
-    made.add_row("verdict", f"{found['verdict']} ({p_in_words(found['mismatch']['p_value'])})")
-    for effect in found["effects"]:
-        made.add_row(effect["id"], f"probability {effect['probability']:.3f}; {figures(effect)}".rstrip("; "))
-    for names in found["alternatives"][:MOST_ROWS]:
-        made.add_row("or", titles(names))
-    for place in found["located"][:MOST_ROWS]:
-        made.add_row("where", place_in_words(place))
-    if found["term"]:
-        made.add_row("law found", f"{law_in_words(found['term'])} ({found['term']['balance']})")
-    for row in found.get("suspect_rows", [])[:MOST_ROWS]:
-        made.add_row("bad reading", escape(reading_in_words(row)))
-    held_out = (found.get("improvement") or {}).get("held_out")
-    if held_out:
-        gain = f"log score changed by {held_out['elpd_gain']:.1f}"
-        if is_unseen(held_out):
-            made.add_row("held out", escape(f"{gain} on an {held_out['scheme']}"))
-        else:
-            over = f"± {held_out['elpd_gain_se']:.1f} over {held_out['folds']} folds (cross-validated)"
-            made.add_row("held out", f"{gain} {over}")
-    for key, words in (
-        ("f_overall_before", "f_overall, base model"),
-        ("f_overall_after", "f_overall, effects weighed in"),
-    ):
-        if found[key]:
-            made.add_row(words, quantity(found[key]["mean"], found[key]["sd"], "N m s"))
-    for test in found["next_tests"][:MOST_ROWS]:
-        made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
-    return made
+    return "correction" in str(held_out["scheme"])
 
 
-def figures(effect: Mapping[str, Any]) -> str:
-    """An effect's parameters with their uncertainties.
+def stability_in_words(shares: Sequence[float]) -> str:
+    """How often the terms of a law were found again, in a sentence; empty where that is not known.
 
     Parameters
     ----------
-    effect : mapping
-        An entry of ``effects``.
+    shares : sequence of float
+        Of each term [-].
     """
-    known = effects().get(effect["id"])
-    units = {parameter.name: parameter.unit for parameter in known.parameters} if known else {}
-    parts = (
-        f"{name} {quantity(one['mean'], one['sd'], units.get(name, '-'), name)}"
-        for name, one in effect["parameters"].items()
-    )
-    return ", ".join(parts)
+    if not shares:
+        return ""
+    told = listed([f"{100.0 * share:.0f} %" for share in shares])
+    each = "its terms were" if len(shares) > 1 else "it was"
+    return f"Of recordings drawn from this one, level by level and part by part, {each} found again in {told}."
 
 
 def listed(words: Sequence[str]) -> str:

@@ -1,0 +1,277 @@
+"""A smooth torque or flow that closes a balance, along one coordinate: a Gaussian process in the straight problem.
+
+It stands for what is missing where no effect has a name for it, so that predictions can be made. Every nuisance is free
+beside it: what f_overall or an instrument's error can take up, it does not have to. Its length and its size are not
+chosen but weighed, by their evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import logsumexp, softmax
+
+from calibration.diagnosis.balances import Balance, balances
+from calibration.diagnosis.confirm import HeldOut, by_channel, fit_on, folds_of, predict_held
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.straight import Straight, straight
+
+KNOTS = 31  # places at which the curve is known; straight between them
+LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the kernel, in shares of the coordinate's span
+SIZES = (0.03, 0.1, 0.3)  # sd of a torque [N m], or of a flow as a share of the middle flow
+ROOT3 = math.sqrt(3.0)
+FREE = 20.0  # whitened size of what is free beside a process
+SURE, LARGE = 2.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
+SCHEME = (
+    "pressure levels and transient segments; the correction's coordinate, length and size weighed anew in each fold"
+)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A smooth torque or flow along one coordinate.
+
+    Attributes
+    ----------
+    channel, balance, coordinate, unit : str
+        As a place of diagnosis/1.
+    at : ndarray, shape (k,)
+        Where it is known [own unit].
+    mean, sd : ndarray, shape (k,)
+        The curve [N m] or [m3/s]: a torque that brakes, a flow beyond the model's.
+    gain : float
+        Log evidence over no correction, lengths and sizes averaged over [-].
+    column : ndarray, shape (m,)
+        What its mean does to the readings [SI].
+    """
+
+    channel: str
+    balance: str
+    coordinate: str
+    unit: str
+    at: np.ndarray
+    mean: np.ndarray
+    sd: np.ndarray
+    gain: float
+    column: np.ndarray
+
+
+def corrections(comparison: Comparison, mode: Mode, u: np.ndarray) -> list[Correction]:
+    """The smooth torques and flows along each coordinate, one at a time, that of most evidence first.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The base model.
+    u : ndarray, shape (3,)
+        Noise scales of the detection [-].
+    """
+    problem = straight(comparison, mode, u)
+    every = np.ones(comparison.read.size, dtype=bool)
+    found = [_smoothed(_Fitted(problem, one, every)) for one in _of_balances(problem)]
+    return sorted(found, key=lambda one: -one.gain)
+
+
+def hold_out(comparison: Comparison, mode: Mode, u: np.ndarray) -> HeldOut | None:
+    """Whether a smooth correction predicts readings that it has not seen; None where nothing can be corrected.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The base model, against which the gain counts.
+    u : ndarray, shape (3,)
+        Noise scales of the detection [-].
+    """
+    problem = straight(comparison, mode, u)
+    listed = _of_balances(problem)
+    if not listed:
+        return None
+    every = np.ones(comparison.read.size, dtype=bool)
+    best = _best(problem, listed, every).process
+    folds, same, gains = folds_of(comparison), 0, []
+    errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
+    for held in folds:
+        chosen = _best(problem, listed, ~held)
+        same += chosen.process is best
+        density, error = chosen.predict(held)
+        z, A, _ = fit_on(comparison, mode, ~held)
+        density0, error0 = predict_held(comparison, mode, z, A, held)
+        gains.append(density - density0)
+        errors["before"].append(error0)
+        errors["after"].append(error)
+    index = np.concatenate([np.flatnonzero(held) for held in folds])
+    rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
+    se = float(np.std(gains, ddof=1) * math.sqrt(len(gains))) if len(gains) > 1 else 0.0
+    return HeldOut(len(folds), int(same), rmse["before"], rmse["after"], float(np.sum(gains)), se, SCHEME)
+
+
+@dataclass(frozen=True)
+class Process:
+    """A Gaussian process before the readings are looked at.
+
+    Attributes
+    ----------
+    of : Balance
+        What may be off, and along what.
+    knots : ndarray, shape (k,)
+        Where it is known [own unit].
+    hats, white : ndarray, shape (m, k)
+        What each knot does to the readings [SI], and the same whitened [-].
+    """
+
+    of: Balance
+    knots: np.ndarray
+    hats: np.ndarray
+    white: np.ndarray
+
+
+class _Fitted:
+    """A process with the nuisances on some of the readings."""
+
+    def __init__(self, problem: Straight, process: Process, used: np.ndarray) -> None:
+        self.problem, self.process = problem, process
+        X = np.column_stack([problem.J, process.white, problem.y])[used]
+        self.gram = X.T @ X
+        self.priors = [_root(process.knots, a, b * process.of.scale) for a in LENGTHS for b in SIZES]
+        self.fits = [self._fit(root) for root in self.priors]
+        evidence = np.array([evidence for _, _, evidence in self.fits])
+        k = problem.J.shape[1]
+        A, b = self.gram[:k, :k] + np.eye(k), self.gram[:k, -1]
+        nothing = 0.5 * float(b @ np.linalg.solve(A, b)) - 0.5 * float(np.linalg.slogdet(A)[1])
+        self.gain = float(logsumexp(evidence) - math.log(evidence.size)) - nothing
+        self.weights = softmax(evidence)
+
+    def _fit(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Most probable unknowns, nuisances first, then the knots; their covariance; the evidence."""
+        k = self.problem.J.shape[1]
+        turn = np.eye(self.gram.shape[0] - 1)
+        turn[k:, k:] = root
+        A = turn.T @ self.gram[:-1, :-1] @ turn + np.eye(turn.shape[0])
+        b = turn.T @ self.gram[:-1, -1]
+        C = np.linalg.inv(A)
+        evidence = 0.5 * float(b @ C @ b) - 0.5 * float(np.linalg.slogdet(A)[1])
+        return turn @ (C @ b), turn @ C @ turn.T, evidence
+
+    def predict(self, held: np.ndarray) -> tuple[float, np.ndarray]:
+        """Log density of held-out readings, and their errors [SI]."""
+        problem, mode = self.problem, self.problem.mode
+        comparison, good = problem.comparison, held & (problem.good > 0.0)
+        X, y = np.column_stack([problem.J, self.process.white])[good], problem.y[good]
+        densities, mean = [], np.zeros(X.shape[1])
+        for (z, covariance, _), weight in zip(self.fits, self.weights, strict=True):
+            C, r = np.eye(y.size) + X @ covariance @ X.T, y - X @ z
+            densities.append(-0.5 * float(r @ np.linalg.solve(C, r)) - 0.5 * float(np.linalg.slogdet(C)[1]))
+            mean += weight * z
+        density = float(logsumexp(densities, b=self.weights)) - float(np.sum(np.log(problem.white.scale[good])))
+        k = problem.J.shape[1]
+        error = comparison.read - comparison.raw(mode.prediction) + mode.D @ (mode.z - mean[:k])
+        return density, np.nan_to_num(error - self.process.hats @ mean[k:])[held]
+
+
+def evidence(problem: Straight, process: Process, beside: np.ndarray | None = None) -> float:
+    """Log evidence of a process over none, lengths and sizes averaged over [-].
+
+    Parameters
+    ----------
+    problem : Straight
+        The recording about the base model.
+    process : Process
+        The process.
+    beside : ndarray, shape (m, k) or None
+        Whitened columns of something that is free in any case [-].
+    """
+    every = np.ones(problem.y.size, dtype=bool)
+    if beside is not None:
+        free = beside * (FREE / np.maximum(np.linalg.norm(beside, axis=0), 1e-12))
+        problem = replace(problem, J=np.hstack([problem.J, free]))
+    return _Fitted(problem, process, every).gain
+
+
+def stands_out(problem: Straight, process: Process) -> tuple[float, float] | None:
+    """Where a process is surely not 0, and large [own unit of its coordinate]; None where that is nowhere.
+
+    Parameters
+    ----------
+    problem : Straight
+        The recording about the base model.
+    process : Process
+        The process.
+    """
+    curve = _smoothed(_Fitted(problem, process, np.ones(problem.y.size, dtype=bool)))
+    size = np.abs(curve.mean)
+    out = np.flatnonzero((size > SURE * curve.sd) & (size >= LARGE * size.max()))
+    if not out.size:
+        return None
+    half = 0.5 * float(curve.at[1] - curve.at[0])
+    return float(curve.at[out[0]]) - half, float(curve.at[out[-1]]) + half
+
+
+def _best(problem: Straight, listed: Sequence[Process], used: np.ndarray) -> _Fitted:
+    return max((_Fitted(problem, one, used) for one in listed), key=lambda fitted: fitted.gain)
+
+
+def _smoothed(fitted: _Fitted) -> Correction:
+    """The curve, averaged over lengths and sizes; its spread holds what these leave open."""
+    one, k = fitted.process, fitted.problem.J.shape[1]
+    means = np.array([z[k:] for z, _, _ in fitted.fits])
+    variances = np.array([np.diag(covariance)[k:] for _, covariance, _ in fitted.fits])
+    mean = fitted.weights @ means
+    sd = np.sqrt(np.maximum(fitted.weights @ (variances + means**2) - mean**2, 0.0))
+    along = one.of.along
+    return Correction(
+        one.of.channel,
+        one.of.balance,
+        along.name,
+        along.unit,
+        one.knots,
+        mean,
+        sd,
+        fitted.gain,
+        one.hats @ mean,
+    )
+
+
+def processes(problem: Straight) -> list[Process]:
+    """A smooth process for all that may be off.
+
+    Parameters
+    ----------
+    problem : Straight
+        The recording about the base model.
+    """
+    found = []
+    for one in balances(problem.comparison, problem.mode):
+        knots = np.linspace(float(np.nanmin(one.values)), float(np.nanmax(one.values)), KNOTS)
+        hats = one.columns(partial(_between, knots))
+        found.append(Process(one, knots, hats, problem.columns(hats)))
+    return found
+
+
+def _of_balances(problem: Straight) -> list[Process]:
+    """Those of torque and flow: what predicts, where an instrument's error would only explain."""
+    return [one for one in processes(problem) if one.of.balance != "sensor"]
+
+
+def _between(knots: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Shares of the knots about each value, shape (n, k); none where there is no value."""
+    step = float(np.mean([high - low for low, high in pairwise(knots)]))
+    found: np.ndarray = np.maximum(0.0, 1.0 - np.abs(np.nan_to_num(x, nan=np.inf)[:, None] - knots) / step)
+    return found
+
+
+def _root(knots: np.ndarray, length: float, size: float) -> np.ndarray:
+    """Lower root of a Matern kernel of order 3/2: once smooth, so that it can follow an edge."""
+    apart = ROOT3 * np.abs(knots[:, None] - knots) / (length * np.ptp(knots))
+    kernel = size**2 * (1.0 + apart) * np.exp(-apart)
+    found: np.ndarray = np.linalg.cholesky(kernel + 1e-9 * size**2 * np.eye(knots.size))
+    return found

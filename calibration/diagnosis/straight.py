@@ -1,0 +1,71 @@
+"""The straight problem at a point: whitened derivatives with the nuisances, and whitened readings to explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.diagnosis.linear import Comparison, Whitener
+from calibration.diagnosis.mode import Mode
+
+GOOD = 0.5  # readings that are more probably bad than this are left aside
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A recording as y = J z + noise, standard normal both; what is added are further columns.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The point.
+    white : Whitener
+        From differences of readings to standard normal numbers.
+    good : ndarray, shape (m,)
+        1, or 0 where a reading is bad [-].
+    J : ndarray, shape (m, k)
+        Derivatives with the unknowns of the mode [-].
+    y : ndarray, shape (m,)
+        What is to be explained [-].
+    """
+
+    comparison: Comparison
+    mode: Mode
+    white: Whitener
+    good: np.ndarray
+    J: np.ndarray
+    y: np.ndarray
+
+    def columns(self, changes: np.ndarray) -> np.ndarray:
+        """Whitened columns of changes of the readings [-], shape (m, k).
+
+        Parameters
+        ----------
+        changes : ndarray, shape (m, k)
+            Of the readings [SI].
+        """
+        found: np.ndarray = self.white(changes) * self.good[:, None]
+        return found
+
+
+def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = False) -> Straight:
+    """The straight problem at a mode.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The point.
+    u : ndarray, shape (3,)
+        Noise scales [-].
+    every : bool
+        Whether readings that are probably bad count too.
+    """
+    white = comparison.whitener(mode.prediction, u)
+    good = np.ones(mode.bad.size) if every else (mode.bad < GOOD).astype(float)
+    y = white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z) * good
+    return Straight(comparison, mode, white, good, white(mode.D) * good[:, None], y)

@@ -1,0 +1,170 @@
+"""What is no effect of the list: the place, the law and the smooth correction, of a drag that nobody has named.
+
+The mismatches are added to the readings of a recording of the model itself, as the model made linear has them.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.correction import corrections, hold_out
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.detect import detect
+from calibration.diagnosis.discover import STABLE, discover
+from calibration.diagnosis.forces import force_column, forces, torque_column
+from calibration.diagnosis.further_forces import unseen
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.locate import Place, locate
+from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.terms import forms
+from tests.diagnosis_recordings import add_coast_down, sweep
+
+ENGAGES = 30.0  # rad/s
+DRAG = 0.2  # N m
+U = np.zeros(3)
+
+Changed = tuple[Comparison, Mode]
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory) -> Changed:
+    """A sweep of the model itself."""
+    comparison = Comparison(Problem(sweep(tmp_path_factory.mktemp("swept"), 21, {})))
+    return comparison, find(comparison, ())
+
+
+@pytest.fixture(scope="module")
+def coasted(tmp_path_factory) -> Changed:
+    """The same with a coast-down, which parts speed from pressure."""
+    folder = tmp_path_factory.mktemp("coasted")
+    sweep(folder, 21, {})
+    comparison = Comparison(Problem(add_coast_down(folder, 22, {})))
+    return comparison, find(comparison, ())
+
+
+def added(of: Changed, change: np.ndarray) -> Changed:
+    """The recording with a change of its readings [SI]."""
+    comparison = copy.copy(of[0])
+    comparison.read = comparison.read + change
+    r = of[1].r + comparison.whitener(of[1].prediction, of[1].u)(change)
+    return comparison, Mode(*(value if name != "r" else r for name, value in vars(of[1]).items()))
+
+
+def dragged(of: Changed, law: Callable[[np.ndarray], np.ndarray]) -> Changed:
+    comparison, base = of
+    return added(of, force_column(comparison, base, torque_column(comparison, base), law))
+
+
+def clutch(omega: np.ndarray) -> np.ndarray:
+    return DRAG * (omega > ENGAGES)
+
+
+def places_of(of: Changed) -> list[Place]:
+    free = forces(*of)
+    return locate(*of, detect(*of, [], free, np.random.default_rng(0), draws=20), free)
+
+
+def test_a_drag_that_sets_in_is_found_with_its_threshold_and_its_stability(coasted):
+    found = discover(*dragged(coasted, clutch), U, np.random.default_rng(1))
+    assert found is not None
+    assert found.unit == "N m"
+    assert len(found.stability) <= 2
+    assert min(found.stability) >= STABLE
+    size, threshold = map(float, re.fullmatch(r"([\d.]+)\*\(omega > ([\d.]+)\)", found.expression).groups())
+    assert size == pytest.approx(DRAG, rel=0.1)
+    assert threshold == pytest.approx(ENGAGES, abs=2.2)  # there is no level between 28.3 and 32.8 rad/s
+
+
+def test_a_flow_that_sets_in_is_a_law_of_the_flow_balance(swept):
+    comparison, base = swept
+    change = np.zeros(comparison.read.size)
+    change[: comparison.n] = 1.5e-4 * (base.prediction.speed > ENGAGES)
+    found = discover(*added(swept, change), U, np.random.default_rng(1), "mass")
+    assert found is not None
+    assert (found.balance, found.unit) == ("mass", "m3/s")
+
+
+def test_no_law_is_found_where_nothing_is_left_out(swept, coasted):
+    for of in (swept, coasted):
+        for balance in ("torque", "mass"):
+            assert discover(*of, U, np.random.default_rng(1), balance) is None
+
+
+def test_the_smooth_correction_follows_the_drag_and_predicts_what_it_has_not_seen(coasted):
+    of = dragged(coasted, clutch)
+    best = corrections(*of, U)[0]
+    assert (best.balance, best.coordinate) == ("torque", "speed")
+    low, high = (np.mean(best.mean[side]) for side in (best.at < ENGAGES - 5.0, best.at > ENGAGES + 3.0))
+    assert high - low == pytest.approx(DRAG, abs=0.1)
+    held_out = hold_out(*of, U)
+    assert held_out is not None
+    assert held_out.gain > 2.0 * held_out.gain_se
+    assert held_out.same == held_out.folds
+    assert held_out.after["speed_rad_s"] < held_out.before["speed_rad_s"]
+
+
+def test_the_smooth_correction_gains_next_to_nothing_where_nothing_is_left_out(swept):
+    held_out = hold_out(*swept, U)
+    assert held_out is not None
+    assert held_out.gain < 4.0
+    for curve in corrections(*swept, U):
+        assert curve.gain < 5.0
+
+
+def test_what_f_overall_can_do_is_no_correction(coasted):
+    best = corrections(*dragged(coasted, lambda omega: 2e-3 * omega), U)[0]
+    assert best.gain < 5.0
+
+
+def test_a_drag_along_speed_is_not_said_to_be_along_time_too(coasted):
+    found = places_of(dragged(coasted, clutch))
+    assert (found[0].balance, found[0].coordinate) == ("torque", "speed")
+    assert found[0].where[0] < ENGAGES + 5.0 < found[0].where[1]
+    assert "time" not in [place.coordinate for place in found]
+
+
+def test_a_sweep_alone_cannot_tell_a_drag_from_an_error_of_the_gauge_along_its_range(swept):
+    found = places_of(dragged(swept, lambda omega: 2e-4 * omega**2))
+    assert found[0].same_as == ("pressure", "flow")
+    assert ("sensor", "pressure") in [(place.balance, place.coordinate) for place in found]
+    assert any(place.sentence.startswith("An error of the pressure gauge along its own range") for place in found)
+
+
+def test_a_single_row_is_placed_beside_a_drag(coasted):
+    comparison, base = dragged(coasted, lambda omega: 1e-4 * omega**2)
+    change = np.zeros(comparison.read.size)
+    row = comparison.n + 4
+    change[row] = 1.5  # rad/s, some 20 sd
+    misread = added((comparison, base), change)
+    misread[1].bad[row] = 1.0  # as a fit would have it
+    rows = [place for place in places_of(misread) if place.coordinate == "row"]
+    misread[1].bad[row] = 0.0
+    assert [(place.channel, place.where) for place in rows] == [("speed", (5.0, 5.0))]
+
+
+def test_a_place_in_a_run_names_its_file(coasted):
+    comparison, _ = coasted
+    change = np.zeros(comparison.read.size)
+    run = comparison.kind == 2
+    change[run] = np.linspace(0.0, 3.0, int(run.sum()))
+    phases = [place for place in places_of(added(coasted, change)) if place.coordinate == "phase"]
+    assert all("in coast_down.csv" in place.sentence for place in phases)
+    assert phases
+
+
+def test_what_the_sampling_cannot_show_is_said(swept, coasted):
+    assert any(one.startswith("Shaft angle: every row is a mean") for one in unseen(*swept))
+    assert any(one.startswith("Pressure apart from speed and flow") for one in unseen(*swept))
+    assert not any(one.startswith("Shaft angle: every row") for one in unseen(*coasted))
+    assert not any(one.startswith("Sweep direction") for one in unseen(*swept))
+
+
+def test_a_law_of_the_shafts_angle_is_looked_for_only_where_samples_resolve_it(swept, coasted):
+    assert not any("theta" in one.text for one in forms(*swept))
+    assert any("theta" in one.text for one in forms(*coasted))
