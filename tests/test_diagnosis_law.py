@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.straight import crowded, straight
 from calibration.diagnosis.terms import forms
 from tests.diagnosis_recordings import add_coast_down, sweep
 
@@ -53,7 +55,7 @@ def added(of: Changed, change: np.ndarray) -> Changed:
     comparison = copy.copy(of[0])
     comparison.read = comparison.read + change
     r = of[1].r + comparison.whitener(of[1].prediction, of[1].u)(change)
-    return comparison, Mode(*(value if name != "r" else r for name, value in vars(of[1]).items()))
+    return comparison, replace(of[1], r=r)
 
 
 def dragged(of: Changed, law: Callable[[np.ndarray], np.ndarray]) -> Changed:
@@ -168,3 +170,15 @@ def test_what_the_sampling_cannot_show_is_said(swept, coasted):
 def test_a_law_of_the_shafts_angle_is_looked_for_only_where_samples_resolve_it(swept, coasted):
     assert not any("theta" in one.text for one in forms(*swept))
     assert any("theta" in one.text for one in forms(*coasted))
+
+
+def test_readings_that_crowd_are_no_misreadings(coasted):
+    comparison, base = coasted
+    speeds = np.flatnonzero(comparison.kind == 1)
+    few, many = base.bad.copy(), base.bad.copy()
+    few[speeds[:2]] = 1.0
+    many[speeds[:8]] = 1.0
+    assert not crowded(comparison, replace(base, bad=few))
+    assert crowded(comparison, replace(base, bad=many))
+    assert straight(comparison, replace(base, bad=few), U).good.sum() == comparison.read.size - 2
+    assert straight(comparison, replace(base, bad=many), U).good.sum() == comparison.read.size

@@ -104,8 +104,8 @@ def hold_out(comparison: Comparison, mode: Mode, u: np.ndarray) -> HeldOut | Non
         chosen = _best(problem, listed, ~held)
         same += chosen.process is best
         density, error = chosen.predict(held)
-        z, A, _ = fit_on(comparison, mode, ~held)
-        density0, error0 = predict_held(comparison, mode, z, A, held)
+        z, A, _ = fit_on(comparison, problem.mode, ~held)
+        density0, error0 = predict_held(comparison, problem.mode, z, A, held)
         gains.append(density - density0)
         errors["before"].append(error0)
         errors["after"].append(error)

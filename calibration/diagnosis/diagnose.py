@@ -23,6 +23,7 @@ from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of
 from calibration.diagnosis.next_test import NextTest, propose
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.signatures import Force, Signature, signatures
+from calibration.diagnosis.straight import crowded
 from calibration.diagnosis.unseen import predict_unseen
 from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict, judge
 from calibration.step_clock import StepClock, Tell
@@ -185,6 +186,8 @@ def diagnose(
     if verdict.kind == "consistent" and bad:
         detection = replace(detection, p_value=min(detection.p_value, _bad_p(comparison, base)))
         verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
+        if crowded(comparison, base):
+            verdict = Verdict("unresolved", None, (), 0.0, "too many readings stand out for single misreadings")
     clock("locate")
     acts_in = effects()[verdict.chosen.names[0]].acts_in if verdict.chosen and len(verdict.chosen.names) == 1 else ""
     if verdict.kind == "consistent":

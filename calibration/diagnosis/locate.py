@@ -24,14 +24,15 @@ from calibration.diagnosis.further_forces import angle_force, force_along
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.signatures import Force, project
-from calibration.diagnosis.straight import Straight, straight
+from calibration.diagnosis.straight import Straight, crowded, straight
 
 FOUND_P = 0.01  # after the number of forces tested is priced
 STANDS_OUT = 0.5  # share of the largest score that a piece needs to belong to the place
 WIDE = 20.0  # whitened size of a force that is given free rein beside another
 LEAST_LOG_P = -690.0
 DECIDES = 5.0  # nats of evidence that tell two places apart
-ADDS = 10.0  # ... that make a second place beside the clearest: the problem is not quite straight
+ADDS = 10.0  # ... that make a second place beside the clearest, at least
+CROOKED = 0.05  # share of the clearest's evidence that a second place must have: the problem is not quite straight
 MOST_ROWS = 3
 LEFT = 0.3  # share of a reading that forces must leave to itself, or nothing is said of it
 NAMES = {"torque": "torque balance", "mass": "flow balance", "sensor": "instrument's reading"}
@@ -88,7 +89,10 @@ def locate(
     problem = straight(comparison, mode, detection.u)
     smooth = {(one.of.channel, one.of.balance, one.of.along.name): one for one in processes(problem)}
     tested = []
-    for force, log_p, scores in zip(free, detection.force_log_p, detection.force_scores, strict=True):
+    seen = list(zip(detection.force_log_p, detection.force_scores, strict=True))
+    if crowded(comparison, mode):  # the detection left them aside
+        seen = [_tail(problem, force.columns) for force in free]
+    for force, (log_p, scores) in zip(free, seen, strict=True):
         p = min(1.0, len(free) * math.exp(max(log_p, LEAST_LOG_P)))
         tested.append(_Tested(force, p, scores, True))
     had = {one.key for one in tested}
@@ -114,16 +118,16 @@ def _ranks(
     top = max(gains, key=lambda key: gains[key], default=None)
     if top is None or gains[top] < DECIDES:  # too faint to tell places apart
         return [CLEAREST if one.first else None for one in passed], None
-    best = smooth[top]
+    best, least = smooth[top], max(ADDS, CROOKED * gains[top])
     ranks: list[int | None] = []
     for one in passed:
         if one.key in gains:
             if gains[one.key] >= gains[top] - DECIDES:
                 ranks.append(CLEAREST if one.first else AS_WELL)
             else:
-                ranks.append(BESIDE if evidence(problem, smooth[one.key], best.white) >= ADDS else None)
+                ranks.append(BESIDE if evidence(problem, smooth[one.key], best.white) >= least else None)
             continue
-        adds = price * math.exp(_tail(problem, one.force.columns, best.hats)[0]) < FOUND_P
+        adds = -_tail(problem, one.force.columns, best.hats)[0] - math.log(price / FOUND_P) > least - ADDS
         rest = evidence(problem, best, problem.columns(one.force.columns))
         if adds and rest >= DECIDES:
             ranks.append(BESIDE)

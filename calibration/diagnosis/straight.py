@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from calibration.diagnosis.linear import Comparison, Whitener
 from calibration.diagnosis.mode import Mode
 
 GOOD = 0.5  # readings that are more probably bad than this are left aside
+SINGLE, SHARE = 3, 0.1  # more of a channel, and more than this share of it, are no single misreadings
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Straight:
     comparison : Comparison
         The recording.
     mode : Mode
-        The point.
+        The point; no reading of it is bad where bad ones count.
     white : Whitener
         From differences of readings to standard normal numbers.
     good : ndarray, shape (m,)
@@ -51,6 +52,24 @@ class Straight:
         return found
 
 
+def crowded(comparison: Comparison, mode: Mode) -> bool:
+    """Whether so many of a channel are taken for bad that they are no single misreadings, but what the model misses.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    """
+    bad = mode.bad >= GOOD
+    for kind in np.unique(comparison.kind):
+        mine = comparison.known & (comparison.kind == kind)
+        if int(bad[mine].sum()) > max(SINGLE, SHARE * int(mine.sum())):
+            return True
+    return False
+
+
 def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = False) -> Straight:
     """The straight problem at a mode.
 
@@ -63,9 +82,11 @@ def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = Fa
     u : ndarray, shape (3,)
         Noise scales [-].
     every : bool
-        Whether readings that are probably bad count too.
+        Whether readings that are probably bad count too; they do in any case where they crowd.
     """
+    if every or crowded(comparison, mode):
+        mode = replace(mode, bad=np.zeros(mode.bad.size))
     white = comparison.whitener(mode.prediction, u)
-    good = np.ones(mode.bad.size) if every else (mode.bad < GOOD).astype(float)
+    good = (mode.bad < GOOD).astype(float)
     y = white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z) * good
     return Straight(comparison, mode, white, good, white(mode.D) * good[:, None], y)

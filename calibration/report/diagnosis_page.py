@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import platform
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -106,7 +105,8 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "errors": _error_table(held_out) if held_out else None,
         "bias": sets.bias_in_words(document),
         "frictions": _friction_table(found, document),
-        "tests": _test_table(document),
+        "tests": _test_table(found, False),
+        "apart": _test_table(found, True),
         "notes": list(dict.fromkeys([*problem.recording.warnings, *problem.blocks.measured.notes])),
         "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
         "instruments": _instrument_table(found),
@@ -230,23 +230,19 @@ def _friction_table(found: Diagnosis, document: Mapping[str, Any]) -> Grid:
     return Grid(("f_overall", "mean ± sd", "5 %", "95 %"), rows)
 
 
-def _test_table(document: Mapping[str, Any]) -> Grid:
-    """Tests with what they would tell; repeats and instruments where the diagnosis says them."""
-    rows = []
-    for test in document["next_tests"]:
-        nats = float(test["information_nats"])
-        repeats = test.get("repeats", math.ceil(words.SETTLED_NATS / nats) if nats > 0.0 else None)
-        needs = test.get("needs") or ""
-        apart = " from ".join(words.titles(name.split("+")) for name in test["separates"])
-        rows.append(
-            (
-                str(test["test"]) + (f"; needs {needs}" if needs else ""),
-                apart,
-                f"{nats:.1f}",
-                "never" if repeats is None else str(repeats),
-            )
+def _test_table(found: Diagnosis, apart: bool) -> Grid:
+    """Tests with what they would tell and the repeats that they take; those that need another instrument apart."""
+    rows = tuple(
+        (
+            test.test,
+            " from ".join(words.titles(name.split("+")) for name in test.separates),
+            f"{test.information_nats:.1f}",
+            "never" if test.repeats is None else str(test.repeats),
         )
-    return Grid(("test", "tells", "nats", "repeats"), tuple(rows), 2)
+        for test in found.next_tests
+        if bool(test.needs) == apart
+    )
+    return Grid(("test", "tells", "nats", "repeats"), rows, 2)
 
 
 def _instrument_table(found: Diagnosis) -> Grid:

@@ -18,7 +18,6 @@ BALANCES = {"torque": "torque balance", "mass": "flow balance", "sensor": "readi
 OTHER_WAY = {"low": "high", "smaller": "larger"}
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 VARIABLES = (("omega", "ω", "rad/s"), ("P", "P", "Pa"), ("t", "t", "s"), ("theta", "θ", "rad"))
-SETTLED_NATS = 5.0  # odds of 150 to 1
 
 
 def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, excluded: str = "") -> str:

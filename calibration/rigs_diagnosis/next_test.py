@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.next_test import BLUR, LEAST_NATS, MOST_NATS, NextTest, ranked
+from calibration.diagnosis.information import Expected
+from calibration.diagnosis.next_test import BLUR, NextTest, ranked, weigh
 from calibration.priors import PASCAL_PER_BAR
 from calibration.rigs_axis import loaded
 from calibration.rigs_coordinates import Coordinates
@@ -42,25 +43,23 @@ def propose(problem: RigProblem, rivals: Sequence[Candidate]) -> list[NextTest]:
         problem, rivals
     )
     weighed = rivals[:MOST_RIVALS]
-    found = []
-    for text, simulate in tests.items():
-        read = [_expected(problem, one, simulate) for one in weighed]
-        told: dict[tuple[str, str], float] = {}
-        for (one, (a, C, noise)), (other, (b, K, _)) in itertools.combinations(zip(weighed, read, strict=True), 2):
-            D = float((a - b) @ np.linalg.solve(C + K + noise, a - b))
-            told[_words(one), _words(other)] = 0.5 * min(D, 2.0 * MOST_NATS)
-        if told:
-            separates = tuple(dict.fromkeys(name for pair, nats in told.items() if nats > LEAST_NATS for name in pair))
-            found.append(NextTest(text, separates, round(sum(told.values()) / len(told), 2)))
-    return ranked(found)
+    if len(weighed) < 2:
+        return []
+    names = [_words(one) for one in weighed]
+    found = (weigh(text, names, partial(_each, problem, weighed, simulate)) for text, simulate in tests.items())
+    return ranked([one for one in found if one])
 
 
 def _words(one: Candidate) -> str:
     return "+".join(one.names) if one.names else "nothing missing"
 
 
-def _expected(problem: RigProblem, one: Candidate, simulate: Simulate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a test would read if an explanation holds; covariances of what the fit leaves open, and of noise [SI]."""
+def _each(problem: RigProblem, rivals: Sequence[Candidate], simulate: Simulate) -> list[Expected]:
+    return [_expected(problem, one, simulate) for one in rivals]
+
+
+def _expected(problem: RigProblem, one: Candidate, simulate: Simulate) -> Expected:
+    """What a test would read if an explanation holds, with what the fit leaves open, in its noise."""
     at, x = Coordinates(problem, one.names), one.fit.point
     here, sd = simulate(*at.values(x))
     slopes = np.empty((here.size, x.size))
@@ -70,7 +69,8 @@ def _expected(problem: RigProblem, one: Candidate, simulate: Simulate) -> tuple[
         moved = x.copy()
         moved[i] += step
         slopes[:, i] = (simulate(*at.values(moved))[0] - here) / step
-    return here, slopes @ one.fit.covariance @ slopes.T, np.diag(sd**2 + (BLUR * here) ** 2)
+    shared = slopes @ one.fit.covariance @ slopes.T + np.diag((BLUR * here) ** 2)
+    return Expected(here / sd, shared / np.outer(sd, sd), np.eye(here.size))
 
 
 def _noise(problem: RigProblem, rivals: Sequence[Candidate], channel: str) -> float:

@@ -1,0 +1,68 @@
+"""What a test is expected to tell between two explanations, and how often it has to be repeated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+SETTLED_NATS = math.log(150.0)  # of the odds: beyond it two explanations count as told apart
+MOST_REPEATS = 100
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a test would read if an explanation holds.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (m,)
+        Expected, in standard deviations of the noise [-].
+    shared : ndarray, shape (m, m)
+        Covariance of what the recording leaves open, the same in each repeat [-].
+    own : ndarray, shape (m, m)
+        Covariance of noise and of all that is new in each repeat [-].
+    """
+
+    mean: np.ndarray
+    shared: np.ndarray
+    own: np.ndarray
+
+
+def expected_nats(one: Expected, other: Expected, repeats: int = 1) -> float:
+    """Expected logarithm of the Bayes factor for the true explanation of two, either being true as often [nats].
+
+    That is half the sum of the two Kullback-Leibler divergences of normal predictions. It has no upper limit; far
+    beyond some 20 it says no more than certainty.
+
+    Parameters
+    ----------
+    one, other : Expected
+        The two.
+    repeats : int
+        Of the test, averaged: what is not known of the motor stays [-].
+    """
+    A, B = one.shared + one.own / repeats, other.shared + other.own / repeats
+    d = one.mean - other.mean
+    by_A, by_B = np.linalg.solve(A, np.column_stack([B, d])), np.linalg.solve(B, np.column_stack([A, d]))
+    spread = float(np.trace(by_A[:, :-1]) + np.trace(by_B[:, :-1])) - 2.0 * d.size
+    return 0.25 * (max(spread, 0.0) + float(d @ by_A[:, -1] + d @ by_B[:, -1]))
+
+
+def repeats_needed(nats: Callable[[int], float]) -> int | None:
+    """The fewest repeats after which odds of 150 to 1 are expected; None where a hundred do not bring them.
+
+    Parameters
+    ----------
+    nats : callable
+        Expected nats of a number of repeats; it never falls.
+    """
+    if nats(MOST_REPEATS) < SETTLED_NATS:
+        return None
+    low, high = 0, MOST_REPEATS
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if nats(middle) >= SETTLED_NATS else (middle, high)
+    return high

@@ -1,0 +1,226 @@
+"""Tests that this bench could make, each as a recording that nobody has taken yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.diagnosis.blocks import levels
+from calibration.diagnosis.function import Function
+from calibration.diagnosis.information import Expected
+from calibration.diagnosis.linear import RUN, Comparison
+from calibration.diagnosis.name import Candidate
+from calibration.diagnosis.problem import Prediction, Problem
+from calibration.priors import PASCAL_PER_BAR, column_of
+from model.effects import effects
+from model.layout import RPM
+from rig.recording import Column, Recording, RecordingFile
+
+SAMPLE_S = 0.005  # of a run in time, where the recording has none
+NOISIER = 2.0  # a sample than a plateau, where the recording does not say
+SPIN_UP, COAST_DOWN = (10, 200), (20, 240)  # samples before the valve turns, and in all
+HIGHER = 1.3  # than the highest level so far
+PLATEAUS = 10
+FLYWHEEL = 3.0  # times the rotor's inertia
+LATER_S = 100.0  # after the recording's last reading
+AN_HOUR_S = 3600.0
+BLUR = 5e-3  # of flow and speed: what two solutions of the model's equations differ by
+ANCHOR = "anchor.csv"  # one plateau, which a recording must have; it is not looked at
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A test.
+
+    Attributes
+    ----------
+    words : str
+        What to do.
+    recording : Recording
+        What it would be read as; speeds and flows are placeholders.
+    """
+
+    words: str
+    recording: Recording
+
+
+def planned(comparison: Comparison) -> list[Planned]:
+    """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording that left a question.
+    """
+    bench = _Bench(comparison)
+    unit = "bar gauge" if bench.is_gauge else "bar"
+    low, middle, top = bench.low, 0.5 * (bench.low + bench.top), bench.top
+    found = []
+    if bench.columns["speed"]:
+        found += [
+            bench.plan(f"coast-down from {pressure:.1f} {unit}", bench.run(pressure, False))
+            for pressure in (middle, top)
+        ]
+        heavy = f"coast-down from {middle:.1f} {unit} with a flywheel of three times the inertia"
+        found.append(bench.plan(heavy, bench.run(middle, False, 1.0 + FLYWHEEL), FLYWHEEL))
+        found.append(bench.plan(f"spin-up to {top:.1f} {unit}", bench.run(top, True)))
+    later, cold, warm = bench.end + LATER_S, 0.0, bench.end + AN_HOUR_S
+    for words, pressure, start in (
+        (f"ten plateaus at {HIGHER * top:.1f} {unit}", HIGHER * top, later),
+        (f"ten plateaus at {low:.2f} {unit}", low, later),
+        (f"ten plateaus at {middle:.1f} {unit}, cold", middle, cold),
+        (f"ten plateaus at {middle:.1f} {unit}, after an hour's running", middle, warm),
+    ):
+        found.append(bench.plan(words, bench.steady(np.full(PLATEAUS, pressure), start, 4.0)))
+    steps = np.array(bench.levels)
+    if steps.size > 2:
+        reversed_ = np.concatenate([steps[::-1], steps])
+        found.append(bench.plan("reversed sweep, from the highest level down and up", bench.steady(reversed_, later)))
+    found.append(bench.plan("zero: read the gauge with the line vented", bench.zero()))
+    return found
+
+
+class _Bench:
+    """The instruments and habits of a recording."""
+
+    def __init__(self, comparison: Comparison) -> None:
+        self.seen = comparison.problem.recording
+        plateaus, runs = comparison.problem.blocks.plateaus, comparison.problem.blocks.runs
+        self.columns = {channel: column_of(self.seen, channel) for channel in ("pressure", "flow", "speed")}
+        self.is_gauge = "gauge" in str(self.columns["pressure"])
+        self.ambient = 0.0 if self.is_gauge else comparison.problem.motor.si("ambient_pressure") / PASCAL_PER_BAR
+        groups = levels(plateaus)
+        self.levels = [float(np.mean(plateaus.pressure[group])) / PASCAL_PER_BAR for group in groups]
+        self.low, self.top = min(self.levels), max(self.levels)
+        self.end = float(np.nanmax([plateaus.time.max(), *(run.start_s + run.time[-1] for run in runs)]))
+        self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
+        self.sample = float(np.median(np.diff(runs[0].time))) if runs else SAMPLE_S
+        self.noisier = runs[0].noise_scale if runs else NOISIER
+        self.inertia = comparison.problem.motor.si("inertia") - self.seen.added_inertia_kg_m2
+
+    def plan(self, words: str, file: RecordingFile, flywheel: float = 0.0) -> Planned:
+        anchor = replace(self.steady(np.array([self.top]), 0.0), file=ANCHOR)
+        added = self.seen.added_inertia_kg_m2 + flywheel * self.inertia
+        return Planned(words, replace(self.seen, files=(anchor, file), added_inertia_kg_m2=added))
+
+    def steady(self, pressure: np.ndarray, start: float, pause: float | None = None) -> RecordingFile:
+        values = {"time_s": (pause or self.pause) * np.arange(pressure.size)} | self._read(pressure)
+        highest = int(np.argmin(pressure)) if pressure.size > PLATEAUS else pressure.size
+        way = np.where(np.arange(pressure.size) < highest, "down", "up") if pressure.size > PLATEAUS else None
+        return _file("planned.csv", "steady", start, 1.0, values, way)
+
+    def run(self, pressure: float, from_rest: bool, longer: float = 1.0) -> RecordingFile:
+        before, count = SPIN_UP if from_rest else COAST_DOWN
+        count = int(count * longer)
+        opened = (np.arange(count) >= before) == from_rest
+        line = np.where(opened, pressure, self.ambient)
+        values = {"time_s": self.sample * (1.0 + np.arange(count)), "supply_open": opened.astype(float)}
+        values |= self._read(line)
+        values[str(self.columns["speed"])] = np.where(opened | (not from_rest), 100.0, 0.0)
+        values.pop(str(self.columns["flow"]), None)
+        return _file("planned.csv", "transient", self.end + LATER_S, self.noisier, values)
+
+    def zero(self) -> RecordingFile:
+        values = {str(self.columns["pressure"]): np.full(PLATEAUS, self.ambient)}
+        return _file("planned.csv", "zero", self.end + LATER_S, 1.0, values)
+
+    def _read(self, pressure: np.ndarray) -> dict[str, np.ndarray]:
+        """Placeholders of speed and flow: that there is a reading is all that counts."""
+        found = {str(self.columns["pressure"]): pressure}
+        for channel in ("flow", "speed"):
+            if self.columns[channel]:
+                found[str(self.columns[channel])] = np.full(pressure.size, 100.0)
+        return found
+
+
+def _file(
+    name: str, kind: str, start: float, noise: float, values: dict[str, np.ndarray], way: np.ndarray | None = None
+) -> RecordingFile:
+    columns = {key: Column(value, np.zeros(value.size, np.int8)) for key, value in values.items()}
+    rows = next(iter(values.values())).size
+    return RecordingFile(name, kind, start, noise, rows, columns, way)  # type: ignore[arg-type]
+
+
+def expected_readings(plan: Planned, seen: Problem, rivals: Sequence[Candidate]) -> list[Expected]:
+    """What a test would read under each rival, with all that the recording leaves open of it.
+
+    Instruments' offsets and scales, the motor and the effects are known as well as the recording tells; what is new in
+    each test, such as the shaft's angle, is anybody's guess.
+
+    Parameters
+    ----------
+    plan : Planned
+        The test.
+    seen : Problem
+        The recording that the rivals explain.
+    rivals : sequence of Candidate
+        The rivals.
+    """
+    there = Comparison(Problem(plan.recording))
+    first = _carried(seen, rivals[0], there)[0]
+    if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
+        likely = _mean(there, rivals[0].names)(first)
+        there = Comparison(Problem(_with_speeds(plan.recording, likely.runs[0])))
+    common = None
+    found = []
+    for one in rivals:
+        z, covariance, new = _carried(seen, one, there)
+        mean = _mean(there, one.names)
+        here = mean(z)
+        f = Function(there, one.names)
+        slopes = f.derivatives(z, here, np.zeros((there.read.size, z.size)), one.mode.u, mean)
+        if common is None:
+            common = there.whitener(here, one.mode.u)
+        looked_at = there.known & ~((there.kind < RUN) & (there.index == 0))
+        raw = there.raw(here)
+        model = np.column_stack([np.where(there.kind == 0, raw, 0.0), np.where(there.kind > 0, raw, 0.0)]) * BLUR
+        J = common(slopes)[looked_at]
+        blur = common(np.nan_to_num(model))[looked_at]
+        shared = J[:, ~new] @ covariance[np.ix_(~new, ~new)] @ J[:, ~new].T + blur @ blur.T
+        own = J[:, new] @ covariance[np.ix_(new, new)] @ J[:, new].T + np.eye(int(looked_at.sum()))
+        found.append(Expected(common(np.nan_to_num(raw))[looked_at], shared, own))
+    return found
+
+
+def _mean(there: Comparison, names: tuple[str, ...]) -> Callable[[np.ndarray], Prediction]:
+    """Predictions by the mean torque: nobody can count on the phase of the pulses; an effect's own phase is kept."""
+    k = len(there.problem.nuisances)
+    smooth = not any(effects()[name].periodic for name in names)
+
+    def predict(z: np.ndarray) -> Prediction:
+        return there.problem.predict(z[:k], there.problem.chosen(names, z[k:]), smooth=smooth)
+
+    return predict
+
+
+def _with_speeds(recording: Recording, speed: np.ndarray) -> Recording:
+    anchor, run = recording.files
+    name = next(name for name in run.columns if name.startswith("speed_rpm"))
+    held = run.columns[name]
+    shown = np.where(held.values > 0.0, np.maximum(np.nan_to_num(speed) * RPM, 0.1), 0.0)
+    return replace(recording, files=(anchor, replace(run, columns={**run.columns, name: Column(shown, held.censor)})))
+
+
+def _carried(seen: Problem, one: Candidate, there: Comparison) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Point and covariance of a test's unknowns as the recording leaves them [-], and which of them are new."""
+    k = len(seen.nuisances)
+    old = {unknown.name: i for i, unknown in enumerate(seen.nuisances)}
+    effects = one.mode.z.size - k
+    nuisances = there.problem.nuisances
+    size = len(nuisances) + effects
+    z, covariance, new = np.zeros(size), np.eye(size), np.ones(size, dtype=bool)
+    pairs = [(old[unknown.name], i) for i, unknown in enumerate(nuisances) if unknown.name in old]
+    pairs += [(k + i, len(nuisances) + i) for i in range(effects)]
+    of_old, of_new = (np.array(side) for side in zip(*pairs, strict=True))
+    scale = np.ones(of_new.size)
+    z[of_new], new[of_new] = one.mode.z[of_old], False
+    J = next((i for i, unknown in enumerate(nuisances) if unknown.name == "inertia"), None)
+    added = there.problem.recording.added_inertia_kg_m2 - seen.recording.added_inertia_kg_m2
+    if J is not None and added > 0.0:  # the flywheel's own inertia is known
+        rotor = float(seen.nuisances[old["inertia"]].value(one.mode.z[old["inertia"]]))
+        z[J] = float(nuisances[J].z(rotor + added))
+        scale[of_new == J] = rotor / (rotor + added)
+    covariance[np.ix_(of_new, of_new)] = one.mode.covariance[np.ix_(of_old, of_old)] * np.outer(scale, scale)
+    return z, covariance, new

@@ -1,0 +1,127 @@
+"""What a further test is expected to tell, how often it has to be made, and with what instrument."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.information import Expected, expected_nats, repeats_needed
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.name import Candidate
+from calibration.diagnosis.next_test import MOST, MOST_APART, NextTest, propose, ranked
+from calibration.diagnosis.planned import FLYWHEEL, planned
+from calibration.diagnosis.problem import Problem
+from tests.diagnosis_recordings import add_coast_down, sweep
+
+
+@pytest.fixture(scope="module")
+def comparison(tmp_path_factory) -> Comparison:
+    return Comparison(Problem(sweep(tmp_path_factory.mktemp("swept"), 31, {})))
+
+
+@pytest.fixture(scope="module")
+def base(comparison) -> Mode:
+    return find(comparison, ())
+
+
+def rival(comparison: Comparison, base: Mode, name: str) -> Candidate:
+    mode = find(comparison, (name,), base)
+    return Candidate((name,), mode, mode.log_evidence, 0.5, "")
+
+
+def normal(mean: float, shared: float, own: float) -> Expected:
+    return Expected(np.array([mean]), np.array([[shared]]), np.array([[own]]))
+
+
+def test_the_information_is_the_mean_log_bayes_factor_of_drawn_readings():
+    rng = np.random.default_rng(3)
+    means, sds = (0.0, 1.5), (1.2, 0.8)
+    one, other = (normal(mean, 0.0, sd**2) for mean, sd in zip(means, sds, strict=True))
+
+    def density(x: np.ndarray, i: int) -> np.ndarray:
+        return -0.5 * ((x - means[i]) / sds[i]) ** 2 - math.log(sds[i])
+
+    drawn = [means[i] + sds[i] * rng.standard_normal(200_000) for i in (0, 1)]
+    told = [np.mean(density(drawn[i], i) - density(drawn[i], 1 - i)) for i in (0, 1)]
+    assert expected_nats(one, other) == pytest.approx(0.5 * sum(told), rel=0.02)
+
+
+def test_repeats_do_not_average_out_what_is_not_known_of_the_motor():
+    hidden = normal(0.0, 1.0, 1.0), normal(1.0, 1.0, 1.0)
+    assert repeats_needed(lambda n: expected_nats(*hidden, n)) is None
+    noisy = normal(0.0, 0.0, 1.0), normal(1.0, 0.0, 1.0)
+    needed = repeats_needed(lambda n: expected_nats(*noisy, n))
+    assert needed == math.ceil(2.0 * math.log(150.0))
+
+
+def test_a_better_test_than_certainty_still_ranks_first():
+    two = [NextTest("a", ("x", "y"), 30.0, 1), NextTest("b", ("x", "y"), 300.0, 1)]
+    assert [one.test for one in ranked(two)] == ["b", "a"]
+
+
+def test_tests_of_other_instruments_come_last_however_much_they_tell():
+    own = [NextTest(f"own {i}", ("x", "y"), 1.0 + i) for i in range(6)]
+    others = [NextTest(f"other {i}", ("x", "y"), 100.0, 1, "a gauge") for i in range(3)]
+    found = ranked([*others, *own])
+    assert [bool(one.needs) for one in found] == [False] * MOST + [True] * MOST_APART
+
+
+def test_what_tells_next_to_nothing_is_left_out():
+    assert ranked([NextTest("a", ("x", "y"), 0.01)]) == []
+
+
+def test_the_bench_plans_runs_plateaus_a_reversed_sweep_and_a_zero(comparison):
+    words = [plan.words for plan in planned(comparison)]
+    for part in ("coast-down from", "flywheel", "spin-up to", "cold", "after an hour", "reversed sweep", "zero:"):
+        assert any(part in one for one in words), part
+    assert any(one == "ten plateaus at 3.1 bar" for one in words)
+
+
+def test_a_flywheel_is_declared_in_the_planned_recording(comparison):
+    heavy = next(plan for plan in planned(comparison) if "flywheel" in plan.words)
+    inertia = comparison.problem.motor.si("inertia")
+    assert heavy.recording.added_inertia_kg_m2 == pytest.approx(FLYWHEEL * inertia)
+    assert Problem(heavy.recording).motor.si("inertia") == pytest.approx((1.0 + FLYWHEEL) * inertia)
+
+
+def test_two_losses_of_pressure_are_parted_by_gauges_at_their_places(comparison, base):
+    rivals = [rival(comparison, base, name) for name in ("inlet_throttling", "exhaust_back_pressure")]
+    rivals = [with_size(comparison, one, 1.0) for one in rivals]
+    found = propose(comparison, rivals)
+    apart = [one for one in found if one.needs]
+    assert apart
+    assert all("gauge" in one.needs for one in apart)
+    assert all(one.repeats == 1 for one in apart if one.information_nats > 50.0)
+    assert [bool(one.needs) for one in found] == sorted(bool(one.needs) for one in found)
+
+
+def with_size(comparison: Comparison, one: Candidate, z: float) -> Candidate:
+    """The rival with its effect of ordinary size."""
+    k = len(comparison.problem.nuisances)
+    point = one.mode.z.copy()
+    point[k] = z
+    changed = Mode(*(point if name == "z" else value for name, value in vars(one.mode).items()))
+    return Candidate(one.names, changed, one.log_evidence, one.probability, one.refused)
+
+
+def test_the_same_explanation_twice_is_not_told_apart(comparison, base):
+    one = rival(comparison, base, "windage")
+    assert propose(comparison, [one, one]) == []
+
+
+def test_a_test_is_the_same_with_runs_in_time_in_the_recording(tmp_path):
+    sweep(tmp_path, 31, {})
+    comparison = Comparison(Problem(add_coast_down(tmp_path, 32, {})))
+    base = find(comparison, ())
+    rivals = [rival(comparison, base, name) for name in ("windage", "coulomb_friction")]
+    for test in propose(comparison, rivals):
+        assert math.isfinite(test.information_nats)
+        assert test.repeats is None or test.repeats >= 1
+
+
+def test_one_explanation_has_nothing_to_be_parted_from(comparison, base):
+    assert propose(comparison, [rival(comparison, base, "windage")]) == []
