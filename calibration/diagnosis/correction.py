@@ -27,7 +27,7 @@ LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the kernel, in shares of the coordina
 SIZES = (0.03, 0.1, 0.3)  # sd of a torque [N m], or of a flow as a share of the middle flow
 ROOT3 = math.sqrt(3.0)
 FREE = 20.0  # whitened size of what is free beside a process
-SURE, LARGE = 2.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
+SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
 SCHEME = (
     "pressure levels and transient segments; the correction's coordinate, length and size weighed anew in each fold"
 )
@@ -198,7 +198,7 @@ def evidence(problem: Straight, process: Process, beside: np.ndarray | None = No
 
 
 def stands_out(problem: Straight, process: Process) -> tuple[float, float] | None:
-    """Where a process is surely not 0, and large [own unit of its coordinate]; None where that is nowhere.
+    """Where a process is hardly 0, and large [own unit of its coordinate]; None where that is nowhere.
 
     Parameters
     ----------
@@ -212,8 +212,9 @@ def stands_out(problem: Straight, process: Process) -> tuple[float, float] | Non
     out = np.flatnonzero((size > SURE * curve.sd) & (size >= LARGE * size.max()))
     if not out.size:
         return None
-    half = 0.5 * float(curve.at[1] - curve.at[0])
-    return float(curve.at[out[0]]) - half, float(curve.at[out[-1]]) + half
+    near = float(curve.at[1] - curve.at[0])  # an edge is known to a knot
+    low, high = float(curve.at[out[0]]) - near, float(curve.at[out[-1]]) + near
+    return max(low, float(curve.at[0])), min(high, float(curve.at[-1]))
 
 
 def _best(problem: Straight, listed: Sequence[Process], used: np.ndarray) -> _Fitted:
