@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.diagnosis import diagnose
 from calibration.diagnosis.correction import corrections, hold_out
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import detect
@@ -25,6 +26,7 @@ from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.straight import crowded, straight
 from calibration.diagnosis.terms import forms
+from rig.recording import read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 
 ENGAGES = 30.0  # rad/s
@@ -182,3 +184,18 @@ def test_readings_that_crowd_are_no_misreadings(coasted):
     assert crowded(comparison, replace(base, bad=many))
     assert straight(comparison, replace(base, bad=few), U).good.sum() == comparison.read.size - 2
     assert straight(comparison, replace(base, bad=many), U).good.sum() == comparison.read.size
+
+
+def test_half_a_sweep_that_turns_slower_is_not_named_as_misread(tmp_path):
+    sweep(tmp_path, 21, {})
+    lines = (tmp_path / "sweep.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    slower = [[*row[:4], f"{float(row[4]) - 20.0:.1f}" if float(row[4]) > 290.0 else row[4]] for row in rows]
+    (tmp_path / "sweep.csv").write_text("\n".join([lines[0], *(",".join(row) for row in slower)]) + "\n")
+    found = diagnose(read_recording(tmp_path), 1)
+    assert found.verdict.kind == "unresolved"
+    assert found.bad_rows == []
+    assert found.correction is not None
+    assert found.held_out is not None
+    assert found.held_out.gain > 4.0
+    assert found.places[0].coordinate == "speed"

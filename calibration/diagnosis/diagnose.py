@@ -188,6 +188,7 @@ def diagnose(
         verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
         if crowded(comparison, base):
             verdict = Verdict("unresolved", None, (), 0.0, "too many readings stand out for single misreadings")
+            bad = []
     clock("locate")
     acts_in = effects()[verdict.chosen.names[0]].acts_in if verdict.chosen and len(verdict.chosen.names) == 1 else ""
     if verdict.kind == "consistent":

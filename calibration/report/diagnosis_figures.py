@@ -197,7 +197,7 @@ def _residual_panel(
                     label=f"{model.name}, {name}",
                 )
         out = bad[mine] > 0.5
-        if out.any():
+        if out.any() and found.bad_rows:
             ring: dict[str, Any] = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none"}
             panel.plot(along.values[out], y[out], markeredgecolor=style.INK, **ring)
     sd = 1.0 if whitened else numbers.noise(found, channel)
