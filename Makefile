@@ -12,7 +12,7 @@ RECORD_CASES ?= 1000
 RECORD_NULLS ?= 800
 SEED ?=
 
-.PHONY: help setup demo test lint bench sbc nulls kills challenge record figures lock clean clean-cache
+.PHONY: help setup demo test lint bench sbc nulls evidence kills challenge record figures lock clean clean-cache
 
 help:
 	@echo "make demo    install, sweep a virtual bench, replay and fit it; fit the published sweep; all in $(OUT)/demo"
@@ -22,6 +22,7 @@ help:
 	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
+	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (about an hour, resumable)"
 	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (about 70 minutes on two cores, resumable)"
 	@echo "make record  the full blind record and its page in docs/challenge (many hours, resumable)"
 	@echo "make lint    formatting, lint, import layers and types"
@@ -69,6 +70,10 @@ sbc: $(STAMP)
 # PAGE=docs/nulls also writes the page there.
 nulls: $(STAMP)
 	$(BIN)/python -m calibration.nulls -o $(OUT)/nulls $(if $(PAGE),--page $(PAGE))
+
+# PAGE=docs/evidence also writes the page there; EVERY=3 has nested sampling in one case of three.
+evidence: $(STAMP)
+	$(BIN)/python -m calibration.evidence_check -o $(OUT)/evidence $(if $(EVERY),--nested-every $(EVERY)) $(if $(PAGE),--page $(PAGE))
 
 # Both go on where they were interrupted; another folder is another campaign, with a seed of its own unless SEED=N is given.
 challenge: $(STAMP)

@@ -11,11 +11,10 @@ the rest.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import numpy as np
 
 from calibration import many_table, nulls_table
 from calibration.many import Item, Result, Tell, run_many
+from calibration.many_bar import progress_bar, whole_number
 from calibration.nulls_draw import NOISES, null_recording
 from calibration.report.files import write_files
 from calibration.sources import diagnosis_sha256
@@ -233,7 +233,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not kinds:
         return _refuse("nothing to do: --sweeps and --with-runs are both 0; give one of them a number")
     try:
-        with _bar() as tell:
+        with progress_bar("nulls") as tell:
             found = run_campaign(kinds, given.out, given.workers, given.scheduler, given.first_seed, tell)
         if given.page:
             write_files(given.page, {name: (given.out / name).read_bytes() for name in nulls_table.PAGE})
@@ -251,43 +251,25 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m calibration.nulls", description=__doc__.splitlines()[0] if __doc__ else ""
     )
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the results")
-    parser.add_argument("--sweeps", type=_count, default=SWEEPS, help="sweeps of each class of noise (%(default)s)")
-    parser.add_argument("--with-runs", type=_count, default=WITH_RUNS, help="the same with two runs each (%(default)s)")
+    parser.add_argument(
+        "--sweeps", type=whole_number, default=SWEEPS, help="sweeps of each class of noise (%(default)s)"
+    )
+    parser.add_argument(
+        "--with-runs", type=whole_number, default=WITH_RUNS, help="the same with two runs each (%(default)s)"
+    )
     parser.add_argument("--noise", nargs="+", choices=NOISES, default=NOISES, help="classes of noise; all if left out")
-    parser.add_argument("--first-seed", type=_count, default=FIRST_SEED, help="of each class (%(default)s)")
-    parser.add_argument("--workers", type=_count, default=os.cpu_count() or 1, help="processes; 0 for none but this")
+    parser.add_argument("--first-seed", type=whole_number, default=FIRST_SEED, help="of each class (%(default)s)")
+    parser.add_argument(
+        "--workers", type=whole_number, default=os.cpu_count() or 1, help="processes; 0 for none but this"
+    )
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler instead")
     parser.add_argument("--page", type=Path, help="a folder of the docs, which gets nulls.json, nulls.md, nulls.png")
     return parser
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 0 or more")
-    return int(text)
-
-
 def _refuse(why: str) -> int:
     print(f"nulls: {why}", file=sys.stderr)
     return 2
-
-
-@contextlib.contextmanager
-def _bar() -> Iterator[Tell]:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (TextColumn("nulls"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), speed_estimate_period=3600.0) as bar:
-        task = bar.add_task("nulls", total=None)
-        yield lambda done, total, name: bar.update(task, completed=done, total=total)
 
 
 if __name__ == "__main__":
