@@ -160,6 +160,7 @@ def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
 def _of_group(rows: Rows) -> dict[str, Any]:
     off = np.array([row["laplace"] - reference(row)[0] for row in rows])
     error = np.array([reference(row)[1] for row in rows])
+    own = np.array([row[which] for row in rows for which in ("base_off", "effect_off") if row[which] is not None])
     if not rows:
         return {"cases": 0}
     return {
@@ -169,6 +170,8 @@ def _of_group(rows: Rows) -> dict[str, Any]:
         "median": float(np.median(off)),
         "rms": float(np.sqrt(np.mean(off**2))),
         "largest": float(off[np.argmax(np.abs(off))]),
+        "own": len(own),
+        "own_within": int(np.sum(np.abs(own) <= AGREE)),
         "smaller": int(np.sum(off < -AGREE)),
         "larger": int(np.sum(off > AGREE)),
     }

@@ -9,7 +9,8 @@ from calibration.report.evidence_numbers import AGREE, KINDS, NUMBERS, Rows, kin
 
 PAGE = ("evidence.json", "evidence.md", "evidence.png")
 SHORT = {"stall": "a level at a stall", "zero": "amplitude near its bound 0", "other": "all others"}
-SLOWEST_SHOWN = 0.01  # rad/s
+SLOWEST_SHOWN, LARGEST_SHOWN = 0.1, 30.0  # rad/s, nats
+OFF_TICKS, RATIO_TICKS = (-20, -5, -2, -1, -0.5, 0, 0.5, 1, 2, 5, 20), (-3, 0, 3, 10, 30, 100)
 
 
 def verdict(found: Mapping[str, Any]) -> str:
@@ -55,6 +56,7 @@ def page(found: Mapping[str, Any], rows: Rows) -> str:
         f"({found['cases'] - found['failed'] - found['nested']} cases).\n\n"
         f"{verdict(found)}\n\n"
         "![Laplace against the reference](evidence.png)\n\n"
+        f"{_own(found)}What follows for a diagnosis is in [diagnosis.md](../diagnosis.md#the-evidence).\n\n"
         "## The reference\n\n"
         "The integral of exp(-`minus_log_posterior`) over every unknown and the noise scales, effects within their "
         "bounds. Laplace as it stands holds the noise scales at their best: *with scales* integrates them by the same "
@@ -72,7 +74,8 @@ def page(found: Mapping[str, Any], rows: Rows) -> str:
         + "Runs in time are left aside: a call of "
         "the model takes fifteen times as long there.\n\n"
         f"Seeds: {found['first_seed']} and those after it. Median of {found['seconds_median']:.0f} s a case. Sources: "
-        f"{found['sources_sha256'][:12]}. `make evidence` makes it anew.\n"
+        f"{found['sources_sha256'][:12]}. `make evidence` makes it anew, with nested sampling in every "
+        "case.\n"
     )
 
 
@@ -105,12 +108,12 @@ def table(rows: Rows) -> str:
         cells += [f"**{off:+.2f}**" if abs(off) > AGREE else f"{off:+.2f}"]
         cells += [_number(row["base_off"], "+.2f"), _number(row["effect_off"], "+.2f")]
         cells += [_with_error(row["amplitude"], row["amplitude_sd"])]
-        lines.append(_line([*first, *cells, f"{row['slowest_rad_s']:.1f}{'*' if row['not_read'] else ''}"]))
+        lines.append(_line([*first, *cells, f"{max(row['slowest_rad_s'], 0.0):.1f}{'*' if row['not_read'] else ''}"]))
     return "\n".join(lines)
 
 
 def picture(rows: Rows) -> bytes:
-    """PNG of how far Laplace is off by case, and against the size of the Bayes factor.
+    """PNG of how far Laplace is off: in each model's ln Z by the slowest level, and in the ln Bayes factor.
 
     Parameters
     ----------
@@ -120,28 +123,47 @@ def picture(rows: Rows) -> bytes:
     from calibration.report import style
 
     made = [row for row in rows if row["laplace"] is not None]
-    with style.drawing(1, 2, height_in=3.4, squeeze=False, sharey=True) as (figure, ((slow, size),)):
-        for axis in (slow, size):
+    with style.drawing(1, 2, height_in=3.6, squeeze=False) as (figure, ((own, ratio),)):
+        for axis in (own, ratio):
             axis.axhspan(-AGREE, AGREE, color=style.FAINT, alpha=0.3, linewidth=0)
-            axis.axhline(0.0, color=style.FAINT, linewidth=0.8)
         for i, name in enumerate(KINDS):
             mine = [row for row in made if kind(row) == name]
-            if not mine:
-                continue
+            look = {"color": style.series(i)["color"], "marker": "osD"[i], "markersize": 3.5, "linestyle": "none"}
+            for which in ("base_off", "effect_off"):
+                shown = [
+                    (max(row["slowest_rad_s"], SLOWEST_SHOWN), row[which]) for row in mine if row[which] is not None
+                ]
+                fill = {"markerfacecolor": "none"} if which == "base_off" else {}
+                own.plot([x for x, _ in shown], [y for _, y in shown], **look, **fill)
             off = [row["laplace"] - reference(row)[0] for row in mine]
             error = [2.0 * reference(row)[1] for row in mine]
-            look = {"color": style.series(i)["color"], "marker": "osD"[i], "markersize": 3.5, "linestyle": "none"}
-            look |= {"elinewidth": 0.7, "label": SHORT[name]}
-            slow.errorbar([max(row["slowest_rad_s"], SLOWEST_SHOWN) for row in mine], off, error, **look)
-            size.errorbar([reference(row)[0] for row in mine], off, error, **look)
-        slow.set_xscale("log")
-        size.set_xscale("symlog", linthresh=3.0)
-        slow.set_yscale("symlog", linthresh=1.0)
-        style.name_axes(slow, ("slowest level read", "rad/s"), ("ln Bayes factor, Laplace less reference", "1"))
-        style.name_axes(size, ("ln Bayes factor, reference", "1"), ("", "1"))
+            at = [reference(row)[0] for row in mine]
+            ratio.errorbar(at, off, error, **look, elinewidth=0.7, label=SHORT[name])
+        own.set_xscale("log")
+        ratio.set_xscale("symlog", linthresh=3.0)
+        ratio.set_xticks(RATIO_TICKS, [f"{tick:g}" for tick in RATIO_TICKS])
+        for axis in (own, ratio):
+            axis.set_yscale("symlog", linthresh=1.0)
+            axis.set_ylim(-LARGEST_SHOWN, LARGEST_SHOWN)
+            axis.set_yticks(OFF_TICKS, [f"{tick:g}" for tick in OFF_TICKS])
+            axis.minorticks_off()
+        style.name_axes(own, ("slowest level read", "rad/s"), ("ln Z, Laplace less importance", "1"))
+        style.name_axes(ratio, ("ln Bayes factor, reference", "1"), ("ln Bayes factor, Laplace less reference", "1"))
+        own.set_title("each model (open: the base model)")
+        ratio.set_title("the effect over the base model")
         if made:
-            size.legend(loc="best")
+            ratio.legend(loc="lower left")
         return style.png(figure)
+
+
+def _own(found: Mapping[str, Any]) -> str:
+    """How many models' own ln Z agree, by group."""
+    parts = [
+        f"{group['own_within']} of {group['own']} ({SHORT[name]})"
+        for name, group in found["groups"].items()
+        if group["cases"]
+    ]
+    return f"Of the models' own ln Z, with the noise scales integrated, within {AGREE:g}: {', '.join(parts)}. "
 
 
 def _agreement(found: Mapping[str, Any]) -> str:
