@@ -284,21 +284,22 @@ def _log_censored(state: int, difference: float, sd: float) -> float:
 
 
 @njit(cache=True)
-def _log_row(dq: float, dn: float, q_state: int, n_state: int, var_q: float, var_n: float, cov: float) -> float:
-    """Log density of one row's flow and speed, either of which may be missing or censored."""
+def _log_row(
+    dq: float, dn: float, q_state: int, n_state: int, var_q: float, var_n: float, cov: float, det: float
+) -> float:
+    """Log density of one row's flow and speed, either missing or censored; ``det`` is their covariance's."""
     if q_state == OBSERVED and n_state == OBSERVED:
-        det = var_q * var_n - cov * cov
         square = (var_n * dq * dq - 2.0 * cov * dq * dn + var_q * dn * dn) / det
         return -0.5 * (square + math.log(det)) - LOG_2_PI
     if q_state == OBSERVED:
         found = -0.5 * (dq * dq / var_q + math.log(var_q) + LOG_2_PI)
         if n_state != MISSING:
-            found += _log_censored(n_state, dn - cov / var_q * dq, math.sqrt(var_n - cov * cov / var_q))
+            found += _log_censored(n_state, dn - cov / var_q * dq, math.sqrt(det / var_q))
         return found
     if n_state == OBSERVED:
         found = -0.5 * (dn * dn / var_n + math.log(var_n) + LOG_2_PI)
         if q_state != MISSING:
-            found += _log_censored(q_state, dq - cov / var_n * dn, math.sqrt(var_q - cov * cov / var_n))
+            found += _log_censored(q_state, dq - cov / var_n * dn, math.sqrt(det / var_n))
         return found
     # Both off scale: their correlation, which only the pressure's small noise makes, is left aside.
     found = 0.0
@@ -339,9 +340,14 @@ def _cases(
             continue
         count = p_bad + q_bad + n_bad
         var_p = (bad[0] if p_bad else good[0]) / (1.0 + errors[0, 1]) ** 2
-        var_q = (bad[1] if q_bad else good[1]) + var_p * slope_q * slope_q
-        var_n = (bad[2] if n_bad else good[2]) + var_p * slope_n * slope_n
-        case[k] = _log_row(reading[1] - q, reading[2] - n, state[1], state[2], var_q, var_n, var_p * slope_q * slope_n)
+        own_q = bad[1] if q_bad else good[1]
+        own_n = bad[2] if n_bad else good[2]
+        var_q = own_q + var_p * slope_q * slope_q
+        var_n = own_n + var_p * slope_n * slope_n
+        cov = var_p * slope_q * slope_n
+        # Not var_q var_n - cov^2: where the pressure's error is all there is, nothing would be left of that.
+        det = own_q * own_n + var_p * (own_q * slope_n * slope_n + own_n * slope_q * slope_q)
+        case[k] = _log_row(reading[1] - q, reading[2] - n, state[1], state[2], var_q, var_n, cov, det)
         if bad_share > 0.0:
             case[k] += count * math.log(bad_share) + (3 - count) * math.log(1.0 - bad_share)
         top = max(top, case[k])

@@ -4,6 +4,8 @@ Speed fixes f_overall to a per mille once lap, roller friction and ambient press
 thin ridge, and a curved one: a normal distribution of the same covariance overlaps it badly. Here each unknown, from
 the widest to the narrowest, is a quadratic polynomial of those before it plus a normal residual. The map's volume is
 explicit, so a sampler may walk in the independent numbers instead, where the ridge is straight and every move works.
+The residual's sd is itself exponential in the unknowns before it: the ridge is as wide as the noise, and the noise's
+scale is an unknown that a dozen rows leave uncertain by a factor of two.
 
 An unknown that varies by a factor enters the polynomials as its value, not as its logarithm, and where the recording
 fixes it well it is its value that the polynomial gives: f_overall is linear in the roller friction, and logarithms miss
@@ -20,6 +22,8 @@ FAR = 5.0  # residual sds
 MEDIAN_OF_NORMAL = 0.6745  # median of |N(0, 1)|
 RIDGE = 1.0  # of the regression, in standardised units: a prior pseudo-sample for every coefficient
 NARROW = 0.2  # relative spread below which an unknown that varies by a factor is modelled as its value
+STEEPEST = 2.0  # of the logarithm of a residual's sd, against its typical one
+LOG_OF_NORMAL = -0.6352  # mean of log |N(0, 1)|
 REACH = 6.0  # prior standard deviations: nothing further out is ever proposed
 
 
@@ -47,11 +51,11 @@ class TransportMap:
         terms = self._terms(samples)
         scaled = self._targets(samples)
         self.coefficients: list[np.ndarray] = []
-        self.residual = np.empty(n)
+        self.widening: list[np.ndarray] = []
         for k in range(n):
-            found, residual = _robustly_regressed(terms[:, self._columns(k)], scaled[:, k])
+            found, miss, kept = _robustly_regressed(terms[:, self._columns(k)], scaled[:, k])
             self.coefficients.append(found)
-            self.residual[k] = residual
+            self.widening.append(_widening(terms[kept, : k + 1], miss[kept]))
 
     def push(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points from independent numbers.
@@ -74,7 +78,9 @@ class TransportMap:
         terms = np.zeros((len(e), 1 + n + len(self.pairs)))
         terms[:, 0] = 1.0
         for k, which in enumerate(self.order):
-            scaled = terms[:, self._columns(k)] @ self.coefficients[k] + self.residual[k] * e[:, k]
+            log_sd = self._log_sd(terms, k)
+            scaled = terms[:, self._columns(k)] @ self.coefficients[k] + np.exp(log_sd) * e[:, k]
+            log_volume += log_sd
             if self.as_value[which]:
                 value = np.maximum(self.rate[which] * (scaled * self.span[which] + self.centre[which]), LEAST - 1.0)
                 points[:, which] = np.log1p(value) / self.rate[which]
@@ -91,7 +97,14 @@ class TransportMap:
         terms = self._terms(points)
         scaled = self._targets(points)
         fitted = [terms[:, self._columns(k)] @ self.coefficients[k] for k in range(points.shape[1])]
-        found: np.ndarray = (scaled - np.column_stack(fitted)) / self.residual
+        log_sd = [self._log_sd(terms, k) for k in range(points.shape[1])]
+        found: np.ndarray = (scaled - np.column_stack(fitted)) * np.exp(-np.column_stack(log_sd))
+        return found
+
+    def _log_sd(self, terms: np.ndarray, k: int) -> np.ndarray:
+        """Logarithm of the residual's sd of unknown ``k`` (in the map's order), from those before it."""
+        constant, slopes = self.widening[k][0], self.widening[k][1:]
+        found: np.ndarray = constant + np.clip(terms[:, 1 : k + 1] @ slopes, -STEEPEST, STEEPEST)
         return found
 
     def _targets(self, points: np.ndarray) -> np.ndarray:
@@ -126,8 +139,8 @@ class TransportMap:
         return np.concatenate([np.arange(1 + k), np.arange(first, first + k * (k + 1) // 2)])
 
 
-def _robustly_regressed(terms: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
-    """Ridge coefficients and the residual's sd, from the points on the ridge: a few far off it must not widen the map.
+def _robustly_regressed(terms: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ridge coefficients, the residuals, and which points lie on the ridge: a few far off must not widen the map.
 
     The first term, a constant, is not penalised.
     """
@@ -145,4 +158,15 @@ def _robustly_regressed(terms: np.ndarray, values: np.ndarray) -> tuple[np.ndarr
         gram += terms[back].T @ terms[back] - terms[gone].T @ terms[gone]
         moment += terms[back].T @ values[back] - terms[gone].T @ values[gone]
         kept = near
-    return found, float(np.sqrt(np.mean(miss[kept] ** 2)))
+    return found, miss, kept
+
+
+def _widening(terms: np.ndarray, miss: np.ndarray) -> np.ndarray:
+    """How the logarithm of the residuals' sd depends on linear terms, a constant first; scaled to their mean square."""
+    penalty = np.full(terms.shape[1], RIDGE)
+    penalty[0] = 0.0
+    logarithm = np.log(np.maximum(np.abs(miss), 1e-12)) - LOG_OF_NORMAL
+    found: np.ndarray = np.linalg.solve(terms.T @ terms + np.diag(penalty), terms.T @ logarithm)
+    slope = np.clip(terms[:, 1:] @ found[1:], -STEEPEST, STEEPEST)
+    found[0] = 0.5 * np.log(np.mean((miss * np.exp(-slope)) ** 2))
+    return found

@@ -240,6 +240,9 @@ class _Run:
 
     def go(self, course: Course) -> tuple[Path, Outcome]:
         """Identify, make the run, go through the course, seal."""
+        # Before anything is under way: right after an installation the solvers are compiled here. A watchdog that was
+        # there by then would take a long compilation for a sweep that hangs.
+        guard, limits = self._guard(), self._limits()
         self.acquisition.connect()
         writer = RunWriter.create(self.wanted.root, self._start(), self.wanted.wire)
         begin_ns = self.place.clock.now_ns()
@@ -249,7 +252,7 @@ class _Run:
             self.acquisition.begin(writer)
             watchdog = self._watchdog(writer)
             with self.wanted.beside(writer.folder, self._note) as tell:
-                outcome = self._course(writer, course, self._hooks(watchdog, tell))
+                outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, tell))
         except BaseException as error:
             outcome = Outcome("failed", f"{type(error).__name__}: {error}", False, [], [])
             raise
@@ -289,14 +292,21 @@ class _Run:
         self.acquisition.event("watchdog", None, pid=watchdog.pid)
         return watchdog
 
-    def _hooks(self, watchdog: Watchdog | None, tell: Callable[[Plateau], None]) -> Hooks:
-        file, ambient = self.bench.file, self.ambient
+    def _guard(self) -> Guard:
+        """What predicts the speed of a level."""
         _, gauge = self.bench.channel("pressure")
         gauge_sd_bar = DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
-        motor = motor_of(self.bench, ambient)
-        limit_rpm = min(file.safety.highest_speed_rpm, motor["speed_limit"].value)
-        guard = Guard(motor, limit_rpm, gauge_sd_bar * BAR)
-        limits = Limits(file.safety, file.roles, ambient.pressure_bar_abs, self.place.clock.rate)
+        motor = motor_of(self.bench, self.ambient)
+        limit_rpm = min(self.bench.file.safety.highest_speed_rpm, motor["speed_limit"].value)
+        return Guard(motor, limit_rpm, gauge_sd_bar * BAR)
+
+    def _limits(self) -> Limits:
+        """What a reading may not pass."""
+        file = self.bench.file
+        return Limits(file.safety, file.roles, self.ambient.pressure_bar_abs, self.place.clock.rate)
+
+    def _hooks(self, guard: Guard, limits: Limits, watchdog: Watchdog | None, tell: Callable[[Plateau], None]) -> Hooks:
+        """What the course asks and tells on its way."""
 
         def trip(view: View, now_ns: int, pressurised: bool) -> str | None:
             fault = watchdog.fault() if watchdog is not None else None
@@ -306,9 +316,9 @@ class _Run:
             self.wanted.on_plateau(plateau)
             tell(plateau)
 
-        is_gauge = file.roles.pressure.endswith("_gauge")
+        is_gauge = self.bench.file.roles.pressure.endswith("_gauge")
         return Hooks(
-            guarded(guard, ambient.pressure_bar_abs, is_gauge),
+            guarded(guard, self.ambient.pressure_bar_abs, is_gauge),
             trip,
             lambda: self.stop.asked,
             self.wanted.progress,

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
+# Before numpy is there. The matrices are small: a second thread of BLAS only waits, and takes a core while it does.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import hypothesis
 import pytest
+
+import spinbench
 
 # Started in the background of a shell, a process inherits that Ctrl-C is ignored, and so would those that tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -26,15 +34,28 @@ FIGURES = {
 }
 
 
-# Files that take longest go first: the two processes then end together.
+# Files that take longest go first: the two processes then end together. The second has kernels of its own, so that the
+# two do not begin by compiling the same ones.
 LONGEST = (
     "test_fit",
+    "test_second_rig",
     "test_sbc",
-    "test_diagnosis_search",
-    "test_kills",
-    "test_lines",
+    "test_running",
     "test_live_check",
+    "test_cli",
+    "test_challenge_command",
+    "test_kills",
+    "test_sampling",
+    "test_nulls",
     "test_fit_page",
+    "test_diagnosis_verdict",
+    "test_bench",
+    "test_rigs_diagnosis",
+    "test_diagnosis_page",
+    "test_virtual_process",
+    "test_lines",
+    "test_diagnosis_search",
+    "test_fit_effects",
 )
 
 
@@ -46,6 +67,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return LONGEST.index(name) if name in LONGEST else len(LONGEST)
 
     items.sort(key=rank)
+
+
+@pytest.fixture
+def spinbench_here(monkeypatch, capsys) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """The command line in this process, from arguments to exit code: a process of its own takes a second to start."""
+
+    def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+        words = ["spinbench", *map(str, arguments)]
+        monkeypatch.setattr(sys, "argv", words)
+        monkeypatch.chdir(cwd)
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            spinbench.main()
+        out, err = capsys.readouterr()
+        return subprocess.CompletedProcess(words, end.value.code or 0, out, err)
+
+    return run
 
 
 @pytest.fixture

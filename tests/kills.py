@@ -18,6 +18,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
+
 from rig.replay.replaying import replay
 from rig.runlog import read_run, repair, verify
 from rig.virtual.launch import ask
@@ -115,7 +117,7 @@ def kill_once(after_s: float) -> Kill:
         read = read_run(run)
         replayed = replay(read)
         if not finished:
-            time.sleep(WATCHDOG_S)  # it writes its last line into the run after the regulator is at zero
+            _wait_for_the_watchdog(run)  # it writes its last line into the run after the regulator is at zero
             repair(run)
         return Kill(
             after_s,
@@ -148,6 +150,16 @@ def _zero_after(temporary: Path, killed_ns: int) -> tuple[bool, float]:
     if not at_zero:
         return raised, float("inf")
     return raised, max(0.0, (last["real_ns"] - killed_ns) / 1e9) if last is not None else 0.0
+
+
+def _wait_for_the_watchdog(run: Path) -> None:
+    """Until the watchdog that the run names has ended; for one that is not named yet, as long as any may take."""
+    give_up = time.monotonic() + WATCHDOG_S
+    text = (run / "events.jsonl").read_text(encoding="utf-8") if (run / "events.jsonl").exists() else ""
+    events = [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
+    pid = next((event["pid"] for event in events if event["event"] == "watchdog"), None)
+    while time.monotonic() < give_up and (pid is None or psutil.pid_exists(pid)):
+        time.sleep(0.05)
 
 
 def _wait_for(look):

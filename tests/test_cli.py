@@ -128,8 +128,8 @@ def test_a_misspelt_parameter_is_refused_with_the_nearest_and_writes_nothing(tmp
         (("--pressure-bar-abs", "1.02", "--transient", "coast-down"), "nothing to coast down from"),
     ],
 )
-def test_unusable_input_is_one_clear_line(tmp_path, arguments, words):
-    assert words in refused(run("simulate", *arguments, "-o", "out", cwd=tmp_path))
+def test_unusable_input_is_one_clear_line(tmp_path, spinbench_here, arguments, words):
+    assert words in refused(spinbench_here("simulate", *arguments, "-o", "out", cwd=tmp_path))
     assert not list(tmp_path.iterdir())
 
 

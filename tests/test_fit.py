@@ -27,7 +27,8 @@ PRACTICE = ROOT.parent / "shared" / "practice"
 COMMAND = str(Path(sys.executable).parent / "spinbench")
 BRIEF = ("--effective-samples", "300")
 HEADER = "pressure_bar_abs,flow_l_min,speed_rpm\n"
-QUICK = Settings(seed=1, effective_samples=300, most_steps=2000, walkers=32)
+# Enough for intervals of 99 % and for sds to a few per cent.
+QUICK = Settings(seed=1, effective_samples=1000, most_steps=2000, walkers=32, times_tau=20.0)
 
 
 def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -159,13 +160,13 @@ def test_a_finished_fit_run_again_gives_the_same_posterior(plateaus):
 
 
 @pytest.mark.slow
-def test_the_folder_of_another_recording_is_refused_in_a_line(plateaus):
+def test_the_folder_of_another_recording_is_refused_in_a_line(plateaus, spinbench_here):
     (plateaus / "other").mkdir(exist_ok=True)
     for name in ("recording.toml", "sweep.csv"):
         text = (plateaus / "bench" / name).read_text().replace("374.5", "373.0")
         (plateaus / "other" / name).write_text(text)
     before = {path: path.read_bytes() for path in (plateaus / "out").rglob("*") if path.is_file()}
-    done = run("other", "-o", "out", *BRIEF, cwd=plateaus)
+    done = spinbench_here("fit", "other", "-o", "out", *BRIEF, cwd=plateaus)
     assert done.returncode == 2
     assert "holds the chain of another recording, motor or setting" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
@@ -173,9 +174,9 @@ def test_the_folder_of_another_recording_is_refused_in_a_line(plateaus):
 
 
 @pytest.mark.slow
-def test_another_seed_or_motor_is_another_fit(plateaus):
+def test_another_seed_or_motor_is_another_fit(plateaus, spinbench_here):
     for change in (("--seed", 2), ("--set", "port_lap=7.5"), ("--speed-only",)):
-        assert run("bench", "-o", "out", *change, *BRIEF, cwd=plateaus).returncode == 2
+        assert spinbench_here("fit", "bench", "-o", "out", *change, *BRIEF, cwd=plateaus).returncode == 2
 
 
 @pytest.mark.slow
@@ -353,13 +354,13 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_refused_in_words_and_nothing_is_written(tmp_path, name):
+def test_bad_input_is_refused_in_words_and_nothing_is_written(tmp_path, spinbench_here, name):
     toml, sweep, more, words = BAD[name]
     (tmp_path / "bench").mkdir()
     (tmp_path / "bench" / "recording.toml").write_text(toml)
     (tmp_path / "bench" / "sweep.csv").write_text(sweep)
     before = sorted(tmp_path.rglob("*"))
-    done = run("bench", "-o", "out", "--json", "fit.json", *more, cwd=tmp_path)
+    done = spinbench_here("fit", "bench", "-o", "out", "--json", "fit.json", *more, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stdout == ""
     lines = done.stderr.splitlines()

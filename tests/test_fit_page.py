@@ -28,7 +28,7 @@ def found(tmp_path_factory) -> Fit:
     (folder / "sweep.csv").rename(folder / HOSTILE)
     description = folder / "recording.toml"
     description.write_text(description.read_text().replace('"sweep.csv"', f'"{HOSTILE}"'))
-    return fit(read_recording(folder), Settings(seed=1, effective_samples=500, most_steps=800))
+    return fit(read_recording(folder), Settings(seed=1, effective_samples=500, most_steps=800, times_tau=12.0))
 
 
 @pytest.fixture(scope="module")

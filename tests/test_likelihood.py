@@ -255,6 +255,14 @@ def test_a_parameter_out_of_its_bounds_is_impossible(sweep, name, value):
     assert sweep.log_likelihood(at(sweep, {name: value}))[0] == -np.inf
 
 
+def test_noise_beyond_all_reason_is_unlikely_and_no_error(sweep):
+    """The search for the peak tries such points; speed and flow then differ by the pressure's error alone."""
+    wild = {"pressure_noise_scale": 5e16, "flow_noise_scale": 4e-4, "speed_noise_scale": 3e-9}
+    found = sweep.log_likelihood(at(sweep, wild))[0]
+    assert np.isfinite(found)
+    assert found < sweep.log_likelihood(at(sweep, {}))[0]
+
+
 def test_an_impossible_point_leaves_its_neighbours_alone(sweep):
     z = np.vstack([at(sweep, {}), at(sweep, {"port_lap": 25.0}), at(sweep, {})])
     first, impossible, last = sweep.log_prob(z)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import emcee
@@ -69,6 +70,16 @@ def test_the_map_straightens_what_it_was_fitted_to():
     e = TransportMap(cloud, np.ones(2)).pull(cloud)
     np.testing.assert_allclose(np.cov(e.T), np.eye(2), atol=0.01)
     assert abs(np.corrcoef(e[:, 0] ** 2, e[:, 1])[0, 1]) < 0.05
+
+
+def test_the_map_is_as_wide_as_the_noise_that_it_was_fitted_to():
+    """A coordinate whose sd another one sets, as a noise scale sets the width of the ridge."""
+    rng = np.random.default_rng(10)
+    scale = rng.standard_normal(4000)
+    cloud = np.column_stack([scale, 0.1 * np.exp(0.6 * scale) * rng.standard_normal(4000)])
+    e = TransportMap(cloud, np.ones(2)).pull(cloud)
+    wide, narrow = e[scale > 1.0, 1].std(), e[scale < -1.0, 1].std()
+    assert wide / narrow == pytest.approx(1.0, abs=0.15)
 
 
 # The moves
@@ -216,11 +227,19 @@ def test_progress_is_told_in_effective_samples_of_those_wanted():
 # The chain on disk
 
 
-@pytest.fixture
-def whole(tmp_path: Path) -> tuple[Path, bytes]:
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> tuple[Path, bytes]:
     """A finished chain's folder, and its samples."""
-    folder = tmp_path / "chain"
+    folder = tmp_path_factory.mktemp("finished") / "chain"
     return folder, sample(banana, 3, np.ones_like, QUICK, folder, "ours").samples.tobytes()
+
+
+@pytest.fixture
+def whole(finished, tmp_path: Path) -> tuple[Path, bytes]:
+    """A copy of it, to be spoilt."""
+    folder, samples = finished
+    shutil.copytree(folder, tmp_path / "chain")
+    return tmp_path / "chain", samples
 
 
 def blocks(folder: Path) -> list[Path]:
