@@ -42,7 +42,7 @@ $(STAMP): requirements.lock pyproject.toml
 demo: $(STAMP)
 	rm -rf $(DEMO)
 	mkdir -p $(DEMO)
-	$(BIN)/spinbench sweep virtual --logs $(DEMO)/logs --minutes-running 0 --operator demo
+	$(BIN)/spinbench sweep virtual --rate 10 --logs $(DEMO)/logs --minutes-running 0 --operator demo
 	$(BIN)/spinbench runs verify last --logs $(DEMO)/logs
 	$(BIN)/spinbench replay last --logs $(DEMO)/logs --with-model -o $(DEMO)/replay
 	$(BIN)/spinbench runs export last --logs $(DEMO)/logs -o $(DEMO)/recording

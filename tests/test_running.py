@@ -16,9 +16,13 @@ from pathlib import Path
 
 import pytest
 
+from rig import running
 from rig.bench import FOLDER
+from rig.clock import Clock
+from rig.lines.opening import port_of
 from rig.recording import read_recording
 from rig.runlog import read_run, verify
+from rig.sweep.ambient import Given
 
 PROGRAM = [sys.executable, str(Path(__file__).resolve().parents[1] / "spinbench.py")]
 ENOUGH_S = 90.0
@@ -139,6 +143,21 @@ def test_a_finished_run_exports_to_a_recording_that_can_be_read(finished, tmp_pa
     assert steady.columns["speed_rpm"].values.tolist() == [row.means["speed_rpm"].mean for row in turning]
     assert {file.kind for file in read.files} == {"steady", "zero"}
     assert read.ambient.pressure_bar_abs == 1.01325
+
+
+def test_the_guard_is_made_before_the_bench_is_touched(bench, tmp_path, monkeypatch):
+    """Its kernels may have to be compiled first, for longer than a watchdog waits for a sign of life."""
+
+    def guard(*arguments):
+        raise LookupError("asked for")
+
+    nowhere = running.Place(Clock(), port_of, None)
+    monkeypatch.setattr(running, "Guard", guard)
+    monkeypatch.setattr(running, "place_of", lambda *arguments: contextlib.nullcontext(nowhere))
+    given = Given(lubrication="none", minutes_running=0.0)
+    with pytest.raises(LookupError, match="asked for"):
+        running.take(bench, given, lambda *arguments: (None, []), running.Wanted("sweep", tmp_path / "logs"))
+    assert not (tmp_path / "logs").exists()
 
 
 # A sweep that is stopped, and gone on with.
