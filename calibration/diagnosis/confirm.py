@@ -148,9 +148,7 @@ def fit_on(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.nda
     z = np.linalg.solve(A, J.T @ r)
     rest = r - J @ z
     white = comparison.whitener(mode.prediction, mode.u)
-    n = comparison.n
-    scale = white.scale
-    logs = float(np.sum(np.log(scale[used & comparison.known]))) if n + white.run.size else 0.0
+    logs = float(np.sum(np.log(white.scale[used & comparison.known])))
     evidence = -0.5 * float(rest @ rest + z @ z) - logs - 0.5 * float(np.linalg.slogdet(A)[1])
     return z, A, evidence
 

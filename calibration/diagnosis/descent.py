@@ -15,6 +15,7 @@ import numpy as np
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import BLUR, Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
+from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction
 from model.effects import effects
 
@@ -28,6 +29,8 @@ MOST_ROUNDS = 8  # times that the pulses are simulated anew
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 # Share of the swing of the pulses left to chance, nats that a round has to gain, and rounds that may gain less.
 STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
+UNLIKELY = 2.0  # prior sds of the noise beyond which a sweep is looked at from elsewhere too,
+ELSEWHERE = (-1.5, 1.5)  # ... from these values of the roller factor, whose valley is the longest [-]
 EDGE = math.sqrt(3.0)  # half a pulse, in sds of the angle's prior: an angle one pulse on is the same angle
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # starting angles tried, beside the one that there is
 
@@ -75,6 +78,7 @@ def find(
     if not problem.blocks.runs:
         comparison.blur = BLUR
         ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
+        ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
         return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
     here = min((_stage(f, comparison, point, STAGES[0]) for point in begun), key=lambda point: point.cost)
     for stage in STAGES[1:]:
@@ -82,18 +86,19 @@ def find(
     comparison.blur = BLUR
     of = f.near(here.z)
     D = f.derivatives(here.z, of(here.z), here.D, here.u, of)
-    return close(comparison, names, here.z, here.u, D, here.predicted)
+    z, u, D, _ = _descend(f, comparison, here.z, here.u, D, of(here.z), of, fresh=False, correlated=True)
+    return close(comparison, names, z, u, D, f(z))
 
 
 def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[tuple[str, str], float]) -> _Point:
     """A point to start from, at which the model gives readings."""
     problem, k = comparison.problem, f.k
     extra = problem.effect_unknowns(f.names)
-    z, u = np.zeros(k + len(extra)), np.zeros(3)
+    z, u = np.zeros(k + len(extra)), np.zeros(SPREAD.size)
     D = np.zeros((comparison.read.size, z.size))
     values: dict[tuple[str, str], float] = {}
     if start is not None:
-        z[:k], u = start.z[:k], np.clip(start.u, -0.3, 0.3)
+        z[:k], u[SCALES] = start.z[:k], np.clip(start.u[SCALES], -NOISE_SD, NOISE_SD)
         D[:, :k] = start.D[:, :k]
         values = {(e, x.name): start.z[k + i] for i, (e, x) in enumerate(problem.effect_unknowns(start.names))}
     values |= first
@@ -117,7 +122,7 @@ def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float
     """Rounds of a search with runs in time: in each, what the pulses add is simulated anew and then kept."""
     comparison.blur, least_gain, patience = stage
     z, predicted = _turned(f, comparison, here.z, here.u, here.predicted)
-    cost, u = _at(comparison, z, here.u, predicted)
+    cost, u = _at(comparison, z, here.u, predicted, here.D)
     best, D, stale, worse = _Point(cost, z, u, here.D, predicted, here.stale), here.D, here.stale, 0
     for _ in range(MOST_ROUNDS):
         z = _within_a_pulse(f, z)
@@ -125,7 +130,7 @@ def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float
         z, u, D, _ = _descend(f, comparison, z, u, D, of(z), of, stale)
         stale = _distance(comparison, D, predicted, u, z - before) > STALE
         predicted = f(z)
-        cost, u = _at(comparison, z, u, predicted)
+        cost, u = _at(comparison, z, u, predicted, D)
         # What the pulses add has changed on the way, so a round may end higher than it began.
         worse = worse + 1 if best.cost - cost < least_gain else 0
         if worse > patience:
@@ -146,11 +151,13 @@ def _within_a_pulse(f: Function, z: np.ndarray) -> np.ndarray:
     return z
 
 
-def _at(comparison: Comparison, z: np.ndarray, u: np.ndarray, predicted: Prediction) -> tuple[float, np.ndarray]:
-    """The cost of a point, and the noise scales that suit it."""
+def _at(
+    comparison: Comparison, z: np.ndarray, u: np.ndarray, predicted: Prediction, D: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """The cost of a point, and the noise that suits it."""
     if not np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
         return math.inf, u
-    u = suiting_noise(comparison, predicted, u)
+    u = suiting_noise(comparison, predicted, u, D, False)
     white = comparison.whitener(predicted, u)
     r = white(comparison.read - comparison.raw(predicted))
     return minus_log_posterior(r, white.log_scale, z, u, comparison), u
@@ -165,6 +172,7 @@ def _descend(
     predicted: Prediction,
     of: Callable[[np.ndarray], Prediction],
     fresh: bool = True,
+    correlated: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
     """Gauss-Newton steps until one is short: the point, the noise scales, the derivatives and the prediction.
 
@@ -179,7 +187,7 @@ def _descend(
         A = (J * weight[:, None]).T @ J + np.eye(z.size)
         moved, predicted = _step(f, of, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
         far = float((moved - z) @ A @ (moved - z))
-        z, u = moved, suiting_noise(comparison, predicted, u)
+        z, u = moved, suiting_noise(comparison, predicted, u, D, correlated)
         if far < (SETTLED if comparison.blur == BLUR else ROUGH) and (fresh or far > 0.0):
             break
         fresh = far > STALE or far == 0.0  # where old derivatives lead nowhere, new ones may
@@ -193,7 +201,9 @@ def _distance(comparison: Comparison, D: np.ndarray, predicted: Prediction, u: n
 
 
 def base_of(comparison: Comparison) -> Mode:
-    """The base model at its most probable point, found once more with runs in time, with the pulses' swing taken there.
+    """The base model at its most probable point, looked for from several places where the first is an odd one.
+
+    With runs in time it is found once more, with the pulses' swing taken there.
 
     Parameters
     ----------
@@ -201,7 +211,14 @@ def base_of(comparison: Comparison) -> Mode:
         The recording; its problem's angles and its swing are changed.
     """
     base = find(comparison, ())
-    return find(comparison, (), set_angles(comparison, base)) if comparison.problem.blocks.runs else base
+    if comparison.problem.blocks.runs:
+        return find(comparison, (), set_angles(comparison, base))
+    if np.any(base.bad > 0.5) or np.any(np.abs(base.u) > UNLIKELY * SPREAD):
+        # Readings taken for bad, or for noisier than declared, may be those that would have led farther.
+        place = [unknown.name for unknown in comparison.problem.nuisances].index("roller_friction")
+        elsewhere = [replace(base, z=move * np.eye(base.z.size)[place], u=np.zeros(SPREAD.size)) for move in ELSEWHERE]
+        base = max(base, find(comparison, (), *elsewhere), key=lambda mode: mode.log_evidence)
+    return base
 
 
 def set_angles(comparison: Comparison, mode: Mode) -> Mode:

@@ -2,8 +2,9 @@
 
 The statistic is the smallest tail probability over the projected signatures of all effects (one-sided where an effect
 cannot be negative) and over the free-form forces. The noise scales are estimated beside all of these, so that a misfit
-does not pass for noise. Its law under the null is drawn: nuisances, noise and noise scales anew each time, in the model
-made linear at its most probable point. Beyond the draws the tail is exponential, and marked.
+does not pass for noise; its correlations are those that the base model has. The law under the null is drawn: nuisances,
+noise, its scales and its correlations anew each time, in the model made linear at its most probable point. Beyond the
+draws the tail is exponential, and marked.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc, log_ndtr
 
-from calibration.diagnosis.linear import NOISE_SD, Comparison
+from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.problem import CHANNELS
+from calibration.diagnosis.noise import SCALES, SPREAD
 from calibration.diagnosis.signatures import Force, Signature, project
 
 DRAWS = 200
@@ -82,10 +83,10 @@ def detect(
     draws : int
         Of the null law [-].
     """
-    test = _Test(comparison, mode, found, free)
-    difference = comparison.read - comparison.raw(mode.prediction) + mode.D @ mode.z
-    real = test(np.nan_to_num(difference))
-    null = np.sort([test(_draw(comparison, mode, rng)).statistic for _ in range(draws)])
+    difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction) + mode.D @ mode.z)
+    test = _Test(comparison, mode, found, free, difference)
+    real = test(difference)
+    null = np.sort([test(_draw(comparison, mode, test.noise(rng), rng)).statistic for _ in range(draws)])
     above = int(np.sum(null >= real.statistic))
     p, beyond = (above + 0.5) / (draws + 1.0), False
     cut = null[int((1.0 - TAIL) * draws)]
@@ -96,7 +97,14 @@ def detect(
 
 
 class _Test:
-    def __init__(self, comparison: Comparison, mode: Mode, found: Sequence[Signature], free: Sequence[Force]) -> None:
+    def __init__(
+        self,
+        comparison: Comparison,
+        mode: Mode,
+        found: Sequence[Signature],
+        free: Sequence[Force],
+        difference: np.ndarray,
+    ) -> None:
         self.comparison, self.mode = comparison, mode
         good = mode.bad < BAD_ROW
         self.good = good.astype(float)
@@ -109,16 +117,30 @@ class _Test:
         self.all = np.column_stack([mode.D, self.S, F * (20.0 / size)])
         keep = np.any(self.all != 0.0, axis=0)
         self.all = self.all[:, keep]
+        # Correlations as the base model has them: beside the forces they would be anyone's guess.
+        left = difference - mode.D @ mode.z
+        self.information = np.diag(comparison.noise_step(left, mode.prediction, mode.u, self.good, mode.D)[1])
+        self.u = np.where(np.arange(SPREAD.size) < SCALES.stop, 0.0, mode.u)
+
+    def _fit(self, columns: np.ndarray, difference: np.ndarray, u: np.ndarray) -> np.ndarray:
+        white = self.comparison.whitener(self.mode.prediction, u)
+        X, y = white(columns) * self.good[:, None], white(difference) * self.good
+        return np.linalg.solve(X.T @ X + np.eye(X.shape[1]), X.T @ y)
+
+    def noise(self, rng: np.random.Generator) -> np.ndarray:
+        """Noise as it may be: its scales as declared, its correlations as the readings have them [-], shape (5,)."""
+        spread = 1.0 / np.sqrt(self.information)
+        spread[SCALES] = SPREAD[SCALES]
+        drawn: np.ndarray = self.u + spread * rng.standard_normal(spread.size)
+        return drawn
 
     def __call__(self, difference: np.ndarray) -> Detection:
         comparison, mode = self.comparison, self.mode
-        u = np.zeros(3)
+        u = self.u.copy()
         good = self.good
         for _ in range(PASSES):
-            white = comparison.whitener(mode.prediction, u)
-            X, y = white(self.all) * good[:, None], white(difference) * good
-            fit = np.linalg.solve(X.T @ X + np.eye(X.shape[1]), X.T @ y)
-            u = comparison.noise_step(difference - self.all @ fit, mode.prediction, u, good)
+            left = difference - self.all @ self._fit(self.all, difference, u)
+            u[SCALES] += comparison.noise_step(left, mode.prediction, u, good)[0][SCALES]
         white = comparison.whitener(mode.prediction, u)
         J, y = white(mode.D) * good[:, None], white(difference) * good
         r = project(J, y)
@@ -150,27 +172,21 @@ def _log_tail(Q: float, k: int) -> float:
     return math.log(tail) if tail > 0.0 else -0.5 * Q
 
 
-def _draw(comparison: Comparison, mode: Mode, rng: np.random.Generator) -> np.ndarray:
+def _draw(comparison: Comparison, mode: Mode, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Differences of readings that the model itself would give [SI]."""
-    problem, plateaus = comparison.problem, comparison.problem.blocks.plateaus
-    u = NOISE_SD * rng.standard_normal(3)
-    noise = {c: problem.noise[c] * math.exp(u[i]) for i, c in enumerate(CHANNELS)}
-    n = comparison.n
+    problem = comparison.problem
+    n, end = comparison.n, comparison.end
     out = mode.D @ rng.standard_normal(mode.z.size)
-    pressure = noise["pressure"] * plateaus.noise_scale * rng.standard_normal(n)
+    pressure, flow, speed = comparison.noise.draw_plateaus(u, rng)
     pressure += problem.resolution["pressure"] * (rng.random(n) - 0.5)
-    out[:n] += mode.prediction.flow_slope * pressure + noise["flow"] * plateaus.noise_scale * rng.standard_normal(n)
-    out[n : 2 * n] += mode.prediction.speed_slope * pressure
-    out[n : 2 * n] += noise["speed"] * plateaus.noise_scale * rng.standard_normal(n)
-    out[:n] += problem.resolution["flow"] * (rng.random(n) - 0.5)
-    end = comparison.end
+    out[:n] += mode.prediction.flow_slope * pressure + flow + problem.resolution["flow"] * (rng.random(n) - 0.5)
+    out[n : 2 * n] += mode.prediction.speed_slope * pressure + speed
+    out[2 * n : end] += comparison.noise.draw_samples(u, rng)
     out[n:end] += problem.resolution["speed"] * (rng.random(end - n) - 0.5)
-    scale = np.repeat([run.noise_scale for run in problem.blocks.runs], comparison.sizes)
-    out[2 * n : end] += noise["speed"] * scale * rng.standard_normal(end - 2 * n)
     out[end:] += problem.blocks.vented.sd * rng.standard_normal(out.size - end)
     swing = comparison.angle_sd
     angle = swing * rng.standard_normal(end - 2 * n)
-    first = np.cumsum([0, *comparison.sizes[:-1]])[: len(comparison.sizes)]
+    first = np.flatnonzero(comparison.noise.first)
     before = np.roll(angle, 1)
     before[first] = swing[first] * rng.standard_normal(first.size)
     out[2 * n : end] += (angle - before) / comparison.step

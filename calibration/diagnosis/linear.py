@@ -12,75 +12,13 @@ part of noise that its neighbours take back: what the readings say on average ov
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.linalg import cholesky_banded, solve_banded
 
-from calibration.diagnosis.problem import CHANNELS, Prediction, Problem
-from calibration.priors import NOISE_FACTOR
+from calibration.diagnosis.noise import Noise, Whitener
+from calibration.diagnosis.problem import Prediction, Problem
 
-NOISE_SD = math.log(NOISE_FACTOR)
-LARGEST_NOISE_STEP = 0.5
 BLUR = 0.5  # share of the swing of the pulses that is left to chance
 VENTED, FLOW, SPEED, RUN = -1, 0, 1, 2  # kinds of entries; run i is RUN + i
-
-
-@dataclass(frozen=True)
-class Whitener:
-    """The map from differences of readings to standard normal numbers.
-
-    Attributes
-    ----------
-    flow, share, speed : ndarray, shape (n,)
-        Of each plateau: sd of the flow, what of the speed follows the flow, sd of the rest.
-    vented : ndarray, shape (v,)
-        sd of the gauge's readings with the line vented.
-    run, before : ndarray, shape (m - 2 n - v,)
-        Of the runs' samples: sd given the samples before, and what of a sample follows the one before.
-    log_scale : float
-        Sum of the logarithms of the sds over the readings that there are [-].
-    known : ndarray of bool, shape (m,)
-        Entries that there are.
-    """
-
-    flow: np.ndarray
-    share: np.ndarray
-    speed: np.ndarray
-    vented: np.ndarray
-    run: np.ndarray
-    before: np.ndarray
-    log_scale: float
-    known: np.ndarray
-
-    def __call__(self, difference: np.ndarray) -> np.ndarray:
-        """Whitened differences.
-
-        Parameters
-        ----------
-        difference : ndarray, shape (m,) or (m, k)
-            Differences of readings [SI].
-        """
-        n = self.flow.size
-        column = difference.ndim > 1
-        rows = (slice(None), None) if column else (slice(None),)
-        given = np.where(self.known[rows], difference, 0.0)
-        out = np.empty_like(given)
-        out[:n] = given[:n] / self.flow[rows]
-        out[n : 2 * n] = (given[n : 2 * n] - self.share[rows] * out[:n]) / self.speed[rows]
-        out[n : 2 * n][~self.known[n : 2 * n]] = 0.0
-        end = 2 * n + self.run.size
-        if self.run.size:
-            band = np.vstack([self.run, np.append(self.before[1:], 0.0)])
-            out[2 * n : end] = solve_banded((1, 0), band, given[2 * n : end])
-        out[end:] = given[end:] / self.vented[rows]
-        return out
-
-    @property
-    def scale(self) -> np.ndarray:
-        """sd of each reading given those before it [SI], shape (m,)."""
-        return np.concatenate([self.flow, self.speed, self.run, self.vented])
 
 
 class Comparison:
@@ -136,6 +74,7 @@ class Comparison:
             or [np.zeros(0)]
         )
         self.sizes = tuple(int(used.sum()) for used in self.used)
+        self.noise = Noise(problem, self.known, self.sizes, self.step)
         self.see_pulses(np.zeros(len(problem.nuisances)))
 
     def see_pulses(self, z: np.ndarray) -> None:
@@ -167,21 +106,6 @@ class Comparison:
         runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
         return np.concatenate([predicted.flow, predicted.speed, *runs, predicted.vented])
 
-    def variances(self, u: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Variances of the plateaus' readings by channel [SI], and those of the runs' samples, pulses apart.
-
-        Parameters
-        ----------
-        u : ndarray, shape (3,)
-            Logarithms of the noise scales of pressure, flow and speed [-].
-        """
-        problem, plateaus = self.problem, self.problem.blocks.plateaus
-        noise = {c: problem.noise[c] * math.exp(u[i]) for i, c in enumerate(CHANNELS)}
-        var = {c: (noise[c] * plateaus.noise_scale) ** 2 + problem.resolution[c] ** 2 / 12.0 for c in CHANNELS}
-        scale = np.repeat([run.noise_scale for run in problem.blocks.runs], self.sizes)
-        runs = (noise["speed"] * scale) ** 2 + problem.resolution["speed"] ** 2 / 12.0
-        return var, runs
-
     @property
     def angle_sd(self) -> np.ndarray:
         """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,).
@@ -192,24 +116,6 @@ class Comparison:
         share = np.repeat([1.0 if run.from_rest else self.blur for run in runs], self.sizes)
         return share * self.swing if runs else self.swing
 
-    def following(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cholesky factor of the runs' covariance: its diagonal, and what is left of it, shape (m - 2 n,) each [SI].
-
-        Parameters
-        ----------
-        runs : ndarray, shape (m - 2 n,)
-            Variances of the samples, pulses apart [SI].
-        """
-        if not runs.size:
-            return np.zeros(0), np.zeros(0)
-        first = np.zeros(runs.size, dtype=bool)
-        first[np.cumsum([0, *self.sizes[:-1]])] = True
-        now = (self.angle_sd / self.step) ** 2
-        last = np.where(first, now, np.roll(now, 1))
-        band = np.vstack([runs + now + last, np.append(np.where(first, 0.0, -last)[1:], 0.0)])
-        factor = cholesky_banded(band, lower=True)
-        return factor[0], np.append(0.0, factor[1, :-1])
-
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
         """The map at a prediction, whose slopes say what the gauge's noise does.
 
@@ -217,26 +123,21 @@ class Comparison:
         ----------
         predicted : Prediction
             Of the problem.
-        u : ndarray, shape (3,)
-            Logarithms of the noise scales [-].
+        u : ndarray, shape (5,)
+            The noise, as in `calibration.diagnosis.noise` [-].
         """
-        var, runs = self.variances(u)
-        a, b = predicted.flow_slope, predicted.speed_slope
-        flow = np.sqrt(var["flow"] + var["pressure"] * a * a)
-        has_flow = self.known[: self.n]
-        share = np.where(has_flow, var["pressure"] * a * b / flow, 0.0)
-        speed = np.sqrt(var["speed"] + var["pressure"] * b * b - share * share)
-        run, before = self.following(runs)
-        known_speed = self.known[self.n : 2 * self.n]
-        log_scale = float(np.log(flow[has_flow]).sum() + np.log(speed[known_speed]).sum())
-        log_scale += float(np.log(run).sum())
-        vented = self.problem.blocks.vented.sd
-        return Whitener(flow, share, speed, vented, run, before, log_scale, self.known)
+        return self.noise.whitener(u, (predicted.flow_slope, predicted.speed_slope), self.angle_sd)
 
     def noise_step(
-        self, difference: np.ndarray, predicted: Prediction, u: np.ndarray, weight: np.ndarray
-    ) -> np.ndarray:
-        """One scoring step of the noise scales for given differences [-], shape (3,).
+        self,
+        difference: np.ndarray,
+        predicted: Prediction,
+        u: np.ndarray,
+        weight: np.ndarray,
+        columns: np.ndarray | None = None,
+        free: slice = slice(None),
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One scoring step of the noise for given differences, and the information that there is of it [-].
 
         Parameters
         ----------
@@ -244,74 +145,25 @@ class Comparison:
             Readings less predictions [SI].
         predicted : Prediction
             For its slopes.
-        u : ndarray, shape (3,)
+        u : ndarray, shape (5,)
             Where to step from [-].
         weight : ndarray, shape (m,)
             Of each entry, below 1 where a reading is bad [-].
+        columns : ndarray, shape (m, k) or None
+            Derivatives that the prediction was fitted with [SI].
+        free : slice
+            Places of u that are stepped.
+
+        Returns
+        -------
+        step : ndarray, shape (5,)
+            To add to u [-].
+        information : ndarray, shape (5, 5)
+            With the prior's [-].
         """
-        n = self.n
-        var, runs = self.variances(u)
-        problem, plateaus = self.problem, self.problem.blocks.plateaus
-        a, b = predicted.flow_slope, predicted.speed_slope
-        far = 1e12
-        has_q, has_n = self.known[:n], self.known[n : 2 * n]
-        q = np.where(has_q, var["flow"] + var["pressure"] * a * a, far)
-        s = np.where(has_n, var["speed"] + var["pressure"] * b * b, far)
-        m = np.where(has_q & has_n, var["pressure"] * a * b, 0.0)
-        det = q * s - m * m
-        iq, is_, im = s / det, q / det, -m / det
-        dq = np.where(has_q, difference[:n], 0.0)
-        dn = np.where(has_n, difference[n : 2 * n], 0.0)
-        yq, yn = iq * dq + im * dn, im * dq + is_ * dn
-        w = np.minimum(weight[:n], weight[n : 2 * n])
-        pure = {
-            c: 2.0 * (problem.noise[c] * math.exp(u[i]) * plateaus.noise_scale) ** 2 for i, c in enumerate(CHANNELS)
-        }
-        none = np.zeros(n)
-        change = [
-            (pure["pressure"] * a * a, pure["pressure"] * b * b, pure["pressure"] * a * b),
-            (pure["flow"], none, none),
-            (none, pure["speed"], none),
-        ]
-        change = [
-            (np.where(has_q, x, 0.0), np.where(has_n, y, 0.0), np.where(has_q & has_n, z, 0.0)) for x, y, z in change
-        ]
-        slope = np.empty(3)
-        fisher = np.eye(3) / NOISE_SD**2
-        products = []
-        for i, (x, y, z) in enumerate(change):
-            trace = iq * x + is_ * y + 2.0 * im * z
-            slope[i] = 0.5 * np.sum(w * (x * yq * yq + y * yn * yn + 2.0 * z * yq * yn - trace)) - u[i] / NOISE_SD**2
-            products.append((iq * x + im * z, iq * z + im * y, im * x + is_ * z, im * z + is_ * y))
-        for i in range(3):
-            for j in range(3):
-                p, o = products[i], products[j]
-                fisher[i, j] += 0.5 * np.sum(w * (p[0] * o[0] + p[1] * o[2] + p[2] * o[1] + p[3] * o[3]))
-        if runs.size:
-            scale = np.repeat([run.noise_scale for run in problem.blocks.runs], self.sizes)
-            own, beside = self.following(runs)
-            wr = weight[2 * n : self.end]
-            white = solve_banded((1, 0), np.vstack([own, np.append(beside[1:], 0.0)]), difference[2 * n : self.end])
-            y = solve_banded((0, 1), np.vstack([np.append(0.0, beside[1:]), own]), white)
-            rate = 2.0 * (problem.noise["speed"] * math.exp(u[2]) * scale) ** 2
-            inverse = _diagonal_of_inverse(own, beside)
-            slope[2] += 0.5 * np.sum(wr * rate * (y * y - inverse))
-            fisher[2, 2] += 0.5 * np.sum(wr * (rate * inverse) ** 2)
-        step = np.linalg.solve(fisher, slope)
-        found: np.ndarray = u + np.clip(step, -LARGEST_NOISE_STEP, LARGEST_NOISE_STEP)
-        return found
+        slopes = predicted.flow_slope, predicted.speed_slope
+        return self.noise.step_of(difference, u, slopes, self.angle_sd, weight, columns, free)
 
 
 def _step(time: np.ndarray) -> float:
     return float(np.median(np.diff(time))) if time.size > 1 else 1.0
-
-
-def _diagonal_of_inverse(own: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Diagonal of (L L')^-1 for an L with that diagonal and that left of it."""
-    out = np.empty_like(own)
-    after = 0.0
-    for k in range(own.size - 1, -1, -1):
-        share = beside[k + 1] / own[k] if k + 1 < own.size else 0.0
-        after = 1.0 / own[k] ** 2 + share * share * after
-        out[k] = after
-    return out

@@ -1,8 +1,8 @@
 """A model at its most probable point, and its evidence by Laplace's approximation.
 
-The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/0.3)^2: r are readings less predictions in
-units of their noise, z the unknowns (standard normal a priori), u the logarithms of the noise scales of
-pressure, flow and speed. Single readings that stand far out are given a wide error, as in the fit.
+The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/spread)^2: r are readings less predictions in
+units of their noise, z the unknowns (standard normal a priori), u the noise (`calibration.diagnosis.noise`). Single
+readings that stand far out are given a wide error, as in the fit.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr
 
-from calibration.diagnosis.linear import NOISE_SD, Comparison
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.noise import SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction, Problem
 from model.effects import effects
 
 BAD = 0.01
 BAD_WIDTH = 10.0
+NOISE_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,8 @@ class Mode:
         Effect ids.
     z : ndarray, shape (m,)
         Nuisances, then the effects' unknowns [-].
-    u : ndarray, shape (3,)
-        Logarithms of the noise scales of pressure, flow and speed [-].
+    u : ndarray, shape (5,)
+        The noise [-].
     D : ndarray, shape (n, m)
         Derivatives of the predictions with z [SI].
     J : ndarray, shape (n, m)
@@ -90,8 +92,10 @@ def close(
     return Mode(tuple(names), z, u, D, J, r, covariance, log_evidence, bad, predicted)
 
 
-def suiting_noise(comparison: Comparison, predicted: Prediction, u: np.ndarray) -> np.ndarray:
-    """The noise scales that suit a prediction best, as logarithms [-], shape (3,).
+def suiting_noise(
+    comparison: Comparison, predicted: Prediction, u: np.ndarray, D: np.ndarray, correlated: bool
+) -> np.ndarray:
+    """The noise that suits a prediction best [-], shape (5,).
 
     Parameters
     ----------
@@ -99,13 +103,19 @@ def suiting_noise(comparison: Comparison, predicted: Prediction, u: np.ndarray) 
         The recording.
     predicted : Prediction
         The prediction.
-    u : ndarray, shape (3,)
+    u : ndarray, shape (5,)
         Where to start from [-].
+    D : ndarray, shape (n, m)
+        Derivatives of the prediction with the unknowns, for what these took up of the noise [SI].
+    correlated : bool
+        Whether the correlations are set too: near a good fit only; far from it they would pass a misfit for noise.
     """
     difference = comparison.read - comparison.raw(predicted)
-    for _ in range(4):
+    free = slice(None) if correlated else SCALES
+    for _ in range(NOISE_STEPS):
         weight, _ = robust_weights(comparison.whitener(predicted, u)(difference), comparison)
-        u = comparison.noise_step(difference, predicted, u, weight)
+        step = comparison.noise_step(difference, predicted, u, weight, D, free)[0]
+        u = u + step
     return u
 
 
@@ -127,7 +137,7 @@ def minus_log_posterior(r: np.ndarray, log_scale: float, z: np.ndarray, u: np.nd
     wide = -0.5 * (r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH)
     fit = np.logaddexp(good, wide) if comparison.size >= 6 else good
     fit[comparison.end :] = good[comparison.end :]  # a mean of many readings is not one bad reading
-    return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / NOISE_SD) ** 2))
+    return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / SPREAD) ** 2))
 
 
 def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:

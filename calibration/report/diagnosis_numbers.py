@@ -142,7 +142,8 @@ def noise(found: Diagnosis, channel: str) -> float:
         Of `channels`.
     """
     white = found.comparison.whitener(found.base.prediction, found.detection.u)
-    sd = white.flow if channel == "flow" else np.hypot(white.speed, white.share)
+    n = found.comparison.n
+    sd = np.linalg.norm(white.plateaus, axis=1)[slice(0, n) if channel == "flow" else slice(n, 2 * n)]
     return float(np.nanmedian(sd)) * UNITS[channel][1]
 
 

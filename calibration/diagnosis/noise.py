@@ -1,0 +1,317 @@
+"""The noise of a recording's readings: how large it is, and how much of it stays from one reading to the next.
+
+Five numbers u set it, standard normal a priori once divided by `SPREAD`: the logarithms of the noise scales of
+pressure, flow and speed, and the inverse hyperbolic tangents of two correlations, of a plateau with the one before it
+in its file and of a sample of a run in time with the one before. A correlation falls as a power of the rows in between.
+The gauge's noise moves flow and speed of a plateau together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky_banded, solve_banded, solve_triangular
+
+from calibration.diagnosis.problem import CHANNELS, Problem
+from calibration.priors import NOISE_FACTOR
+
+NOISE_SD = math.log(NOISE_FACTOR)
+CORRELATION_SD = 0.35  # of the inverse hyperbolic tangent: two in three lie within 0.34
+SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])
+SCALES, ROWS, SAMPLES = slice(0, 3), 3, 4  # places in u
+LARGEST_STEP = 0.5
+PROBE = 1e-3  # in u, for the curvature of what the samples say
+LEAST_CURVATURE = 0.1  # of a sample's information
+
+Slopes = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """The map from differences of readings to standard normal numbers.
+
+    Attributes
+    ----------
+    plateaus : ndarray, shape (2 n, 2 n)
+        Cholesky factor of the covariance of the plateaus' flows, then speeds [SI].
+    follow : ndarray, shape (k,)
+        What each sample of the runs takes over from the one before [-].
+    band : ndarray, shape (3, k)
+        Cholesky factor of what is left of the samples then, in lower banded form [SI].
+    vented : ndarray, shape (v,)
+        sd of the gauge's readings with the line vented [SI].
+    known : ndarray of bool, shape (m,)
+        Entries that there are.
+    """
+
+    plateaus: np.ndarray
+    follow: np.ndarray
+    band: np.ndarray
+    vented: np.ndarray
+    known: np.ndarray
+
+    def __call__(self, difference: np.ndarray) -> np.ndarray:
+        """Whitened differences.
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,) or (m, k)
+            Differences of readings [SI].
+        """
+        rows = (slice(None), None) if difference.ndim > 1 else (slice(None),)
+        given = np.where(self.known[rows], difference, 0.0)
+        out = np.empty_like(given)
+        first, end = len(self.plateaus), given.shape[0] - self.vented.size
+        if first:
+            out[:first] = solve_triangular(self.plateaus, given[:first], lower=True, check_finite=False)
+        if end > first:
+            out[first:end] = _forward(self.follow, self.band, given[first:end])
+        out[end:] = given[end:] / self.vented[rows]
+        return out
+
+    @property
+    def scale(self) -> np.ndarray:
+        """sd of each reading given those before it [SI], shape (m,); 1 where there is none."""
+        return np.concatenate([np.diag(self.plateaus), self.band[0], self.vented])
+
+    @property
+    def log_scale(self) -> float:
+        """Sum of the logarithms of the sds, but for the readings with the line vented, whose noise is declared [-]."""
+        return float(np.log(np.diag(self.plateaus)).sum() + np.log(self.band[0]).sum())
+
+
+class Noise:
+    """The noise of a recording as a function of u.
+
+    Parameters
+    ----------
+    problem : Problem
+        The recording.
+    known : ndarray of bool, shape (m,)
+        Readings that there are: plateaus' flows, their speeds, samples, readings with the line vented.
+    sizes : tuple of int
+        Samples of each run in time [-].
+    step : ndarray, shape (k,)
+        Time between a sample and the one before [s].
+    """
+
+    def __init__(self, problem: Problem, known: np.ndarray, sizes: tuple[int, ...], step: np.ndarray) -> None:
+        plateaus = problem.blocks.plateaus
+        self.known, self.n, self.step = known, plateaus.size, step
+        self.declared = np.array([problem.noise[c] for c in CHANNELS])
+        self.rounding = np.array([problem.resolution[c] for c in CHANNELS]) ** 2 / 12.0
+        self.vented = problem.blocks.vented.sd
+        self.row_scale = plateaus.noise_scale
+        files = np.array([list(dict.fromkeys(plateaus.file)).index(file) for file in plateaus.file], dtype=int)
+        apart = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
+        self.apart = np.where(files[:, None] == files[None, :], apart, -1)
+        self.sample_scale = np.repeat([run.noise_scale for run in problem.blocks.runs], sizes)
+        self.first = np.zeros(step.size, dtype=bool)
+        if step.size:
+            self.first[np.cumsum([0, *sizes[:-1]])] = True
+
+    def whitener(self, u: np.ndarray, slopes: Slopes, angle: np.ndarray) -> Whitener:
+        """The map to standard normal numbers.
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise [-].
+        slopes : tuple of ndarray, shape (n,) each
+            Of flow and speed with pressure, at the plateaus [SI].
+        angle : ndarray, shape (k,)
+            To what the shaft's angle is known at each sample [rad].
+        """
+        alike, parts, rest = self._plateaus(u, slopes, self.known)
+        factor = np.linalg.cholesky(alike * sum(parts) + rest)
+        return Whitener(factor, *self._samples(u, angle), self.vented, self.known)
+
+    def step_of(
+        self,
+        difference: np.ndarray,
+        u: np.ndarray,
+        slopes: Slopes,
+        angle: np.ndarray,
+        weight: np.ndarray,
+        columns: np.ndarray | None = None,
+        free: slice = slice(None),
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One scoring step of u for given differences, and the information that there is of u [-].
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Readings less predictions [SI].
+        u : ndarray, shape (5,)
+            Where to step from [-].
+        slopes : tuple of ndarray, shape (n,) each
+            Of flow and speed with pressure, at the plateaus [SI].
+        angle : ndarray, shape (k,)
+            To what the shaft's angle is known at each sample [rad].
+        weight : ndarray, shape (m,)
+            Of each entry, below 1 where a reading is bad [-].
+        columns : ndarray, shape (m, l) or None
+            Derivatives with unknowns, standard normal a priori, to which the differences were fitted; what that fit
+            took up of the plateaus' noise is allowed for [SI].
+        free : slice
+            Places of u that are stepped.
+
+        Returns
+        -------
+        step : ndarray, shape (5,)
+            To add to u [-].
+        information : ndarray, shape (5, 5)
+            With the prior's [-].
+        """
+        slope, information = -u / SPREAD**2, np.diag(SPREAD**-2.0)
+        for add in (
+            self._of_plateaus(difference, u, slopes, angle, weight > 0.5, columns),
+            self._of_samples(difference, u, angle, weight),
+        ):
+            slope, information = slope + add[0], information + add[1]
+        step = np.zeros(u.size)
+        step[free] = np.clip(np.linalg.solve(information[free, free], slope[free]), -LARGEST_STEP, LARGEST_STEP)
+        return step, information
+
+    def draw_plateaus(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Noise of the plateaus' pressures, flows and speeds, rounding apart [SI], shape (3, n).
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise [-].
+        rng : numpy.random.Generator
+            Source of randomness.
+        """
+        factor = np.linalg.cholesky(self._alike(u)) if self.n else np.zeros((0, 0))
+        sd = self.declared * np.exp(u[SCALES])
+        drawn: np.ndarray = sd[:, None] * self.row_scale * (rng.standard_normal((3, self.n)) @ factor.T)
+        return drawn
+
+    def draw_samples(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Noise of the samples of the runs, pulses and rounding apart [SI], shape (k,).
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise [-].
+        rng : numpy.random.Generator
+            Source of randomness.
+        """
+        rho, drawn = math.tanh(u[SAMPLES]), rng.standard_normal(self.step.size)
+        new = math.sqrt(1.0 - rho * rho)
+        for i in np.flatnonzero(~self.first):
+            drawn[i] = rho * drawn[i - 1] + new * drawn[i]
+        return self.declared[2] * math.exp(u[2]) * self.sample_scale * drawn
+
+    def _alike(self, u: np.ndarray) -> np.ndarray:
+        """Correlation of the plateaus' noise, shape (n, n)."""
+        return np.where(self.apart < 0, 0.0, np.power(math.tanh(u[ROWS]), np.maximum(self.apart, 0)))
+
+    def _plateaus(
+        self, u: np.ndarray, slopes: Slopes, known: np.ndarray
+    ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
+        """What makes the plateaus' covariance, shape (2 n, 2 n) each: the correlation of rows; the covariance that
+        the noise of pressure, flow and speed would make were all rows alike; what comes on top, row by row."""
+        n, (a, b) = self.n, slopes
+        known = known[: 2 * n]
+        one, none = np.ones(n), np.zeros(n)
+        sd = self.declared * np.exp(u[SCALES])
+        parts = []
+        for i, (in_flow, in_speed) in enumerate(((a, b), (one, none), (none, one))):
+            column = np.where(known, np.concatenate([in_flow, in_speed]) * np.tile(self.row_scale, 2) * sd[i], 0.0)
+            parts.append(np.outer(column, column))
+        p, q, w = self.rounding
+        rest = np.diag(np.concatenate([q + p * a * a, w + p * b * b]))
+        rows = np.arange(n)
+        rest[rows, n + rows] = rest[n + rows, rows] = p * a * b
+        rest = np.where(known[:, None] & known, rest, 0.0) + np.diag(np.where(known, 0.0, 1.0))
+        return np.tile(self._alike(u), (2, 2)), parts, rest
+
+    def _of_plateaus(
+        self,
+        difference: np.ndarray,
+        u: np.ndarray,
+        slopes: Slopes,
+        angle: np.ndarray,
+        good: np.ndarray,
+        columns: np.ndarray | None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Slope of the plateaus' log likelihood with u, and their expected information (Fisher scoring)."""
+        m, known = 2 * self.n, self.known & good
+        slope, information = np.zeros(u.size), np.zeros((u.size, u.size))
+        if not m:
+            return slope, information
+        alike, parts, rest = self._plateaus(u, slopes, known)
+        inverse = np.linalg.inv(alike * sum(parts) + rest)
+        y = inverse @ np.where(known[:m], difference[:m], 0.0)
+        if columns is not None:  # restricted likelihood: less what the fit took up
+            X = self.whitener(u, slopes, angle)(columns)[m:]
+            Y = np.where(known[:m, None], columns[:m], 0.0)
+            W = inverse @ Y
+            inverse = inverse - W @ np.linalg.solve(X.T @ X + Y.T @ W + np.eye(X.shape[1]), W.T)
+        change = [2.0 * alike * part for part in parts]
+        rho, steps = math.tanh(u[ROWS]), np.maximum(self.apart, 1)
+        grows = np.where(self.apart > 0, steps * np.power(rho, steps - 1), 0.0) * (1.0 - rho * rho)
+        change.append(np.tile(grows, (2, 2)) * sum(parts))
+        product = [inverse @ one for one in change]
+        for i, one in enumerate(change):
+            slope[i] = 0.5 * (y @ one @ y - np.trace(product[i]))
+            for j in range(i + 1):
+                information[i, j] = information[j, i] = 0.5 * np.sum(product[i] * product[j].T)
+        return slope, information
+
+    def _samples(self, u: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What each sample of the runs takes over from the one before, and the factor of the rest, in banded form."""
+        if not self.step.size:
+            return np.zeros(0), np.zeros((3, 0))
+        rho = np.where(self.first, 0.0, math.tanh(u[SAMPLES]))
+        own = (self.declared[2] * math.exp(u[2]) * self.sample_scale) ** 2 * (1.0 - rho * rho)
+        # Rounding, and the angle that a sample shares with the next: a band, which following the noise widens by one.
+        now = (angle / self.step) ** 2
+        last = np.where(self.first, now, np.roll(now, 1))
+        d, e = self.rounding[2] + now + last, np.where(self.first, 0.0, -last)
+        before, above = np.roll(d, 1), np.roll(e, 1)
+        band = np.zeros((3, d.size))
+        band[0] = own + d - 2.0 * rho * e + rho * rho * before
+        band[1, :-1] = (e - rho * before + rho * np.roll(rho, 1) * above)[1:]
+        band[2, :-2] = (-rho * above)[2:]
+        return rho, cholesky_banded(band, lower=True)
+
+    def _of_samples(
+        self, difference: np.ndarray, u: np.ndarray, angle: np.ndarray, weight: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Slope of the samples' log likelihood with their scale and correlation, and its curvature, by differences."""
+        slope, information = np.zeros(u.size), np.zeros((u.size, u.size))
+        k = self.step.size
+        if not k:
+            return slope, information
+        mine = slice(2 * self.n, 2 * self.n + k)
+        w, given = weight[mine], difference[mine]
+
+        def log_likelihood(scale: float, correlation: float) -> float:
+            moved = u.copy()
+            moved[2] += scale * PROBE
+            moved[SAMPLES] += correlation * PROBE
+            follow, band = self._samples(moved, angle)
+            r = _forward(follow, band, given)
+            return -float(np.sum(w * (0.5 * r * r + np.log(band[0]))))
+
+        here = log_likelihood(0, 0)
+        right, left, up, down = (log_likelihood(*at) for at in ((1, 0), (-1, 0), (0, 1), (0, -1)))
+        slope[[2, SAMPLES]] = (right - left) / (2.0 * PROBE), (up - down) / (2.0 * PROBE)
+        least = LEAST_CURVATURE * float(w.sum())
+        for place, both in ((2, right + left), (SAMPLES, up + down)):
+            information[place, place] = max((2.0 * here - both) / PROBE**2, least)
+        return slope, information
+
+
+def _forward(follow: np.ndarray, band: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Samples less what they take over from those before, through a factor in banded form."""
+    share = follow if given.ndim == 1 else follow[:, None]
+    left = given.copy()
+    left[1:] -= share[1:] * given[:-1]
+    solved: np.ndarray = solve_banded((2, 0), band, left, check_finite=False)
+    return solved
