@@ -155,13 +155,14 @@ def diagnose(
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
     held_out, term, correction, tests, singles = None, None, None, [], None
-    if detection.p_value >= MISMATCH_P and comparison.problem.blocks.runs:
-        # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
+    if detection.p_value >= MISMATCH_P:
+        # What is too small to be seen may still be there, and f_overall with it would be another.
         clock("look farther")
         singles = singles_of(comparison, base, found, detection.u, tell, FARTHER)
         base = singles[()]
         candidates = weigh(comparison, singles)
-        far = min(1.0, TESTS * evidence_p(comparison, singles))
+        # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
+        far = min(1.0, TESTS * evidence_p(comparison, singles)) if comparison.problem.blocks.runs else 1.0
         if far < MISMATCH_P:
             detection = replace(detection, p_value=far, extrapolated=True)
             residual_p[()] = far

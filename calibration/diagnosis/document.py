@@ -55,7 +55,12 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "alternatives": [list(names) for names in verdict.alternatives],
         "term": None
         if found.term is None
-        else {"balance": found.term.balance, "expression": found.term.expression, "unit": found.term.unit},
+        else {
+            "balance": found.term.balance,
+            "expression": found.term.expression,
+            "unit": found.term.unit,
+            "stability": list(found.term.stability),
+        },
         "improvement": {"held_out": held_out_as_json(found.held_out)},
         "f_overall_before": _friction(found, [Candidate((), found.base, 0.0, 1.0, "")]),
         "f_overall_after": _friction(found, _weighed(found)),
@@ -176,7 +181,16 @@ def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
     tests : sequence of NextTest
         The best first.
     """
-    return [{"test": t.test, "separates": list(t.separates), "information_nats": t.information_nats} for t in tests]
+    return [
+        {
+            "test": t.test,
+            "separates": list(t.separates),
+            "information_nats": t.information_nats,
+            "repeats": t.repeats,
+            "needs": t.needs,
+        }
+        for t in tests
+    ]
 
 
 def held_out_as_json(h: HeldOut | None) -> dict[str, Any] | None:
