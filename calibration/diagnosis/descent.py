@@ -31,6 +31,7 @@ STALE = 25.0  # squared length of a step, in posterior sds, after which derivati
 STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
 UNLIKELY = 2.0  # prior sds of the noise beyond which a sweep is looked at from elsewhere too,
 ELSEWHERE = (-1.5, 1.5)  # ... from these values of the roller factor, whose valley is the longest [-]
+OFF = 5.0  # sds beyond which a reading that stands out from its neighbours says nothing of their noise
 EDGE = math.sqrt(3.0)  # half a pulse, in sds of the angle's prior: an angle one pulse on is the same angle
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # starting angles tried, beside the one that there is
 
@@ -211,14 +212,27 @@ def base_of(comparison: Comparison) -> Mode:
         The recording; its problem's angles and its swing are changed.
     """
     base = find(comparison, ())
+    misread = _standing_out(comparison, base)
+    if misread.any():
+        comparison.noise.leave_alone(misread)
     if comparison.problem.blocks.runs:
         return find(comparison, (), set_angles(comparison, base))
     if np.any(base.bad > 0.5) or np.any(np.abs(base.u) > UNLIKELY * SPREAD):
         # Readings taken for bad, or for noisier than declared, may be those that would have led farther.
         place = [unknown.name for unknown in comparison.problem.nuisances].index("roller_friction")
         elsewhere = [replace(base, z=move * np.eye(base.z.size)[place], u=np.zeros(SPREAD.size)) for move in ELSEWHERE]
-        base = max(base, find(comparison, (), *elsewhere), key=lambda mode: mode.log_evidence)
+        base = max(find(comparison, (), base), find(comparison, (), *elsewhere), key=lambda mode: mode.log_evidence)
     return base
+
+
+def _standing_out(comparison: Comparison, mode: Mode) -> np.ndarray:
+    """Plateaus of which a reading is far off while those before and after are not, shape (n,)."""
+    n = comparison.n
+    sd = np.linalg.norm(comparison.whitener(mode.prediction, mode.u).plateaus, axis=1)
+    far = np.abs(np.nan_to_num(comparison.read - comparison.raw(mode.prediction))[: 2 * n] / sd).reshape(2, n)
+    beside = np.pad(far, ((0, 0), (1, 1)))
+    found: np.ndarray = np.any((far > OFF) & (far > 2.0 * np.maximum(beside[:, :-2], beside[:, 2:])), axis=0)
+    return found
 
 
 def set_angles(comparison: Comparison, mode: Mode) -> Mode:

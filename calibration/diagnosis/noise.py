@@ -112,6 +112,17 @@ class Noise:
         if step.size:
             self.first[np.cumsum([0, *sizes[:-1]])] = True
 
+    def leave_alone(self, rows: np.ndarray) -> None:
+        """Take the noise of some plateaus for their own: of a misread row its neighbours know nothing.
+
+        Parameters
+        ----------
+        rows : ndarray of bool, shape (n,)
+            The plateaus.
+        """
+        apart = (rows[:, None] | rows) & ~np.eye(self.n, dtype=bool)
+        self.apart = np.where(apart, -1, self.apart)
+
     def whitener(self, u: np.ndarray, slopes: Slopes, angle: np.ndarray) -> Whitener:
         """The map to standard normal numbers.
 

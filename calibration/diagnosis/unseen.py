@@ -11,15 +11,16 @@ import math
 import numpy as np
 
 from calibration.diagnosis.confirm import HeldOut, by_channel
+from calibration.diagnosis.descent import SHARES
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.problem import Prediction, Problem
 from rig.recording import Recording
 
 OF_THE_MOTOR = ("port_lap", "roller_friction", "f_overall", "inertia")
 SCHEME = "unseen run"
-PASSES = 3
+PASSES = 6
 
 
 def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording) -> HeldOut:
@@ -49,15 +50,28 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[float, np
     f = Function(there, mode.names)
     z, covariance = _prior(seen, mode, there)
     predicted = f(z)
-    D = f.derivatives(z, predicted, np.zeros((there.read.size, z.size)), mode.u, f.near(z))
-    white = there.whitener(predicted, mode.u)
     precision = np.linalg.inv(covariance)
-    start, J = z, white(D)
+    start, D = z, np.zeros((there.read.size, z.size))
+
+    def cost(at_z: np.ndarray, found: Prediction) -> float:
+        r = there.whitener(found, mode.u)(there.read - there.raw(found))
+        return float(r @ r + (at_z - start) @ precision @ (at_z - start))
+
     for _ in range(PASSES):  # the density is taken at the most probable point, where its curve is that of a normal
-        r = white(there.read - there.raw(predicted))
+        D = f.derivatives(z, predicted, D, mode.u, f.near(z))
+        white = there.whitener(predicted, mode.u)
+        J, r = white(D), white(there.read - there.raw(predicted))
         move = np.linalg.solve(J.T @ J + precision, J.T @ r - precision @ (z - start))
-        tried = f.clip(f.advance(z, move))
-        z, predicted = tried, f(tried)
+        for share in SHARES:
+            tried = f.clip(f.advance(z, share * move))
+            found = f(tried)
+            if np.all(np.isfinite(there.raw(found)[there.known])) and cost(tried, found) <= cost(z, predicted):
+                z, predicted = tried, found
+                break
+        else:
+            break
+    white = there.whitener(predicted, mode.u)
+    J = white(D)
     r = white(there.read - there.raw(predicted)) + J @ (z - start)
     error = there.read - there.raw(predicted) + D @ (z - start)
     known = there.known
