@@ -97,7 +97,9 @@ def gather(recording: Recording, channels: tuple[str, ...] = ("pressure", "flow"
         if file.kind == "transient":
             notes.append(f"{file.file}: a transient; the steady fit does not use it")
             continue
-        rows, skipped = _rows_of(file, channels)
+        rows, skipped, locked = _rows_of(file, channels)
+        if locked:
+            notes.append(f"{file.file}: row{'s' * (len(locked) > 1)} {_listed(locked)} not used (the rotor is locked)")
         if skipped:
             notes.append(
                 f"{file.file}: row{'s' * (len(skipped) > 1)} {_listed(skipped)} not used (the pressure is not sampled, "
@@ -179,8 +181,8 @@ def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray)
     return float(np.quantile(np.abs(ratio / middle - 1.0), 0.8))
 
 
-def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list[int]]:
-    """The rows of one file, and the numbers of those that cannot be used."""
+def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list[int], list[int]]:
+    """The rows of one file, the numbers of those that cannot be used, and of those with the rotor locked."""
     n = file.rows
     gauge = "pressure_bar_gauge" in file.columns
     pressure, pressure_state = _column(file, "pressure_bar_gauge" if gauge else "pressure_bar_abs", n)
@@ -190,7 +192,9 @@ def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list
         used = (pressure_state == OBSERVED) | (flow_state != MISSING) | (speed_state != MISSING)
     else:
         used = (pressure_state == OBSERVED) & ((flow_state != MISSING) | (speed_state != MISSING))
-    index = np.flatnonzero(used)
+    # A motor held still shows nothing that a model of its turning could be compared with.
+    locked = file.columns["rotor_locked"].values > 0.5 if "rotor_locked" in file.columns else np.zeros(n, dtype=bool)
+    index = np.flatnonzero(used & ~locked)
     rows = Rows(
         file=(file.file,) * index.size,
         row=index + 1,
@@ -203,7 +207,7 @@ def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list
         is_gauge=np.full(index.size, gauge),
         noise_scale=np.full(index.size, file.noise_scale),
     )
-    return rows, (np.flatnonzero(~used) + 1).tolist()
+    return rows, (np.flatnonzero(~used & ~locked) + 1).tolist(), (np.flatnonzero(locked) + 1).tolist()
 
 
 def _column(file: RecordingFile, name: str, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -44,6 +44,13 @@ def test_a_row_that_cannot_be_used_is_skipped_and_named(gathered):
     assert any("sweep.csv: rows 2, 3 not used" in note for note in measured.notes)
 
 
+def test_a_row_with_the_rotor_locked_is_left_aside_and_named(gathered):
+    sweep = "pressure_bar_abs,flow_l_min,speed_rpm,rotor_locked\n1.6,44,232,0\n1.8,9,0,1\n2.0,70,394,\n"
+    measured = gathered(("sweep.csv", "steady", sweep))
+    assert measured.steady.row.tolist() == [1, 3]
+    assert any("sweep.csv: row 2 not used (the rotor is locked)" in note for note in measured.notes)
+
+
 def test_a_censored_pressure_places_no_row(gathered):
     measured = gathered(("sweep.csv", "steady", f"{HEADER}1.6,44,232\n>2.5,110,600\n"))
     assert measured.steady.row.tolist() == [1]

@@ -30,7 +30,7 @@ STALE = 25.0  # squared length of a step, in posterior sds, after which derivati
 # Share of the swing of the pulses left to chance, nats that a round has to gain, and rounds that may gain less.
 STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
 UNLIKELY = 2.0  # prior sds of the noise beyond which a sweep is looked at from elsewhere too,
-ELSEWHERE = (-1.5, 1.5)  # ... from these values of the roller factor, whose valley is the longest [-]
+ELSEWHERE = (-3.0, -1.5, 1.5)  # ... from these values of the roller factor, whose valley is the longest [-]
 OFF = 5.0  # sds beyond which a reading that stands out from its neighbours says nothing of their noise
 EDGE = math.sqrt(3.0)  # half a pulse, in sds of the angle's prior: an angle one pulse on is the same angle
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # starting angles tried, beside the one that there is

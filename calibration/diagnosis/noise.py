@@ -135,9 +135,9 @@ class Noise:
         angle : ndarray, shape (k,)
             To what the shaft's angle is known at each sample [rad].
         """
-        alike, parts, rest = self._plateaus(u, slopes, self.known)
-        factor = np.linalg.cholesky(alike * sum(parts) + rest)
-        return Whitener(factor, *self._samples(u, angle), self.vented, self.known)
+        alike, factor, rest = self._plateaus(u, slopes, self.known)
+        root = np.linalg.cholesky(alike * (factor @ factor.T) + rest)
+        return Whitener(root, *self._samples(u, angle), self.vented, self.known)
 
     def step_of(
         self,
@@ -221,25 +221,21 @@ class Noise:
         """Correlation of the plateaus' noise, shape (n, n)."""
         return np.where(self.apart < 0, 0.0, np.power(math.tanh(u[ROWS]), np.maximum(self.apart, 0)))
 
-    def _plateaus(
-        self, u: np.ndarray, slopes: Slopes, known: np.ndarray
-    ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
-        """What makes the plateaus' covariance, shape (2 n, 2 n) each: the correlation of rows; the covariance that
-        the noise of pressure, flow and speed would make were all rows alike; what comes on top, row by row."""
+    def _plateaus(self, u: np.ndarray, slopes: Slopes, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What makes the plateaus' covariance: the correlation of rows, shape (2 n, 2 n); what one sd of the noise of
+        pressure, flow and speed does, shape (2 n, 3); what comes on top, row by row, shape (2 n, 2 n)."""
         n, (a, b) = self.n, slopes
         known = known[: 2 * n]
-        one, none = np.ones(n), np.zeros(n)
-        sd = self.declared * np.exp(u[SCALES])
-        parts = []
-        for i, (in_flow, in_speed) in enumerate(((a, b), (one, none), (none, one))):
-            column = np.where(known, np.concatenate([in_flow, in_speed]) * np.tile(self.row_scale, 2) * sd[i], 0.0)
-            parts.append(np.outer(column, column))
+        factor = np.zeros((2 * n, 3))
+        factor[:n, 0], factor[n:, 0], factor[:n, 1], factor[n:, 2] = a, b, 1.0, 1.0
+        factor *= self.declared * np.exp(u[SCALES])
+        factor *= (known * np.concatenate([self.row_scale, self.row_scale]))[:, None]
         p, q, w = self.rounding
-        rest = np.diag(np.concatenate([q + p * a * a, w + p * b * b]))
+        rest = np.diag(np.where(known, np.concatenate([q + p * a * a, w + p * b * b]), 1.0))
         rows = np.arange(n)
-        rest[rows, n + rows] = rest[n + rows, rows] = p * a * b
-        rest = np.where(known[:, None] & known, rest, 0.0) + np.diag(np.where(known, 0.0, 1.0))
-        return np.tile(self._alike(u), (2, 2)), parts, rest
+        rest[rows, n + rows] = rest[n + rows, rows] = np.where(known[:n] & known[n:], p * a * b, 0.0)
+        alike = self._alike(u)
+        return np.block([[alike, alike], [alike, alike]]), factor, rest
 
     def _of_plateaus(
         self,
@@ -255,18 +251,19 @@ class Noise:
         slope, information = np.zeros(u.size), np.zeros((u.size, u.size))
         if not m:
             return slope, information
-        alike, parts, rest = self._plateaus(u, slopes, known)
-        inverse = np.linalg.inv(alike * sum(parts) + rest)
+        alike, factor, rest = self._plateaus(u, slopes, known)
+        whole = factor @ factor.T
+        inverse = np.linalg.inv(alike * whole + rest)
         y = inverse @ np.where(known[:m], difference[:m], 0.0)
         if columns is not None:  # restricted likelihood: less what the fit took up
             X = self.whitener(u, slopes, angle)(columns)[m:]
             Y = np.where(known[:m, None], columns[:m], 0.0)
             W = inverse @ Y
             inverse = inverse - W @ np.linalg.solve(X.T @ X + Y.T @ W + np.eye(X.shape[1]), W.T)
-        change = [2.0 * alike * part for part in parts]
+        change = [2.0 * alike * np.outer(part, part) for part in factor.T]
         rho, steps = math.tanh(u[ROWS]), np.maximum(self.apart, 1)
         grows = np.where(self.apart > 0, steps * np.power(rho, steps - 1), 0.0) * (1.0 - rho * rho)
-        change.append(np.tile(grows, (2, 2)) * sum(parts))
+        change.append(np.block([[grows, grows], [grows, grows]]) * whole)
         product = [inverse @ one for one in change]
         for i, one in enumerate(change):
             slope[i] = 0.5 * (y @ one @ y - np.trace(product[i]))

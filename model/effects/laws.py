@@ -24,6 +24,7 @@ LOAD_STEP = 1.0  # N m
 SLOWEST = 1e-3  # rad/s; below it the rotor may be at rest
 MAY_STOP = 5.0  # rad/s; below it the rotor may come to rest before the next sample
 MOST_LOST = 0.9  # share of the line's pressure that a loss ahead of the cylinders may take
+ROUNDING = 1e-9  # share of a torque that is no torque: a law in proportion to speed leaves as much at none
 GAUGE_PASSES = 4  # to undo the effects on a gauge's reading; each is a few per cent of it
 LEAST_FRICTION = 0.2  # share of f_overall that a steady pass leaves; a torque falling faster is stepped, not followed
 
@@ -157,7 +158,8 @@ def tangent(here: float, faster: float, loaded: float, speed: float, load: float
     rest = here - roller * load
     slope = (faster - here) / step_of(speed)
     constant = rest - slope * speed
-    if constant < 0.0 and speed < MAY_STOP:  # a constant that drives would start a rotor that comes to rest meanwhile
+    # A constant that drives would start a rotor that comes to rest meanwhile.
+    if constant < -ROUNDING * abs(rest) and speed < MAY_STOP:
         if rest >= 0.0 and speed > SLOWEST:
             slope, constant = rest / speed, 0.0
         elif speed > SLOWEST:  # it does drive
