@@ -22,16 +22,16 @@ from calibration.diagnosis.forces import force_column, forces, torque_column
 from calibration.diagnosis.further_forces import unseen
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate
-from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.mode import Mode, robust_weights
+from calibration.diagnosis.noise import SPREAD
 from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.straight import crowded, straight
 from calibration.diagnosis.terms import forms
 from rig.recording import read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 
 ENGAGES = 30.0  # rad/s
 DRAG = 0.2  # N m
-U = np.zeros(3)
+U = np.zeros(SPREAD.size)
 
 Changed = tuple[Comparison, Mode]
 
@@ -122,7 +122,8 @@ def test_the_smooth_correction_gains_next_to_nothing_where_nothing_is_left_out(s
 
 
 def test_what_f_overall_can_do_is_no_correction(coasted):
-    best = corrections(*dragged(coasted, lambda omega: 2e-3 * omega), U)[0]
+    # Twenty times the noise of the speed; at forty the first-order answer of a coast-down is off by several.
+    best = corrections(*dragged(coasted, lambda omega: 1e-3 * omega), U)[0]
     assert best.gain < 5.0
 
 
@@ -175,15 +176,16 @@ def test_a_law_of_the_shafts_angle_is_looked_for_only_where_samples_resolve_it(s
 
 
 def test_readings_that_crowd_are_no_misreadings(coasted):
-    comparison, base = coasted
+    comparison, _ = coasted
     speeds = np.flatnonzero(comparison.kind == 1)
-    few, many = base.bad.copy(), base.bad.copy()
-    few[speeds[:2]] = 1.0
-    many[speeds[:8]] = 1.0
-    assert not crowded(comparison, replace(base, bad=few))
-    assert crowded(comparison, replace(base, bad=many))
-    assert straight(comparison, replace(base, bad=few), U).good.sum() == comparison.read.size - 2
-    assert straight(comparison, replace(base, bad=many), U).good.sum() == comparison.read.size
+    few, many = np.zeros(comparison.read.size), np.zeros(comparison.read.size)
+    few[speeds[:2]] = many[speeds[:8]] = 10.0
+    weight, bad = robust_weights(few, comparison)
+    assert np.flatnonzero(bad > 0.5).tolist() == speeds[:2].tolist()
+    assert np.all(weight[speeds[:2]] < 0.1)
+    weight, bad = robust_weights(many, comparison)
+    assert np.all(weight[speeds] == 1.0)
+    assert np.all(bad[speeds] == 0.0)
 
 
 def test_half_a_sweep_that_turns_slower_is_not_named_as_misread(tmp_path):

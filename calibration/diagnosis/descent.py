@@ -88,6 +88,8 @@ def find(
     of = f.near(here.z)
     D = f.derivatives(here.z, of(here.z), here.D, here.u, of)
     z, u, D, _ = _descend(f, comparison, here.z, here.u, D, of(here.z), of, fresh=False, correlated=True)
+    of = f.near(z)
+    D = f.derivatives(z, of(z), D, u, of)
     return close(comparison, names, z, u, D, f(z))
 
 

@@ -131,6 +131,7 @@ class _Test:
         """Noise as it may be: its scales as declared, its correlations as the readings have them [-], shape (5,)."""
         spread = 1.0 / np.sqrt(self.information)
         spread[SCALES] = SPREAD[SCALES]
+        spread[~self.comparison.noise.free] = 0.0
         drawn: np.ndarray = self.u + spread * rng.standard_normal(spread.size)
         return drawn
 

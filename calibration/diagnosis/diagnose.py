@@ -23,7 +23,6 @@ from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of
 from calibration.diagnosis.next_test import NextTest, propose
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.signatures import Force, Signature, signatures
-from calibration.diagnosis.straight import crowded
 from calibration.diagnosis.unseen import predict_unseen
 from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict, judge
 from calibration.step_clock import StepClock, Tell
@@ -183,13 +182,12 @@ def diagnose(
         if verdict.kind == "named" and held_out.gain <= 0.0:
             words = f"{' and '.join(verdict.chosen.names)} does not predict the unseen run better"
             verdict = Verdict("unresolved", None, (), 0.0, words)
-    bad = _bad_rows(comparison, verdict.chosen.mode if verdict.chosen else base)
+    # Of a model that does not fit, no reading can be said to be off.
+    unfit = verdict.kind == "unresolved"
+    bad = [] if unfit else _bad_rows(comparison, verdict.chosen.mode if verdict.chosen else base)
     if verdict.kind == "consistent" and bad:
         detection = replace(detection, p_value=min(detection.p_value, _bad_p(comparison, base)))
         verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
-        if crowded(comparison, base):
-            verdict = Verdict("unresolved", None, (), 0.0, "too many readings stand out for single misreadings")
-            bad = []
     clock("locate")
     acts_in = effects()[verdict.chosen.names[0]].acts_in if verdict.chosen and len(verdict.chosen.names) == 1 else ""
     if verdict.kind == "consistent":

@@ -37,6 +37,8 @@ class Comparison:
         FLOW, SPEED, RUN + i, or VENTED.
     index : ndarray of int, shape (m,)
         Row of the plateaus, or sample of the run.
+    of_a_kind : tuple of ndarray of int
+        Places of the readings that there are, kind by kind.
     end : int
         Where the runs' samples end and the readings with the line vented begin [-].
     swing : ndarray, shape (end - 2 n,)
@@ -74,6 +76,8 @@ class Comparison:
             or [np.zeros(0)]
         )
         self.sizes = tuple(int(used.sum()) for used in self.used)
+        known = np.flatnonzero(self.known)
+        self.of_a_kind = tuple(known[self.kind[known] == kind] for kind in np.unique(self.kind[known]))
         self.noise = Noise(problem, self.known, self.sizes, self.step)
         self.see_pulses(np.zeros(len(problem.nuisances)))
 

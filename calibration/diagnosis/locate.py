@@ -24,7 +24,7 @@ from calibration.diagnosis.further_forces import angle_force, force_along
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.signatures import Force, project
-from calibration.diagnosis.straight import Straight, crowded, straight
+from calibration.diagnosis.straight import Straight, straight
 
 FOUND_P = 0.01  # after the number of forces tested is priced
 STANDS_OUT = 0.5  # share of the largest score that a piece needs to belong to the place
@@ -90,8 +90,6 @@ def locate(
     smooth = {(one.of.channel, one.of.balance, one.of.along.name): one for one in processes(problem)}
     tested = []
     seen = list(zip(detection.force_log_p, detection.force_scores, strict=True))
-    if crowded(comparison, mode):  # the detection left them aside
-        seen = [_tail(problem, force.columns) for force in free]
     for force, (log_p, scores) in zip(free, seen, strict=True):
         p = min(1.0, len(free) * math.exp(max(log_p, LEAST_LOG_P)))
         tested.append(_Tested(force, p, scores, True))

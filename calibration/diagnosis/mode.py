@@ -21,6 +21,7 @@ from model.effects import effects
 
 BAD = 0.01
 BAD_WIDTH = 10.0
+SINGLE, SHARE = 3, 0.1  # more of a channel, and more than this share of it, are no single misreadings
 NOISE_STEPS = 4
 
 
@@ -135,13 +136,15 @@ def minus_log_posterior(r: np.ndarray, log_scale: float, z: np.ndarray, u: np.nd
     """
     good = -0.5 * r**2 + math.log(1.0 - BAD)
     wide = -0.5 * (r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH)
-    fit = np.logaddexp(good, wide) if comparison.size >= 6 else good
-    fit[comparison.end :] = good[comparison.end :]  # a mean of many readings is not one bad reading
+    _, bad = robust_weights(r, comparison)
+    fit = np.where(bad > 0.0, np.logaddexp(good, wide), good)
     return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / SPREAD) ** 2))
 
 
 def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:
     """Weight of each residual in a least-squares step, and the probability that its reading is bad [-].
+
+    Bad readings are single ones: where many of a channel stand out it is the model that is off, and all of them count.
 
     Parameters
     ----------
@@ -154,7 +157,10 @@ def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, n
         return np.ones_like(r), np.zeros_like(r)
     odds = BAD / BAD_WIDTH / (1.0 - BAD) * np.exp(np.minimum(0.5 * r**2 * (1.0 - BAD_WIDTH**-2), 700.0))
     bad = odds / (1.0 + odds)
-    bad[comparison.end :] = 0.0
+    bad[comparison.end :] = 0.0  # a mean of many readings is not one bad reading
+    for mine in comparison.of_a_kind:
+        if np.count_nonzero(bad[mine] > 0.5) > max(SINGLE, SHARE * mine.size):
+            bad[mine] = 0.0
     return 1.0 - bad + bad * BAD_WIDTH**-2, bad
 
 

@@ -21,6 +21,7 @@ NOISE_SD = math.log(NOISE_FACTOR)
 CORRELATION_SD = 0.35  # of the inverse hyperbolic tangent: two in three lie within 0.34
 SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])
 SCALES, ROWS, SAMPLES = slice(0, 3), 3, 4  # places in u
+FEWEST = 16  # pairs of neighbours: fewer cannot tell a correlation from a misfit, and none is taken to be
 LARGEST_STEP = 0.5
 PROBE = 1e-3  # in u, for the curvature of what the samples say
 LEAST_CURVATURE = 0.1  # of a sample's information
@@ -95,6 +96,11 @@ class Noise:
         Samples of each run in time [-].
     step : ndarray, shape (k,)
         Time between a sample and the one before [s].
+
+    Attributes
+    ----------
+    free : ndarray of bool, shape (5,)
+        Places of u that the recording can speak of; the correlations are 0 where it is too short.
     """
 
     def __init__(self, problem: Problem, known: np.ndarray, sizes: tuple[int, ...], step: np.ndarray) -> None:
@@ -107,6 +113,8 @@ class Noise:
         files = np.array([list(dict.fromkeys(plateaus.file)).index(file) for file in plateaus.file], dtype=int)
         apart = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
         self.apart = np.where(files[:, None] == files[None, :], apart, -1)
+        enough = (int(np.sum(self.apart == 1)) // 2 >= FEWEST, step.size >= FEWEST)
+        self.free = np.array([True, True, True, *enough])
         self.sample_scale = np.repeat([run.noise_scale for run in problem.blocks.runs], sizes)
         self.first = np.zeros(step.size, dtype=bool)
         if step.size:
@@ -183,7 +191,10 @@ class Noise:
         ):
             slope, information = slope + add[0], information + add[1]
         step = np.zeros(u.size)
-        step[free] = np.clip(np.linalg.solve(information[free, free], slope[free]), -LARGEST_STEP, LARGEST_STEP)
+        places = np.flatnonzero(self.free)
+        places = places[np.isin(places, np.arange(u.size)[free])]
+        found = np.linalg.solve(information[np.ix_(places, places)], slope[places])
+        step[places] = np.clip(found, -LARGEST_STEP, LARGEST_STEP)
         return step, information
 
     def draw_plateaus(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -10,7 +10,6 @@ from calibration.diagnosis.linear import Comparison, Whitener
 from calibration.diagnosis.mode import Mode
 
 GOOD = 0.5  # readings that are more probably bad than this are left aside
-SINGLE, SHARE = 3, 0.1  # more of a channel, and more than this share of it, are no single misreadings
 
 
 @dataclass(frozen=True)
@@ -52,24 +51,6 @@ class Straight:
         return found
 
 
-def crowded(comparison: Comparison, mode: Mode) -> bool:
-    """Whether so many of a channel are taken for bad that they are no single misreadings, but what the model misses.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The model.
-    """
-    bad = mode.bad >= GOOD
-    for kind in np.unique(comparison.kind):
-        mine = comparison.known & (comparison.kind == kind)
-        if int(bad[mine].sum()) > max(SINGLE, SHARE * int(mine.sum())):
-            return True
-    return False
-
-
 def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = False) -> Straight:
     """The straight problem at a mode.
 
@@ -82,9 +63,9 @@ def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = Fa
     u : ndarray, shape (3,)
         Noise scales [-].
     every : bool
-        Whether readings that are probably bad count too; they do in any case where they crowd.
+        Whether readings that are probably bad count too.
     """
-    if every or crowded(comparison, mode):
+    if every:
         mode = replace(mode, bad=np.zeros(mode.bad.size))
     white = comparison.whitener(mode.prediction, u)
     good = (mode.bad < GOOD).astype(float)
