@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose, together
-from calibration.diagnosis.descent import find, set_angles
+from calibration.diagnosis.descent import base_of, find, set_angles
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import RUN, VENTED, Comparison
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.unseen import predict_unseen
+from calibration.nulls_draw import null_recording
 from rig.recording import Recording, RecordingError, read_recording
 
 _spec = importlib.util.spec_from_file_location(
@@ -153,3 +154,12 @@ def test_recordings_of_other_weather_are_not_mixed(tmp_path: Path) -> None:
     elsewhere = replace(other, ambient=replace(other.ambient, pressure_bar_abs=0.95))
     with pytest.raises(RecordingError, match=r"\[ambient\]"):
         together([one, elsewhere])
+
+
+def test_a_level_that_was_seen_to_turn_is_not_given_up_as_standing() -> None:
+    """Seeds whose lowest level is close to a stall, where a search once ended with it standing and its readings bad."""
+    for seed in (900030, 900000):
+        nothing, _ = null_recording("declared", False, np.random.default_rng(seed))
+        base = base_of(Comparison(Problem(nothing)))
+        assert np.all(base.bad < 0.5)
+        assert np.sum(base.r**2) < 80.0  # of 52 readings

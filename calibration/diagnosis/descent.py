@@ -29,8 +29,8 @@ MOST_ROUNDS = 8  # times that the pulses are simulated anew
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 # Share of the swing of the pulses left to chance, nats that a round has to gain, and rounds that may gain less.
 STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
-UNLIKELY = 2.0  # prior sds of the noise beyond which a sweep is looked at from elsewhere too,
-ELSEWHERE = (-3.0, -1.5, 1.5)  # ... from these values of the roller factor, whose valley is the longest [-]
+TURNS = 0.3  # share of the speed read above which a level is taken to turn
+LOOSER, LOOSER_BY = 12, 0.25  # steps of the roller factor with which a level that stands is made to turn [-]
 OFF = 5.0  # sds beyond which a reading that stands out from its neighbours says nothing of their noise
 EDGE = math.sqrt(3.0)  # half a pulse, in sds of the angle's prior: an angle one pulse on is the same angle
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # starting angles tried, beside the one that there is
@@ -79,18 +79,31 @@ def find(
     if not problem.blocks.runs:
         comparison.blur = BLUR
         ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
+        ends += [_trusting(f, comparison, *end, f) for end in ends if _some_bad(comparison, end)]
         ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
         return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
     here = min((_stage(f, comparison, point, STAGES[0]) for point in begun), key=lambda point: point.cost)
     for stage in STAGES[1:]:
         here = _stage(f, comparison, replace(here, predicted=f(here.z)), stage)
     comparison.blur = BLUR
+    here = _looked_at_again(f, comparison, here)
     of = f.near(here.z)
     D = f.derivatives(here.z, of(here.z), here.D, here.u, of)
     z, u, D, _ = _descend(f, comparison, here.z, here.u, D, of(here.z), of, fresh=False, correlated=True)
     of = f.near(z)
     D = f.derivatives(z, of(z), D, u, of)
     return close(comparison, names, z, u, D, f(z))
+
+
+def _looked_at_again(f: Function, comparison: Comparison, here: _Point) -> _Point:
+    """Where a search with runs in time ends up when no reading may be taken for bad at first, if that is better."""
+    if not _some_bad(comparison, (here.z, here.u, here.D, here.predicted)):
+        return here
+    of = f.near(here.z)
+    z, u, D, _ = _trusting(f, comparison, here.z, here.u, here.D, of(here.z), of)
+    predicted = f(z)
+    cost, u = _at(comparison, z, u, predicted, D)
+    return _Point(cost, z, u, D, predicted) if cost < here.cost else here
 
 
 def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[tuple[str, str], float]) -> _Point:
@@ -197,6 +210,54 @@ def _descend(
     return z, u, D, predicted
 
 
+def _turning(f: Function, comparison: Comparison, z: np.ndarray, predicted: Prediction, D: np.ndarray) -> np.ndarray:
+    """The point with the roller factor lowered until each level that was seen to turn does; else the point itself."""
+    place = [unknown.name for unknown in comparison.problem.nuisances].index("roller_friction")
+    read = np.nan_to_num(comparison.read[comparison.n : 2 * comparison.n])
+    seen = read > 0.0
+    tried = z.copy()
+    for _ in range(LOOSER):
+        speed = f(tried, predicted, ()).speed[seen]
+        if np.all(np.isfinite(speed)) and np.all(speed > TURNS * read[seen]):
+            return tried
+        tried = tried.copy()
+        tried[place] -= LOOSER_BY
+        tried = f.along_valley(z, f.clip(tried), predicted, D)
+    return z
+
+
+End = tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]
+
+
+def _some_bad(comparison: Comparison, end: End) -> bool:
+    """Whether any reading is taken for bad at the end of a search."""
+    white = comparison.whitener(end[3], end[1])
+    return bool(np.any(robust_weights(white(comparison.read - comparison.raw(end[3])), comparison)[1] > 0.5))
+
+
+def _trusting(
+    f: Function,
+    comparison: Comparison,
+    z: np.ndarray,
+    u: np.ndarray,
+    D: np.ndarray,
+    predicted: Prediction,
+    of: Callable[[np.ndarray], Prediction],
+) -> End:
+    """A search that takes no reading for bad, and from its end one that may.
+
+    Close to a stall the speed hangs so steeply on everything that a level given up for bad pulls no more, though a
+    little way on it would fit.
+    """
+    comparison.trusting = True
+    try:
+        z = _turning(f, comparison, z, predicted, D)
+        end = _descend(f, comparison, z, u, D, of(z), of)
+    finally:
+        comparison.trusting = False
+    return _descend(f, comparison, *end, of)
+
+
 def _distance(comparison: Comparison, D: np.ndarray, predicted: Prediction, u: np.ndarray, move: np.ndarray) -> float:
     """Squared length of a move in posterior sds [-]."""
     J = comparison.whitener(predicted, u)(D)
@@ -204,9 +265,7 @@ def _distance(comparison: Comparison, D: np.ndarray, predicted: Prediction, u: n
 
 
 def base_of(comparison: Comparison) -> Mode:
-    """The base model at its most probable point, looked for from several places where the first is an odd one.
-
-    With runs in time it is found once more, with the pulses' swing taken there.
+    """The base model at its most probable point; found once more with runs in time, with the pulses' swing taken there.
 
     Parameters
     ----------
@@ -219,12 +278,7 @@ def base_of(comparison: Comparison) -> Mode:
         comparison.noise.leave_alone(misread)
     if comparison.problem.blocks.runs:
         return find(comparison, (), set_angles(comparison, base))
-    if np.any(base.bad > 0.5) or np.any(np.abs(base.u) > UNLIKELY * SPREAD):
-        # Readings taken for bad, or for noisier than declared, may be those that would have led farther.
-        place = [unknown.name for unknown in comparison.problem.nuisances].index("roller_friction")
-        elsewhere = [replace(base, z=move * np.eye(base.z.size)[place], u=np.zeros(SPREAD.size)) for move in ELSEWHERE]
-        base = max(find(comparison, (), base), find(comparison, (), *elsewhere), key=lambda mode: mode.log_evidence)
-    return base
+    return find(comparison, (), base) if misread.any() else base
 
 
 def _standing_out(comparison: Comparison, mode: Mode) -> np.ndarray:

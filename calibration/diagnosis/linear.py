@@ -45,6 +45,8 @@ class Comparison:
         How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
     blur : float
         Share of that swing to which the pulses' phase is not trusted [-].
+    trusting : bool
+        Whether no reading may be taken for bad.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -71,6 +73,7 @@ class Comparison:
         self.end = self.read.size - rest.pressure.size
         self.swing = np.zeros(self.end - 2 * n)
         self.blur = BLUR
+        self.trusting = False
         self.step = np.concatenate(
             [np.full(int(used.sum()), _step(run.time)) for run, used in zip(runs, self.used, strict=True)]
             or [np.zeros(0)]

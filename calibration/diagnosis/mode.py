@@ -153,7 +153,7 @@ def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, n
     comparison : Comparison
         The recording.
     """
-    if comparison.size < 6:
+    if comparison.size < 6 or comparison.trusting:
         return np.ones_like(r), np.zeros_like(r)
     odds = BAD / BAD_WIDTH / (1.0 - BAD) * np.exp(np.minimum(0.5 * r**2 * (1.0 - BAD_WIDTH**-2), 700.0))
     bad = odds / (1.0 + odds)
