@@ -41,7 +41,7 @@ def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
     OtherCodeError
         When this process has other sources.
     """
-    from calibration.diagnosis.descent import base_of
+    from calibration.diagnosis.base import base_of
     from calibration.diagnosis.linear import Comparison
     from calibration.diagnosis.name import refit, screen, singles_of
     from calibration.diagnosis.problem import Problem

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.diagnosis.descent import base_of
+from calibration.diagnosis.base import base_of
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, close, suiting_noise
 from calibration.diagnosis.noise import ROWS, SAMPLES, SPREAD

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose, together
-from calibration.diagnosis.descent import base_of, find, set_angles
+from calibration.diagnosis.base import base_of, set_angles
+from calibration.diagnosis.descent import find
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import RUN, VENTED, Comparison
 from calibration.diagnosis.problem import Problem

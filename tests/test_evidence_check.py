@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from calibration import evidence_cases, evidence_check, evidence_reference
-from calibration.diagnosis.descent import base_of, find
+from calibration.diagnosis.base import base_of
+from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import minus_log_posterior
 from calibration.diagnosis.problem import Problem

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import norm
 
+from calibration.diagnosis.base import base_of
 from calibration.diagnosis.confirm import HeldOut, cross_validate
 from calibration.diagnosis.correction import Correction, corrections
 from calibration.diagnosis.correction import hold_out as hold_out_smooth
-from calibration.diagnosis.descent import base_of, find
+from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.discover import Term, discover
 from calibration.diagnosis.forces import forces
