@@ -133,7 +133,7 @@ class Comparison:
         u : ndarray, shape (5,)
             The noise, as in `calibration.diagnosis.noise` [-].
         """
-        return self.noise.whitener(u, (predicted.flow_slope, predicted.speed_slope), self.angle_sd)
+        return self.noise.whitener(u, _slopes(predicted), self.angle_sd)
 
     def noise_step(
         self,
@@ -168,8 +168,12 @@ class Comparison:
         information : ndarray, shape (5, 5)
             With the prior's [-].
         """
-        slopes = predicted.flow_slope, predicted.speed_slope
-        return self.noise.step_of(difference, u, slopes, self.angle_sd, weight, columns, free)
+        return self.noise.step_of(difference, u, _slopes(predicted), self.angle_sd, weight, columns, free)
+
+
+def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes of flow and speed with pressure [SI]; 0 where the model gives no reading."""
+    return np.nan_to_num(predicted.flow_slope), np.nan_to_num(predicted.speed_slope)
 
 
 def _step(time: np.ndarray) -> float:
