@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from calibration.diagnosis import as_json, diagnose, together
 from calibration.diagnosis.base import base_of, set_angles
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.function import Function
+from calibration.diagnosis.in_time import Plan, Pulses
 from calibration.diagnosis.linear import RUN, VENTED, Comparison
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.unseen import predict_unseen
@@ -164,3 +166,23 @@ def test_a_level_that_was_seen_to_turn_is_not_given_up_as_standing() -> None:
         base = base_of(Comparison(Problem(nothing)))
         assert np.all(base.bad < 0.5)
         assert np.sum(base.r**2) < 80.0  # of 52 readings
+
+
+class _TurnsBack(Plan):
+    """A shaft that comes to rest and turns back, as one may by which pressure is left in a cylinder."""
+
+    def mean_speed(self) -> np.ndarray:
+        return 5.0 - 2.0 * self.time
+
+    def with_pulses(self, finer: int = 1) -> SimpleNamespace:
+        time = np.linspace(self.time[0], self.time[-1], (self.time.size - 1) * finer + 1)
+        return SimpleNamespace(time=time, angle=5.0 * time - time**2 + 0.01 * np.sin(30.0 * time))
+
+
+def test_a_shaft_that_turns_back_has_pulses_all_the_same() -> None:
+    time = np.linspace(0.0, 5.0, 101)
+    planned = _TurnsBack(np.zeros(24), np.zeros(5), (), time, np.zeros(23), {}, 0.0, time.size, 0.0, 0.0)
+    speeds = Pulses(planned).beside(planned)
+    assert np.all(np.isfinite(speeds))
+    forward = time < 2.0
+    assert np.ptp((speeds - planned.mean_speed())[forward]) > 0.1  # what the pulses add

@@ -8,7 +8,7 @@ from scipy import stats
 
 from calibration import sbc
 
-SEEDS = range(7_000, 7_004)
+SEEDS = range(7_000, 7_006)
 
 
 @pytest.fixture(scope="module")

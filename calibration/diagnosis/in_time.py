@@ -145,7 +145,7 @@ class Pulses:
         self.mean = planned.mean_speed()
         self.angle = planned.angle_of(self.mean)
         smooth = np.interp(found.time, planned.time, self.angle)
-        smooth = np.maximum.accumulate(smooth + LEAST_TURN * np.arange(smooth.size))
+        smooth = np.maximum.accumulate(smooth) + LEAST_TURN * np.arange(smooth.size)
         added = found.angle - found.angle[0] - (smooth - smooth[0])
         if not (
             np.all(np.isfinite(smooth)) and np.all(np.isfinite(added))
