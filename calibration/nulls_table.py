@@ -114,7 +114,7 @@ def page(found: Mapping[str, Any]) -> str:
         + "".join(f"- {name}: {words}\n" for name, words in noises)
         + f"\nThe sweep goes from 1.2 to 2.4 bar in steps of 0.1 bar, up and down. Classes that end in `{RUNS}` have "
         "a spin-up and a coast-down at 2.0 bar besides; there the whole diagnosis goes on to a second look before it "
-        "says consistent, which is not measured here. The test models neither correlated nor heavy-tailed noise.\n\n"
+        "says consistent, which is not measured here. The test models correlated noise, not heavy-tailed noise.\n\n"
         + (f"Failed:\n\n{failed}\n" if failed else "")
         + f"Seeds: {found['first_seed']} and those after it, in each class. Sources: {found['sources_sha256'][:12]}. "
         "`python -m calibration.nulls` with these numbers makes it anew; `make nulls` makes more.\n"
