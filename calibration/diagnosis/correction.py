@@ -71,8 +71,8 @@ def corrections(comparison: Comparison, mode: Mode, u: np.ndarray) -> list[Corre
         The recording.
     mode : Mode
         The base model.
-    u : ndarray, shape (3,)
-        Noise scales of the detection [-].
+    u : ndarray, shape (5,)
+        The noise that the detection found [-].
     """
     problem = straight(comparison, mode, u)
     every = np.ones(comparison.read.size, dtype=bool)
@@ -89,8 +89,8 @@ def hold_out(comparison: Comparison, mode: Mode, u: np.ndarray) -> HeldOut | Non
         The recording.
     mode : Mode
         The base model, against which the gain counts.
-    u : ndarray, shape (3,)
-        Noise scales of the detection [-].
+    u : ndarray, shape (5,)
+        The noise that the detection found [-].
     """
     problem = straight(comparison, mode, u)
     listed = _of_balances(problem)

@@ -37,7 +37,7 @@ ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # starting angles tried, beside the o
 
 @dataclass(frozen=True)
 class _Point:
-    """Where a search stands: the cost, the unknowns, the noise scales, derivatives once they are known, prediction."""
+    """Where a search stands: the cost, the unknowns, the noise, derivatives once they are known, prediction."""
 
     cost: float
     z: np.ndarray
@@ -189,7 +189,7 @@ def _descend(
     fresh: bool = True,
     correlated: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
-    """Gauss-Newton steps until one is short: the point, the noise scales, the derivatives and the prediction.
+    """Gauss-Newton steps until one is short: the point, the noise, the derivatives and the prediction.
 
     Derivatives are taken anew only after a long step: those of a place near by lead to the same point.
     """

@@ -39,8 +39,8 @@ class Detection:
         Whether it lies beyond the draws.
     statistic : float
         -ln of the smallest tail probability [-].
-    u : ndarray, shape (3,)
-        Logarithms of the noise scales, all forces taken out [-].
+    u : ndarray, shape (5,)
+        The noise, its scales with all forces taken out [-].
     scores : ndarray
         Of each signature [-].
     force_log_p : ndarray

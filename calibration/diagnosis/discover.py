@@ -63,8 +63,8 @@ def discover(
         The recording.
     mode : Mode
         The base model.
-    u : ndarray, shape (3,)
-        Noise scales of the detection [-].
+    u : ndarray, shape (5,)
+        The noise that the detection found [-].
     rng : numpy.random.Generator
         For the drawn recordings.
     balance : str

@@ -170,8 +170,8 @@ class Function:
             At it, by the function differentiated.
         D : ndarray, shape (n, m)
             Derivatives so far, for the size of the steps; 0 where nothing is known [SI].
-        u : ndarray, shape (3,)
-            Noise scales, to size the steps [-].
+        u : ndarray, shape (5,)
+            The noise, to size the steps [-].
         of : callable
             Differentiated: `near` a point, or this function where there are no runs in time. Effects that follow the
             angle have their pulses simulated in any case.

@@ -81,8 +81,8 @@ def search(
         The base model.
     found : sequence of Signature
         At the base model.
-    u : ndarray, shape (3,)
-        Noise scales that the detection found [-].
+    u : ndarray, shape (5,)
+        The noise that the detection found [-].
     tell : callable
         Told what is being refitted.
     size : int
@@ -125,8 +125,8 @@ def singles_of(
         The base model.
     found : sequence of Signature
         At it.
-    u : ndarray, shape (3,)
-        Noise scales that the detection found [-].
+    u : ndarray, shape (5,)
+        The noise that the detection found [-].
     tell : callable
         Told what is being refitted.
     worth : float
@@ -217,8 +217,8 @@ def screen(
         The point.
     found : sequence of Signature
         At it.
-    u : ndarray, shape (3,)
-        Noise scales [-].
+    u : ndarray, shape (5,)
+        The noise [-].
     worth : float
         Log evidence below which an effect is left out [-].
     """

@@ -60,8 +60,8 @@ def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = Fa
         The recording.
     mode : Mode
         The point.
-    u : ndarray, shape (3,)
-        Noise scales [-].
+    u : ndarray, shape (5,)
+        The noise [-].
     every : bool
         Whether readings that are probably bad count too.
     """
