@@ -6,6 +6,7 @@ What is slow to import is imported inside the commands, so that `spinbench --hel
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Callable, Iterator
 from enum import StrEnum
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 PUBLISHED_SWEEP = Path(__file__).resolve().parent / "logs" / "published_sweep"
 
 LOGS = Path("logs")  # of the folder that the program is started in: runs are data, not part of the program
+
+# Its matrices are small: threads that share one of them cost more than they save. Set before numpy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED = 2, 3, 4
 # Errors that are told in words instead of with a traceback, by their class's full name (which needs no import), and
@@ -337,6 +341,14 @@ def diagnose(
         Path | None,
         typer.Option("--hold-out", metavar="DIR", help="A run that nothing sees before it is predicted, as the proof."),
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=64,
+            help="Processes, of no influence on the result; when left out two, if there are as many cores.",
+        ),
+    ] = None,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
     from calibration.diagnosis.diagnose import diagnose as look
@@ -353,7 +365,7 @@ def diagnose(
         return
     unseen = None if hold_out is None else _recording(hold_out)
     with _diagnosing() as tell:
-        diagnosis = look(read, seed, tell, unseen)
+        diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1))
         found = as_json(diagnosis)
         data = simulation.json_bytes(found)
         if out is not None:

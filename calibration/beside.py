@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,13 +20,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
+from calibration.processes import begin_worker
 from rig.recording import Recording
 
 BEGINS_AT = 3  # settled plateaus: the process then has some plateaus' time to load, and a short run is spared of it
 IN_A_ROW = 2  # checks that have to find a difference before the person is told
 PATIENCE_S = 10.0  # real time that the end of a sweep waits for a check under way; the regulator is at zero then
 NICE = 10
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 CHECK, FAILED, WARNING = "model check", "model check failed", "warning"  # events
 
 
@@ -161,13 +160,12 @@ class Beside:
 
 def _look(pipe: Connection, read: Read, seed: int) -> None:
     """The process: a folder comes in, what was found of it goes out."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the sweep
+    begin_worker()  # Ctrl-C is for the sweep
     nothing = os.open(os.devnull, os.O_RDWR)
     for stream in (1, 2):  # the terminal is the sweep's
         os.dup2(nothing, stream)
     with contextlib.suppress(OSError):
         os.nice(NICE)
-    os.environ.update(dict.fromkeys(THREADS, "1"))
     from calibration.diagnosis.check import check
 
     while True:

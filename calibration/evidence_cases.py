@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from calibration.campaigns import same_code
 from calibration.many import Item
-from calibration.nulls import OtherCodeError
 from calibration.nulls_draw import NOISES, null_recording, template
 from calibration.sources import diagnosis_sha256
 from model.effects.effect import Effect
@@ -18,7 +18,6 @@ FIRST_SEED = 400_000
 SIZES = (0.1, 0.3, 1.0)  # of what is concealed, in ordinary sizes of the effect
 REPEAT_EVERY = 5  # cases whose nested sampling is repeated with another seed: one in so many of those that have it
 DRAWS = 1000  # of importance sampling
-FARTHER = -3.0  # nats in the linear model down to which a null's effects are refitted
 
 
 def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
@@ -42,13 +41,15 @@ def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
         When this process has other sources.
     """
     from calibration.diagnosis.base import base_of
+    from calibration.diagnosis.descent import find
+    from calibration.diagnosis.diagnose import FARTHER
     from calibration.diagnosis.linear import Comparison
-    from calibration.diagnosis.name import refit, screen, singles_of
+    from calibration.diagnosis.name import screen
     from calibration.diagnosis.problem import Problem
+    from calibration.diagnosis.search import Search
     from calibration.diagnosis.signatures import signatures
 
-    if diagnosis_sha256() != argument["code"]:
-        raise OtherCodeError("this worker has other code than the campaign")
+    same_code(argument["code"])
     seed = argument["seed"]
     recording, _ = null_recording(argument["noise"], False, np.random.default_rng(seed), argument["concealed"])
     comparison = Comparison(Problem(recording))
@@ -56,11 +57,12 @@ def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
     found = signatures(comparison, base)
     if argument["concealed"]:
         (name,) = argument["concealed"]
-        first = dict(screen(comparison, base, found, base.u, -math.inf))
-        mode = refit(comparison, [name], base, first.get(name, {}))
+        first = {effect: values for effect, _, values in screen(comparison, base, found, base.u, -math.inf)}
+        mode = find(comparison, [name], base, None, first=first.get(name, {}))
     else:
-        modes = singles_of(comparison, base, found, base.u, worth=FARTHER)
-        mode = max((one for key, one in modes.items() if key), key=lambda one: one.log_evidence)
+        search = Search(comparison, base)
+        search.singles(found, base.u, FARTHER)
+        mode = max((one for key, one in search.modes.items() if key), key=lambda one: one.log_evidence)
     n, k = comparison.n, base.z.size
     read = comparison.known[n : 2 * n]
     return {

@@ -12,23 +12,21 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from calibration import many_table
+from calibration.campaigns import add_options, go, refuse, results_of, whole_number
 from calibration.evidence_cases import FIRST_SEED, check_case, items_of
-from calibration.many import Item, Result, Tell, run_many
-from calibration.many_bar import progress_bar, whole_number
-from calibration.nulls import OtherCodeError
+from calibration.many import Item, Result, Tell
 from calibration.report import evidence_page
 from calibration.report.files import write_files
 from calibration.sources import diagnosis_sha256
 
 CASES = 50  # every other one with an effect concealed
-RESULTS = "results"
 COLUMNS = {
     "name": many_table.TEXT,
     "seed": many_table.WHOLE,
@@ -84,13 +82,7 @@ def run_campaign(
         When no scheduler answers, or it is lost on the way.
     """
     items = items_of(cases, first_seed, nested_every)
-    results = run_many(check_case, items, out / RESULTS, workers, scheduler, tell)
-    elsewhere = [one for one in results if one.error.startswith(OtherCodeError.__name__)]
-    if elsewhere:
-        raise OtherCodeError(
-            f"the code was changed while {elsewhere[0].name} and {len(elsewhere) - 1} more of {len(items)} cases were "
-            "made; leave it alone and give the same command again"
-        )
+    results = results_of(check_case, items, out, workers, scheduler, tell)
     rows = [row_of(item, result) for item, result in zip(items, results, strict=True)]
     found = evidence_page.summary(rows, first_seed, diagnosis_sha256())
     documents = {
@@ -136,23 +128,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = _parser().parse_args(arguments)
     if not given.cases:
-        return _refuse("nothing to do: --cases is 0")
+        return refuse("evidence", "nothing to do: --cases is 0")
     try:
         import dynesty  # noqa: F401
     except ImportError:
-        return _refuse("nested sampling needs dynesty, of the development extra: pip install 'spinbench[dev]'")
-    try:
-        with progress_bar("evidence") as tell:
-            found = run_campaign(
-                given.cases, given.out, given.workers, given.scheduler, given.first_seed, given.nested_every, tell
-            )
-        if given.page:
-            write_files(given.page, {name: (given.out / name).read_bytes() for name in evidence_page.PAGE})
-    except KeyboardInterrupt:
-        print(f"stopped; what is done is kept in {given.out}, and the same command goes on", file=sys.stderr)
-        return 130
-    except (OSError, OtherCodeError) as problem:  # an OSError may be a cluster's
-        return _refuse(str(problem))
+        words = "nested sampling needs dynesty, of the development extra: pip install 'spinbench[dev]'"
+        return refuse("evidence", words)
+    asked = given.cases, given.out, given.workers, given.scheduler, given.first_seed, given.nested_every
+    found = go("evidence", given, evidence_page.PAGE, partial(run_campaign, *asked))
+    if isinstance(found, int):
+        return found
     print(evidence_page.verdict(found))
     return 0
 
@@ -161,23 +146,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m calibration.evidence_check", description=__doc__.splitlines()[0] if __doc__ else ""
     )
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--cases", type=whole_number, default=CASES, help="half with an effect concealed (%(default)s)")
-    parser.add_argument("--first-seed", type=whole_number, default=FIRST_SEED, help="of the first case (%(default)s)")
     parser.add_argument(
         "--nested-every", type=whole_number, default=1, help="nested sampling of one case in so many; 0 for none"
     )
-    parser.add_argument(
-        "--workers", type=whole_number, default=os.cpu_count() or 1, help="processes; 0 for none but this"
-    )
-    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler instead")
-    parser.add_argument("--page", type=Path, help="a folder of the docs, which gets evidence.json, .md and .png")
+    add_options(parser, FIRST_SEED, "of the first case", evidence_page.PAGE)
     return parser
-
-
-def _refuse(why: str) -> int:
-    print(f"evidence: {why}", file=sys.stderr)
-    return 2
 
 
 if __name__ == "__main__":

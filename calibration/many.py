@@ -11,9 +11,6 @@ import contextlib
 import json
 import logging
 import multiprocessing
-import os
-import signal
-import threading
 import time
 import uuid
 from collections import Counter, deque
@@ -25,12 +22,12 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from calibration.processes import begin_worker
 from calibration.report.files import write_file
 
 MOST_TRIES = 3  # deaths of a worker over one item before the item is given up
 TASKS_A_WORKER = 100  # after which a worker is replaced, so that leaks of memory stay small
 CONNECT_S = 20.0  # longest wait for a scheduler
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 Task = Callable[[Any], dict[str, Any]]
 Tell = Callable[[int, int, str], None]
@@ -192,7 +189,7 @@ class _Worker:
     """A pool of one process, so that a death tells which item it was over, and costs no other item."""
 
     def __init__(self) -> None:
-        self.pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin_worker)
+        self.pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=begin_worker)
         self.tasks = 0
         self.processes: set[BaseProcess] = set()
 
@@ -209,20 +206,6 @@ class _Worker:
             for process in self.processes:
                 with contextlib.suppress(ValueError):  # it has been closed already
                     process.kill()
-
-
-def _begin_worker() -> None:
-    """A worker has one thread, leaves Ctrl-C to its parent, and ends when that does, however it ended."""
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-
-
-def _end_with(parent: BaseProcess) -> None:
-    parent.join()
-    os._exit(1)
 
 
 def _in_processes(task: Task, items: Sequence[Item], workers: int, keep: Keep) -> None:

@@ -2,8 +2,8 @@
 
 Each null is drawn by `calibration.nulls_draw` and goes through the first steps of a diagnosis alone: the base model and
 the test of it. A class is a kind of noise, in a sweep alone or in a sweep with two runs in time. The test was built for
-Gaussian noise of about the declared size; what correlated or heavy-tailed noise does to it is measured and shown like
-the rest.
+Gaussian noise of about the declared size, correlated or not; what heavy tails do to it is measured and shown like the
+rest.
 
     python -m calibration.nulls -o out/nulls     # resumable: a null that is there is not made again
 """
@@ -12,25 +12,24 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from calibration import many_table, nulls_table
-from calibration.many import Item, Result, Tell, run_many
-from calibration.many_bar import progress_bar, whole_number
+from calibration.campaigns import add_options, go, refuse, results_of, same_code, whole_number
+from calibration.many import Item, Result, Tell
 from calibration.nulls_draw import NOISES, null_recording
 from calibration.report.files import write_files
 from calibration.sources import diagnosis_sha256
 
 FIRST_SEED = 200_000
 SWEEPS, WITH_RUNS = 1000, 200  # nulls of each class; a sweep with runs takes fifteen times as long
-RESULTS = "results"
 COLUMNS = {
     "name": many_table.TEXT,
     "class": many_table.TEXT,
@@ -41,10 +40,6 @@ COLUMNS = {
     "seconds": many_table.NUMBER,
     "error": many_table.TEXT,
 }
-
-
-class OtherCodeError(RuntimeError):
-    """A worker has other sources than the campaign began with."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +84,7 @@ def p_of_null(argument: Mapping[str, Any]) -> dict[str, Any]:
     """
     from calibration.diagnosis.diagnose import detect_mismatch
 
-    if diagnosis_sha256() != argument["code"]:
-        raise OtherCodeError("this worker has other code than the campaign")
+    same_code(argument["code"])
     key = (argument["seed"], NOISES.index(argument["noise"]), int(argument["with_runs"]))
     draw, test = (np.random.default_rng(one) for one in np.random.SeedSequence(key).spawn(2))
     recording, truth = null_recording(argument["noise"], argument["with_runs"], draw, argument.get("concealed"))
@@ -164,13 +158,7 @@ def run_campaign(
         When no scheduler answers, or it is lost on the way.
     """
     items = items_of(kinds, first_seed)
-    results = run_many(p_of_null, items, out / RESULTS, workers, scheduler, tell)
-    elsewhere = [one for one in results if one.error.startswith(OtherCodeError.__name__)]
-    if elsewhere:
-        raise OtherCodeError(
-            f"the code was changed while {elsewhere[0].name} and {len(elsewhere) - 1} more of {len(items)} nulls were "
-            "made, so they say nothing of either; leave it alone and give the same command again"
-        )
+    results = results_of(p_of_null, items, out, workers, scheduler, tell)
     rows = [row_of(item, result) for item, result in zip(items, results, strict=True)]
     found = nulls_table.summary(rows, first_seed, diagnosis_sha256())
     files = documents(rows, found) | {"nulls.parquet": many_table.as_parquet(rows, COLUMNS)}
@@ -231,17 +219,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     kinds = {Kind(noise): given.sweeps for noise in given.noise if given.sweeps}
     kinds |= {Kind(noise, True): given.with_runs for noise in given.noise if given.with_runs}
     if not kinds:
-        return _refuse("nothing to do: --sweeps and --with-runs are both 0; give one of them a number")
-    try:
-        with progress_bar("nulls") as tell:
-            found = run_campaign(kinds, given.out, given.workers, given.scheduler, given.first_seed, tell)
-        if given.page:
-            write_files(given.page, {name: (given.out / name).read_bytes() for name in nulls_table.PAGE})
-    except KeyboardInterrupt:
-        print(f"stopped; what is done is kept in {given.out}, and the same command goes on", file=sys.stderr)
-        return 130
-    except (OSError, OtherCodeError) as problem:  # an OSError may be a cluster's
-        return _refuse(str(problem))
+        return refuse("nulls", "nothing to do: --sweeps and --with-runs are both 0; give one of them a number")
+    run = partial(run_campaign, kinds, given.out, given.workers, given.scheduler, given.first_seed)
+    found = go("nulls", given, nulls_table.PAGE, run)
+    if isinstance(found, int):
+        return found
     print(nulls_table.table(found))
     return 0
 
@@ -250,7 +232,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m calibration.nulls", description=__doc__.splitlines()[0] if __doc__ else ""
     )
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the results")
     parser.add_argument(
         "--sweeps", type=whole_number, default=SWEEPS, help="sweeps of each class of noise (%(default)s)"
     )
@@ -258,18 +239,8 @@ def _parser() -> argparse.ArgumentParser:
         "--with-runs", type=whole_number, default=WITH_RUNS, help="the same with two runs each (%(default)s)"
     )
     parser.add_argument("--noise", nargs="+", choices=NOISES, default=NOISES, help="classes of noise; all if left out")
-    parser.add_argument("--first-seed", type=whole_number, default=FIRST_SEED, help="of each class (%(default)s)")
-    parser.add_argument(
-        "--workers", type=whole_number, default=os.cpu_count() or 1, help="processes; 0 for none but this"
-    )
-    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler instead")
-    parser.add_argument("--page", type=Path, help="a folder of the docs, which gets nulls.json, nulls.md, nulls.png")
+    add_options(parser, FIRST_SEED, "of each class", nulls_table.PAGE)
     return parser
-
-
-def _refuse(why: str) -> int:
-    print(f"nulls: {why}", file=sys.stderr)
-    return 2
 
 
 if __name__ == "__main__":

@@ -18,13 +18,15 @@ class StepClock:
 
     Attributes
     ----------
+    tell : callable
+        As given; what it is told besides is no step of its own.
     seconds : dict of str to float
         Of each step that has ended [s].
     """
 
     def __init__(self, tell: Tell) -> None:
         self.seconds: dict[str, float] = {}
-        self._tell = tell
+        self.tell = tell
         self._step, self._began = "", time.monotonic()
 
     def __call__(self, step: str) -> None:
@@ -33,4 +35,4 @@ class StepClock:
             self.seconds[self._step] = round(now - self._began, 3)
         self._step, self._began = step, now
         if step:
-            self._tell(step)
+            self.tell(step)

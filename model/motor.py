@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pydantic
@@ -112,6 +112,19 @@ class Readings(Strict):
         )
 
 
+# A name of this module, so that a motor can be sent to another process.
+if TYPE_CHECKING:
+    Parameters = Strict
+else:
+    Parameters = pydantic.create_model(
+        "Parameters",
+        __base__=Strict,
+        __module__=__name__,
+        __doc__="The parameters of a motor, each a value with its prior and its source.",
+        **dict.fromkeys(QUANTITIES, Parameter),
+    )
+
+
 class Motor(Strict):
     """A radial piston motor: its parameters, and how the article is read."""
 
@@ -120,7 +133,7 @@ class Motor(Strict):
     kind: Literal["radial_piston"]
     description: str = pydantic.Field(default="", max_length=300)
     readings: Readings
-    parameters: pydantic.create_model("Parameters", __base__=Strict, **dict.fromkeys(QUANTITIES, Parameter))  # type: ignore[valid-type]
+    parameters: Parameters
 
     @pydantic.model_validator(mode="after")
     def _is_a_motor(self) -> Motor:

@@ -18,7 +18,7 @@ from calibration.diagnosis.correction import corrections, hold_out
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import detect
 from calibration.diagnosis.discover import STABLE, discover
-from calibration.diagnosis.forces import force_column, forces, torque_column
+from calibration.diagnosis.forces import TorqueAnswer, forces, torque_column
 from calibration.diagnosis.further_forces import unseen
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate
@@ -62,7 +62,9 @@ def added(of: Changed, change: np.ndarray) -> Changed:
 
 def dragged(of: Changed, law: Callable[[np.ndarray], np.ndarray]) -> Changed:
     comparison, base = of
-    return added(of, force_column(comparison, base, torque_column(comparison, base), law))
+    speeds = [base.prediction.runs[i][used] for i, used in enumerate(comparison.used)]
+    steady, *runs = [law(speed)[:, None] for speed in (np.nan_to_num(base.prediction.speed), *speeds)]
+    return added(of, TorqueAnswer(comparison, torque_column(comparison, base))(steady, runs)[:, 0])
 
 
 def clutch(omega: np.ndarray) -> np.ndarray:

@@ -194,6 +194,20 @@ def test_a_leak_is_nothing_at_ambient_pressure() -> None:
     assert np.all(law("leakage", "leak", conductance_kg_s_pa2=1e-13) > 0.0)
 
 
+def test_a_leak_through_a_hole_is_a_nozzle_s_and_hardly_changes_in_volume() -> None:
+    pressure = np.array([1.3, 1.5, 2.0, 2.5, 3.0]) * 101_325.0
+    state = replace(STATE, pressure=pressure)
+    gap = law("leakage", "leak", state, conductance_kg_s_pa2=2e-14)
+    assert law("leakage", "leak", state, conductance_kg_s_pa2=2e-14, exponent=1.0) == pytest.approx(gap, rel=1e-12)
+    hole = law("leakage", "leak", state, conductance_kg_s_pa2=2e-14, exponent=0.4)
+    assert hole / hole[2] == pytest.approx((gap / gap[2]) ** 0.4, rel=1e-12)
+    assert hole[2] == pytest.approx(gap[2], rel=1e-12)  # at twice the ambient pressure they are the same
+    # Saint-Venant and Wantzel's nozzle, per unit of area and at one temperature, over the same pressures.
+    ratio = np.maximum(state.ambient / pressure, 0.528)
+    nozzle = pressure * np.sqrt(ratio ** (2 / 1.4) - ratio ** (2.4 / 1.4))
+    assert hole / hole[2] == pytest.approx(nozzle / nozzle[2], rel=0.02)
+
+
 def test_a_leak_adds_its_flow_at_the_line_s_state_and_leaves_the_speed() -> None:
     found = points({"leakage": {"conductance_kg_s_pa2": 2e-14}})
     assert np.array_equal(found.speed, BARE.speed)

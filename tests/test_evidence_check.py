@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calibration import evidence_cases, evidence_check, evidence_reference
+from calibration.campaigns import OtherCodeError
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
@@ -16,7 +17,6 @@ from calibration.diagnosis.mode import minus_log_posterior
 from calibration.diagnosis.problem import Problem
 from calibration.evidence_reference import NOWHERE, adapted, importance, nested
 from calibration.evidence_target import Target
-from calibration.nulls import OtherCodeError
 from calibration.nulls_draw import null_recording
 from calibration.report import evidence_numbers, evidence_page
 from model.effects import effects
@@ -243,7 +243,7 @@ def test_a_campaign_is_written_and_its_page_only_where_it_is_asked_for(tmp_path,
     given = ["-o", str(tmp_path), "--cases", "1", "--nested-every", "0", "--workers", "0"]
     page = tmp_path / "page"
     assert evidence_check.main(given) == 0
-    (result,) = (tmp_path / evidence_check.RESULTS).glob("*.json")
+    (result,) = (tmp_path / "results").glob("*.json")
     before = result.read_bytes()
     assert not page.exists()
     assert evidence_check.main([*given, "--page", str(page)]) == 0

@@ -150,11 +150,12 @@ def test_an_amplitude_that_cannot_be_negative_has_a_half_normal_prior():
 
 def test_unknowns_are_named_by_effect_and_parameter_with_their_units(rubbing):
     _, _, likelihood = fit.prepare(rubbing, effects=["stribeck_friction", "leakage"])
-    last = likelihood.unknowns[-3:]
+    last = likelihood.unknowns[-4:]
     assert [(one.name, one.unit, one.kind) for one in last] == [
         ("stribeck_friction.torque_nm", "N m", "halfnormal"),
         ("stribeck_friction.speed_rad_s", "rad/s", "lognormal"),
         ("leakage.conductance_kg_s_pa2", "kg/(s Pa2)", "halfnormal"),
+        ("leakage.exponent", "1", "lognormal"),
     ]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from calibration import nulls, nulls_draw, nulls_table
+from calibration.campaigns import OtherCodeError
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.diagnose import detect_mismatch
 from calibration.nulls import Kind, items_of, p_of_null
@@ -38,7 +39,7 @@ def argument(seed, concealed=None, noise="declared"):
 
 
 def files_of(folder):
-    return {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in (folder / nulls.RESULTS).glob("*.json")}
+    return {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in (folder / "results").glob("*.json")}
 
 
 def p_values(folder):
@@ -160,7 +161,7 @@ def test_a_campaign_that_is_stopped_goes_on_where_it_was(finished, tmp_path, blo
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     running = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE)
     end = time.monotonic() + PATIENCE_S
-    while not list((tmp_path / nulls.RESULTS).glob("declared-*.json")):
+    while not list((tmp_path / "results").glob("declared-*.json")):
         assert running.poll() is None and time.monotonic() < end, "no null was ever made"
         time.sleep(0.02)
     running.send_signal(blow)
@@ -175,7 +176,7 @@ def test_a_campaign_that_is_stopped_goes_on_where_it_was(finished, tmp_path, blo
 
 
 def test_a_worker_with_other_code_gives_no_result():
-    with pytest.raises(nulls.OtherCodeError):
+    with pytest.raises(OtherCodeError):
         p_of_null(argument(SEED) | {"code": "another"})
 
 

@@ -9,13 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import detect
-from calibration.diagnosis.forces import forces
-from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.diagnose import detect_mismatch
 from calibration.diagnosis.locate import Place, locate
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.signatures import signatures
 from calibration.measurement import OBSERVED, gather
 from rig.recording import Recording
 
@@ -70,14 +65,12 @@ def check(recording: Recording, seed: int = 0) -> Checked:
         return Checked(
             None, [], f"too early: {count} settled plateaus that can be compared, {FEWEST} are needed", count
         )
-    comparison = Comparison(Problem(swept))
-    base = find(comparison, ())
-    free = forces(comparison, base)
-    found = detect(comparison, base, signatures(comparison, base), free, np.random.default_rng(seed))
+    detected = detect_mismatch(swept, np.random.default_rng(seed))
+    found = detected.detection
     told = f"p = {found.p_value:.2g}{', extrapolated' if found.extrapolated else ''}"
     if found.p_value >= DIFFERS_P:
         return Checked(found.p_value, [], f"the model explains {count} plateaus ({told})", count, found.extrapolated)
-    places = locate(comparison, base, found, free)
+    places = locate(detected.comparison, detected.base, found, detected.free)
     where = places[0].sentence if places else "Where along the sweep, it cannot be told yet."
     sentence = f"the model does not explain {count} plateaus ({told}). {where}"
     return Checked(found.p_value, places, sentence, count, found.extrapolated)

@@ -20,6 +20,7 @@ from calibration.diagnosis.name import Candidate, log_prior
 
 SEGMENTS = 3  # of each run in time
 MOST_LEVELS = 6  # folds of plateaus
+SCHEME = "pressure levels and transient segments, selection repeated in each fold"
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class HeldOut:
     after: dict[str, float]
     gain: float
     gain_se: float
-    scheme: str = "pressure levels and transient segments, selection repeated in each fold"
+    scheme: str = SCHEME
     size: dict[str, float] = field(default_factory=dict)
 
 
@@ -72,7 +73,6 @@ def cross_validate(
     others = [c for c in found if not c.refused or not c.names]
     gains, same = [], 0
     errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
-    rows: list[np.ndarray] = []
     for held in blocks:
         scored = []
         for one in others:
@@ -86,12 +86,38 @@ def cross_validate(
         gains.append(density - density0)
         errors["before"].append(error0)
         errors["after"].append(error)
-        rows.append(np.flatnonzero(held))
-    index = np.concatenate(rows)
+    return summed_up(comparison, blocks, int(same), gains, errors)
+
+
+def summed_up(
+    comparison: Comparison,
+    folds: Sequence[np.ndarray],
+    same: int,
+    gains: Sequence[float],
+    errors: dict[str, list[np.ndarray]],
+    scheme: str = SCHEME,
+) -> HeldOut:
+    """What the folds say together.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    folds : sequence of ndarray of bool, shape (m,)
+        Readings held out in each.
+    same : int
+        Folds that chose what the whole recording does [-].
+    gains : sequence of float
+        In log predictive density, of each [-].
+    errors : dict
+        Of the readings held out in each, ``before`` and ``after`` [SI].
+    scheme : str
+        How they were held out.
+    """
+    index = np.concatenate([np.flatnonzero(held) for held in folds])
     rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
-    gain = np.array(gains)
-    se = float(np.std(gain, ddof=1) * math.sqrt(gain.size)) if gain.size > 1 else 0.0
-    return HeldOut(len(blocks), int(same), rmse["before"], rmse["after"], float(gain.sum()), se)
+    se = float(np.std(gains, ddof=1) * math.sqrt(len(gains))) if len(gains) > 1 else 0.0
+    return HeldOut(len(folds), same, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme)
 
 
 def folds_of(comparison: Comparison) -> list[np.ndarray]:

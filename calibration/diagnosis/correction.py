@@ -11,22 +11,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from scipy.special import logsumexp, softmax
 
 from calibration.diagnosis.balances import Balance, balances
-from calibration.diagnosis.confirm import HeldOut, by_channel, fit_on, folds_of, predict_held
+from calibration.diagnosis.confirm import HeldOut, fit_on, folds_of, predict_held, summed_up
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.straight import Straight, straight
+from calibration.diagnosis.straight import Straight, freed, straight
 
 KNOTS = 31  # places at which the curve is known; straight between them
 LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the kernel, in shares of the coordinate's span
 SIZES = (0.03, 0.1, 0.3)  # sd of a torque [N m], or of a flow as a share of the middle flow
 ROOT3 = math.sqrt(3.0)
-FREE = 20.0  # whitened size of what is free beside a process
 SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
 SCHEME = (
     "pressure levels and transient segments; the correction's coordinate, length and size weighed anew in each fold"
@@ -49,6 +47,8 @@ class Correction:
         Log evidence over no correction, lengths and sizes averaged over [-].
     column : ndarray, shape (m,)
         What its mean does to the readings [SI].
+    z, z_sd : ndarray, shape (n,)
+        The nuisances beside it, and their sd [-].
     """
 
     channel: str
@@ -60,6 +60,22 @@ class Correction:
     sd: np.ndarray
     gain: float
     column: np.ndarray
+    z: np.ndarray
+    z_sd: np.ndarray
+
+
+def nuisances_beside(found: Sequence[Correction]) -> tuple[np.ndarray, np.ndarray]:
+    """The nuisances and their sd when something is missing and nobody knows what [-], each shape (n,).
+
+    Parameters
+    ----------
+    found : sequence of Correction
+        Those of all coordinates; they are averaged over by their evidence.
+    """
+    weight = softmax([one.gain for one in found])
+    means, sds = np.array([one.z for one in found]), np.array([one.z_sd for one in found])
+    mean: np.ndarray = weight @ means
+    return mean, np.sqrt(np.maximum(weight @ (sds**2 + means**2) - mean**2, 0.0))
 
 
 def corrections(comparison: Comparison, mode: Mode, u: np.ndarray) -> list[Correction]:
@@ -109,10 +125,7 @@ def hold_out(comparison: Comparison, mode: Mode, u: np.ndarray) -> HeldOut | Non
         gains.append(density - density0)
         errors["before"].append(error0)
         errors["after"].append(error)
-    index = np.concatenate([np.flatnonzero(held) for held in folds])
-    rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
-    se = float(np.std(gains, ddof=1) * math.sqrt(len(gains))) if len(gains) > 1 else 0.0
-    return HeldOut(len(folds), int(same), rmse["before"], rmse["after"], float(np.sum(gains)), se, SCHEME)
+    return summed_up(comparison, folds, int(same), gains, errors, SCHEME)
 
 
 @dataclass(frozen=True)
@@ -192,8 +205,7 @@ def evidence(problem: Straight, process: Process, beside: np.ndarray | None = No
     """
     every = np.ones(problem.y.size, dtype=bool)
     if beside is not None:
-        free = beside * (FREE / np.maximum(np.linalg.norm(beside, axis=0), 1e-12))
-        problem = replace(problem, J=np.hstack([problem.J, free]))
+        problem = replace(problem, J=np.hstack([problem.J, freed(beside)]))
     return _Fitted(problem, process, every).gain
 
 
@@ -224,8 +236,8 @@ def _best(problem: Straight, listed: Sequence[Process], used: np.ndarray) -> _Fi
 def _smoothed(fitted: _Fitted) -> Correction:
     """The curve, averaged over lengths and sizes; its spread holds what these leave open."""
     one, k = fitted.process, fitted.problem.J.shape[1]
-    means = np.array([z[k:] for z, _, _ in fitted.fits])
-    variances = np.array([np.diag(covariance)[k:] for _, covariance, _ in fitted.fits])
+    means = np.array([z for z, _, _ in fitted.fits])
+    variances = np.array([np.diag(covariance) for _, covariance, _ in fitted.fits])
     mean = fitted.weights @ means
     sd = np.sqrt(np.maximum(fitted.weights @ (variances + means**2) - mean**2, 0.0))
     along = one.of.along
@@ -235,10 +247,12 @@ def _smoothed(fitted: _Fitted) -> Correction:
         along.name,
         along.unit,
         one.knots,
-        mean,
-        sd,
+        mean[k:],
+        sd[k:],
         fitted.gain,
-        one.hats @ mean,
+        one.hats @ mean[k:],
+        mean[:k],
+        sd[:k],
     )
 
 
@@ -265,8 +279,8 @@ def _of_balances(problem: Straight) -> list[Process]:
 
 def _between(knots: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Shares of the knots about each value, shape (n, k); none where there is no value."""
-    step = float(np.mean([high - low for low, high in pairwise(knots)]))
-    found: np.ndarray = np.maximum(0.0, 1.0 - np.abs(np.nan_to_num(x, nan=np.inf)[:, None] - knots) / step)
+    apart = np.abs(np.nan_to_num(x, nan=np.inf)[:, None] - knots) / (knots[1] - knots[0])
+    found: np.ndarray = np.maximum(0.0, 1.0 - apart)
     return found
 
 

@@ -7,12 +7,12 @@ add is simulated, kept as a function of the shaft's angle while the search goes 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis.function import Function
+from calibration.diagnosis.function import Function, Predicts
 from calibration.diagnosis.linear import BLUR, Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
@@ -25,14 +25,17 @@ HALVINGS = 8  # of an effect with which the motor stalls
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends,
 ROUGH = 1.0  # ... and below which it does while the pulses are left to chance
+HOPELESS = 50.0  # nats behind the best set after the rough stage: nothing is made up for that
 MOST_ROUNDS = 8  # times that the pulses are simulated anew
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 # Share of the swing of the pulses left to chance, nats that a round has to gain, and rounds that may gain less.
 STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
 TURNS = 0.3  # share of the speed read above which a level is taken to turn
 LOOSER, LOOSER_BY = 12, 0.25  # steps of the roller factor with which a level that stands is made to turn [-]
-EDGE = math.sqrt(3.0)  # half a pulse, in sds of the angle's prior: an angle one pulse on is the same angle
-ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # starting angles tried, beside the one that there is
+EDGE = math.sqrt(
+    3.0
+)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior: one on is the same angle
+ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that there is
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class _Point:
     D: np.ndarray
     predicted: Prediction
     stale: bool = True
+    reached: float = math.inf  # lowest cost in the stage, the pulses of the round's start kept
 
 
 def find(
@@ -52,6 +56,7 @@ def find(
     names: Sequence[str],
     *starts: Mode | None,
     first: dict[tuple[str, str], float] | None = None,
+    best: float = math.inf,
 ) -> Mode:
     """The most probable point of the base model with a set of effects.
 
@@ -66,6 +71,8 @@ def find(
         With runs in time the start that leads farthest in the first stage goes on.
     first : dict or None
         Starting values of effects' unknowns by (effect, parameter) [-].
+    best : float
+        Cost of another set. With runs in time a search that its rough stage leaves far behind ends there [-].
 
     Raises
     ------
@@ -81,7 +88,11 @@ def find(
         ends += [_trusting(f, comparison, *end, f) for end in ends if _some_bad(comparison, end)]
         ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
         return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
-    here = min((_stage(f, comparison, point, STAGES[0]) for point in begun), key=lambda point: point.cost)
+    rough = [_stage(f, comparison, point, STAGES[0]) for point in begun]
+    here = min(rough, key=lambda point: point.cost)
+    if min(point.reached for point in rough) > best + HOPELESS and math.isfinite(here.cost):
+        comparison.blur = BLUR
+        return close(comparison, names, here.z, here.u, here.D, f(here.z))
     for stage in STAGES[1:]:
         here = _stage(f, comparison, replace(here, predicted=f(here.z)), stage)
     comparison.blur = BLUR
@@ -139,10 +150,12 @@ def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float
     z, predicted = _turned(f, comparison, here.z, here.u, here.predicted)
     cost, u = _at(comparison, z, here.u, predicted, here.D)
     best, D, stale, worse = _Point(cost, z, u, here.D, predicted, here.stale), here.D, here.stale, 0
+    reached = cost
     for _ in range(MOST_ROUNDS):
         z = _within_a_pulse(f, z)
         of, before = f.near(z), z
-        z, u, D, _ = _descend(f, comparison, z, u, D, of(z), of, stale)
+        z, u, D, there = _descend(f, comparison, z, u, D, of(z), of, stale)
+        reached = min(reached, _cost(comparison, z, u, there))
         stale = _distance(comparison, D, predicted, u, z - before) > STALE
         predicted = f(z)
         cost, u = _at(comparison, z, u, predicted, D)
@@ -155,11 +168,11 @@ def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float
         elif patience:
             z = f.along_valley(best.z, f.clip(best.z + 0.5 * (z - best.z)), best.predicted, D)
             predicted = f(z)
-    return best
+    return replace(best, reached=reached)
 
 
 def _within_a_pulse(f: Function, z: np.ndarray) -> np.ndarray:
-    """The same point with each angle counted from the nearest pulse."""
+    """The same point with each angle counted from the nearest pulse, or from the nearest whole turn."""
     z = z.copy()
     for place in f.angles:
         z[place] = (z[place] + EDGE) % (2.0 * EDGE) - EDGE
@@ -173,9 +186,13 @@ def _at(
     if not np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
         return math.inf, u
     u = suiting_noise(comparison, predicted, u, D, False)
+    return _cost(comparison, z, u, predicted), u
+
+
+def _cost(comparison: Comparison, z: np.ndarray, u: np.ndarray, predicted: Prediction) -> float:
+    """The cost of a point with a noise."""
     white = comparison.whitener(predicted, u)
-    r = white(comparison.read - comparison.raw(predicted))
-    return minus_log_posterior(r, white.log_scale, z, u, comparison), u
+    return minus_log_posterior(white(comparison.read - comparison.raw(predicted)), white.log_scale, z, u, comparison)
 
 
 def _descend(
@@ -185,7 +202,7 @@ def _descend(
     u: np.ndarray,
     D: np.ndarray,
     predicted: Prediction,
-    of: Callable[[np.ndarray], Prediction],
+    of: Predicts,
     fresh: bool = True,
     correlated: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
@@ -241,7 +258,7 @@ def _trusting(
     u: np.ndarray,
     D: np.ndarray,
     predicted: Prediction,
-    of: Callable[[np.ndarray], Prediction],
+    of: Predicts,
 ) -> End:
     """A search that takes no reading for bad, and from its end one that may.
 
@@ -280,11 +297,10 @@ def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) ->
 def _turned(
     f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction
 ) -> tuple[np.ndarray, Prediction]:
-    """A point with the angle at which each coast-down begins at the best of a few [-], and the prediction there."""
+    """A point with each of its angles at the best of a few [-], and the prediction there."""
     for place, run in f.angles.items():
         white = comparison.whitener(here, u)
-        r = white(comparison.read - comparison.raw(here))
-        best, start = minus_log_posterior(r, white.log_scale, z, u, comparison), float(z[place])
+        best, start = _cost(comparison, z, u, here), float(z[place])
         for move in ALL_ROUND:
             tried = z.copy()
             tried[place] = (start + move + EDGE) % (2.0 * EDGE) - EDGE
@@ -298,7 +314,7 @@ def _turned(
 
 def _step(
     f: Function,
-    of: Callable[[np.ndarray], Prediction],
+    of: Predicts,
     comparison: Comparison,
     z: np.ndarray,
     u: np.ndarray,
@@ -308,18 +324,14 @@ def _step(
     D: np.ndarray,
 ) -> tuple[np.ndarray, Prediction]:
     """The largest share of a step that lowers the cost, and the prediction there; where there is none, no step."""
-
-    def cost(at_z: np.ndarray, there: Prediction) -> float:
-        white = comparison.whitener(there, u)
-        return minus_log_posterior(white(comparison.read - comparison.raw(there)), white.log_scale, at_z, u, comparison)
-
-    before = cost(z, predicted)
+    before = _cost(comparison, z, u, predicted)
     whole = _bounded(A, downhill, f.low - z, f.high - z)
     for share in SHARES:
         move = share * whole
         move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
         tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
         found = of(tried)
-        if np.all(np.isfinite(comparison.raw(found)[comparison.known])) and cost(tried, found) <= before + 1e-6:
+        known = comparison.raw(found)[comparison.known]
+        if np.all(np.isfinite(known)) and _cost(comparison, tried, u, found) <= before + 1e-6:
             return tried, found
     return z, predicted

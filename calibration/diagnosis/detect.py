@@ -16,10 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc, log_ndtr
 
+from calibration.diagnosis.forces import Force
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.noise import SCALES, SPREAD
-from calibration.diagnosis.signatures import Force, Signature, project
+from calibration.diagnosis.signatures import Signature, project
+from calibration.diagnosis.straight import FREE
 
 DRAWS = 200
 TAIL = 0.15  # share of the draws that the exponential tail is fitted to
@@ -114,7 +116,7 @@ class _Test:
         F = np.column_stack(self.free) if free else np.zeros((good.size, 0))
         white = comparison.whitener(mode.prediction, mode.u)
         size = np.maximum(np.linalg.norm(white(F), axis=0), 1e-12)
-        self.all = np.column_stack([mode.D, self.S, F * (20.0 / size)])
+        self.all = np.column_stack([mode.D, self.S, F * (FREE / size)])
         keep = np.any(self.all != 0.0, axis=0)
         self.all = self.all[:, keep]
         # Correlations as the base model has them: beside the forces they would be anyone's guess.
@@ -162,13 +164,22 @@ class _Test:
             value, vector = np.linalg.eigh(P)
             use = value > 1e-6 * max(value[-1], 1e-12)
             Q = float(np.sum((vector[:, use].T @ b) ** 2 / value[use]))
-            force_log_p.append(_log_tail(Q, int(use.sum())))
+            force_log_p.append(log_tail(Q, int(use.sum())))
             force_scores.append(b / np.sqrt(np.maximum(np.diag(P), 1e-12)))
         log_p += force_log_p
         return Detection(1.0, False, -min(log_p), u, scores, np.array(force_log_p), force_scores)
 
 
-def _log_tail(Q: float, k: int) -> float:
+def log_tail(Q: float, k: int) -> float:
+    """Natural logarithm of how often k squares of standard normal numbers add up to more.
+
+    Parameters
+    ----------
+    Q : float
+        The sum [-].
+    k : int
+        How many; none add up to nothing [-].
+    """
     tail = float(chdtrc(k, Q)) if k else 1.0
     return math.log(tail) if tail > 0.0 else -0.5 * Q
 

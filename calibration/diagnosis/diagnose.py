@@ -11,27 +11,30 @@ from scipy.stats import norm
 
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.confirm import HeldOut, cross_validate
-from calibration.diagnosis.correction import Correction, corrections
+from calibration.diagnosis.correction import Correction, corrections, nuisances_beside
 from calibration.diagnosis.correction import hold_out as hold_out_smooth
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.discover import Term, discover
-from calibration.diagnosis.forces import forces
+from calibration.diagnosis.forces import Force, forces
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate, rows_as_places
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.name import Candidate, evidence_p, search, singles_of, weigh
+from calibration.diagnosis.name import Candidate, evidence_p
 from calibration.diagnosis.next_test import NextTest, propose
 from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.signatures import Force, Signature, signatures
+from calibration.diagnosis.search import Search
+from calibration.diagnosis.side_by_side import SideBySide
+from calibration.diagnosis.signatures import Signature, signatures
 from calibration.diagnosis.unseen import predict_unseen
-from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict, judge
+from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, SHARE, Verdict, judge
 from calibration.step_clock import StepClock, Tell
 from model.effects import effects
 from rig.recording import Recording, read_recording
 
 TESTED = 3  # most sets whose residual is tested
-RESIDUAL_DRAWS = 100
+RESIDUAL_DRAWS, MORE_DRAWS = 100, 400
+NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
 TESTS = 2.0  # looks at a recording with runs in time: the straight test, and the refits
 BAD_ROW = 0.99  # probability beyond which a reading is named as bad
@@ -69,6 +72,8 @@ class Diagnosis:
         Time of each step [s].
     correction : Correction or None
         A smooth torque or flow that stands for what no set explains.
+    beside : tuple of ndarray or None
+        The nuisances and their sd beside such a correction, whichever it is [-].
     """
 
     comparison: Comparison
@@ -84,6 +89,7 @@ class Diagnosis:
     bad_rows: list[tuple[str, int, str, float]] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     correction: Correction | None = None
+    beside: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -132,7 +138,11 @@ def detect_mismatch(recording: Recording, rng: np.random.Generator, tell: Tell =
 
 
 def diagnose(
-    recording: Recording, seed: int = 0, tell: Tell = lambda _: None, hold_out: Recording | None = None
+    recording: Recording,
+    seed: int = 0,
+    tell: Tell = lambda _: None,
+    hold_out: Recording | None = None,
+    workers: int = 1,
 ) -> Diagnosis:
     """Diagnose a recording.
 
@@ -146,32 +156,52 @@ def diagnose(
         Told the step that begins.
     hold_out : Recording or None
         A run that nothing here has seen, to be predicted once a set is named.
+    workers : int
+        Processes that refit sets side by side, of a recording with runs in time; the result is the same [-].
     """
-    rng = np.random.default_rng(seed)
-    clock = StepClock(tell)
+    in_time = any(file.kind == "transient" for file in recording.files)
+    with SideBySide(workers if in_time else 1) as side_by_side:
+        return _diagnose(recording, np.random.default_rng(seed), StepClock(tell), hold_out, side_by_side)
+
+
+def _diagnose(
+    recording: Recording,
+    rng: np.random.Generator,
+    clock: StepClock,
+    hold_out: Recording | None,
+    side_by_side: SideBySide,
+) -> Diagnosis:
     first = detect_mismatch(recording, rng, clock)
     comparison, base, found, free = first.comparison, first.base, first.found, first.free
     detection = first.detection
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
-    held_out, term, correction, tests, singles = None, None, None, [], None
+    held_out, term, correction, beside, tests = None, None, None, None, []
+    search = Search(comparison, base, side_by_side, clock.tell)
     if detection.p_value >= MISMATCH_P:
         # What is too small to be seen may still be there, and f_overall with it would be another.
         clock("look farther")
-        singles = singles_of(comparison, base, found, detection.u, tell, FARTHER)
-        base = singles[()]
-        candidates = weigh(comparison, singles)
+        search.singles(found, detection.u, FARTHER)
+        base = search.modes[()]
+        candidates = search.weighed()
         # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
-        far = min(1.0, TESTS * evidence_p(comparison, singles)) if comparison.problem.blocks.runs else 1.0
+        far = min(1.0, TESTS * evidence_p(comparison, search.modes)) if comparison.problem.blocks.runs else 1.0
         if far < MISMATCH_P:
             detection = replace(detection, p_value=far, extrapolated=True)
             residual_p[()] = far
     if detection.p_value < MISMATCH_P:
         clock("name")
-        candidates = search(comparison, base, found, detection.u, tell, modes=singles)
-        for one in [c for c in candidates if c.names and not c.refused][:TESTED]:
-            clock(f"test what is left of {' and '.join(one.names)}")
-            residual_p[one.names] = _residual(comparison, one.mode, rng)
+        if len(search.modes) == 1:
+            search.singles(found, detection.u)
+        _test_residuals(comparison, _namable(search)[:1], residual_p, rng, side_by_side)
+        search.pairs(closed=any(residual_p[names] >= RESIDUAL_P for names in residual_p if names))
+        candidates = search.weighed()
+        clock("test what is left")
+        ranked = _namable(search)[:TESTED]
+        _test_residuals(comparison, ranked[:1], residual_p, rng, side_by_side)
+        if ranked and residual_p[ranked[0].names] >= RESIDUAL_P:
+            ranked = [one for one in ranked if one.probability > SHARE * ranked[0].probability]
+        _test_residuals(comparison, ranked, residual_p, rng, side_by_side)
         clock("confirm")
         best = next((c for c in candidates if residual_p.get(c.names, 0.0) >= RESIDUAL_P and c.names), None)
         if best is not None:
@@ -200,7 +230,7 @@ def diagnose(
     if verdict.kind == "unresolved":
         clock("look for a law")
         smooth = corrections(comparison, base, detection.u)
-        correction = smooth[0] if smooth else None
+        correction, beside = (smooth[0], nuisances_beside(smooth)) if smooth else (None, None)
         term = discover(comparison, base, detection.u, rng, correction.balance) if correction else None
         held_out = hold_out_smooth(comparison, base, detection.u)
     if verdict.kind in ("confounded", "unresolved"):
@@ -221,6 +251,7 @@ def diagnose(
         bad,
         clock.seconds,
         correction,
+        beside,
     )
 
 
@@ -243,9 +274,31 @@ def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
     return cross_validate(comparison, known, names, choose=False).gain
 
 
-def _residual(comparison: Comparison, mode: Mode, rng: np.random.Generator) -> float:
+def _namable(search: Search) -> list[Candidate]:
+    return [one for one in search.weighed() if one.names and not one.refused]
+
+
+def _test_residuals(
+    comparison: Comparison,
+    sets: Sequence[Candidate],
+    residual_p: dict[tuple[str, ...], float],
+    rng: np.random.Generator,
+    side_by_side: SideBySide,
+) -> None:
+    """Test what sets leave that were not tested before."""
+    untested = [one for one in sets if one.names not in residual_p]
+    seeds = [int(seed) for seed in rng.integers(2**62, size=len(untested))]
+    found = side_by_side(_residual, [(comparison, one.mode, seed) for one, seed in zip(untested, seeds, strict=True)])
+    residual_p.update({one.names: p for one, p in zip(untested, found, strict=True)})
+
+
+def _residual(comparison: Comparison, mode: Mode, seed: int) -> float:
     found, free = signatures(comparison, mode), forces(comparison, mode)
-    return detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS).p_value
+    rng = np.random.default_rng(seed)
+    p = detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS).p_value
+    if RESIDUAL_P / NEAR < p < RESIDUAL_P * NEAR:  # a tail of so few draws is too rough to decide it
+        p = detect(comparison, mode, found, free, rng, MORE_DRAWS).p_value
+    return p
 
 
 def _rivals(candidates: list[Candidate], verdict: Verdict[Candidate]) -> list[Candidate]:

@@ -63,7 +63,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         },
         "improvement": {"held_out": held_out_as_json(found.held_out)},
         "f_overall_before": _friction(found, [Candidate((), found.base, 0.0, 1.0, "")]),
-        "f_overall_after": _friction(found, _weighed(found)),
+        "f_overall_after": _friction(found, [] if found.beside is not None else _weighed(found)),
         "next_tests": next_tests_as_json(found.next_tests),
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
@@ -133,7 +133,7 @@ def _weighed(found: Diagnosis) -> list[Candidate]:
 
 
 def _friction(found: Diagnosis, weighed: Sequence[Candidate]) -> dict[str, float] | None:
-    """f_overall averaged over sets [N m s]."""
+    """f_overall averaged over sets, or beside a smooth correction where none are given [N m s]."""
     nuisances = found.comparison.problem.nuisances
     place = next((i for i, u in enumerate(nuisances) if u.name == "f_overall"), None)
     if place is None:
@@ -141,10 +141,11 @@ def _friction(found: Diagnosis, weighed: Sequence[Candidate]) -> dict[str, float
     rng = np.random.default_rng(0)
     total = sum(c.probability for c in weighed) or 1.0
     draws = []
-    for c in weighed:
-        n = max(1, round(4000 * c.probability / total))
-        z = c.mode.z[place] + math.sqrt(c.mode.covariance[place, place]) * rng.standard_normal(n)
-        draws.append(nuisances[place].value(z))
+    spread = [(c.mode.z[place], math.sqrt(c.mode.covariance[place, place]), c.probability / total) for c in weighed]
+    if not weighed and found.beside is not None:
+        spread = [(found.beside[0][place], found.beside[1][place], 1.0)]
+    for z, sd, share in spread:
+        draws.append(nuisances[place].value(z + sd * rng.standard_normal(max(1, round(4000 * share)))))
     x = np.concatenate(draws)
     if found.comparison.problem.blocks.runs:
         x = x * (1.0 + SOLVERS_DIFFER * rng.standard_normal(x.size))

@@ -2,22 +2,47 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from calibration.diagnosis.linear import RUN, Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.signatures import Force, answer
+from calibration.diagnosis.signatures import answer
 from model import layout as at
 from model.effects import effects
 
 HATS = 7  # pieces of a force along speed
 
 
-def forces(comparison: Comparison, mode: Mode, torque: np.ndarray | None = None) -> list[Force]:
+@dataclass(frozen=True)
+class Force:
+    """A free-form force or error along one coordinate.
+
+    Attributes
+    ----------
+    channel, balance, coordinate, unit : str
+        As in diagnosis/1.
+    columns : ndarray, shape (m, k)
+        Change of the readings per unit of each piece [SI].
+    places : ndarray, shape (k, 2)
+        Where each piece acts [own unit].
+    file : str
+        Of the run in time, where it is of one run alone.
+    """
+
+    channel: str
+    balance: str
+    coordinate: str
+    unit: str
+    columns: np.ndarray
+    places: np.ndarray
+    file: str = ""
+
+
+def forces(comparison: Comparison, mode: Mode) -> list[Force]:
     """Free-form forces: a torque along speed and time, a flow along speed and time, and the difference of directions.
 
     Parameters
@@ -26,37 +51,32 @@ def forces(comparison: Comparison, mode: Mode, torque: np.ndarray | None = None)
         The recording.
     mode : Mode
         The point.
-    torque : ndarray, shape (m,) or None
-        Change of the readings per N m of a constant torque [SI]; simulated when left out.
     """
-    if torque is None:
-        torque = torque_column(comparison, mode)
+    torque = torque_column(comparison, mode)
     problem, plateaus = comparison.problem, comparison.problem.blocks.plateaus
     omega, time, up = mode.prediction.speed, plateaus.time, plateaus.up
     n = comparison.n
     found = []
     top = float(np.nanmax([*omega, *(np.nanmax(run) for run in mode.prediction.runs)])) if n else 40.0
     edges = np.linspace(0.0, top, HATS + 1)
-    inside = [lambda w, lo=lo, hi=hi: hat(w, lo, hi) for lo, hi in itertools.pairwise(edges)]
-    columns = np.column_stack([force_column(comparison, mode, torque, piece) for piece in inside])
-    found.append(Force("speed", "torque", "speed", "rad/s", columns, np.column_stack([edges[:-1], edges[1:]])))
-    flowing = np.zeros((comparison.read.size, HATS))
-    flowing[:n] = np.column_stack([piece(omega) for piece in inside]) * float(np.nanmedian(np.abs(plateaus.flow)))
-    kept = np.abs(flowing).sum(axis=0) > 0
+    speeds = [mode.prediction.runs[i][used] for i, used in enumerate(comparison.used)]
+    columns = TorqueAnswer(comparison, torque)(hats(np.nan_to_num(omega), edges), [hats(w, edges) for w in speeds])
+    found.append(Force("speed", "torque", "speed", "rad/s", columns, spans(edges)))
     if np.isfinite(plateaus.flow).any():
-        places = np.column_stack([edges[:-1], edges[1:]])
-        found.append(Force("flow", "mass", "speed", "rad/s", flowing[:, kept], places[kept]))
+        flowing = np.zeros((comparison.read.size, HATS))
+        flowing[:n] = hats(omega, edges) * float(np.nanmedian(np.abs(plateaus.flow)))
+        kept = np.abs(flowing).sum(axis=0) > 0
+        found.append(Force("flow", "mass", "speed", "rad/s", flowing[:, kept], spans(edges)[kept]))
     span = np.ptp(time) if n else 0.0
     if n >= 8 and span > 0.0:
         parts = np.linspace(time.min(), time.max() + 1e-9, 5)
-        pieces = np.column_stack([hat(time, lo, hi) for lo, hi in itertools.pairwise(parts)])
-        places = np.column_stack([parts[:-1], parts[1:]])
+        pieces = hats(time, parts)
         for channel, balance, rows in (("speed", "torque", slice(0, 2 * n)), ("flow", "mass", slice(0, n))):
             per = torque if channel == "speed" else np.full(comparison.read.size, np.nanmedian(np.abs(plateaus.flow)))
             columns = np.zeros((comparison.read.size, 4))
             count = (rows.stop - rows.start) // n
             columns[rows] = np.tile(pieces, (count, 1)) * per[rows, None]
-            found.append(Force(channel, balance, "time", "s", columns, places))
+            found.append(Force(channel, balance, "time", "s", columns, spans(parts)))
         if np.any(up > 0) and np.any(up < 0):
             columns = np.zeros((comparison.read.size, 1))
             columns[: 2 * n, 0] = np.tile(up, 2) * torque[: 2 * n]
@@ -66,10 +86,8 @@ def forces(comparison: Comparison, mode: Mode, torque: np.ndarray | None = None)
         clock = run.time[comparison.index[mine]]
         parts = np.linspace(clock.min(), clock.max() + 1e-9, 5)
         columns = np.zeros((comparison.read.size, 4))
-        for j, (lo, hi) in enumerate(itertools.pairwise(parts)):
-            columns[mine, j] = hat(clock, lo, hi)
-        places = np.column_stack([parts[:-1], parts[1:]])
-        found.append(Force("speed", "torque", "phase", "s", columns, places, run.file))
+        columns[mine] = hats(clock, parts)
+        found.append(Force("speed", "torque", "phase", "s", columns, spans(parts), run.file))
     return found
 
 
@@ -89,26 +107,6 @@ def torque_column(comparison: Comparison, mode: Mode) -> np.ndarray:
         place = [name for name, _ in comparison.problem.effect_unknowns(mode.names)].index(dry.id)
         return mode.D[:, k + place] / dry.amplitude.scale
     return answer(comparison, mode, dry, dry.amplitude.name)[0] / dry.amplitude.scale
-
-
-def force_column(comparison: Comparison, mode: Mode, torque: np.ndarray, law: object) -> np.ndarray:
-    """Change of the readings by a torque that is a function of speed, of first order [SI], shape (m,).
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
-    torque : ndarray, shape (m,)
-        Of `torque_column`.
-    law : callable
-        Torque [N m] of speed [rad/s].
-    """
-    speeds = [mode.prediction.runs[i][used] for i, used in enumerate(comparison.used)]
-    each = [law(speed)[:, None] for speed in (np.nan_to_num(mode.prediction.speed), *speeds)]  # type: ignore[operator]
-    found: np.ndarray = TorqueAnswer(comparison, torque)(each[0], each[1:])[:, 0]
-    return found
 
 
 class TorqueAnswer:
@@ -171,15 +169,27 @@ def _follow(force: np.ndarray, time: np.ndarray, J: float, rate: float, first: n
     return out
 
 
-def hat(x: np.ndarray, lo: float, hi: float) -> np.ndarray:
-    """A smooth piece: 1 in the middle of a span, 0 one span away [-].
+def hats(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Smooth pieces, each 1 in the middle of its span and 0 one span away [-], shape (n, k).
 
     Parameters
     ----------
-    x : ndarray
+    x : ndarray, shape (n,)
         Where [own unit].
-    lo, hi : float
-        Ends of the span [own unit].
+    edges : ndarray, shape (k + 1,)
+        Of the spans [own unit].
     """
-    found: np.ndarray = np.maximum(0.0, 1.0 - np.abs(x - 0.5 * (lo + hi)) / (hi - lo))
+    middle, width = 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)
+    found: np.ndarray = np.maximum(0.0, 1.0 - np.abs(x[:, None] - middle) / width)
     return found
+
+
+def spans(edges: np.ndarray) -> np.ndarray:
+    """Where the pieces of `hats` act [own unit], shape (k, 2).
+
+    Parameters
+    ----------
+    edges : ndarray, shape (k + 1,)
+        Of the spans [own unit].
+    """
+    return np.column_stack([edges[:-1], edges[1:]])

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 
+from calibration.diagnosis.in_time import follows_angle
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.problem import SI_OF, Prediction
 from model.effects import effects
+from model.effects.neighbourhood import Neighbourhood
 
 STEP = 0.02  # of a standard normal unknown, for derivatives; at most
 NEAR = 1.0  # whitened size of the change that it makes
-FAR = 20.0  # ... where pulses are simulated: over more than one, whose phase says nothing yet
 LEAST_STEP = 1e-5
 LEAST_FACTOR = 0.25  # a quantity that cannot be negative falls to no less than this share of itself in a step
+
+
+class Predicts(Protocol):
+    """Predictions of a point; with ``around``, of one so close to it that plateaus to first order will do."""
+
+    def __call__(self, z: np.ndarray, *, around: Neighbourhood | None = None) -> Prediction: ...
 
 
 class Function:
@@ -33,7 +41,8 @@ class Function:
     low, high : ndarray, shape (m,)
         Bounds of each unknown [-].
     angles : dict
-        Places of the angles at which coast-downs begin, and the runs that they belong to [-].
+        Places of the angles at which coast-downs begin, and of those by which the shaft is turned on where an effect
+        follows it, and the runs that they belong to [-].
     log_step : ndarray, shape (m,)
         Change of an unknown's logarithm per unit of z; 0 where it is not log-normal [-].
     """
@@ -50,9 +59,11 @@ class Function:
             self.high[self.k + i] = one.z(parameter.high)
         everything = [*self.problem.nuisances, *(one for _, one in unknown)]
         names = [nuisance.name for nuisance in self.problem.nuisances]
-        self.angles = {
-            names.index(f"{run.file}.angle"): i for i, run in enumerate(self.problem.blocks.runs) if not run.from_rest
-        }
+        runs = self.problem.blocks.runs
+        self.angles = {names.index(f"{run.file}.angle"): i for i, run in enumerate(runs) if not run.from_rest}
+        self._follows = follows_angle(self.names)
+        if self._follows:
+            self.angles |= {names.index(f"{run.file}.turn"): i for i, run in enumerate(runs) if i > 0}
         self.log_step = np.array([math.log(one.b) if one.kind == "lognormal" else 0.0 for one in everything])
 
     def clip(self, z: np.ndarray) -> np.ndarray:
@@ -76,6 +87,19 @@ class Function:
         found: np.ndarray = z + move
         for i in np.flatnonzero(self.log_step):
             found[i] = z[i] + math.log(max(1.0 + move[i] * self.log_step[i], LEAST_FACTOR)) / self.log_step[i]
+        return found
+
+    def straight(self, z: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """The step in the quantities themselves that leads from one point to another: the inverse of `advance` [-].
+
+        Parameters
+        ----------
+        z, moved : ndarray, shape (m,)
+            Where from, and where to [-].
+        """
+        found: np.ndarray = moved - z
+        curved = self.log_step != 0.0
+        found[curved] = np.expm1(found[curved] * self.log_step[curved]) / self.log_step[curved]
         return found
 
     def along_valley(self, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray) -> np.ndarray:
@@ -104,7 +128,7 @@ class Function:
         g = np.where(known, D[speeds, f], 0.0)
         if not np.any(g):
             return tried
-        expected = (here.speed + D[speeds] @ (tried - z))[known]
+        expected = (here.speed + D[speeds] @ self.straight(z, tried))[known]
         found = tried.copy()
         for _ in range(2):
             missing = expected - self(found, here, ()).speed[known]
@@ -114,18 +138,16 @@ class Function:
             found[J] = float(inertia.z(float(inertia.value(found[J])) * share))
         return self.clip(found) if np.all(np.isfinite(found)) else tried
 
-    def __call__(self, z: np.ndarray, like: Prediction | None = None, runs: Sequence[int] | None = None) -> Prediction:
-        return self.problem.predict(z[: self.k], self.problem.chosen(self.names, z[self.k :]), like, runs)
-
-    def with_pulses(self, z: np.ndarray) -> np.ndarray:
-        """Predictions as a vector [SI], shape (n,).
-
-        Parameters
-        ----------
-        z : ndarray, shape (m,)
-            A point [-].
-        """
-        return self.comparison.raw(self(z))
+    def __call__(
+        self,
+        z: np.ndarray,
+        like: Prediction | None = None,
+        runs: Sequence[int] | None = None,
+        *,
+        around: Neighbourhood | None = None,
+    ) -> Prediction:
+        chosen = self.problem.chosen(self.names, z[self.k :])
+        return self.problem.predict(z[: self.k], chosen, like, runs, around=around)
 
     def smooth(self, z: np.ndarray) -> np.ndarray:
         """Predictions with the runs in time by the mean torque, as a vector [SI], shape (n,).
@@ -141,7 +163,7 @@ class Function:
         chosen = self.problem.chosen(self.names, z[self.k :])
         return self.comparison.raw(self.problem.predict(z[: self.k], chosen, smooth=True))
 
-    def near(self, there: np.ndarray) -> Callable[[np.ndarray], Prediction]:
+    def near(self, there: np.ndarray) -> Predicts:
         """Predictions about a point: the mean torque's, and what the pulses add there, at the angle that is reached.
 
         Parameters
@@ -151,16 +173,14 @@ class Function:
         """
         added = self.problem.pulses(there[: self.k], self.problem.chosen(self.names, there[self.k :]))
 
-        def predict(z: np.ndarray) -> Prediction:
+        def predict(z: np.ndarray, *, around: Neighbourhood | None = None) -> Prediction:
             chosen = self.problem.chosen(self.names, z[self.k :])
-            return self.problem.predict(z[: self.k], chosen, pulses=added)
+            return self.problem.predict(z[: self.k], chosen, pulses=added, around=around)
 
         return predict
 
-    def derivatives(
-        self, z: np.ndarray, here: Prediction, D: np.ndarray, u: np.ndarray, of: Callable[[np.ndarray], Prediction]
-    ) -> np.ndarray:
-        """Forward differences of the predictions [SI].
+    def derivatives(self, z: np.ndarray, here: Prediction, D: np.ndarray, u: np.ndarray, of: Predicts) -> np.ndarray:
+        """Forward differences of the predictions [SI], the plateaus' from what is known of them close to the point.
 
         Parameters
         ----------
@@ -177,23 +197,21 @@ class Function:
             angle have their pulses simulated in any case.
         """
         raw, white = self.comparison.raw(here), self.comparison.whitener(here, u)
-        members = [effects()[name] for name, _ in self.problem.effect_unknowns(self.names)]
-        whole = self.with_pulses(z) if any(effect.periodic for effect in members) else raw
+        around = self.problem.neighbourhood(z[: self.k], self.problem.chosen(self.names, z[self.k :]), here)
 
         def column(i: int) -> np.ndarray:
             name = self.problem.nuisances[i].name if i < self.k else ""
             if name.startswith(("flow_", "speed_")):
                 return self._instrument(i, name, raw, z)
-            far, start = NEAR, raw
-            differentiated = lambda moved: self.comparison.raw(of(moved))  # noqa: E731
-            if i >= self.k and members[i - self.k].periodic:
-                differentiated, start, far = self.with_pulses, whole, FAR
+            if name.endswith(".turn") and not self._follows:
+                return np.zeros_like(raw)
+            differentiated = lambda moved: self.comparison.raw(of(moved, around=around))  # noqa: E731
             size = float(np.linalg.norm(white(D[:, i])))
-            step = STEP if size == 0.0 else min(STEP, max(far / size, LEAST_STEP))
-            found = self._difference(z, i, differentiated, start, step)
+            step = STEP if size == 0.0 else min(STEP, max(NEAR / size, LEAST_STEP))
+            found = self._difference(z, i, differentiated, raw, step)
             size = float(np.linalg.norm(white(np.nan_to_num(found))))
-            if step * size > 3.0 * far:
-                found = self._difference(z, i, differentiated, start, max(far / size, LEAST_STEP))
+            if step * size > 3.0 * NEAR:
+                found = self._difference(z, i, differentiated, raw, max(NEAR / size, LEAST_STEP))
             return found
 
         return np.nan_to_num(np.column_stack([column(i) for i in range(z.size)]))

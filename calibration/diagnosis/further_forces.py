@@ -6,16 +6,13 @@ has begun already; their p-values pay for their number.
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from calibration.diagnosis.balances import Balance
 from calibration.diagnosis.coordinates import coordinates, same_coordinates, samples_a_turn
-from calibration.diagnosis.forces import TorqueAnswer, hat, torque_column
+from calibration.diagnosis.forces import Force, TorqueAnswer, hats, spans, torque_column
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.signatures import Force
 from calibration.diagnosis.terms import A_PERIOD, HARMONICS, harmonics
 
 PIECES = 5  # of a force along pressure, or of an instrument's range
@@ -51,12 +48,8 @@ def force_along(one: Balance) -> Force:
     low, top = float(np.nanmin(one.values)), float(np.nanmax(one.values))
     edges = np.linspace(low, top + 1e-9 * (top - low), PIECES + 1)
 
-    def pieces(x: np.ndarray) -> np.ndarray:
-        return np.column_stack([hat(np.nan_to_num(x, nan=-np.inf), lo, hi) for lo, hi in itertools.pairwise(edges)])
-
-    places = np.column_stack([edges[:-1], edges[1:]])
-    columns = one.columns(pieces) * one.scale
-    return Force(one.channel, one.balance, one.along.name, one.along.unit, columns, places)
+    columns = one.columns(lambda x: hats(np.nan_to_num(x, nan=-np.inf), edges)) * one.scale
+    return Force(one.channel, one.balance, one.along.name, one.along.unit, columns, spans(edges))
 
 
 def unseen(comparison: Comparison, mode: Mode) -> list[str]:

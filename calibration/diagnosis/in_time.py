@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from model.effects import averaged, effects
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.motor import Motor
-from model.transient import OMEGA, Supply, rest_state
+from model.transient import OMEGA, THETA, Supply, rest_state
 
 STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
 LEAD_STEP_S = 0.02  # between the samples of the steady part ahead of a run
@@ -31,6 +31,17 @@ LEAST_TURN = 1e-9  # rad from sample to sample, so that the angle is never twice
 SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
 
 Chosen = Mapping[str, Mapping[str, float]]
+
+
+def follows_angle(names: Iterable[str]) -> bool:
+    """Whether an effect follows the shaft's angle.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Effect ids.
+    """
+    return any(effects()[name].periodic for name in names)
 
 
 @dataclass(frozen=True)
@@ -82,7 +93,7 @@ class Plan:
         if finer > 1:
             count = (time.size - 1) * finer + 1
             time = np.interp(np.arange(count) / finer, np.arange(time.size), time)
-        stride = 1 if self.follows_angle else STRIDE * finer
+        stride = 1 if follows_angle(self.chosen) else STRIDE * finer
         return effect_transient.simulate(
             self.parameters, self.readings, self.supply, time, self.start, self.chosen, self.clock, stride
         )
@@ -90,7 +101,14 @@ class Plan:
     def mean_speed(self) -> np.ndarray:
         """Mean speeds since the sample before, by the mean torque alone [rad/s], shape (k,)."""
         return averaged.speeds(
-            self.parameters, self.readings, self.supply, self.time, float(self.start[OMEGA]), self.chosen, self.clock
+            self.parameters,
+            self.readings,
+            self.supply,
+            self.time,
+            float(self.start[OMEGA]),
+            self.chosen,
+            self.clock,
+            float(self.start[THETA]),
         )
 
     def read(self, mean: np.ndarray, whole: bool = False) -> np.ndarray:
@@ -105,11 +123,6 @@ class Plan:
         """
         found = effect_transient.read_with_lag(mean, self.time, self.chosen)
         return found if whole else found[-self.wanted :]
-
-    @property
-    def follows_angle(self) -> bool:
-        """Whether an effect follows the shaft's angle."""
-        return any(effects()[name].periodic for name in self.chosen)
 
     def angle_of(self, mean: np.ndarray) -> np.ndarray:
         """The shaft's angle at the samples [rad], shape (k,), counted so that it is the plan's where that is set.
@@ -208,7 +221,9 @@ def plan(
         # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
         set_at = supply[1].start_s if len(supply) > 1 else float(run.time[0])
         ahead = set_at - supply[0].start_s
-        start = rest_state(motor, (angle - speed * ahead) % at.PULSE)
+        begins = angle - speed * ahead
+        # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
+        start = rest_state(motor, begins if follows_angle(chosen) else begins % at.PULSE)
         start[OMEGA] = speed
         before = np.arange(supply[0].start_s, run.time[0] - 0.5 * step, LEAD_STEP_S)
         time = np.concatenate([before[before < run.time[0] - step - 1e-9], [run.time[0] - step], run.time])

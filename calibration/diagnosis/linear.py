@@ -142,7 +142,7 @@ class Comparison:
         u: np.ndarray,
         weight: np.ndarray,
         columns: np.ndarray | None = None,
-        free: slice = slice(None),
+        correlated: bool = True,
     ) -> tuple[np.ndarray, np.ndarray]:
         """One scoring step of the noise for given differences, and the information that there is of it [-].
 
@@ -158,8 +158,8 @@ class Comparison:
             Of each entry, below 1 where a reading is bad [-].
         columns : ndarray, shape (m, k) or None
             Derivatives that the prediction was fitted with [SI].
-        free : slice
-            Places of u that are stepped.
+        correlated : bool
+            Whether the correlations are stepped too.
 
         Returns
         -------
@@ -168,7 +168,7 @@ class Comparison:
         information : ndarray, shape (5, 5)
             With the prior's [-].
         """
-        return self.noise.step_of(difference, u, _slopes(predicted), self.angle_sd, weight, columns, free)
+        return self.noise.step_of(difference, u, _slopes(predicted), self.angle_sd, weight, columns, correlated)
 
 
 def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:

@@ -14,21 +14,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 from scipy.stats import norm
 
 from calibration.diagnosis.coordinates import same_coordinates
 from calibration.diagnosis.correction import Process, evidence, processes, stands_out
-from calibration.diagnosis.detect import Detection
+from calibration.diagnosis.detect import Detection, log_tail
+from calibration.diagnosis.forces import Force
 from calibration.diagnosis.further_forces import angle_force, force_along
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.signatures import Force, project
-from calibration.diagnosis.straight import Straight, straight
+from calibration.diagnosis.signatures import project
+from calibration.diagnosis.straight import Straight, freed, straight
 
 FOUND_P = 0.01  # after the number of forces tested is priced
 STANDS_OUT = 0.5  # share of the largest score that a piece needs to belong to the place
-WIDE = 20.0  # whitened size of a force that is given free rein beside another
 LEAST_LOG_P = -690.0
 DECIDES = 5.0  # nats of evidence that tell two places apart
 ADDS = 10.0  # ... that make a second place beside the clearest, at least
@@ -190,29 +189,21 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
 
 def _tail(problem: Straight, columns: np.ndarray, beside: np.ndarray | None = None) -> tuple[float, np.ndarray]:
     """Log tail probability of a force, nuisances and another force free beside it, and its pieces' scores."""
-    J = problem.J if beside is None else np.hstack([problem.J, _wide(problem, beside)])
+    J = problem.J if beside is None else np.hstack([problem.J, freed(problem.columns(beside))])
     B = problem.columns(columns)
     P, b = B.T @ project(J, B), B.T @ project(J, problem.y)
     value, vector = np.linalg.eigh(P)
     use = value > 1e-6 * max(float(np.max(np.einsum("ij,ij->j", B, B), initial=0.0)), 1e-12)
     Q = float(np.sum((vector[:, use].T @ b) ** 2 / value[use]))
-    tail = float(chdtrc(int(use.sum()), Q)) if use.any() else 1.0
     scores: np.ndarray = b / np.sqrt(np.maximum(np.diag(P), 1e-12))
-    return math.log(tail) if tail > 0.0 else -0.5 * Q, scores
-
-
-def _wide(problem: Straight, columns: np.ndarray) -> np.ndarray:
-    """Whitened columns of a force, each of a size that leaves it free."""
-    white = problem.columns(columns)
-    found: np.ndarray = white * (WIDE / np.maximum(np.linalg.norm(white, axis=0), 1e-12))
-    return found
+    return log_tail(Q, int(use.sum())), scores
 
 
 def _rows(problem: Straight, beside: Sequence[np.ndarray], price: float) -> list[Place]:
     """Single readings that stand out though every force found is free beside them, one after the other."""
     comparison = problem.comparison
     plateaus, n = comparison.problem.blocks.plateaus, comparison.n
-    J = np.hstack([problem.J, *(_wide(problem, columns) for columns in beside)])
+    J = np.hstack([problem.J, *(freed(problem.columns(columns)) for columns in beside)])
     found: list[Place] = []
     count = int(comparison.known[: 2 * n].sum())
     each = problem.columns(np.eye(comparison.read.size, 2 * n))
@@ -228,7 +219,7 @@ def _rows(problem: Straight, beside: Sequence[np.ndarray], price: float) -> list
             break
         row, channel = int(comparison.index[i]), "flow" if i < n else "speed"
         found.append(_row_place(plateaus.file[row], int(plateaus.row[row]), channel, p))
-        J = np.column_stack([J, each[:, i] * (WIDE / norms[i])])
+        J = np.column_stack([J, freed(each[:, [i]])])
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.noise import SCALES, SPREAD
+from calibration.diagnosis.noise import SPREAD
 from calibration.diagnosis.problem import Prediction, Problem
 from model.effects import effects
 
@@ -112,11 +112,9 @@ def suiting_noise(
         Whether the correlations are set too: near a good fit only; far from it they would pass a misfit for noise.
     """
     difference = comparison.read - comparison.raw(predicted)
-    free = slice(None) if correlated else SCALES
     for _ in range(NOISE_STEPS):
         weight, _ = robust_weights(comparison.whitener(predicted, u)(difference), comparison)
-        step = comparison.noise_step(difference, predicted, u, weight, D, free)[0]
-        u = u + step
+        u = u + comparison.noise_step(difference, predicted, u, weight, D, correlated)[0]
     return u
 
 
@@ -139,6 +137,20 @@ def minus_log_posterior(r: np.ndarray, log_scale: float, z: np.ndarray, u: np.nd
     _, bad = robust_weights(r, comparison)
     fit = np.where(bad > 0.0, np.logaddexp(good, wide), good)
     return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / SPREAD) ** 2))
+
+
+def cost_of(comparison: Comparison, mode: Mode) -> float:
+    """Minus the log posterior at a mode, up to a constant [-].
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The mode.
+    """
+    white = comparison.whitener(mode.prediction, mode.u)
+    return minus_log_posterior(mode.r, white.log_scale, mode.z, mode.u, comparison)
 
 
 def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:

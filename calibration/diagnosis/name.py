@@ -1,5 +1,4 @@
-"""Step 3: which set of effects explains the recording. Screened in the linear model, then refitted, singles and
-pairs.
+"""Step 3: which set of effects explains the recording: the screen in the linear model, and how sets are weighed.
 
 Evidence is Laplace's. The prior of a set falls tenfold with each further member and is even over the sets of a
 size, so that many candidates cost what they should. An effect that has the form of an instrument's error counts
@@ -10,29 +9,24 @@ that.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import gammaln, logsumexp
 from scipy.stats import norm
 
-from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.noise import NOISE_SD, SCALES
 from calibration.diagnosis.problem import SI_OF, Problem
-from calibration.diagnosis.signatures import Signature, log_gain, project, signatures
+from calibration.diagnosis.signatures import Signature, log_gain, project
 from model.effects import effects
 
-SINGLES = 6  # most single effects refitted
-SINGLES_WITH_RUNS = 5  # ... where each takes seconds
-PAIRS = 4  # most pairs refitted
-SEEDS = 2  # singles that pairs are grown from
 WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
 BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
-SWAPS = 5  # other second members tried
-AGAIN = 0.5  # amplitude that a second search starts from, in ordinary sizes
+LOUDEST = 4.0  # prior sds of a noise's scale, a factor of 3.3; a set that needs more is no explanation
 DOUBT = 2.0  # nats by which the evidence may be wrong with runs in time: the less probable sets get their benefit
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
 
@@ -62,89 +56,6 @@ class Candidate:
     refused: str
 
 
-def search(
-    comparison: Comparison,
-    base: Mode,
-    found: Sequence[Signature],
-    u: np.ndarray,
-    tell: Callable[[str], None] = lambda _: None,
-    size: int = 2,
-    modes: dict[tuple[str, ...], Mode] | None = None,
-) -> list[Candidate]:
-    """Sets of effects with their probabilities, the most probable first; the base model is always among them.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    base : Mode
-        The base model.
-    found : sequence of Signature
-        At the base model.
-    u : ndarray, shape (5,)
-        The noise that the detection found [-].
-    tell : callable
-        Told what is being refitted.
-    size : int
-        Most effects in a set [-].
-    modes : dict or None
-        Of `singles_of`, when that was done before.
-    """
-    modes = singles_of(comparison, base, found, u, tell) if modes is None else dict(modes)
-    if size > 1:
-        singles = sorted((key for key in modes if key), key=lambda key: -modes[key].log_evidence)[:SEEDS]
-        order: dict[tuple[str, ...], list[str]] = {}
-        for seed in singles:
-            second = screen(comparison, modes[seed], signatures(comparison, modes[seed]), modes[seed].u)
-            order[seed] = [name for name, _ in second]
-            for name, first in second[: PAIRS // SEEDS]:
-                key = tuple(sorted((*seed, name)))
-                if key not in modes:
-                    tell(f"refit {' and '.join(key)}")
-                    start = {**_values(comparison.problem, modes[seed]), **first}
-                    modes[key] = refit(comparison, key, modes[seed], start)
-        _swap(comparison, modes, order, tell)
-    return weigh(comparison, modes)
-
-
-def singles_of(
-    comparison: Comparison,
-    base: Mode,
-    found: Sequence[Signature],
-    u: np.ndarray,
-    tell: Callable[[str], None] = lambda _: None,
-    worth: float = WORTH,
-) -> dict[tuple[str, ...], Mode]:
-    """The base model and the most promising single effects, refitted.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    base : Mode
-        The base model.
-    found : sequence of Signature
-        At it.
-    u : ndarray, shape (5,)
-        The noise that the detection found [-].
-    tell : callable
-        Told what is being refitted.
-    worth : float
-        Log evidence gained in the linear model below which an effect is not refitted [-].
-    """
-    modes: dict[tuple[str, ...], Mode] = {(): base}
-    most = SINGLES_WITH_RUNS if base.prediction.runs else SINGLES
-    for name, first in screen(comparison, base, found, u, worth)[:most]:
-        tell(f"refit {name}")
-        modes[(name,)] = refit(comparison, [name], base, first)
-    if base.prediction.runs and len(modes) > 1:
-        tell("refit the base model again")
-        best = max(modes, key=lambda key: modes[key].log_evidence)
-        if best:
-            modes[()] = _better(base, find(comparison, (), modes[best]))
-    return modes
-
-
 def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> float:
     """Bound on how often chance alone favours some effect as much: 1 over the mean Bayes factor (Markov) [-].
 
@@ -162,51 +73,14 @@ def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> fl
     return float(min(1.0, math.exp(math.log(len(comparison.problem.effects_that_could())) - logsumexp(gains))))
 
 
-def _better(one: Mode, other: Mode) -> Mode:
-    return max(one, other, key=lambda mode: mode.log_evidence)
-
-
-def _swap(
-    comparison: Comparison,
-    modes: dict[tuple[str, ...], Mode],
-    order: dict[tuple[str, ...], list[str]],
-    tell: Callable[[str], None],
-) -> None:
-    """Where a pair is best, its second member is tried against others, from the pair's own nuisances."""
-    best = max(modes, key=lambda key: modes[key].log_evidence)
-    if len(best) != 2 or modes[best].log_evidence - max(m.log_evidence for k, m in modes.items() if k != best) < 0.0:
-        return
-    for seed in [key for key in order if set(key) < set(best)]:
-        for name in order[seed][:SWAPS]:
-            key = tuple(sorted((*seed, name)))
-            if key in modes:
-                continue
-            tell(f"refit {' and '.join(key)}")
-            first = {(name, effects()[name].amplitude.name): AGAIN}
-            first |= {one: z for one, z in _values(comparison.problem, modes[best]).items() if one[0] in seed}
-            modes[key] = refit(comparison, key, modes[best], first)
-
-
-def refit(comparison: Comparison, names: Sequence[str], near: Mode, first: dict[tuple[str, str], float]) -> Mode:
-    """The most probable point of a set, from a smaller set's and from the prior's middle.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    names : sequence of str
-        Effect ids.
-    near : Mode
-        Of the smaller set.
-    first : dict
-        Values of the effects' unknowns to start from [-].
-    """
-    return find(comparison, names, near, None, first=first)
-
-
 def screen(
-    comparison: Comparison, mode: Mode, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH
-) -> list[tuple[str, dict[tuple[str, str], float]]]:
+    comparison: Comparison,
+    mode: Mode,
+    found: Sequence[Signature],
+    u: np.ndarray,
+    worth: float = WORTH,
+    without: str = "",
+) -> list[tuple[str, float, dict[tuple[str, str], float]]]:
     """Effects by what they would add in the linear model, with values to start a refit from.
 
     Parameters
@@ -221,10 +95,19 @@ def screen(
         The noise [-].
     worth : float
         Log evidence below which an effect is left out [-].
+    without : str
+        A member of the mode's set in whose place they are to stand; what they add is over the set without it.
+
+    Returns
+    -------
+    list of (str, float, dict)
+        Effect, log evidence that it adds [-], and its unknowns to start from [-]; the most promising first.
     """
     white = comparison.whitener(mode.prediction, u)
     good = (mode.bad < 0.5).astype(float)
     J = white(mode.D) * good[:, None]
+    members = [name for name, _ in comparison.problem.effect_unknowns(mode.names)]
+    J[:, mode.z.size - len(members) :] *= np.array([name != without for name in members])
     r = project(J, good * white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z))
     best: dict[str, tuple[float, dict[tuple[str, str], float]]] = {}
     for one in found:
@@ -236,7 +119,7 @@ def screen(
         if one.effect not in best or gain > best[one.effect][0]:
             best[one.effect] = (gain, first)
     order = sorted(best, key=lambda name: -best[name][0])
-    return [(name, best[name][1]) for name in order if best[name][0] > worth]
+    return [(name, *best[name]) for name in order if best[name][0] > worth]
 
 
 def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Candidate]:
@@ -362,16 +245,11 @@ def refusal(comparison: Comparison, mode: Mode) -> str:
             return f"{name}: {unknown.name} is at the bound of what is believable"
         if parameter is effects()[name].amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:
             return f"{name} vanishes"
+    loud = float(np.max(mode.u[SCALES])) if mode.names else 0.0
+    if loud > LOUDEST * NOISE_SD:
+        return f"the noise would be {math.exp(loud):.1f} times as large as declared"
     for name in mode.names:
         found = total_size(problem, mode, name)
         if found is not None and abs(found[0]) < BEYOND_SD:
             return f"{name} is no larger than declared"
     return ""
-
-
-def _values(problem: Problem, mode: Mode) -> dict[tuple[str, str], float]:
-    k = len(problem.nuisances)
-    return {
-        (name, unknown.name): float(mode.z[k + i])
-        for i, (name, unknown) in enumerate(problem.effect_unknowns(mode.names))
-    }

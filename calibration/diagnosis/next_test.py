@@ -16,7 +16,7 @@ from functools import partial
 from calibration.diagnosis.information import Expected, expected_nats, repeats_needed
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
-from calibration.diagnosis.planned import BLUR, expected_readings, planned
+from calibration.diagnosis.planned import MODEL_SD, expected_readings, planned
 from calibration.diagnosis.quantities import expected_quantity, quantities
 
 MOST = 4
@@ -124,4 +124,4 @@ def ranked(found: Sequence[NextTest]) -> list[NextTest]:
     return [t for t in best if not t.needs][:MOST] + [t for t in best if t.needs][:MOST_APART]
 
 
-__all__ = ["BLUR", "LEAST_NATS", "NextTest", "propose", "ranked", "weigh"]
+__all__ = ["LEAST_NATS", "MODEL_SD", "NextTest", "propose", "ranked", "weigh"]

@@ -155,7 +155,7 @@ class Noise:
         angle: np.ndarray,
         weight: np.ndarray,
         columns: np.ndarray | None = None,
-        free: slice = slice(None),
+        correlated: bool = True,
     ) -> tuple[np.ndarray, np.ndarray]:
         """One scoring step of u for given differences, and the information that there is of u [-].
 
@@ -174,8 +174,8 @@ class Noise:
         columns : ndarray, shape (m, l) or None
             Derivatives with unknowns, standard normal a priori, to which the differences were fitted; what that fit
             took up of the plateaus' noise is allowed for [SI].
-        free : slice
-            Places of u that are stepped.
+        correlated : bool
+            Whether the correlations are stepped too.
 
         Returns
         -------
@@ -191,8 +191,7 @@ class Noise:
         ):
             slope, information = slope + add[0], information + add[1]
         step = np.zeros(u.size)
-        places = np.flatnonzero(self.free)
-        places = places[np.isin(places, np.arange(u.size)[free])]
+        places = np.flatnonzero(self.free) if correlated else np.arange(SCALES.stop)
         found = np.linalg.solve(information[np.ix_(places, places)], slope[places])
         step[places] = np.clip(found, -LARGEST_STEP, LARGEST_STEP)
         return step, information

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.diagnosis.blocks import levels
-from calibration.diagnosis.function import Function
+from calibration.diagnosis.function import Function, Predicts
 from calibration.diagnosis.information import Expected
 from calibration.diagnosis.linear import RUN, Comparison
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Prediction, Problem
 from calibration.priors import PASCAL_PER_BAR, column_of
-from model.effects import effects
+from model.effects.neighbourhood import Neighbourhood
 from model.layout import RPM
 from rig.recording import Column, Recording, RecordingFile
 
@@ -26,7 +26,7 @@ PLATEAUS = 10
 FLYWHEEL = 3.0  # times the rotor's inertia
 LATER_S = 100.0  # after the recording's last reading
 AN_HOUR_S = 3600.0
-BLUR = 5e-3  # of flow and speed: what two solutions of the model's equations differ by
+MODEL_SD = 5e-3  # of flow and speed: what two solutions of the model's equations differ by
 ANCHOR = "anchor.csv"  # one plateau, which a recording must have; it is not looked at
 
 
@@ -175,7 +175,7 @@ def expected_readings(plan: Planned, seen: Problem, rivals: Sequence[Candidate])
             common = there.whitener(here, one.mode.u)
         looked_at = there.known & ~((there.kind < RUN) & (there.index == 0))
         raw = there.raw(here)
-        model = np.column_stack([np.where(there.kind == 0, raw, 0.0), np.where(there.kind > 0, raw, 0.0)]) * BLUR
+        model = np.column_stack([np.where(there.kind == 0, raw, 0.0), np.where(there.kind > 0, raw, 0.0)]) * MODEL_SD
         J = common(slopes)[looked_at]
         blur = common(np.nan_to_num(model))[looked_at]
         shared = J[:, ~new] @ covariance[np.ix_(~new, ~new)] @ J[:, ~new].T + blur @ blur.T
@@ -184,13 +184,12 @@ def expected_readings(plan: Planned, seen: Problem, rivals: Sequence[Candidate])
     return found
 
 
-def _mean(there: Comparison, names: tuple[str, ...]) -> Callable[[np.ndarray], Prediction]:
-    """Predictions by the mean torque: nobody can count on the phase of the pulses; an effect's own phase is kept."""
+def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:
+    """Predictions by the mean torque: nobody can count on the phase of the pulses."""
     k = len(there.problem.nuisances)
-    smooth = not any(effects()[name].periodic for name in names)
 
-    def predict(z: np.ndarray) -> Prediction:
-        return there.problem.predict(z[:k], there.problem.chosen(names, z[k:]), smooth=smooth)
+    def predict(z: np.ndarray, *, around: Neighbourhood | None = None) -> Prediction:
+        return there.problem.predict(z[:k], there.problem.chosen(names, z[k:]), smooth=True, around=around)
 
     return predict
 

@@ -23,6 +23,7 @@ from model.effects import effects
 from model.effects import steady as effect_steady
 from model.effects.effect import Effect, State, unknown_state
 from model.effects.laws import readings_of
+from model.effects.neighbourhood import Neighbourhood
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor, read_motor
 from model.transient import Supply
@@ -32,13 +33,14 @@ SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
 SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
 ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
+TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
 REST_ANGLES = 16  # at which it may have stood, for what its pulses do
 UNSETTLED = 0.005  # of the line's pressure: by so much a coast-down may begin off its steady speed
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
 
 # The motor's parameters, each channel's offset and scale, and by file: error of the supply, angle, and start.
 ByFile = dict[str, float]
-Split = tuple[np.ndarray, dict[str, tuple[float, float]], ByFile, ByFile, dict[str, np.ndarray]]
+Split = tuple[np.ndarray, dict[str, tuple[float, float]], ByFile, ByFile, dict[str, np.ndarray], ByFile]
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,8 @@ class Problem:
                     self.nuisances.append(Unknown(f"{run.file}.start_{k}", "-", "normal", 0.0, 1.0, "nobody set it"))
             else:
                 self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
+        for run in self.blocks.runs[1:]:  # a torque that follows the shaft is told from where that stood in the first
+            self.nuisances.append(Unknown(f"{run.file}.turn", "rad", "normal", 0.0, TURN_SD, "nobody noted it"))
         if self.blocks.vented.pressure.size:
             self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))
         self._base = self.motor.vector()
@@ -173,6 +177,7 @@ class Problem:
         runs: Sequence[int] | None = None,
         pulses: Sequence[in_time.Pulses | None] | None = None,
         smooth: bool = False,
+        around: Neighbourhood | None = None,
     ) -> Prediction:
         """What the instruments would read.
 
@@ -191,10 +196,18 @@ class Problem:
             every unknown. They are simulated where they are not given.
         smooth : bool
             Whether runs are to be without pulses.
+        around : Neighbourhood or None
+            Of plateaus close by, where those to first order will do; solved in full where it is not given.
         """
         split = self.split(z)
         parameters, errors = split[:2]
-        points, state, _ = self._plateaus(parameters, errors, chosen)
+        rows, true = self._plateaus(parameters, errors, chosen)
+        if around is None:
+            time = self.blocks.plateaus.time
+            points = effect_steady.solve(rows, self._readings, true, self._gas, chosen, time, slopes=True)
+        else:
+            points = around.points(rows, true, chosen)
+        state = points.state
         flow = readings_of(chosen, "flow", points.flow, state) * (1.0 + errors["flow"][1]) + errors["flow"][0]
         speed = readings_of(chosen, "speed", points.speed, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
         found = tuple(
@@ -206,6 +219,21 @@ class Problem:
         share = 0.5 if self._share is None else float(self.nuisances[self._share].value(z[self._share]))
         vented = gauge.vented_readings(self.blocks.vented, share, parameters[at.P_A], errors["pressure"], chosen)
         return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, state)
+
+    def neighbourhood(self, z: np.ndarray, chosen: dict[str, dict[str, float]], here: Prediction) -> Neighbourhood:
+        """The plateaus close to a point.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+        chosen : dict
+            Effects and the values of their parameters.
+        here : Prediction
+            At the point, its plateaus solved in full.
+        """
+        rows, true = self._plateaus(*self.split(z)[:2], chosen)
+        return Neighbourhood(here.state, rows, self._readings, true, self._gas, chosen, self.blocks.plateaus.time)
 
     def split(self, z: np.ndarray) -> Split:
         """The nuisances' values: the motor's parameters, each channel's errors, and each run's supply and angle.
@@ -224,12 +252,15 @@ class Problem:
         supply, angle, start : dict
             By file: error of the gauge's mean over the open spans [Pa], angle of the shaft [rad], and how much there is
             of each course that starts from rest are made of [-].
+        turn : dict
+            By file: how far the shaft is turned on from where it stood in the first run [rad].
         """
         parameters = self._base.copy()
         errors = {channel: [0.0, 0.0] for channel in CHANNELS}
         supply = {run.file: 0.0 for run in self.blocks.runs}
         angle = dict(self.start_angle)
         start = {run.file: np.zeros(in_time.STARTS) for run in self.blocks.runs}
+        turn = {run.file: 0.0 for run in self.blocks.runs}
         for at_z, unknown in zip(z, self.nuisances, strict=True):
             value = float(unknown.value(np.asarray(at_z)))
             if unknown.name in self._place:
@@ -241,28 +272,28 @@ class Problem:
                 supply[unknown.name.removesuffix(".supply")] = value
             elif unknown.name.endswith(".angle"):
                 angle[unknown.name.removesuffix(".angle")] += value
+            elif unknown.name.endswith(".turn"):
+                turn[unknown.name.removesuffix(".turn")] = value
             elif ".start_" in unknown.name:
                 file, _, course = unknown.name.rpartition(".start_")
                 start[file][int(course)] = value
             else:
                 channel, _, error = unknown.name.partition("_")
                 errors[channel][error == "scale"] = value * (SI_OF[channel] if error == "offset" else 1.0)
-        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, supply, angle, start
+        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, supply, angle, start, turn
 
     def _plateaus(
         self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
-    ) -> tuple[effect_steady.Points, State, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters and true pressure [Pa] of each plateau."""
         plateaus = self.blocks.plateaus
         rows = np.tile(parameters, (plateaus.size, 1))
         true = gauge.true_pressure(plateaus.pressure, plateaus.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
-        points = effect_steady.solve(
-            rows, self._readings, np.clip(true, 3e4, 1.9e6), self._gas, chosen, plateaus.time, slopes=True
-        )
-        return points, points.state, true
+        return rows, np.clip(true, 3e4, 1.9e6)
 
     def _plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
         """A run in time at a point: its line is the gauge's reading, freed of the gauge's errors."""
-        parameters, errors, wrong_by, angle, _ = split
+        parameters, errors, wrong_by, angle, _, turn = split
         run = self.blocks.runs[i]
         supply: list[Supply] = []
         for span in run.supply:
@@ -272,7 +303,12 @@ class Problem:
                 found = gauge.true_pressure(reading, run.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
                 pressure = float(found[0])
             supply.append(Supply(span.start_s, pressure, span.is_open))
-        return in_time.plan(self.motor, run, parameters, supply, angle[run.file], chosen)
+        turned = dict(chosen)
+        for name in chosen:
+            turn_on = effects()[name].turned
+            if turn_on is not None:
+                turned[name] = dict(turn_on(chosen[name], turn[run.file]))
+        return in_time.plan(self.motor, run, parameters, supply, angle[run.file], turned)
 
     def _read_speed(
         self,
@@ -284,7 +320,7 @@ class Problem:
     ) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]
         planned = self._plan(i, split, chosen)
-        if run.file in self.starts and not planned.follows_angle:
+        if run.file in self.starts:
             start = self.starts[run.file]
             true = planned.read(planned.mean_speed()) + (start.added + split[4][run.file] @ start.courses)[: run.wanted]
         elif smooth:

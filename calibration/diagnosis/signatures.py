@@ -48,31 +48,6 @@ class Signature:
     one_sided: bool
 
 
-@dataclass(frozen=True)
-class Force:
-    """A free-form force or error along one coordinate.
-
-    Attributes
-    ----------
-    channel, balance, coordinate, unit : str
-        As in diagnosis/1.
-    columns : ndarray, shape (m, k)
-        Change of the readings per unit of each piece [SI].
-    places : ndarray, shape (k, 2)
-        Where each piece acts [own unit].
-    file : str
-        Of the run in time, where it is of one run alone.
-    """
-
-    channel: str
-    balance: str
-    coordinate: str
-    unit: str
-    columns: np.ndarray
-    places: np.ndarray
-    file: str = ""
-
-
 def signatures(comparison: Comparison, mode: Mode) -> list[Signature]:
     """Signatures of the effects that a mode does not hold.
 
@@ -151,8 +126,7 @@ def answer(
     off = [-u.a / u.b if u.kind == "normal" else shape_z for u in unknown]
     z = np.append(mode.z, off)
     D = np.hstack([mode.D, np.zeros((mode.D.shape[0], len(unknown)))])
-    of = f.with_pulses if effect.periodic else f.smooth
-    start, white = of(z), comparison.whitener(mode.prediction, mode.u)
+    start, white = f.smooth(z), comparison.whitener(mode.prediction, mode.u)
     whole = one.a != 0.0  # there or not: nothing in between is likely
     unit, probe = (one.a, 1.0) if whole else (one.b, PROBE)
     column, size = np.zeros(0), 0.0
@@ -160,7 +134,7 @@ def answer(
         straight = z.copy()
         straight[place] += probe * unit / one.b
         end = f.along_valley(z, straight, mode.prediction, D)
-        tried = np.nan_to_num((of(end) - start - D @ (end - straight)) / probe)
+        tried = np.nan_to_num((f.smooth(end) - start - D @ (end - straight)) / probe)
         before, size = size, float(np.linalg.norm(white(tried)))
         if column.size and size < FADES * before:
             break  # a law that has no slope at 0, as a lag shorter than a sample

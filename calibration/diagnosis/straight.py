@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis.linear import Comparison, Whitener
+from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.noise import Whitener
 
+FREE = 20.0  # whitened size at which a column's coefficient, a standard normal number, is anything
 GOOD = 0.5  # readings that are more probably bad than this are left aside
 
 
@@ -49,6 +51,18 @@ class Straight:
         """
         found: np.ndarray = self.white(changes) * self.good[:, None]
         return found
+
+
+def freed(white: np.ndarray) -> np.ndarray:
+    """Whitened columns, each of a size that leaves its coefficient free [-], shape (m, k).
+
+    Parameters
+    ----------
+    white : ndarray, shape (m, k)
+        The columns [-].
+    """
+    found: np.ndarray = white * (FREE / np.maximum(np.linalg.norm(white, axis=0), 1e-12))
+    return found
 
 
 def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = False) -> Straight:

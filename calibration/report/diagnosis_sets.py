@@ -150,7 +150,8 @@ def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
         )
     ]
     if alone and abs(before["mean"] - after["mean"]) > 0.1 * after["sd"]:
-        shown.append(Interval("all sets weighed", *(after[key] for key in ("mean", "sd", "q05", "q95"))))
+        name = "all sets weighed" if found.beside is None else "beside a smooth correction"
+        shown.append(Interval(name, *(after[key] for key in ("mean", "sd", "q05", "q95"))))
     if document["verdict"] in ("named", "confounded") and found.verdict.chosen is not None:
         shown.append(
             Interval("after: the sets that stand, weighed", *(after[key] for key in ("mean", "sd", "q05", "q95")))
@@ -217,7 +218,7 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
     if found["verdict"] == "consistent":
         return f"f_overall is {value}; nothing has to be corrected."
     if found["verdict"] == "unresolved":
-        return f"f_overall is {value} over the sets weighed, none of which closes: biased, do not rely on it."
+        return f"f_overall is {value} if what is missing is smooth; it has taken part of that: do not rely on it."
     shift = before["mean"] - after["mean"]
     if abs(shift) < 0.1 * after["sd"]:
         return f"f_overall is {value}, as before."

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis.information import Expected
-from calibration.diagnosis.next_test import BLUR, NextTest, ranked, weigh
+from calibration.diagnosis.next_test import MODEL_SD, NextTest, ranked, weigh
 from calibration.priors import PASCAL_PER_BAR
 from calibration.rigs_axis import loaded
 from calibration.rigs_coordinates import Coordinates
@@ -69,7 +69,7 @@ def _expected(problem: RigProblem, one: Candidate, simulate: Simulate) -> Expect
         moved = x.copy()
         moved[i] += step
         slopes[:, i] = (simulate(*at.values(moved))[0] - here) / step
-    shared = slopes @ one.fit.covariance @ slopes.T + np.diag((BLUR * here) ** 2)
+    shared = slopes @ one.fit.covariance @ slopes.T + np.diag((MODEL_SD * here) ** 2)
     return Expected(here / sd, shared / np.outer(sd, sd), np.eye(here.size))
 
 

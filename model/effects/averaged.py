@@ -6,6 +6,7 @@ Torque and flow are tabulated over the speed for each span of the supply; the sp
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numba import njit
@@ -14,12 +15,13 @@ from model import averaged as base
 from model import layout as at
 from model.cylinder import gas_state
 from model.effects import laws
-from model.effects.effect import State
+from model.effects.effect import State, unknown_state
 from model.effects.transient import FLOW_S
 from model.transient import Supply
 
 SPEEDS = 8  # at which the cycle is solved
 FINE = 96  # to which its torque is interpolated, and at which the laws are taken
+ANGLES = 180  # of a turn at which a torque that follows the shaft's angle is taken
 FLOWS = 32  # at which a loss of pressure is taken
 SLOWEST = 0.02  # of the highest speed, for the slowest at which the cycle is solved
 AHEAD = 1.3  # highest speed of the tables, of the one at which viscous friction alone holds the torque
@@ -36,6 +38,7 @@ def speeds(
     start_rad_s: float,
     chosen: laws.Chosen,
     clock: float = 0.0,
+    start_rad: float = 0.0,
 ) -> np.ndarray:
     """Mean speed since the sample before [rad/s], shape (n,); a tachometer's lag is not in it.
 
@@ -52,13 +55,16 @@ def speeds(
     start_rad_s : float
         Speed at the start [rad/s].
     chosen : mapping
-        Effect id to the values of its parameters. A torque that follows the shaft's angle is left out.
+        Effect id to the values of its parameters.
     clock : float
         Time of the recording's clock at time 0 of the run [s].
+    start_rad : float
+        Angle of the shaft at the start, for torques that follow it [rad].
     """
     chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
     those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
+    around = _around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
     P_a = float(parameters[at.P_A])
     highest = max((span.pressure_pa for span in supply if span.is_open), default=P_a)
     gas = gas_state(parameters, highest, readings)
@@ -91,9 +97,32 @@ def speeds(
     spans = np.array([span.start_s for span in supply])
     lossy = bool(np.any(loss))
     found: np.ndarray = _march(
-        time, spans, which, unique, start_rad_s, top, torque, flow, slope, loss, most_flow, lossy, parameters[at.J]
+        time,
+        spans,
+        which,
+        unique,
+        start_rad_s,
+        top,
+        torque,
+        flow,
+        slope,
+        loss,
+        most_flow,
+        lossy,
+        parameters[at.J],
+        start_rad,
+        around,
     )
     return found
+
+
+def _around(those: laws.Members) -> np.ndarray:
+    """Torque that opposes the motion over a turn of the shaft, its first value again at the end [N m]."""
+    if not those:
+        return np.zeros(1)
+    angle = np.linspace(0.0, 2.0 * np.pi, ANGLES + 1)
+    state = replace(unknown_state(angle), angle=angle)
+    return laws.sum_of_torques(those, state, np.zeros(angle.size, dtype=bool))
 
 
 def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, start: float) -> float:
@@ -133,6 +162,15 @@ def _at(x: float, step: float, table: np.ndarray) -> float:
     k = min(max(int(x / step), 0), table.size - 2)
     s = x / step - k
     return (1.0 - s) * table[k] + s * table[k + 1]
+
+
+@njit(cache=True, nogil=True)
+def _of_angle(angle: float, around: np.ndarray) -> float:
+    """A torque that follows the shaft's angle [N m]."""
+    if around.size == 1:
+        return 0.0
+    turn = 2.0 * np.pi
+    return _at(angle % turn, turn / (around.size - 1), around)
 
 
 @njit(cache=True, nogil=True)
@@ -178,6 +216,8 @@ def _march(
     most_flow: float,
     lossy: bool,
     J: float,
+    angle: float,
+    around: np.ndarray,
 ) -> np.ndarray:
     """Mean speed since the sample before; the rotor does not turn back."""
     out = np.empty(time.size)
@@ -198,6 +238,7 @@ def _march(
             for _ in range(steps):
                 w, q = omega, passing
                 a1, b1 = _rate(w, q, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                a1 -= _of_angle(angle, around) / J
                 a2, b2 = _rate(
                     max(w + 0.5 * h * a1, 0.0),
                     q + 0.5 * h * b1,
@@ -212,6 +253,7 @@ def _march(
                     P,
                     J,
                 )
+                a2 -= _of_angle(angle + 0.5 * h * w, around) / J
                 a3, b3 = _rate(
                     max(w + 0.5 * h * a2, 0.0),
                     q + 0.5 * h * b2,
@@ -226,13 +268,17 @@ def _march(
                     P,
                     J,
                 )
+                a3 -= _of_angle(angle + 0.5 * h * (w + 0.5 * h * a1), around) / J
                 a4, b4 = _rate(
                     max(w + h * a3, 0.0), q + h * b3, s, top, torque, flow, slope, loss, most_flow, lossy, P, J
                 )
+                a4 -= _of_angle(angle + h * (w + 0.5 * h * a2), around) / J
                 omega = max(w + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4), 0.0)
                 passing = q + h / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
                 # Of the cubic through both ends and their slopes.
-                turned += 0.5 * h * (w + omega) + h * h / 12.0 * (a1 - a4)
+                by = 0.5 * h * (w + omega) + h * h / 12.0 * (a1 - a4)
+                turned += by
+                angle += by
             t = end
             if span + 1 < spans.size and t >= spans[span + 1] - 1e-12:
                 span += 1

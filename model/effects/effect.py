@@ -142,6 +142,8 @@ class Effect:
         The instrument error or parameter that every fit carries and this effect exceeds; empty where there is none.
     transient_only : bool
         Whether a steady row says nothing of it.
+    turned : callable or None
+        Its values for a shaft whose angle is counted from so many radians farther back, where it follows the angle.
     periodic : bool
         Whether the torque is fixed to the shaft's angle: it then opposes turning forward, and helps turning back.
     """
@@ -162,6 +164,7 @@ class Effect:
     lag: Callable[[Values], float] | None = None
     nuisance: str = ""
     transient_only: bool = False
+    turned: Callable[[Values, float], Values] | None = None
     periodic: bool = False
 
     @property

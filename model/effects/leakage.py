@@ -6,29 +6,47 @@ import numpy as np
 
 from model.effects.effect import Effect, EffectParameter, State, Values
 
+LAMINAR, ORIFICE = 1.0, 0.4
+
 
 def leak(p: Values, state: State) -> np.ndarray:
-    """Laminar flow of a gas through a narrow gap [kg/s].
+    """Flow of a gas through a gap or a hole [kg/s].
+
+    In a narrow gap it is laminar and goes with the difference of the squared pressures; through a labyrinth with its
+    root (Stodola's ellipse); through a hole with its power 0.4, Saint-Venant and Wantzel's nozzle to 2 % between
+    1.3 and 3 times the ambient pressure: the volume at the line's pressure then hardly changes.
 
     Parameters
     ----------
     p : mapping of str to float
-        ``conductance_kg_s_pa2``.
+        ``conductance_kg_s_pa2``, that of the flow at a line of twice the ambient pressure, and ``exponent``; laminar
+        where there is none.
     state : State
         Operating state.
     """
-    return p["conductance_kg_s_pa2"] * (state.pressure**2 - state.ambient**2)
+    over = np.maximum(state.pressure**2 - state.ambient**2, 0.0)
+    reference = 3.0 * state.ambient**2  # the same at twice the ambient pressure
+    conductance, exponent = p["conductance_kg_s_pa2"], p.get("exponent", LAMINAR)
+    found: np.ndarray = (
+        conductance * over if exponent == LAMINAR else conductance * reference * (over / reference) ** exponent
+    )
+    return found
 
 
 EFFECT = Effect(
     id="leakage",
     acts_in="gas path",
     title="air that does no work",
-    sentence="Air enters that does no work on the pistons, {conductance_kg_s_pa2} times (P2 - Pa2): a leak.",
-    source="isothermal laminar flow in a narrow gap: proportional to the difference of the squared pressures",
+    sentence="Air enters that does no work on the pistons, {conductance_kg_s_pa2} times (P2 - Pa2) at twice the "
+    "ambient pressure, growing with its power {exponent}: a leak.",
+    source="isothermal laminar flow in a narrow gap: proportional to the difference of the squared pressures; a hole: "
+    "Saint-Venant and Wantzel (1839), as a power of it",
     signature="sweep: flow too high even at the lowest speeds, speed untouched",
     parameters=(
-        EffectParameter("conductance_kg_s_pa2", "kg/(s Pa2)", 0.0, 3e-13, 2e-14, text="conductance of the gap"),
+        EffectParameter(
+            "conductance_kg_s_pa2", "kg/(s Pa2)", 0.0, 3e-13, 2e-14, text="conductance, the line at twice the ambient"
+        ),
+        EffectParameter("exponent", "-", ORIFICE, LAMINAR, 0.63, True, text="1 for a narrow gap, 0.4 for a hole"),
     ),
     leak=leak,
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from model.effects.effect import Effect, EffectParameter, State, Values
@@ -21,6 +23,23 @@ def torque(p: Values, state: State) -> np.ndarray:
     return np.where(np.isfinite(found), found, 0.0)
 
 
+def turned(p: Values, turn: float) -> Values:
+    """The same torque of an angle counted from ``turn`` farther back: sin(theta + turn) written out.
+
+    Parameters
+    ----------
+    p : mapping of str to float
+        ``sine_nm`` and ``cosine_nm``.
+    turn : float
+        How far [rad].
+    """
+    sine, cosine = p["sine_nm"], p["cosine_nm"]
+    return {
+        "sine_nm": sine * math.cos(turn) - cosine * math.sin(turn),
+        "cosine_nm": sine * math.sin(turn) + cosine * math.cos(turn),
+    }
+
+
 EFFECT = Effect(
     id="once_per_rev_torque",
     acts_in="torque",
@@ -33,6 +52,7 @@ EFFECT = Effect(
         EffectParameter("cosine_nm", "N m", -2.0, 2.0, 0.2, text="cosine of the shaft angle"),
     ),
     torque=torque,
+    turned=turned,
     transient_only=True,
     periodic=True,
 )

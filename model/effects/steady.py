@@ -86,25 +86,15 @@ def solve(
         return base.solve_rows(rows, readings, pressures[which], gas[which], slopes)
 
     out = solver(parameters, np.arange(pressures.size))
-    state = _state(out, parameters, parameters[:, at.F_R], pressures, gas, chosen, time)
+    state = _arrived(out, parameters[:, at.F_R], chosen, given_state(parameters, pressures, gas, time))
     running = out[:, base.STATUS] == base.RUNNING
-    those = [effect for effect, _ in laws.members(chosen)]
-    if any(effect.torque or effect.inlet_drop or effect.outlet_rise for effect in those):
+    if hang_on_state(chosen):
         free = state
-        out, state, running = _passes(out, free, parameters, pressures, gas, chosen, time, solver)
+        out, state, running = _passes(out, free, parameters, chosen, solver)
         lost = np.flatnonzero(~running & (free.omega > 0.0))
-        if lost.size and any(effect.torque for effect in those):
+        if lost.size and any(effect.torque for effect, _ in laws.members(chosen)):
             found = _balanced(_rows(free, lost), parameters[lost], chosen)
-            again = _passes(
-                out[lost],
-                found,
-                parameters[lost],
-                pressures[lost],
-                gas[lost],
-                chosen,
-                time[lost],
-                lambda rows, which: solver(rows, lost[which]),
-            )
+            again = _passes(out[lost], found, parameters[lost], chosen, lambda rows, which: solver(rows, lost[which]))
             won = again[2]
             out[lost[won]], running[lost[won]] = again[0][won], True
             _put(state, lost[won], _rows(again[1], won))
@@ -114,15 +104,76 @@ def solve(
     return Points(speed, flow, out[:, base.SPEED_SLOPE], out[:, base.FLOW_SLOPE], running, state)
 
 
+def hang_on_state(chosen: laws.Chosen) -> bool:
+    """Whether a steady solution with the set takes more than one pass.
+
+    Parameters
+    ----------
+    chosen : mapping
+        Effect id to the values of its parameters.
+    """
+    return any(e.torque or e.inlet_drop or e.outlet_rise for e, _ in laws.members(chosen))
+
+
+def given_state(parameters: np.ndarray, pressures: np.ndarray, gas: np.ndarray, time: np.ndarray) -> State:
+    """What is known of the operating state before it is solved for: speed, angle, mass flow and load are nan.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (n, 24)
+        With the effects' factors on them [SI].
+    pressures : ndarray, shape (n,)
+        True line pressures [Pa].
+    gas : ndarray, shape (n, 12)
+        Gas of each row, of `model.steady.gas_table`.
+    time : ndarray, shape (n,)
+        Of each row on the recording's clock [s].
+    """
+    unknown = np.full(pressures.size, np.nan)
+    return State(
+        omega=unknown,
+        angle=unknown.copy(),
+        mass_flow=unknown,
+        pressure=pressures,
+        temperature=parameters[:, at.T_IN],
+        ambient=parameters[:, at.P_A],
+        gas_constant=gas[:, at.GAS_R],
+        friction=parameters[:, at.F_OVERALL],
+        load=unknown,
+        time=time,
+    )
+
+
+def one_pass(
+    parameters: np.ndarray, chosen: laws.Chosen, state: State, solver: Callable[[np.ndarray], np.ndarray]
+) -> tuple[np.ndarray, State]:
+    """The effects at a state, and the base solver with them. A state that this leads back to is a solution.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (n, 24)
+        With the effects' factors on them [SI].
+    chosen : mapping
+        Effect id to the values of its parameters.
+    state : State
+        At which the laws are taken.
+    solver : callable
+        From rows of parameters to the base solver's array.
+
+    Returns
+    -------
+    out : ndarray, shape (n, 9)
+        Of the base solver.
+    state : State
+        At which it arrives.
+    """
+    changed = laws.row_parameters(parameters, chosen, state, laws.LEAST_FRICTION)
+    out = solver(changed)
+    return out, _arrived(out, changed[:, at.F_R], chosen, state)
+
+
 def _passes(
-    out: np.ndarray,
-    state: State,
-    parameters: np.ndarray,
-    pressures: np.ndarray,
-    gas: np.ndarray,
-    chosen: laws.Chosen,
-    time: np.ndarray,
-    solver: Solver,
+    out: np.ndarray, state: State, parameters: np.ndarray, chosen: laws.Chosen, solver: Solver
 ) -> tuple[np.ndarray, State, np.ndarray]:
     """Solve, take the effects at the new state, and again.
 
@@ -131,7 +182,7 @@ def _passes(
     within the bounds, else half the way. Rows that have settled are left alone.
     """
     out = out.copy()
-    state = _rows(state, np.arange(pressures.size))
+    state = _rows(state, np.arange(len(out)))
     loses = any(effect.inlet_drop or effect.outlet_rise for effect, _ in laws.members(chosen))
     given = state.mass_flow.copy()
     free = np.maximum(given, 1e-12)
@@ -145,9 +196,7 @@ def _passes(
         if not i.size:
             break
         now = replace(_rows(state, i), mass_flow=given[i])
-        changed = laws.row_parameters(parameters[i], chosen, now, laws.LEAST_FRICTION)
-        out[i] = solver(changed, i)
-        new = _state(out[i], parameters[i], changed[:, at.F_R], pressures[i], gas[i], chosen, time[i])
+        out[i], new = one_pass(parameters[i], chosen, now, lambda rows: solver(rows, i))  # noqa: B023
         stalled = out[i, base.STATUS] == base.STALLED
         miss = new.mass_flow - given[i]
         done = (out[i, base.STATUS] == base.RUNNING) & (np.abs(new.omega - now.omega) <= TOLERANCE * new.omega)
@@ -209,25 +258,8 @@ def _put(state: State, where: np.ndarray, rows: State) -> None:
         getattr(state, field.name)[where] = getattr(rows, field.name)
 
 
-def _state(
-    out: np.ndarray,
-    parameters: np.ndarray,
-    roller_factor: np.ndarray,
-    pressures: np.ndarray,
-    gas: np.ndarray,
-    chosen: laws.Chosen,
-    time: np.ndarray,
-) -> State:
-    state = State(
-        omega=out[:, base.SPEED_OUT],
-        angle=np.full(pressures.size, np.nan),
-        mass_flow=out[:, base.MASS_FLOW],
-        pressure=pressures,
-        temperature=parameters[:, at.T_IN],
-        ambient=parameters[:, at.P_A],
-        gas_constant=gas[:, at.GAS_R],
-        friction=parameters[:, at.F_OVERALL],
-        load=out[:, base.ROLLER] / np.where(roller_factor > 0.0, roller_factor, np.inf),
-        time=time,
-    )
+def _arrived(out: np.ndarray, roller_factor: np.ndarray, chosen: laws.Chosen, state: State) -> State:
+    """A state with the speed, the mass flow and the load that the base solver finds."""
+    load = out[:, base.ROLLER] / np.where(roller_factor > 0.0, roller_factor, np.inf)
+    state = replace(state, omega=out[:, base.SPEED_OUT], mass_flow=out[:, base.MASS_FLOW], load=load)
     return replace(state, mass_flow=state.mass_flow + laws.leak(chosen, state))

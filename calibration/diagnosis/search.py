@@ -1,0 +1,180 @@
+"""Step 3, the search: single effects that the linear model finds promising are refitted, then pairs grown from them.
+
+Sets are refitted side by side, a few at a time; how many does not hang on the number of processes, so neither does the
+result. Of what is far behind the best set so far only the first, rough stage of the search is made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.mode import Mode, cost_of
+from calibration.diagnosis.name import WORTH, Candidate, screen, weigh
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.side_by_side import SideBySide
+from calibration.diagnosis.signatures import Signature, signatures
+from calibration.step_clock import Tell
+
+SINGLES = 6  # most single effects refitted
+SINGLES_WITH_RUNS = 5  # ... where each takes seconds
+PAIRS = 4  # most pairs refitted
+SEEDS = 2  # singles that pairs are grown from
+NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
+SWAPS = 4  # sets tried in the place of the best, one member changed
+AT_ONCE = 2  # sets refitted side by side
+
+Names = tuple[str, ...]
+First = dict[tuple[str, str], float]  # values of effects' unknowns to start from
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A set to refit: from the mode of a smaller set and from the prior's middle."""
+
+    names: Names
+    near: Mode
+    first: First = field(default_factory=dict)
+
+
+class Search:
+    """The sets of effects of a recording that were refitted.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    base : Mode
+        The base model.
+    side_by_side : SideBySide or None
+        Does the refits; this process alone when left out.
+    tell : callable
+        Told what is being refitted.
+
+    Attributes
+    ----------
+    modes : dict
+        Most probable point of each set.
+    """
+
+    def __init__(
+        self, comparison: Comparison, base: Mode, side_by_side: SideBySide | None = None, tell: Tell = lambda _: None
+    ) -> None:
+        self.comparison, self._tell = comparison, tell
+        self._side_by_side = side_by_side or SideBySide(0)
+        self.modes: dict[Names, Mode] = {(): base}
+        self._signatures: dict[Names, list[Signature]] = {}
+
+    def singles(self, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH) -> None:
+        """Refit the most promising single effects, then the base model from the best of them.
+
+        Parameters
+        ----------
+        found : sequence of Signature
+            At the base model.
+        u : ndarray, shape (5,)
+            The noise that the detection found [-].
+        worth : float
+            Log evidence gained in the linear model below which an effect is not refitted [-].
+        """
+        base, comparison = self.modes[()], self.comparison
+        most = SINGLES_WITH_RUNS if base.prediction.runs else SINGLES
+        promising = screen(comparison, base, found, u, worth)[:most]
+        self._refit([_Job((name,), base, first) for name, _, first in promising])
+        if base.prediction.runs and len(self.modes) > 1:
+            self._tell("refit the base model again")
+            best = self._best()
+            if best:
+                again = find(comparison, (), self.modes[best])
+                self.modes[()] = max(base, again, key=lambda mode: mode.log_evidence)
+
+    def pairs(self, closed: bool) -> None:
+        """Refit pairs grown from the best single effects.
+
+        Parameters
+        ----------
+        closed : bool
+            Whether the best single effect leaves nothing unexplained.
+        """
+        order = sorted((key for key in self.modes if key), key=lambda key: -self.modes[key].log_evidence)
+        if not order:
+            return
+        enough = self.modes[order[0]].log_evidence - NEAR_BEST if closed else -math.inf
+        seeds = [key for key in order[:SEEDS] if self.modes[key].log_evidence >= enough]
+        jobs: list[_Job] = []
+        for seed in seeds:
+            mode = self.modes[seed]
+            screened = screen(self.comparison, mode, self._signatures_at(seed), mode.u)
+            for name, _, first in screened[: PAIRS // SEEDS]:
+                names = tuple(sorted((*seed, name)))
+                if all(job.names != names for job in jobs):
+                    jobs.append(_Job(names, mode, {**_values(self.comparison.problem, mode), **first}))
+        self._refit(jobs)
+        self.swap()
+
+    def weighed(self) -> list[Candidate]:
+        """All sets with their probabilities, the most probable first; the base model is among them."""
+        return weigh(self.comparison, self.modes)
+
+    def _best(self) -> Names:
+        return max(self.modes, key=lambda key: self.modes[key].log_evidence)
+
+    def _signatures_at(self, names: Names) -> list[Signature]:
+        if names not in self._signatures:
+            self._signatures[names] = signatures(self.comparison, self.modes[names])
+        return self._signatures[names]
+
+    def swap(self) -> None:
+        """Refit what may stand in the place of a member of the best set.
+
+        Close to a good fit the linear model orders well: there each member is left out, and each other effect weighed
+        instead of it.
+        """
+        best = self._best()
+        mode, problem = self.modes[best], self.comparison.problem
+        found = self._signatures_at(best)
+        tried: list[tuple[float, _Job]] = []
+        for member in best:
+            rest = {one: z for one, z in _values(problem, mode).items() if one[0] != member}
+            for name, gain, first in screen(self.comparison, mode, found, mode.u, -math.inf, without=member):
+                names = tuple(sorted({*best, name} - {member}))
+                tried.append((gain, _Job(names, mode, {**rest, **first})))
+        jobs: dict[Names, _Job] = {}
+        for _, job in sorted(tried, key=lambda one: -one[0])[:SWAPS]:
+            if job.names not in self.modes:
+                jobs.setdefault(job.names, job)
+        self._refit(list(jobs.values()))
+
+    def _refit(self, jobs: Sequence[_Job]) -> None:
+        """Refit sets, AT_ONCE side by side; a set with which the model gives no reading at all is left out."""
+        for i in range(0, len(jobs), AT_ONCE):
+            some = jobs[i : i + AT_ONCE]
+            self._tell("refit " + ", ".join(" and ".join(job.names) for job in some))
+            best = cost_of(self.comparison, self.modes[self._best()])
+            for job, mode in zip(
+                some,
+                self._side_by_side(_found, [(self.comparison, job.names, job.near, job.first, best) for job in some]),
+                strict=True,
+            ):
+                if mode is not None:
+                    self.modes[job.names] = mode
+
+
+def _found(comparison: Comparison, names: Names, near: Mode, first: First, best: float) -> Mode | None:
+    try:
+        return find(comparison, names, near, None, first=first, best=best)
+    except ArithmeticError:  # nothing of it can be simulated
+        return None
+
+
+def _values(problem: Problem, mode: Mode) -> First:
+    k = len(problem.nuisances)
+    return {
+        (name, unknown.name): float(mode.z[k + i])
+        for i, (name, unknown) in enumerate(problem.effect_unknowns(mode.names))
+    }

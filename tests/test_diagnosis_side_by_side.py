@@ -1,0 +1,78 @@
+"""Sets refitted side by side: the same to the bit, whatever becomes of the processes."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+
+from calibration.diagnosis.base import base_of
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.mode import cost_of
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.search import Search
+from calibration.diagnosis.side_by_side import SideBySide
+from calibration.diagnosis.signatures import signatures
+from model.motor import read_motor
+
+_spec = importlib.util.spec_from_file_location(
+    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
+)
+assert _spec is not None and _spec.loader is not None
+recordings = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(recordings)
+
+DRAG = {"windage": {"drag_nm_s2": 2e-4}}
+
+
+def test_a_motor_can_be_sent_to_another_process() -> None:
+    motor = read_motor("ptm3600")
+    assert pickle.loads(pickle.dumps(motor)) == motor  # noqa: S301 - our own bytes
+
+
+def test_processes_answer_in_order_and_elsewhere() -> None:
+    with SideBySide(2) as side_by_side:
+        assert side_by_side(divmod, [(7, 2), (9, 4), (1, 1)]) == [(3, 1), (2, 1), (1, 0)]
+        assert os.getpid() not in side_by_side(os.getpid, [(), ()])
+    with SideBySide(1) as alone:
+        assert alone(os.getpid, [(), ()]) == [os.getpid()] * 2
+
+
+def test_what_a_killed_process_was_to_do_is_done_all_the_same() -> None:
+    with SideBySide(2) as side_by_side:
+        assert side_by_side(_die_elsewhere, [(os.getpid(),), (os.getpid(),)]) == [os.getpid()] * 2
+        assert side_by_side(os.getpid, [(), ()]) == [os.getpid()] * 2
+
+
+def _die_elsewhere(home: int) -> int:
+    if os.getpid() != home:
+        os.kill(os.getpid(), 9)
+    return home
+
+
+def test_sets_are_the_same_to_the_bit_side_by_side(tmp_path: Path) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 3, DRAG)))
+    base = base_of(comparison)
+    found, ends = signatures(comparison, base), []
+    for workers in (1, 2):
+        with SideBySide(workers) as side_by_side:
+            search = Search(comparison, base, side_by_side)
+            search.singles(found, base.u)
+        ends.append({names: (mode.log_evidence, mode.z.tobytes()) for names, mode in search.modes.items()})
+    assert len(ends[0]) > 2
+    assert ends[0] == ends[1]
+
+
+def test_a_search_far_behind_ends_after_its_rough_stage(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 3, DRAG)
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
+    base = base_of(comparison)
+    right = find(comparison, ("windage",), base)
+    ended = find(comparison, ("stribeck_friction",), base, best=cost_of(comparison, right))
+    assert right.log_evidence > ended.log_evidence + 30.0
+    again = find(comparison, ("windage",), base, best=cost_of(comparison, right))
+    assert np.array_equal(again.z, right.z)
