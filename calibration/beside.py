@@ -25,7 +25,8 @@ from rig.recording import Recording
 
 BEGINS_AT = 3  # settled plateaus: the process then has some plateaus' time to load, and a short run is spared of it
 IN_A_ROW = 2  # checks that have to find a difference before the person is told
-PATIENCE_S = 10.0  # real time that the end of a sweep waits for a check under way; the regulator is at zero then
+PATIENCE_S = 30.0  # real time that the end of a sweep waits for its last check; the regulator is at zero then
+TELL_AFTER_S = 2.0  # of it, before the person is told what is waited for
 NICE = 10
 CHECK, FAILED, WARNING = "model check", "model check failed", "warning"  # events
 
@@ -99,7 +100,11 @@ class Beside:
             self._changed.notify()
         if self._thread.ident is None:
             return
-        self._thread.join(PATIENCE_S if kind is None else 0.0)
+        if kind is None:
+            self._thread.join(min(TELL_AFTER_S, PATIENCE_S))
+            if self._thread.is_alive() and PATIENCE_S > TELL_AFTER_S:
+                self.say(f"the last plateaus are held against the model: at most {PATIENCE_S:g} s")
+                self._thread.join(PATIENCE_S - TELL_AFTER_S)
         if self._thread.is_alive():
             self._end_process()
             self._thread.join(1.0)

@@ -26,13 +26,15 @@ PLATEAUS = 7
 FIRST_SEED = 100_000
 
 
-def simulate_and_rank(seed: int) -> dict[str, Any]:
+def simulate_and_rank(seed: int, **changed: float) -> dict[str, Any]:
     """One recording from the prior, its fit, and the rank of each truth.
 
     Parameters
     ----------
     seed : int
         Seed of the truth, the noise and the sampler.
+    **changed : float
+        Of the sampler's settings, against those of the campaign.
 
     Returns
     -------
@@ -46,7 +48,7 @@ def simulate_and_rank(seed: int) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
     recording, truth = simulated_recording(rng)
     _, _, likelihood = fit.prepare(recording)
-    settings = Settings(seed=seed, **SETTINGS)  # type: ignore[arg-type]
+    settings = Settings(seed=seed, **{**SETTINGS, **changed})  # type: ignore[arg-type]
     chain = sampling.sample(likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings)
     flat = chain.flat()
     drawn = flat[rng.choice(len(flat), DRAWS, replace=False)]

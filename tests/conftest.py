@@ -56,6 +56,10 @@ LONGEST = (
     "test_lines",
     "test_diagnosis_search",
     "test_fit_effects",
+    "test_diagnosis_side_by_side",
+    "test_evidence_check",
+    "test_doctor",
+    "test_acquisition",
 )
 
 

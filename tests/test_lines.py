@@ -190,7 +190,7 @@ def test_a_babbling_line_is_told(on_line):
 
 
 @pytest.mark.slow
-def test_with_one_reply_in_five_late_two_thousand_reads_give_no_wrong_value(on_line):
+def test_with_one_reply_in_five_late_a_thousand_reads_give_no_wrong_value(on_line):
     draw = random.Random(7)
     timing = Timing(timeout_s=0.01, slowest_reply_s=0.04, quiet_s=0.002)
 
@@ -199,7 +199,7 @@ def test_with_one_reply_in_five_late_two_thousand_reads_give_no_wrong_value(on_l
 
     line = on_line(reply, timing)
     good = late = 0
-    for i in range(2000):
+    for i in range(1000):
         address = (0, 10, 20)[i % 3]
         try:
             values = read(line, address)
@@ -211,8 +211,8 @@ def test_with_one_reply_in_five_late_two_thousand_reads_give_no_wrong_value(on_l
             continue
         assert values == (REGISTERS[address],)
         good += 1
-    assert late > 300  # the fault was really there
-    assert good > 1000
+    assert late > 150  # the fault was really there
+    assert good > 500
 
 
 def test_a_port_that_is_not_there_is_told_with_what_to_do():

@@ -181,6 +181,7 @@ def test_a_check_whose_process_dies_is_an_event_and_plateaus_go_on(tmp_path):
 
 
 def test_a_check_that_hangs_is_ended_with_the_sweep(tmp_path, monkeypatch):
+    monkeypatch.setattr(beside, "TELL_AFTER_S", 0.02)
     monkeypatch.setattr(beside, "PATIENCE_S", 0.05)
     heard = Heard()
     with heard.beside(tmp_path, hang) as tell:
@@ -190,6 +191,7 @@ def test_a_check_that_hangs_is_ended_with_the_sweep(tmp_path, monkeypatch):
             assert time.monotonic() < end_s
             time.sleep(0.01)
     assert heard.events == [("model check failed", {"error": "the run ended first"})]
+    assert heard.said == ["the last plateaus are held against the model: at most 0.05 s"]
     assert multiprocessing.active_children() == []
 
 

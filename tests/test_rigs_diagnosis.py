@@ -204,7 +204,7 @@ def test_the_command_line_diagnoses_a_rig_written_out_in_its_recording(tmp_path:
         (
             "dexpand",
             ["dexpand/RVE_air_PDLT_steady_states_designconditions.csv"],
-            ("confounded", [["leakage"], ["inlet_throttling"], ["flow_scale", "inlet_throttling"], ["flow_offset"]]),
+            ("confounded", [["inlet_throttling"], ["leakage"]]),
         ),
         ("ball_drops_baseball", ["ball_drops/Ball_drops_data.xls"], ("consistent", [[]])),
         ("ball_drops_whiffle", ["ball_drops/Ball_drops_data.xls"], ("named", [["coulomb_friction", "windage"]])),

@@ -23,7 +23,8 @@ from calibration.step_clock import StepClock, Tell
 from rig.recording import Recording, RecordingError
 
 TESTED = 6  # most probable sets whose residual is tested
-RESIDUAL_DRAWS = 200
+RESIDUAL_DRAWS, MORE_DRAWS = 200, 4000
+NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
 HOPELESS = 1e-3  # as probable as this beside one that passes, a set need not be tested
 MOSTLY = 0.05  # of the mismatch: a set that leaves less explains it, be the rest as certain as it may
 
@@ -170,6 +171,8 @@ def _residual(problem: RigProblem, one: Candidate, base: Detection, rng: np.rand
     """p-value of what a set leaves, and how much of the mismatch that is."""
     view = linear(problem, one.fit)
     found = detect(view, signatures(view), forces(view), rng, RESIDUAL_DRAWS)
+    if RESIDUAL_P / NEAR < found.p_value < RESIDUAL_P * NEAR:  # a tail of so few draws is too rough to decide it
+        found = detect(view, signatures(view), forces(view), rng, MORE_DRAWS)
     return found.p_value, found.gain / max(base.gain, 1e-9)
 
 
