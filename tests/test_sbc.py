@@ -8,8 +8,8 @@ from scipy import stats
 
 from calibration import sbc
 
-SEEDS = range(7_000, 7_005)
-BUDGET = {"effective_samples": 500, "most_steps": 600}  # a mean and a spread need no more
+SEEDS = range(7_100, 7_104)
+BUDGET = {"effective_samples": 300, "most_steps": 500}  # a mean and a spread need no more
 
 
 @pytest.fixture(scope="module")
