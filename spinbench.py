@@ -312,17 +312,12 @@ def fit(
             variants.append((name, again.posterior))
     data = posterior.as_json(found.posterior)
     encoded = simulation.json_bytes(data)
-    report = fit_page.report(found, variants) if out is not None and not held else {}
     if out is not None:
-        files.write_files(out, {"posterior.json": encoded} | report)
+        files.write_files(out, {"posterior.json": encoded} | fit_page.report(found, variants))
     _deliver(encoded, fit_page.table(found), None, json_file, None)
-    bad = [f"{one.file}: row {one.row}: {one.channel} is probably bad" for one in found.posterior.suspect_rows]
-    notes = [note for note in found.measured.notes if note not in read.warnings]
-    for words in [*notes, *bad] if held else fit_page.remarks(found):
+    for words in fit_page.remarks(found):
         print(f"spinbench: {words}", file=sys.stderr)
-    if out is not None and held:  # its bands are those of the article's model alone
-        print(f"spinbench: no page is drawn of a fit with effects; {out / 'posterior.json'} holds it", file=sys.stderr)
-    elif out is not None:
+    if out is not None:
         print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
 
 

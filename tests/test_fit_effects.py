@@ -6,6 +6,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,14 @@ from typer.testing import CliRunner
 
 from calibration import effect_states, fit, posterior, sampling, with_effects
 from calibration.priors import Unknown
+from calibration.report import fit_numbers
 from calibration.sampling import Settings
 from model import steady
 from model.effects import effects
 from model.effects import steady as effect_steady
 from model.effects.laws import behind_the_gauge, readings_of
 from model.motor import read_motor
-from rig.recording import Recording, read_recording
+from rig.recording import Column, Recording, read_recording
 from spinbench import app
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -75,7 +77,7 @@ def test_posterior_1_holds_the_effect_with_its_unit(fitted):
     assert 0.0 <= one["q05"] < one["q50"] < one["q95"] < 1.0
 
 
-def test_the_command_takes_a_list_of_effects_and_draws_no_page_that_leaves_them_out(fitted, tmp_path, monkeypatch):
+def test_the_command_takes_a_list_of_effects_and_writes_the_report(fitted, tmp_path, monkeypatch):
     asked: list[object] = []
 
     def instead(*arguments: object) -> fit.Fit:
@@ -87,8 +89,41 @@ def test_the_command_takes_a_list_of_effects_and_draws_no_page_that_leaves_them_
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert asked == [["coulomb_friction", "leakage"]]
-    assert [place.name for place in tmp_path.iterdir()] == ["posterior.json"]
+    assert {place.name for place in tmp_path.iterdir()} == {"posterior.json", "report.html", "report.png"}
+    page = (tmp_path / "report.html").read_text()
+    assert "The model holds, beyond the article" in page
+    assert "coulomb_friction.torque_nm" in page
+    assert f"{effects()['coulomb_friction'].title} (coulomb_friction): torque_nm" in page
     assert "coulomb_friction.torque_nm" in json.loads((tmp_path / "posterior.json").read_text())["parameters"]
+
+
+def test_the_bands_of_the_report_are_those_of_the_model_with_its_effects(fitted):
+    rows = fitted.measured.steady
+    still = np.zeros(len(rows))
+    here = fit_numbers.expected(fitted, rows.pressure, rows.is_gauge, rows.noise_scale, still)["speed"]
+    assert np.all(np.abs(rows.speed - here.mean) < 4.0 * here.sd)
+    z = fitted.posterior.chain.flat().copy()
+    z[:, -1] = -8.0  # no friction worth speaking of
+    chain = replace(fitted.posterior.chain, samples=z.reshape(fitted.posterior.chain.samples.shape))
+    without = replace(fitted, posterior=replace(fitted.posterior, chain=chain))
+    there = fit_numbers.expected(without, rows.pressure, rows.is_gauge, rows.noise_scale, still)["speed"]
+    assert np.all(there.mean > here.mean + 1.0)  # rpm
+
+
+def test_an_effect_that_changes_with_time_is_drawn_at_the_middle_of_the_sweep(rubbing):
+    settings = Settings(seed=1, effective_samples=10, most_steps=25, walkers=40)
+    time = np.array([0.0, 100.0, 200.0, 600.0])
+    columns = dict(rubbing.files[0].columns, time_s=Column(time, np.zeros(4, dtype=np.int8)))
+    timed = replace(rubbing, files=(replace(rubbing.files[0], columns=columns),))
+    motor, measured, likelihood = fit.prepare(timed, effects=["friction_warm_up"])
+    chain = sampling.sample(likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings)
+    result = posterior.summarise(chain, likelihood, list(timed.channels), 1.0)
+    found = fit.Fit(timed, motor, measured, likelihood, result, settings, ("friction_warm_up",))
+    shown = {channel.name: channel for channel in fit_numbers.channels(found)}["speed"]
+    rows, one = measured.steady, np.ones(1)
+    for at_s, wanted in ((150.0, True), (600.0, False)):
+        same = fit_numbers.expected(found, shown.curve.pressure_bar[:1], rows.is_gauge[:1], one, np.array([at_s]))
+        assert (same["speed"].mean[0] == pytest.approx(shown.curve.mean[0], rel=1e-9)) == wanted
 
 
 @pytest.mark.parametrize("name", SOLVED)

@@ -17,7 +17,7 @@ from calibration.report.fit_numbers import Channel, Suspect
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-RIDGES = ("port_lap", "roller_friction", "pressure_offset", "ambient_pressure")
+RIDGES = ("port_lap", "roller_friction", "pressure_offset", "ambient_pressure")  # and the effects' own unknowns
 BANDS = ((0, 4, "#CFE3F1", "90 %"), (1, 3, "#8FBFDF", "68 %"))  # indices into numbers.LEVELS
 ALARM = style.COLOURS[1]
 DOTS = 1500
@@ -53,13 +53,14 @@ def density(posterior: Posterior) -> bytes:
 
 def ridge(posterior: Posterior) -> bytes:
     """f_overall against the unknowns that it may trade off with."""
-    present = [estimate.unknown for estimate in posterior.estimates if estimate.unknown.name in RIDGES]
+    names = [estimate.unknown.name for estimate in posterior.estimates]
+    present = [name for name in names if name in RIDGES or numbers.is_of_effect(name)]
     with style.drawing(-(-len(present) // 2), 2, height_in=2.5 * -(-len(present) // 2), squeeze=False) as (
         figure,
         axes,
     ):
-        for panel, unknown in zip(axes.flat, present, strict=False):
-            _ridge_panel(panel, posterior, unknown.name)
+        for panel, name in zip(axes.flat, present, strict=False):
+            _ridge_panel(panel, posterior, name)
         for panel in axes.flat[len(present) :]:
             panel.set_axis_off()
         return style.png(figure)
@@ -222,9 +223,11 @@ def _density_panel(panel: Axes, posterior: Posterior) -> None:
 
 
 def _ridge_panel(panel: Axes, posterior: Posterior, name: str) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     other, target = posterior[name].unknown, posterior[numbers.TARGET].unknown
     x, y = numbers.samples(posterior, name), numbers.samples(posterior, numbers.TARGET)
-    by_factor = other.kind != "normal"
+    by_factor = other.kind in ("lognormal", "loguniform")
     dots = thinned(np.column_stack([x, y]), DOTS)
     panel.plot(dots[:, 0], dots[:, 1], ".", color=style.FAINT, markersize=1.5, alpha=0.5)
     centre, height, found, levels = numbers.density_regions(np.log(x) if by_factor else x, y)
@@ -238,6 +241,9 @@ def _ridge_panel(panel: Axes, posterior: Posterior, name: str) -> None:
     )
     if by_factor:
         panel.set_xscale("log")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        panel.xaxis.set_minor_formatter(NullFormatter())
     else:
         panel.locator_params(axis="x", nbins=4)  # six digits a tick must not run into each other
     correlation = float(np.corrcoef(x, y)[0, 1])

@@ -105,9 +105,10 @@ def channels(found: Fit) -> list[Channel]:
         The fit.
     """
     rows = found.measured.steady
-    at_rows = expected(found, rows.pressure, rows.is_gauge, rows.noise_scale)
+    at_rows = expected(found, rows.pressure, rows.is_gauge, rows.noise_scale, times(found))
     grid = _grid(rows.pressure)
-    over = expected(found, grid, np.full(grid.shape, rows.is_gauge[0]), np.ones(grid.shape))
+    middle = np.full(grid.shape, np.median(times(found)))
+    over = expected(found, grid, np.full(grid.shape, rows.is_gauge[0]), np.ones(grid.shape), middle)
     return [
         Channel(
             name,
@@ -123,8 +124,14 @@ def channels(found: Fit) -> list[Channel]:
     ]
 
 
+def times(found: Fit) -> np.ndarray:
+    """Time of each steady row on the recording's clock, where the fit has effects that may ask for it [s]."""
+    held = found.likelihood.effects
+    return held.time if held is not None else np.zeros(len(found.measured.steady))
+
+
 def expected(
-    found: Fit, pressure_bar: np.ndarray, is_gauge: np.ndarray, noise_scale: np.ndarray
+    found: Fit, pressure_bar: np.ndarray, is_gauge: np.ndarray, noise_scale: np.ndarray, time: np.ndarray
 ) -> dict[str, Expected]:
     """What speed and flow would read where the pressure gauge reads this, over draws from the posterior.
 
@@ -138,19 +145,19 @@ def expected(
         The pressure is counted from the ambient's.
     noise_scale : ndarray, shape (n,)
         The file's random noise, times the channel's [-].
+    time : ndarray, shape (n,)
+        On the recording's clock, for effects that change with it [s].
 
     Returns
     -------
     dict of str to Expected
         By channel: speed and flow.
     """
-    motor = found.motor
-    parameters, errors = found.likelihood.split(thinned(found.posterior.chain.flat()))
-    true = (pressure_bar - errors[:, 0, 0:1]) / (1.0 + errors[:, 0, 1:2])
-    P = true * PASCAL_PER_BAR + np.where(is_gauge, parameters[:, at.P_A : at.P_A + 1], 0.0)
+    motor, z = found.motor, thinned(found.posterior.chain.flat())
+    parameters, errors = found.likelihood.split(z)
     nominal = pressure_bar * PASCAL_PER_BAR + np.where(is_gauge, motor.si("ambient_pressure"), 0.0)
-    gas = steady.gas_table(motor, nominal)
-    out = steady.solve(parameters, motor.readings.vector(), np.clip(P, 2e4, 2e6), gas, slopes=True)
+    gas, chosen = steady.gas_table(motor, nominal), found.likelihood.chosen(z)
+    out = found.likelihood.states(parameters, errors, chosen, pressure_bar, is_gauge, gas, time)
     solved = np.all(out[..., steady.STATUS] != steady.NOT_CONVERGED, axis=1)
     out, errors = out[solved], errors[solved]
     var_p = _variance(found, "pressure", errors, noise_scale) / (1.0 + errors[:, 0, 1:2]) ** 2
@@ -186,7 +193,7 @@ def suspects(found: Fit) -> list[Suspect]:
     if not found.posterior.suspect_rows:
         return []
     rows = found.measured.steady
-    beside = expected(found, rows.pressure, rows.is_gauge, rows.noise_scale)
+    beside = expected(found, rows.pressure, rows.is_gauge, rows.noise_scale, times(found))
     places = {(file, int(row)): i for i, (file, row) in enumerate(zip(rows.file, rows.row, strict=True))}
     result = []
     for suspect in found.posterior.suspect_rows:
@@ -223,6 +230,11 @@ def trade_offs(posterior: Posterior, name: str = TARGET) -> list[tuple[Unknown, 
 def samples(posterior: Posterior, name: str) -> np.ndarray:
     """Samples of one unknown in its unit, shape (n_samples,)."""
     return posterior.values[:, [estimate.unknown.name for estimate in posterior.estimates].index(name)]
+
+
+def is_of_effect(name: str) -> bool:
+    """Whether an unknown is an effect's: they are called ``effect.parameter``."""
+    return "." in name
 
 
 def prior_density(unknown: Unknown, values: np.ndarray) -> np.ndarray:

@@ -111,6 +111,7 @@ def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> 
         "hangs_on": fit_words.hangs_on(pairs),
         "prior_says": fit_words.prior_says(found),
         "prior_dominates": fit_words.prior_dominates(found),
+        "effects": fit_words.held_effects(found),
         "remarks": fit_words.remarks(found, suspects),
         "suspects": _suspect_table(suspects),
         "trade_offs": _trade_off_table(found.posterior, pairs),

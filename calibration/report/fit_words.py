@@ -11,7 +11,8 @@ from calibration.fit import Fit
 from calibration.measurement import OBSERVED
 from calibration.posterior import Posterior
 from calibration.priors import Unknown
-from calibration.report.fit_numbers import TARGET, UNITS, Suspect
+from calibration.report.fit_numbers import TARGET, UNITS, Suspect, is_of_effect
+from model.effects import effects
 
 INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
 FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
@@ -45,6 +46,9 @@ def probability(value: float) -> str:
 
 def called(name: str) -> str:
     """An unknown's name as a person says it."""
+    if is_of_effect(name):
+        effect, _, parameter = name.partition(".")
+        return f"{effects()[effect].title}, its {parameter}"
     channel, _, error = name.partition("_")
     if channel in INSTRUMENTS and error in ("offset", "scale", "noise_scale"):
         return f"{INSTRUMENTS[channel]}'s {error.removesuffix('_scale') if error == 'noise_scale' else error}"
@@ -57,7 +61,24 @@ def prior_in_words(unknown: Unknown) -> str:
         return f"{figure(unknown.a)} ± {figure(unknown.b)}"
     if unknown.kind == "lognormal":
         return f"{figure(unknown.a)}, times or over {figure(unknown.b)}"
+    if unknown.kind == "halfnormal":
+        return f"above {figure(unknown.a)}, by {figure(unknown.b)}"
     return f"{figure(unknown.a)} to {figure(unknown.b)}, even in the logarithm"
+
+
+def held_effects(found: Fit) -> list[str]:
+    """Each effect that the model holds beyond the article, with the sizes that the fit gives it, in a sentence each."""
+    sentences = []
+    for name in found.effects:
+        sizes = []
+        for parameter in effects()[name].parameters:
+            one = found.posterior[f"{name}.{parameter.name}"]
+            value = f"{rounded(one.mean, one.sd)} ± {uncertainty(one.sd)}"
+            low, high = (rounded(one.quantiles[q], one.sd) for q in ("q05", "q95"))
+            words = f"{parameter.name} {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})"
+            sizes.append(f"{words}, which is its prior" if found.posterior.prior_dominates(one.unknown.name) else words)
+        sentences.append(f"{effects()[name].title} ({name}): {'; '.join(sizes)}")
+    return sentences
 
 
 def verdict(posterior: Posterior) -> str:
