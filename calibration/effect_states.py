@@ -3,13 +3,13 @@
 What an effect does to the motor's parameters is often the same whatever speed comes out: a dry friction, a share of
 the roller factor. Then the article's own solver takes all points in one call. What differs from row to row, as
 friction that warms up does, is solved row by row. An effect that depends on the speed or flow that it changes is
-solved in passes, a set of sizes a call.
+solved in passes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -112,16 +112,27 @@ def _in_passes(
     chosen: Sequence[Chosen],
     time: np.ndarray,
 ) -> np.ndarray:
-    """Where an effect depends on the state that it changes; the solver takes one set of effects a call."""
-    out = np.zeros((len(parameters), time.size, steady.N_OUT))
-    for i, one in enumerate(chosen):
-        rows = np.tile(parameters[i], (time.size, 1))
-        found = effect_steady.solve(rows, readings, P[i], gas, one, time, slopes=True)
-        out[i, :, steady.SPEED_OUT], out[i, :, steady.SPEED_SLOPE] = found.speed, found.speed_slope
-        out[i, :, steady.VOLUME_FLOW], out[i, :, steady.FLOW_SLOPE] = found.flow, found.flow_slope
-        out[i, :, steady.STATUS] = np.where(found.running, steady.RUNNING, steady.STALLED)
-        _read(out[i], one, found.state)
-    return out
+    """Where an effect depends on the state that it changes: the rows of all sets in one call."""
+    sets, rows = P.shape
+    together: dict[str, dict[str, Any]] = {
+        name: {key: np.repeat([one[name][key] for one in chosen], rows) for key in values}
+        for name, values in chosen[0].items()
+    }
+    found = effect_steady.solve(
+        np.repeat(parameters, rows, axis=0),
+        readings,
+        P.ravel(),
+        np.tile(gas, (sets, 1)),
+        together,
+        np.tile(time, sets),
+        slopes=True,
+    )
+    out = np.zeros((sets * rows, steady.N_OUT))
+    out[:, steady.SPEED_OUT], out[:, steady.SPEED_SLOPE] = found.speed, found.speed_slope
+    out[:, steady.VOLUME_FLOW], out[:, steady.FLOW_SLOPE] = found.flow, found.flow_slope
+    out[:, steady.STATUS] = np.where(found.running, steady.RUNNING, steady.STALLED)
+    _read(out, together, found.state)
+    return out.reshape(sets, rows, steady.N_OUT)
 
 
 def _read(out: np.ndarray, chosen: Chosen, state: State) -> None:

@@ -56,6 +56,18 @@ def settled(chosen: Chosen, pressure: float, start: float = 40.0) -> tuple[float
     return float(speed), float(mass_flow * gas[at.GAS_R] * MOTOR.si("inlet_temperature") / pressure)
 
 
+@pytest.mark.parametrize("name", [name for name, effect in effects().items() if not effect.transient_only])
+def test_a_value_a_row_gives_each_row_what_that_value_alone_gives_it(name: str) -> None:
+    other = {p.name: 0.7 * p.scale if p.low <= 0.7 * p.scale else p.scale for p in effects()[name].parameters}
+    sizes = [ORDINARY[name], other, OFF[name]]
+    rows = {key: np.repeat([one[key] for one in sizes], PRESSURES.size) for key in ORDINARY[name]}
+    together = points({name: rows}, pressures=np.tile(PRESSURES, len(sizes)))
+    for i, one in enumerate(sizes):
+        alone, there = points({name: one}), slice(i * PRESSURES.size, (i + 1) * PRESSURES.size)
+        for key in ("speed", "flow", "running"):
+            np.testing.assert_allclose(getattr(together, key)[there], getattr(alone, key), rtol=1e-7)
+
+
 @pytest.mark.parametrize("chosen", [{}, *({name: OFF[name]} for name in OFF), OFF], ids=lambda c: "+".join(c) or "none")
 def test_switched_off_the_steady_solver_is_the_bare_one_to_the_bit(chosen: Chosen) -> None:
     found = points(chosen)

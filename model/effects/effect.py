@@ -101,7 +101,7 @@ def unknown_state(like: np.ndarray) -> State:
     return State(*[np.full_like(like, np.nan)] * 10)
 
 
-Values = Mapping[str, float]
+Values = Mapping[str, float]  # or arrays of the state's shape, a value a row: laws are arithmetic on either
 Law = Callable[[Values, State], np.ndarray]
 Reads = Callable[[Values, np.ndarray, State], np.ndarray]
 

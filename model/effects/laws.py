@@ -40,7 +40,23 @@ def switched_on(chosen: Chosen) -> dict[str, Values]:
     return {
         effect.id: values
         for effect, values in members(chosen)
-        if any(values[parameter.name] != 0.0 for parameter in effect.parameters if not parameter.shape)
+        if any(np.any(values[parameter.name] != 0.0) for parameter in effect.parameters if not parameter.shape)
+    }
+
+
+def rows_of(chosen: Chosen, which: np.ndarray) -> dict[str, Values]:
+    """A set for some rows: of values that differ from row to row, theirs.
+
+    Parameters
+    ----------
+    chosen : mapping
+        The set; a value is a number, or an array with one a row.
+    which : ndarray of int, shape (k,)
+        Indices of the rows.
+    """
+    return {
+        name: {key: np.asarray(value)[which] if np.ndim(value) else value for key, value in values.items()}
+        for name, values in chosen.items()
     }
 
 

@@ -27,10 +27,8 @@ def leak(p: Values, state: State) -> np.ndarray:
     over = np.maximum(state.pressure**2 - state.ambient**2, 0.0)
     reference = 3.0 * state.ambient**2  # the same at twice the ambient pressure
     conductance, exponent = p["conductance_kg_s_pa2"], p.get("exponent", LAMINAR)
-    found: np.ndarray = (
-        conductance * over if exponent == LAMINAR else conductance * reference * (over / reference) ** exponent
-    )
-    return found
+    powered = reference * (over / reference) ** exponent
+    return conductance * np.where(np.equal(exponent, LAMINAR), over, powered)
 
 
 EFFECT = Effect(

@@ -68,7 +68,7 @@ def solve(
     gas : ndarray, shape (n, 12)
         Gas of each row, of `model.steady.gas_table`.
     chosen : mapping
-        Effect id to the values of its parameters.
+        Effect id to the values of its parameters; a value may be an array of shape (n,), one a row.
     time : ndarray, shape (n,)
         Of each row on the recording's clock [s].
     slopes : bool
@@ -93,8 +93,9 @@ def solve(
         out, state, running = _passes(out, free, parameters, chosen, solver)
         lost = np.flatnonzero(~running & (free.omega > 0.0))
         if lost.size and any(effect.torque for effect, _ in laws.members(chosen)):
-            found = _balanced(_rows(free, lost), parameters[lost], chosen)
-            again = _passes(out[lost], found, parameters[lost], chosen, lambda rows, which: solver(rows, lost[which]))
+            theirs = laws.rows_of(chosen, lost)
+            found = _balanced(_rows(free, lost), parameters[lost], theirs)
+            again = _passes(out[lost], found, parameters[lost], theirs, lambda rows, which: solver(rows, lost[which]))
             won = again[2]
             out[lost[won]], running[lost[won]] = again[0][won], True
             _put(state, lost[won], _rows(again[1], won))
@@ -196,7 +197,8 @@ def _passes(
         if not i.size:
             break
         now = replace(_rows(state, i), mass_flow=given[i])
-        out[i], new = one_pass(parameters[i], chosen, now, lambda rows: solver(rows, i))  # noqa: B023
+        theirs = laws.rows_of(chosen, i)
+        out[i], new = one_pass(parameters[i], theirs, now, lambda rows: solver(rows, i))  # noqa: B023
         stalled = out[i, base.STATUS] == base.STALLED
         miss = new.mass_flow - given[i]
         done = (out[i, base.STATUS] == base.RUNNING) & (np.abs(new.omega - now.omega) <= TOLERANCE * new.omega)
