@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.correction import corrections, hold_out
+from calibration.diagnosis.correction import corrections, hold_out, nuisances_beside
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import detect
 from calibration.diagnosis.discover import STABLE, discover
@@ -121,6 +121,21 @@ def test_the_smooth_correction_gains_next_to_nothing_where_nothing_is_left_out(s
     assert held_out.gain < 4.0
     for curve in corrections(*swept, U):
         assert curve.gain < 5.0
+
+
+def test_f_overall_beside_a_torque_that_nobody_knows_holds_what_the_coast_down_cannot_tell_from_it(coasted):
+    of = dragged(coasted, lambda omega: clutch(omega) + 2.0 * DRAG * omega / ENGAGES)
+    unknowns = of[0].problem.nuisances
+    place = [unknown.name for unknown in unknowns].index("f_overall")
+    smooth = corrections(*of, U)
+    assert smooth[0].balance == "torque"
+    z, sd = (one[place] for one in nuisances_beside(*of, smooth))
+    low, true, high = unknowns[place].value(np.array([z - 1.645 * sd, of[1].z[place], z + 1.645 * sd]))
+    assert low < true < high
+    assert true < unknowns[place].value(z - 1.645 * smooth[0].z_sd[place])  # which that of the process alone does not
+    flows = [one for one in smooth if one.balance == "mass"]
+    for one in flows:  # a flow is no part of the friction
+        np.testing.assert_allclose(nuisances_beside(*of, [one])[1], one.z_sd)
 
 
 def test_what_f_overall_can_do_is_no_correction(coasted):

@@ -24,6 +24,8 @@ from calibration.diagnosis.straight import Straight, freed, straight
 KNOTS = 31  # places at which the curve is known; straight between them
 LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the kernel, in shares of the coordinate's span
 SIZES = (0.03, 0.1, 0.3)  # sd of a torque [N m], or of a flow as a share of the middle flow
+TARGET = "f_overall"
+STEP = 1e-3  # of a standard normal unknown, for a derivative
 ROOT3 = math.sqrt(3.0)
 SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
 SCHEME = (
@@ -49,6 +51,8 @@ class Correction:
         What its mean does to the readings [SI].
     z, z_sd : ndarray, shape (n,)
         The nuisances beside it, and their sd [-].
+    size : float
+        The sd that its prior has, sizes weighed by their evidence [N m] or [m3/s].
     """
 
     channel: str
@@ -62,20 +66,35 @@ class Correction:
     column: np.ndarray
     z: np.ndarray
     z_sd: np.ndarray
+    size: float
 
 
-def nuisances_beside(found: Sequence[Correction]) -> tuple[np.ndarray, np.ndarray]:
+def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correction]) -> tuple[np.ndarray, np.ndarray]:
     """The nuisances and their sd when something is missing and nobody knows what [-], each shape (n,).
+
+    A torque of unknown form may have a part in proportion to speed, as large as what is seen of it: no recording
+    tells that from viscous friction. The spread of f_overall holds it.
 
     Parameters
     ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The base model.
     found : sequence of Correction
         Those of all coordinates; they are averaged over by their evidence.
     """
     weight = softmax([one.gain for one in found])
     means, sds = np.array([one.z for one in found]), np.array([one.z_sd for one in found])
     mean: np.ndarray = weight @ means
-    return mean, np.sqrt(np.maximum(weight @ (sds**2 + means**2) - mean**2, 0.0))
+    variance = weight @ (sds**2 + means**2) - mean**2
+    nuisances = comparison.problem.nuisances
+    place = next(i for i, unknown in enumerate(nuisances) if unknown.name == TARGET)
+    speed = math.sqrt(float(np.nanmean(mode.prediction.state.omega**2)))
+    slope = float(nuisances[place].value(mean[place] + STEP) - nuisances[place].value(mean[place])) / STEP
+    hidden = np.array([one.size / (speed * slope) if one.balance == "torque" else 0.0 for one in found])
+    variance[place] += weight @ hidden**2
+    return mean, np.sqrt(np.maximum(variance, 0.0))
 
 
 def corrections(comparison: Comparison, mode: Mode, u: np.ndarray) -> list[Correction]:
@@ -253,6 +272,7 @@ def _smoothed(fitted: _Fitted) -> Correction:
         one.hats @ mean[k:],
         mean[:k],
         sd[:k],
+        one.of.scale * math.sqrt(float(fitted.weights @ np.tile(np.square(SIZES), len(LENGTHS)))),
     )
 
 

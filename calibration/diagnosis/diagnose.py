@@ -230,7 +230,7 @@ def _diagnose(
     if verdict.kind == "unresolved":
         clock("look for a law")
         smooth = corrections(comparison, base, detection.u)
-        correction, beside = (smooth[0], nuisances_beside(smooth)) if smooth else (None, None)
+        correction, beside = (smooth[0], nuisances_beside(comparison, base, smooth)) if smooth else (None, None)
         term = discover(comparison, base, detection.u, rng, correction.balance) if correction else None
         held_out = hold_out_smooth(comparison, base, detection.u)
     if verdict.kind in ("confounded", "unresolved"):
