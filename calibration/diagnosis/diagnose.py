@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.confirm import HeldOut, cross_validate
@@ -320,7 +320,7 @@ def _bad_rows(comparison: Comparison, mode: Mode) -> list[tuple[str, int, str, f
 def _bad_p(comparison: Comparison, mode: Mode) -> float:
     """How often the largest of all residuals would be as large by chance."""
     farthest = float(np.max(np.abs(mode.r[: 2 * comparison.n])))
-    return float(min(1.0, 2.0 * comparison.n * 2.0 * norm.sf(farthest)))
+    return float(min(1.0, 2.0 * comparison.n * 2.0 * ndtr(-farthest)))
 
 
 __all__ = ["Detected", "Diagnosis", "detect_mismatch", "diagnose", "held_out_gain"]

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from calibration.diagnosis.coordinates import same_coordinates
 from calibration.diagnosis.correction import Process, evidence, processes, stands_out
@@ -164,7 +164,7 @@ def _said(
 
 def _where(one: _Tested) -> tuple[float, float]:
     size = np.abs(one.scores)
-    out = np.flatnonzero(size >= max(STANDS_OUT * size.max(), float(norm.isf(0.01))))
+    out = np.flatnonzero(size >= max(STANDS_OUT * size.max(), -float(ndtri(0.01))))
     if not out.size:
         out = np.array([int(np.argmax(size))])
     return float(one.force.places[out, 0].min()), float(one.force.places[out, 1].max())
@@ -214,7 +214,7 @@ def _rows(problem: Straight, beside: Sequence[np.ndarray], price: float) -> list
         seen = (size > LEFT * norms) & (norms > 0.0)  # a reading that sets a force says nothing of itself
         score = np.where(seen, rest.T @ problem.y / size, 0.0)
         i = int(np.argmax(np.abs(score)))
-        p = min(1.0, price * count * 2.0 * float(norm.sf(abs(score[i]))))
+        p = min(1.0, price * count * 2.0 * float(ndtr(-abs(score[i]))))
         if p >= FOUND_P:
             break
         row, channel = int(comparison.index[i]), "flow" if i < n else "speed"

@@ -13,8 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
-from scipy.stats import norm
+from scipy.special import gammaln, log_ndtr, logsumexp
 
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
@@ -172,10 +171,10 @@ def beyond(problem: Problem, mode: Mode, name: str) -> float:
     if found is None:
         return 0.0
     mean, sd, prior_sd, one_sided = found
-    after = [float(norm.logcdf((mean - BEYOND_SD) / sd))]
-    before = [float(norm.logcdf(-BEYOND_SD / prior_sd))]
+    after = [float(log_ndtr((mean - BEYOND_SD) / sd))]
+    before = [float(log_ndtr(-BEYOND_SD / prior_sd))]
     if not one_sided:
-        after.append(float(norm.logcdf((-BEYOND_SD - mean) / sd)))
+        after.append(float(log_ndtr((-BEYOND_SD - mean) / sd)))
         before.append(before[0])
     else:
         before.append(before[0])

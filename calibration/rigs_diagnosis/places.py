@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import rankdata
 
 from calibration.rigs_problem import RigProblem
 
@@ -154,6 +153,8 @@ def same_coordinates(problem: RigProblem, coordinate: str) -> tuple[str, ...]:
     coordinate : str
         The one.
     """
+    from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared
+
     known = [one for one in coordinates(problem) if coordinate in one]
     found = []
     for other in ("speed", "pressure", "time"):

@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr, ndtri
-from scipy.stats import qmc
 
 from model import steady
 from model.air import RANGES
@@ -83,6 +82,8 @@ class Guard:
         self._gas, self._readings = steady.gas_table(motor, self._nodes), motor.readings.vector()
         self._prior = _log_prior(motor)
         others = [name for name in QUANTITIES if motor[name].prior is not None and name != "f_overall"]
+        from scipy.stats import qmc  # a third of a second, which commands that draw nothing are spared
+
         uniform = np.clip(qmc.Sobol(len(others) + 3, seed=20).random(DRAWS), 1e-9, 1.0 - 1e-9)
         self._share, normal = uniform[:, 0], ndtri(uniform[:, 1:])
         self._shift_pa = normal[:, 0] * np.hypot(gauge_sd_pa, DRY_FRICTION_PA)
