@@ -133,6 +133,10 @@ def test_f_overall_beside_a_torque_that_nobody_knows_holds_what_the_coast_down_c
     low, true, high = unknowns[place].value(np.array([z - 1.645 * sd, of[1].z[place], z + 1.645 * sd]))
     assert low < true < high
     assert true < unknowns[place].value(z - 1.645 * smooth[0].z_sd[place])  # which that of the process alone does not
+    renamed = copy.copy(of[0])
+    renamed.problem = copy.copy(of[0].problem)
+    renamed.problem.nuisances = [replace(one, name=one.name.replace("f_overall", "held")) for one in unknowns]
+    np.testing.assert_allclose(nuisances_beside(renamed, of[1], smooth[:1])[1], smooth[0].z_sd)  # it is no unknown
     flows = [one for one in smooth if one.balance == "mass"]
     for one in flows:  # a flow is no part of the friction
         np.testing.assert_allclose(nuisances_beside(*of, [one])[1], one.z_sd)

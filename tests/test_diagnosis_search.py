@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.diagnosis import as_json, diagnose, together
+from calibration.diagnosis import as_json, descent, diagnose, together
 from calibration.diagnosis.base import base_of, set_angles
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.function import Function
@@ -98,6 +98,68 @@ def test_what_may_stand_in_for_a_member_is_seen_where_the_set_fits(tmp_path: Pat
     nearest = sorted(instead, key=lambda name: -instead[name])[:2]
     assert set(nearest) == {"inlet_throttling", "exhaust_back_pressure"}
     assert min(instead[name] for name in nearest) > 20.0
+
+
+@pytest.mark.parametrize(
+    ("name", "truth", "rival", "behind"),
+    [
+        # The middle of the one's prior is all of it; the other's shape is no part of its size.
+        ("flow_density_correction", {"share": 1.0}, "flow_scale", "leakage"),
+        ("stribeck_friction", {"torque_nm": 0.3, "speed_rad_s": 15.0}, "windage", "inlet_throttling"),
+    ],
+)
+def test_a_member_is_left_out_whole_whatever_its_prior(
+    name: str, truth: dict[str, float], rival: str, behind: str, tmp_path: Path
+) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 3, {name: truth})))
+    mode = find(comparison, (name,), base_of(comparison))
+    found = signatures(comparison, mode)
+    gains = {one: gain for one, gain, _ in screen(comparison, mode, found, mode.u, -np.inf, without=name)}
+    assert gains[rival] > gains[behind] + 20.0
+
+
+def test_a_set_is_searched_from_the_starts_that_give_readings(tmp_path: Path, monkeypatch) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 3, DRAG)))
+    base = base_of(comparison)
+    wanted = find(comparison, ("windage",), base)
+    begin = descent._begin
+
+    def stalls(comparison, f, start, first):
+        if start is None:
+            raise ArithmeticError("stalls")
+        return begin(comparison, f, start, first)
+
+    monkeypatch.setattr(descent, "_begin", stalls)
+    assert np.array_equal(find(comparison, ("windage",), None, base).z, wanted.z)
+    with pytest.raises(ArithmeticError, match="the model with windage gives no reading"):
+        find(comparison, ("windage",))
+
+
+def test_an_angle_that_an_effect_follows_is_not_moved_by_a_pulse(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 2, {})
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 2, {})))
+    for names, same in (((), False), (("once_per_rev_torque",), True)):
+        f = Function(comparison, names)
+        z = np.zeros(f.k + len(comparison.problem.effect_unknowns(names)))
+        (place,) = f.angles
+        z[place] = descent.EDGE + 0.01
+        assert np.array_equal(descent._within_a_pulse(f, z), z) == same
+
+
+def test_a_torque_fixed_to_the_shaft_predicts_a_run_in_which_the_shaft_stood_elsewhere(tmp_path: Path) -> None:
+    truth = {"once_per_rev_torque": {"sine_nm": 0.15, "cosine_nm": 0.0}}
+    (tmp_path / "seen").mkdir()
+    recordings.sweep(tmp_path / "seen", 4, truth)
+    seen = Comparison(Problem(recordings.add_coast_down(tmp_path / "seen", 4, truth)))
+    base = base_of(seen)
+    chosen = find(seen, ("once_per_rev_torque",), base)
+    for turned, sine in (("as it was", 0.15), ("half a turn on", -0.15)):
+        folder = tmp_path / turned
+        folder.mkdir()
+        other = {"once_per_rev_torque": {"sine_nm": sine, "cosine_nm": 0.0}}
+        recordings.sweep(folder, 5, other)
+        unseen = recordings.add_coast_down(folder, 5, other)
+        assert predict_unseen(seen, base, chosen, unseen).gain > 0.0
 
 
 def test_a_rival_that_the_screen_at_the_base_model_does_not_see_is_refitted(tmp_path: Path) -> None:

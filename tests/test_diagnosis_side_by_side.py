@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.diagnosis import descent
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
@@ -55,24 +56,30 @@ def _die_elsewhere(home: int) -> int:
 
 
 def test_sets_are_the_same_to_the_bit_side_by_side(tmp_path: Path) -> None:
-    comparison = Comparison(Problem(recordings.sweep(tmp_path, 3, DRAG)))
+    recordings.sweep(tmp_path, 3, DRAG)
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
     base = base_of(comparison)
-    found, ends = signatures(comparison, base), []
+    found, ends = [one for one in signatures(comparison, base) if one.effect in ("windage", "leakage")], []
     for workers in (1, 2):
         with SideBySide(workers) as side_by_side:
             search = Search(comparison, base, side_by_side)
-            search.singles(found, base.u)
+            search.singles(found, base.u, -np.inf)
         ends.append({names: (mode.log_evidence, mode.z.tobytes()) for names, mode in search.modes.items()})
     assert len(ends[0]) > 2
     assert ends[0] == ends[1]
 
 
-def test_a_search_far_behind_ends_after_its_rough_stage(tmp_path: Path) -> None:
+def test_a_search_far_behind_ends_after_its_rough_stage(tmp_path: Path, monkeypatch) -> None:
     recordings.sweep(tmp_path, 3, DRAG)
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
     base = base_of(comparison)
     right = find(comparison, ("windage",), base)
+    stages = []
+    stage = descent._stage
+    monkeypatch.setattr(descent, "_stage", lambda *given: stages.append(given[-1]) or stage(*given))
     ended = find(comparison, ("stribeck_friction",), base, best=cost_of(comparison, right))
     assert right.log_evidence > ended.log_evidence + 30.0
+    assert stages == [descent.STAGES[0]]
     again = find(comparison, ("windage",), base, best=cost_of(comparison, right))
     assert np.array_equal(again.z, right.z)
+    assert stages[1:] == list(descent.STAGES)

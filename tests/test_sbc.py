@@ -40,7 +40,7 @@ def test_the_same_seed_draws_the_same_recording():
 @pytest.mark.slow
 def test_truths_lie_where_their_posteriors_say(results):
     assert sum(result["converged"] for result in results) >= len(results) - 1
-    assert uniformity(results) > 1e-3
+    assert uniformity(results) > 1e-2
 
 
 @pytest.mark.slow

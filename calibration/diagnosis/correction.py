@@ -72,8 +72,8 @@ class Correction:
 def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correction]) -> tuple[np.ndarray, np.ndarray]:
     """The nuisances and their sd when something is missing and nobody knows what [-], each shape (n,).
 
-    A torque of unknown form may have a part in proportion to speed, as large as what is seen of it: no recording
-    tells that from viscous friction. The spread of f_overall holds it.
+    A torque of unknown form may have a part in proportion to speed, as large as the process is believed to be: no
+    recording tells that from viscous friction. The spread of f_overall holds it.
 
     Parameters
     ----------
@@ -89,11 +89,12 @@ def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correct
     mean: np.ndarray = weight @ means
     variance = weight @ (sds**2 + means**2) - mean**2
     nuisances = comparison.problem.nuisances
-    place = next(i for i, unknown in enumerate(nuisances) if unknown.name == TARGET)
-    speed = math.sqrt(float(np.nanmean(mode.prediction.state.omega**2)))
-    slope = float(nuisances[place].value(mean[place] + STEP) - nuisances[place].value(mean[place])) / STEP
-    hidden = np.array([one.size / (speed * slope) if one.balance == "torque" else 0.0 for one in found])
-    variance[place] += weight @ hidden**2
+    place = next((i for i, unknown in enumerate(nuisances) if unknown.name == TARGET), None)
+    speed = math.sqrt(float(np.mean(np.nan_to_num(mode.prediction.speed) ** 2)))
+    if place is not None and speed > 0.0:
+        slope = float(nuisances[place].value(mean[place] + STEP) - nuisances[place].value(mean[place])) / STEP
+        hidden = np.array([one.size / (speed * slope) if one.balance == "torque" else 0.0 for one in found])
+        variance[place] += weight @ hidden**2
     return mean, np.sqrt(np.maximum(variance, 0.0))
 
 

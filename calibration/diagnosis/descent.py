@@ -6,6 +6,7 @@ add is simulated, kept as a function of the shaft's angle while the search goes 
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,9 +33,7 @@ STALE = 25.0  # squared length of a step, in posterior sds, after which derivati
 STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
 TURNS = 0.3  # share of the speed read above which a level is taken to turn
 LOOSER, LOOSER_BY = 12, 0.25  # steps of the roller factor with which a level that stands is made to turn [-]
-EDGE = math.sqrt(
-    3.0
-)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior: one on is the same angle
+EDGE = math.sqrt(3.0)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that there is
 
 
@@ -81,7 +80,7 @@ def find(
     """
     problem = comparison.problem
     f = Function(comparison, names)
-    begun = [_begin(comparison, f, start, first or {}) for start in starts or (None,)]
+    begun = _begun(comparison, f, starts or (None,), first or {})
     if not problem.blocks.runs:
         comparison.blur = BLUR
         ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
@@ -116,6 +115,20 @@ def _looked_at_again(f: Function, comparison: Comparison, here: _Point) -> _Poin
     return _Point(cost, z, u, D, predicted) if cost < here.cost else here
 
 
+def _begun(
+    comparison: Comparison, f: Function, starts: Sequence[Mode | None], first: dict[tuple[str, str], float]
+) -> list[_Point]:
+    """The points to start from; a start at which the model gives no reading is left out where another does."""
+    found = []
+    for start in starts:
+        with contextlib.suppress(ArithmeticError):
+            found.append(_begin(comparison, f, start, first))
+    if not found:
+        what = " and ".join(f.names) or "nothing added"
+        raise ArithmeticError(f"the model with {what} gives no reading to start from")
+    return found
+
+
 def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[tuple[str, str], float]) -> _Point:
     """A point to start from, at which the model gives readings."""
     problem, k = comparison.problem, f.k
@@ -141,13 +154,13 @@ def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[
         if np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
             return _Point(math.inf, z, u, D, predicted)
         z[amplitudes] *= 0.5  # the motor may stall with as much of an effect
-    raise ArithmeticError(f"the model with {' and '.join(f.names) or 'nothing added'} gives no reading to start from")
+    raise ArithmeticError("no reading, however little of an effect there is")
 
 
 def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float, float, int]) -> _Point:
     """Rounds of a search with runs in time: in each, what the pulses add is simulated anew and then kept."""
     comparison.blur, least_gain, patience = stage
-    z, predicted = _turned(f, comparison, here.z, here.u, here.predicted)
+    z, predicted = turned(f, comparison, here.z, here.u, here.predicted)
     cost, u = _at(comparison, z, here.u, predicted, here.D)
     best, D, stale, worse = _Point(cost, z, u, here.D, predicted, here.stale), here.D, here.stale, 0
     reached = cost
@@ -172,9 +185,12 @@ def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float
 
 
 def _within_a_pulse(f: Function, z: np.ndarray) -> np.ndarray:
-    """The same point with each angle counted from the nearest pulse, or from the nearest whole turn."""
+    """The same point with each angle counted from the nearest pulse, or from the nearest whole turn.
+
+    Where an effect follows the shaft, a pulse on is another angle: then only whole turns are taken off.
+    """
     z = z.copy()
-    for place in f.angles:
+    for place in f.wraps:
         z[place] = (z[place] + EDGE) % (2.0 * EDGE) - EDGE
     return z
 
@@ -294,10 +310,24 @@ def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) ->
     return move
 
 
-def _turned(
+def turned(
     f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction
 ) -> tuple[np.ndarray, Prediction]:
-    """A point with each of its angles at the best of a few [-], and the prediction there."""
+    """A point with each of its angles at the best of a few, and the prediction there.
+
+    Parameters
+    ----------
+    f : Function
+        Of the set.
+    comparison : Comparison
+        The recording.
+    z : ndarray, shape (n,)
+        The point [-].
+    u : ndarray, shape (5,)
+        The noise [-].
+    here : Prediction
+        At the point.
+    """
     for place, run in f.angles.items():
         white = comparison.whitener(here, u)
         best, start = _cost(comparison, z, u, here), float(z[place])

@@ -194,7 +194,7 @@ def _diagnose(
         if len(search.modes) == 1:
             search.singles(found, detection.u)
         _test_residuals(comparison, _namable(search)[:1], residual_p, rng, side_by_side)
-        search.pairs(closed=any(residual_p[names] >= RESIDUAL_P for names in residual_p if names))
+        search.pairs(next((names for names, p in residual_p.items() if names and p >= RESIDUAL_P), None))
         candidates = search.weighed()
         clock("test what is left")
         ranked = _namable(search)[:TESTED]

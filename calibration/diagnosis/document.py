@@ -121,7 +121,8 @@ def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dic
             continue
         parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
         z, sd = float(chosen.mode.z[k + i]), math.sqrt(float(chosen.mode.covariance[k + i, k + i]))
-        out[unknown.name] = size_as_json(unknown, z, sd, parameter.low, math.inf)
+        high = parameter.high if parameter.shape else math.inf
+        out[unknown.name] = size_as_json(unknown, z, sd, parameter.low, high)
     return out
 
 

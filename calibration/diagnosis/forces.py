@@ -72,6 +72,8 @@ def forces(comparison: Comparison, mode: Mode) -> list[Force]:
         parts = np.linspace(time.min(), time.max() + 1e-9, 5)
         pieces = hats(time, parts)
         for channel, balance, rows in (("speed", "torque", slice(0, 2 * n)), ("flow", "mass", slice(0, n))):
+            if channel == "flow" and not np.isfinite(plateaus.flow).any():
+                continue
             per = torque if channel == "speed" else np.full(comparison.read.size, np.nanmedian(np.abs(plateaus.flow)))
             columns = np.zeros((comparison.read.size, 4))
             count = (rows.stop - rows.start) // n

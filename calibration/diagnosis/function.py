@@ -43,6 +43,8 @@ class Function:
     angles : dict
         Places of the angles at which coast-downs begin, and of those by which the shaft is turned on where an effect
         follows it, and the runs that they belong to [-].
+    wraps : list of int
+        Those of these places at which a whole span of the prior on is the same again.
     log_step : ndarray, shape (m,)
         Change of an unknown's logarithm per unit of z; 0 where it is not log-normal [-].
     """
@@ -62,8 +64,11 @@ class Function:
         runs = self.problem.blocks.runs
         self.angles = {names.index(f"{run.file}.angle"): i for i, run in enumerate(runs) if not run.from_rest}
         self._follows = follows_angle(self.names)
+        self.wraps = [] if self._follows else list(self.angles)
         if self._follows:
-            self.angles |= {names.index(f"{run.file}.turn"): i for i, run in enumerate(runs) if i > 0}
+            turns = {names.index(f"{run.file}.turn"): i for i, run in enumerate(runs) if f"{run.file}.turn" in names}
+            self.angles |= turns
+            self.wraps += turns
         self.log_step = np.array([math.log(one.b) if one.kind == "lognormal" else 0.0 for one in everything])
 
     def clip(self, z: np.ndarray) -> np.ndarray:

@@ -63,7 +63,7 @@ def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> fl
     comparison : Comparison
         The recording.
     modes : dict
-        Of `singles_of`; effects that were not refitted count as worth nothing.
+        By set; effects that were not refitted count as worth nothing.
     """
     base = modes[()].log_evidence
     gains = [mode.log_evidence - base for key, mode in modes.items() if key and not refusal(comparison, mode)]
@@ -105,9 +105,13 @@ def screen(
     white = comparison.whitener(mode.prediction, u)
     good = (mode.bad < 0.5).astype(float)
     J = white(mode.D) * good[:, None]
-    members = [name for name, _ in comparison.problem.effect_unknowns(mode.names)]
-    J[:, mode.z.size - len(members) :] *= np.array([name != without for name in members])
-    r = project(J, good * white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z))
+    z, members = mode.z.copy(), comparison.problem.effect_unknowns(mode.names)
+    for place, (name, unknown) in enumerate(members, mode.z.size - len(members)):
+        if name == without:  # all that it does is put back, its amplitude from 0 on: not the middle of every prior
+            J[:, place] = 0.0
+            shape = next(p.shape for p in effects()[name].parameters if p.name == unknown.name)
+            z[place] = 0.0 if shape else mode.z[place] + unknown.a / unknown.b
+    r = project(J, good * white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ z))
     best: dict[str, tuple[float, dict[tuple[str, str], float]]] = {}
     for one in found:
         g = white(one.column) * good

@@ -79,9 +79,12 @@ class Problem:
         The recording.
     motor : Motor or None
         The motor that it names, when left out.
+    other : bool
+        Whether it is held against effects that another recording showed: how the shaft stood in that one is not known
+        here, of no run.
     """
 
-    def __init__(self, recording: Recording, motor: Motor | None = None) -> None:
+    def __init__(self, recording: Recording, motor: Motor | None = None, other: bool = False) -> None:
         if motor is None:
             if not isinstance(recording.motor, str):
                 raise RecordingError(
@@ -105,7 +108,8 @@ class Problem:
                     self.nuisances.append(Unknown(f"{run.file}.start_{k}", "-", "normal", 0.0, 1.0, "nobody set it"))
             else:
                 self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
-        for run in self.blocks.runs[1:]:  # a torque that follows the shaft is told from where that stood in the first
+        # A torque that follows the shaft is told from where that stood in the first run.
+        for run in self.blocks.runs[0 if other else 1 :]:
             self.nuisances.append(Unknown(f"{run.file}.turn", "rad", "normal", 0.0, TURN_SD, "nobody noted it"))
         if self.blocks.vented.pressure.size:
             self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))

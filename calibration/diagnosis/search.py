@@ -93,18 +93,18 @@ class Search:
                 again = find(comparison, (), self.modes[best])
                 self.modes[()] = max(base, again, key=lambda mode: mode.log_evidence)
 
-    def pairs(self, closed: bool) -> None:
-        """Refit pairs grown from the best single effects.
+    def pairs(self, closed: Names | None) -> None:
+        """Refit pairs grown from the best single effects, then what may stand in the best set's place.
 
         Parameters
         ----------
-        closed : bool
-            Whether the best single effect leaves nothing unexplained.
+        closed : tuple of str or None
+            A single effect that leaves nothing unexplained.
         """
         order = sorted((key for key in self.modes if key), key=lambda key: -self.modes[key].log_evidence)
         if not order:
             return
-        enough = self.modes[order[0]].log_evidence - NEAR_BEST if closed else -math.inf
+        enough = self.modes[closed].log_evidence - NEAR_BEST if closed else -math.inf
         seeds = [key for key in order[:SEEDS] if self.modes[key].log_evidence >= enough]
         jobs: list[_Job] = []
         for seed in seeds:
@@ -117,6 +117,26 @@ class Search:
         self._refit(jobs)
         self.swap()
 
+    def swap(self) -> None:
+        """Refit what may stand in the place of a member of the best set.
+
+        Close to a good fit the linear model orders well: there each member is left out, and each other effect weighed
+        instead of it; the most promising that were not refitted yet are.
+        """
+        best = self._best()
+        if not best:
+            return
+        mode, problem = self.modes[best], self.comparison.problem
+        found = self._signatures_at(best)
+        tried: list[tuple[float, _Job]] = []
+        for member in best:
+            rest = {one: z for one, z in _values(problem, mode).items() if one[0] != member}
+            for name, gain, first in screen(self.comparison, mode, found, mode.u, -math.inf, without=member):
+                names = tuple(sorted({*best, name} - {member}))
+                if names not in self.modes:
+                    tried.append((gain, _Job(names, mode, {**rest, **first})))
+        self._refit([job for _, job in sorted(tried, key=lambda one: -one[0])[:SWAPS]])
+
     def weighed(self) -> list[Candidate]:
         """All sets with their probabilities, the most probable first; the base model is among them."""
         return weigh(self.comparison, self.modes)
@@ -128,27 +148,6 @@ class Search:
         if names not in self._signatures:
             self._signatures[names] = signatures(self.comparison, self.modes[names])
         return self._signatures[names]
-
-    def swap(self) -> None:
-        """Refit what may stand in the place of a member of the best set.
-
-        Close to a good fit the linear model orders well: there each member is left out, and each other effect weighed
-        instead of it.
-        """
-        best = self._best()
-        mode, problem = self.modes[best], self.comparison.problem
-        found = self._signatures_at(best)
-        tried: list[tuple[float, _Job]] = []
-        for member in best:
-            rest = {one: z for one, z in _values(problem, mode).items() if one[0] != member}
-            for name, gain, first in screen(self.comparison, mode, found, mode.u, -math.inf, without=member):
-                names = tuple(sorted({*best, name} - {member}))
-                tried.append((gain, _Job(names, mode, {**rest, **first})))
-        jobs: dict[Names, _Job] = {}
-        for _, job in sorted(tried, key=lambda one: -one[0])[:SWAPS]:
-            if job.names not in self.modes:
-                jobs.setdefault(job.names, job)
-        self._refit(list(jobs.values()))
 
     def _refit(self, jobs: Sequence[_Job]) -> None:
         """Refit sets, AT_ONCE side by side; a set with which the model gives no reading at all is left out."""

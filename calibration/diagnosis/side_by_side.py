@@ -30,17 +30,16 @@ class SideBySide:
     def __init__(self, workers: int) -> None:
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
-        self._processes: set[BaseProcess] = set()
+        self._others: set[BaseProcess] = set()
 
     def __enter__(self) -> SideBySide:
         if self._workers > 1:
             with contextlib.suppress(OSError):  # no more processes: then all is done in this one
-                others = set(multiprocessing.active_children())
+                self._others = set(multiprocessing.active_children())
                 context = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(self._workers, context, initializer=begin_worker)
                 for _ in range(self._workers):
                     self._pool.submit(_load)
-                self._processes = set(multiprocessing.active_children()) - others
         return self
 
     def __exit__(
@@ -48,9 +47,10 @@ class SideBySide:
     ) -> None:
         if self._pool is None:
             return
+        ours = set(multiprocessing.active_children()) - self._others
         self._pool.shutdown(wait=False, cancel_futures=True)
         if kind is not None:  # such as Ctrl-C: nobody waits for what they are at
-            for process in self._processes:
+            for process in ours:
                 with contextlib.suppress(ValueError):  # it has been closed already
                     process.kill()
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from calibration.diagnosis.confirm import HeldOut, by_channel
-from calibration.diagnosis.descent import SHARES
+from calibration.diagnosis.descent import SHARES, turned
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
@@ -35,7 +35,7 @@ def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording
     unseen : Recording
         Another run of the same motor.
     """
-    there = Comparison(Problem(unseen))
+    there = Comparison(Problem(unseen, other=True))
     found = {}
     for key, mode in (("before", base), ("after", chosen)):
         found[key] = _density(seen, mode, there)
@@ -49,7 +49,7 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[float, np
     """Log density of a run's readings, and their errors [SI]; starting angles are looked for first."""
     f = Function(there, mode.names)
     z, covariance = _prior(seen, mode, there)
-    predicted = f(z)
+    z, predicted = turned(f, there, z, mode.u, f(z))
     precision = np.linalg.inv(covariance)
     start, D = z, np.zeros((there.read.size, z.size))
 

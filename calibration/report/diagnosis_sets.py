@@ -149,7 +149,7 @@ def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
             "base model" if alone else "before: base model", *(before[key] for key in ("mean", "sd", "q05", "q95"))
         )
     ]
-    if alone and abs(before["mean"] - after["mean"]) > 0.1 * after["sd"]:
+    if alone and (found.beside is not None or abs(before["mean"] - after["mean"]) > 0.1 * after["sd"]):
         name = "all sets weighed" if found.beside is None else "beside a smooth correction"
         shown.append(Interval(name, *(after[key] for key in ("mean", "sd", "q05", "q95"))))
     if document["verdict"] in ("named", "confounded") and found.verdict.chosen is not None:

@@ -15,6 +15,7 @@ from calibration.posterior import Posterior, SuspectRow, thinned
 from calibration.priors import PASCAL_PER_BAR, Unknown, column_of
 from model import layout as at
 from model import steady
+from model.effects import effects
 
 LEVELS = (0.05, 0.16, 0.50, 0.84, 0.95)  # quantiles of the 90 % and 68 % bands, and the median
 UNITS = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
@@ -234,7 +235,7 @@ def samples(posterior: Posterior, name: str) -> np.ndarray:
 
 def is_of_effect(name: str) -> bool:
     """Whether an unknown is an effect's: they are called ``effect.parameter``."""
-    return "." in name
+    return name.partition(".")[0] in effects()
 
 
 def prior_density(unknown: Unknown, values: np.ndarray) -> np.ndarray:

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc, log_ndtr
+from scipy.special import log_ndtr
 
+from calibration.diagnosis.detect import log_tail
 from calibration.rigs_diagnosis.linear import Linear, Signature
 from calibration.rigs_diagnosis.places import Force
 from calibration.rigs_noise import CORRELATIONS, NOISE_SD, uncorrelated
@@ -218,7 +219,7 @@ class _Test:
             log_p.append(float(np.min(tails)))
         of_forces, of_pieces = [], []
         for part in self.slices:
-            of_forces.append(_log_tail(*_quadratic(P[part, part], q[part])))
+            of_forces.append(log_tail(*_quadratic(P[part, part], q[part])))
             of_pieces.append(scores[part])
         log_p += of_forces
         gain = _quadratic(P[n:, n:], q[n:])[0] if self.slices else 0.0
@@ -230,8 +231,3 @@ def _quadratic(P: np.ndarray, q: np.ndarray) -> tuple[float, int]:
     value, vector = np.linalg.eigh(P * scale[:, None] * scale)
     use = value > 1e-6 * max(value[-1], SMALL)
     return float(np.sum((vector[:, use].T @ (q * scale)) ** 2 / value[use])), int(use.sum())
-
-
-def _log_tail(Q: float, k: int) -> float:
-    tail = float(chdtrc(k, Q)) if k else 1.0
-    return math.log(tail) if tail > 0.0 else -0.5 * Q

@@ -101,8 +101,8 @@ class Neighbourhood:
         return found
 
     def _in_full(self, rows: np.ndarray, parameters: np.ndarray, pressures: np.ndarray, chosen: laws.Chosen) -> Points:
-        gas, time = self._gas[rows], self._time[rows]
-        return solve(parameters[rows], self._readings, pressures[rows], gas, chosen, time, slopes=True)
+        gas, time, theirs = self._gas[rows], self._time[rows], laws.rows_of(chosen, rows)
+        return solve(parameters[rows], self._readings, pressures[rows], gas, theirs, time, slopes=True)
 
     def _pass(
         self, x: np.ndarray, parameters: np.ndarray, pressures: np.ndarray, chosen: laws.Chosen
