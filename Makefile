@@ -23,7 +23,7 @@ help:
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
-	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (more than an hour on two cores, resumable)"
+	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (long, resumable)"
 	@echo "make record  the full blind record and its page in docs/challenge (many hours, resumable)"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"

@@ -1,4 +1,4 @@
-"""Kill -9 in the middle of a sweep: a few moments of the campaign that `make kills` runs fifty of."""
+"""Kill -9 in the middle of a sweep: two moments of the campaign that `make kills` runs fifty of."""
 
 import pytest
 

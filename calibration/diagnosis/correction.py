@@ -24,7 +24,6 @@ from calibration.diagnosis.straight import Straight, freed, straight
 KNOTS = 31  # places at which the curve is known; straight between them
 LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the kernel, in shares of the coordinate's span
 SIZES = (0.03, 0.1, 0.3)  # sd of a torque [N m], or of a flow as a share of the middle flow
-TARGET = "f_overall"
 STEP = 1e-3  # of a standard normal unknown, for a derivative
 ROOT3 = math.sqrt(3.0)
 SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
@@ -88,11 +87,11 @@ def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correct
     means, sds = np.array([one.z for one in found]), np.array([one.z_sd for one in found])
     mean: np.ndarray = weight @ means
     variance = weight @ (sds**2 + means**2) - mean**2
-    nuisances = comparison.problem.nuisances
-    place = next((i for i, unknown in enumerate(nuisances) if unknown.name == TARGET), None)
+    place = comparison.problem.place("f_overall")
     speed = math.sqrt(float(np.mean(np.nan_to_num(mode.prediction.speed) ** 2)))
     if place is not None and speed > 0.0:
-        slope = float(nuisances[place].value(mean[place] + STEP) - nuisances[place].value(mean[place])) / STEP
+        f_overall, at_z = comparison.problem.nuisances[place], mean[place]
+        slope = float(f_overall.value(at_z + STEP) - f_overall.value(at_z)) / STEP
         hidden = np.array([one.size / (speed * slope) if one.balance == "torque" else 0.0 for one in found])
         variance[place] += weight @ hidden**2
     return mean, np.sqrt(np.maximum(variance, 0.0))

@@ -135,8 +135,7 @@ def _weighed(found: Diagnosis) -> list[Candidate]:
 
 def _friction(found: Diagnosis, weighed: Sequence[Candidate]) -> dict[str, float] | None:
     """f_overall averaged over sets, or beside a smooth correction where none are given [N m s]."""
-    nuisances = found.comparison.problem.nuisances
-    place = next((i for i, u in enumerate(nuisances) if u.name == "f_overall"), None)
+    nuisances, place = found.comparison.problem.nuisances, found.comparison.problem.place("f_overall")
     if place is None:
         return None
     rng = np.random.default_rng(0)

@@ -158,11 +158,11 @@ def expected_readings(plan: Planned, seen: Problem, rivals: Sequence[Candidate])
     rivals : sequence of Candidate
         The rivals.
     """
-    there = Comparison(Problem(plan.recording, other=True))
+    there = Comparison(Problem(plan.recording, any_turn=True))
     first = _carried(seen, rivals[0], there)[0]
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
         likely = _mean(there, rivals[0].names)(first)
-        there = Comparison(Problem(_with_speeds(plan.recording, likely.runs[0]), other=True))
+        there = Comparison(Problem(_with_speeds(plan.recording, likely.runs[0]), any_turn=True))
     common = None
     found = []
     for one in rivals:

@@ -79,12 +79,12 @@ class Problem:
         The recording.
     motor : Motor or None
         The motor that it names, when left out.
-    other : bool
+    any_turn : bool
         Whether it is held against effects that another recording showed: how the shaft stood in that one is not known
         here, of no run.
     """
 
-    def __init__(self, recording: Recording, motor: Motor | None = None, other: bool = False) -> None:
+    def __init__(self, recording: Recording, motor: Motor | None = None, any_turn: bool = False) -> None:
         if motor is None:
             if not isinstance(recording.motor, str):
                 raise RecordingError(
@@ -109,7 +109,7 @@ class Problem:
             else:
                 self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
         # A torque that follows the shaft is told from where that stood in the first run.
-        for run in self.blocks.runs[0 if other else 1 :]:
+        for run in self.blocks.runs[0 if any_turn else 1 :]:
             self.nuisances.append(Unknown(f"{run.file}.turn", "rad", "normal", 0.0, TURN_SD, "nobody noted it"))
         if self.blocks.vented.pressure.size:
             self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))
@@ -133,6 +133,16 @@ class Problem:
         )
         self.starts: dict[str, in_time.Start] = {}
         self.start_angle = {run.file: 0.0 for run in self.blocks.runs}
+
+    def place(self, name: str) -> int | None:
+        """Where a nuisance stands among the unknowns; None where it is none of this recording.
+
+        Parameters
+        ----------
+        name : str
+            Of the nuisance.
+        """
+        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
         """The unknowns of a set of effects, in the order of the set.

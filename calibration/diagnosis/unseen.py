@@ -35,7 +35,7 @@ def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording
     unseen : Recording
         Another run of the same motor.
     """
-    there = Comparison(Problem(unseen, other=True))
+    there = Comparison(Problem(unseen, any_turn=True))
     found = {}
     for key, mode in (("before", base), ("after", chosen)):
         found[key] = _density(seen, mode, there)
