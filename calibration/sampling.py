@@ -26,6 +26,8 @@ ENSEMBLES = 4
 WALKERS = 48
 BLOCK = 25  # steps between looks at convergence
 WARM_UP_BLOCKS = 7
+LONGEST_WARM_UP = 8  # times the first: a warm-up that proves too short is doubled up to here
+MAP_SAMPLES = 40_000  # as many draws as a map is fitted to, at most
 SCATTERED = 1024  # points that the first map is fitted to
 TIMES_TAU = 50  # a chain is long enough at this many autocorrelation times
 LOOKS = 10  # a long chain is assessed when it has grown by a tenth
@@ -54,7 +56,8 @@ class Settings:
     times_tau : float
         Least length of a chain, in autocorrelation times.
     warm_up_blocks : int
-        Blocks that the map is fitted to, not kept.
+        Blocks that the map is fitted to, not kept. Where what is drawn after them forgets too slowly, the first
+        `sample` doubles them.
     """
 
     seed: int = 1
@@ -80,7 +83,9 @@ class Chain:
     acceptance : float
         Share of proposals taken.
     steps : int
-        Steps of each ensemble, burn-in included.
+        Steps of each ensemble, warm-up and burn-in included.
+    drawn : int
+        Steps of each ensemble after the warm-up, burn-in included.
     converged : bool
         Long enough, R-hat small enough, effective samples enough.
     seconds : float
@@ -93,6 +98,7 @@ class Chain:
     effective: np.ndarray
     acceptance: float
     steps: int
+    drawn: int
     converged: bool
     seconds: float
 
@@ -158,28 +164,41 @@ def sample(
     states = [_restored(blocks[-1], e) for e in range(ENSEMBLES)]
 
     shape = _mapped(blocks[0]["population"], factors)
-    most_blocks = settings.warm_up_blocks + -(-settings.most_steps // BLOCK)
+    warm_up = settings.warm_up_blocks
+    most_blocks = warm_up + -(-settings.most_steps // BLOCK)
     chain = None
     for number in range(1, most_blocks + 1):
-        if 1 < number <= settings.warm_up_blocks + 1:
+        if 1 < number <= settings.warm_up_blocks + 1 or number == warm_up + 1:
             shape = _adapted(blocks[:number], factors)
         if number == len(blocks):
             states, block = _advance(log_prob, states, shape)
             blocks.append(block)
             store.write(number, block)
-        if number <= settings.warm_up_blocks:
+        kept = number - warm_up
+        if kept <= 0:
             tell(0, settings.effective_samples, "warm-up")
             continue
-        kept = number - settings.warm_up_blocks
-        if kept % max(1, kept // LOOKS) and number < most_blocks:
+        if kept % max(1, kept // LOOKS) and kept != warm_up and number < most_blocks:
             continue
-        chain = _assess(blocks[settings.warm_up_blocks + 1 : number + 1], settings, time.monotonic() - begun)
-        tell(int(chain.effective.min()), settings.effective_samples, f"R-hat {chain.rhat.max():.3f}")
+        chain = _assess(blocks[warm_up + 1 : number + 1], settings, number, time.monotonic() - begun)
         if chain.converged:
             break
+        if kept == warm_up and _too_slow(chain, settings) and 2 * warm_up <= LONGEST_WARM_UP * settings.warm_up_blocks:
+            warm_up = number
+            tell(0, settings.effective_samples, "warm-up, longer")
+        else:
+            tell(int(chain.effective.min()), settings.effective_samples, f"R-hat {chain.rhat.max():.3f}")
     if chain is None:
-        chain = _assess(blocks[settings.warm_up_blocks + 1 :], settings, time.monotonic() - begun)
+        raise ValueError(f"a budget of {settings.most_steps} steps after the warm-up keeps nothing")
     return chain
+
+
+def _too_slow(chain: Chain, settings: Settings) -> bool:
+    """Whether a chain as long as its warm-up needs more than as much again: its map does not reach some of the mass.
+
+    The decision looks at the chain alone, never at the budget, so that a chain goes on the same with a larger one.
+    """
+    return bool((settings.times_tau + DISCARD_TAU) * chain.tau.max() > 2 * chain.drawn)
 
 
 def _start(log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int) -> dict[str, np.ndarray]:
@@ -230,16 +249,16 @@ def _advance(
 def _adapted(blocks: list[dict[str, np.ndarray]], factors: Factors) -> TransportMap:
     """The map fitted to what the warm-up has drawn so far: its later half, of all ensembles."""
     drawn = np.concatenate([block["chain"] for block in blocks[1:]], axis=1)
-    kept = drawn[:, drawn.shape[1] // 2 :]
-    return _mapped(kept.reshape(-1, kept.shape[-1]), factors)
+    kept = drawn[:, drawn.shape[1] // 2 :].reshape(-1, drawn.shape[-1])
+    return _mapped(kept[:: -(-len(kept) // MAP_SAMPLES)], factors)
 
 
 def _mapped(samples: np.ndarray, factors: Factors) -> TransportMap:
     return TransportMap(samples, factors(samples.mean(axis=0)))
 
 
-def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, seconds: float) -> Chain:
-    """The samples that the fixed moves drew, less their own beginning, and their quality."""
+def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, number: int, seconds: float) -> Chain:
+    """The samples that the fixed moves drew, less their own beginning, and their quality; block ``number`` is last."""
     samples = np.concatenate([block["chain"] for block in blocks], axis=1)
     steps = samples.shape[1]
     tau = _tau(samples)
@@ -255,9 +274,7 @@ def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, seconds: fl
         and effective.min() >= settings.effective_samples
     )
     acceptance = float(np.mean([block["acceptance"].mean() for block in blocks]))
-    return Chain(
-        samples, tau, rhat, effective, acceptance, steps + settings.warm_up_blocks * BLOCK, bool(converged), seconds
-    )
+    return Chain(samples, tau, rhat, effective, acceptance, number * BLOCK, steps, bool(converged), seconds)
 
 
 def _tau(samples: np.ndarray) -> np.ndarray:

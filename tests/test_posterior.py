@@ -34,7 +34,7 @@ def chain(likelihood) -> Chain:
         0.0625
     )
     tau = np.linspace(2.0, 4.0, n)
-    return Chain(samples, tau, np.full(n, 1.001), 6400.0 / tau, 0.5, 275, True, 1.0)
+    return Chain(samples, tau, np.full(n, 1.001), 6400.0 / tau, 0.5, 275, 100, True, 1.0)
 
 
 @pytest.fixture

@@ -29,6 +29,19 @@ def banana(z: np.ndarray) -> np.ndarray:
     return found + norm.logpdf(z[:, 2], z[:, 1], 0.3)
 
 
+def twisted(z: np.ndarray) -> np.ndarray:
+    """Two unknowns N(0, 1), four more (sd 0.05) bent over them: a map from few draws misses the ends."""
+    bent = [0.5 * z[:, 0] * z[:, 1], 0.5 * z[:, 1] * z[:, 2], *[z[:, 0] * (z[:, 0] - z[:, 1]) / 2] * 2]
+    found: np.ndarray = norm.logpdf(z[:, :2]).sum(axis=1)
+    return found + sum(norm.logpdf(z[:, 2 + k], middle, 0.05) for k, middle in enumerate(bent))
+
+
+def walls(z: np.ndarray) -> np.ndarray:
+    """Two narrow lanes that cross, each as long as the prior: neither is a polynomial of the other."""
+    across = np.logaddexp(norm.logpdf(z[:, 0], 0.0, 0.003), norm.logpdf(z[:, 1], 0.0, 0.003))
+    return across + gaussian(z)
+
+
 def gaussian(z: np.ndarray) -> np.ndarray:
     return -0.5 * np.sum(z * z, axis=1)
 
@@ -198,6 +211,23 @@ def test_ensembles_in_different_modes_are_reported_as_not_converged(monkeypatch)
     assert chain.rhat.max() > 1.5
 
 
+def test_a_warm_up_that_proves_too_short_is_doubled_and_the_chain_no_longer_sticks():
+    settings = Settings(seed=3, effective_samples=500, most_steps=2000, walkers=16, warm_up_blocks=1)
+    told = []
+    chain = sample(twisted, 6, np.ones_like, settings, progress=lambda done, wanted, words: told.append(words))
+    assert "warm-up, longer" in told
+    assert chain.steps - chain.drawn in {25 * 2**k for k in (1, 2, 3)}
+    assert chain.converged
+    assert chain.samples[..., 5].mean() == pytest.approx(0.5, abs=0.1)
+
+
+def test_no_more_than_eight_warm_ups_are_spent_on_a_target_that_no_map_reaches():
+    settings = Settings(seed=3, effective_samples=10**6, most_steps=1000, walkers=16, warm_up_blocks=1)
+    chain = sample(walls, 2, np.ones_like, settings)
+    assert not chain.converged
+    assert chain.steps - chain.drawn == 8 * 25
+
+
 def test_a_spent_budget_is_reported_as_not_converged():
     chain = sample(banana, 3, np.ones_like, Settings(effective_samples=10**6, most_steps=100, walkers=16))
     assert not chain.converged
@@ -255,6 +285,17 @@ def counted() -> tuple[list[int], object]:
         return banana(z)
 
     return calls, log_prob
+
+
+def test_a_chain_with_a_longer_warm_up_is_continued_to_the_bits_of_an_uninterrupted_one(tmp_path):
+    settings = Settings(seed=3, effective_samples=500, most_steps=2000, walkers=16, warm_up_blocks=1)
+    whole = sample(twisted, 6, np.ones_like, settings, tmp_path, "ours")
+    assert whole.steps - whole.drawn > 25
+    for kept in (2, 3, 5):
+        for block in blocks(tmp_path)[kept:]:
+            block.unlink()
+        again = sample(twisted, 6, np.ones_like, settings, tmp_path, "ours")
+        assert again.samples.tobytes() == whole.samples.tobytes()
 
 
 @pytest.mark.parametrize("kept", [1, 4, 9])
