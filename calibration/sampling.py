@@ -29,6 +29,7 @@ WARM_UP_BLOCKS = 7
 LONGEST_WARM_UP = 8  # times the first: a warm-up that proves too short is doubled up to here
 MAP_SAMPLES = 40_000  # as many draws as a map is fitted to, at most
 SCATTERED = 1024  # points that the first map is fitted to
+MOST_SCATTERED = 100 * SCATTERED  # before it is given up
 TIMES_TAU = 50  # a chain is long enough at this many autocorrelation times
 LOOKS = 10  # a long chain is assessed when it has grown by a tenth
 DISCARD_TAU = 5  # autocorrelation times left out at the start of what the fixed moves drew
@@ -205,11 +206,16 @@ def _start(log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int) -> 
     """Block 0: the ensembles at their start, and the scattered points that the first map is fitted to."""
     rng = np.random.default_rng(seed)
     top = peak.find_peak(log_prob, rng.standard_normal((CANDIDATES, n_unknowns)))
-    points = peak.scatter(log_prob, top, peak.spread_at(log_prob, top), rng, max(SCATTERED, ENSEMBLES * walkers))
-    values = log_prob(points)
-    likely = np.argsort(values)[::-1]
-    chosen = likely[: max(ENSEMBLES * walkers, len(points) // 2)]
-    picked = rng.permutation(chosen)[: ENSEMBLES * walkers].reshape(ENSEMBLES, walkers)
+    spread, wanted = peak.spread_at(log_prob, top), ENSEMBLES * walkers
+    points, values = np.empty((0, n_unknowns)), np.empty(0)
+    while np.isfinite(values).sum() < wanted:  # near a bound most are impossible, and no walker may stand there
+        if len(points) >= MOST_SCATTERED:
+            raise peak.NoPeakError("hardly a point about the posterior's peak is possible; check the effects' bounds")
+        more = peak.scatter(log_prob, top, spread, rng, max(SCATTERED, wanted))
+        points, values = np.concatenate([points, more]), np.concatenate([values, log_prob(more)])
+    likely = np.argsort(values)[::-1][: np.isfinite(values).sum()]
+    chosen = likely[: max(wanted, len(points) // 2)]
+    picked = rng.permutation(chosen)[:wanted].reshape(ENSEMBLES, walkers)
     states = []
     for e in range(ENSEMBLES):
         generator = np.random.RandomState(rng.integers(2**32))

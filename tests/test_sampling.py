@@ -234,6 +234,16 @@ def test_a_spent_budget_is_reported_as_not_converged():
     assert chain.steps == 100 + 7 * 25
 
 
+@pytest.mark.filterwarnings("error")
+def test_no_walker_stands_where_the_target_is_impossible_and_a_corner_has_its_known_mean():
+    def corner(z: np.ndarray) -> np.ndarray:
+        return np.where((z > 0.0).all(axis=1), gaussian(z), -np.inf)
+
+    chain = sample(corner, 3, np.ones_like, QUICK)
+    assert (chain.samples > 0.0).all()
+    assert chain.flat().mean(axis=0) == pytest.approx([np.sqrt(2.0 / np.pi)] * 3, abs=0.08)
+
+
 def test_a_target_that_no_candidate_reaches_is_said_so():
     with pytest.raises(peak.NoPeakError, match="no point of the prior"):
         sample(lambda z: np.full(len(z), -np.inf), 2, np.ones_like, QUICK)
