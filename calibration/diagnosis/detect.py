@@ -2,9 +2,10 @@
 
 The statistic is the smallest tail probability over the projected signatures of all effects (one-sided where an effect
 cannot be negative) and over the free-form forces. The noise scales are estimated beside all of these, so that a misfit
-does not pass for noise; its correlations are those that the base model has. The law under the null is drawn: nuisances,
-noise, its scales and its correlations anew each time, in the model made linear at its most probable point. Beyond the
-draws the tail is exponential, and marked.
+does not pass for noise; its correlations are those that the base model has. The law under the null is drawn: nuisances
+and noise anew each time, in the model made linear at its most probable point. The noise drawn is as loud as what all
+forces leave over, by the restricted likelihood: scales drawn anew from their prior make the law that of recordings
+louder than this one, and the test too careful. Beyond the draws the tail is exponential, and marked.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from calibration.diagnosis.straight import FREE
 DRAWS = 200
 TAIL = 0.15  # share of the draws that the exponential tail is fitted to
 PASSES = 3
+LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still
 BAD_ROW = 0.5  # readings that are more probably bad than this are left aside
 
 
@@ -88,7 +90,8 @@ def detect(
     difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction) + mode.D @ mode.z)
     test = _Test(comparison, mode, found, free, difference)
     real = test(difference)
-    null = np.sort([test(_draw(comparison, mode, test.noise(rng), rng)).statistic for _ in range(draws)])
+    noise = test.noise(difference)
+    null = np.sort([test(_draw(comparison, mode, noise, rng)).statistic for _ in range(draws)])
     above = int(np.sum(null >= real.statistic))
     p, beyond = (above + 0.5) / (draws + 1.0), False
     cut = null[int((1.0 - TAIL) * draws)]
@@ -120,8 +123,6 @@ class _Test:
         keep = np.any(self.all != 0.0, axis=0)
         self.all = self.all[:, keep]
         # Correlations as the base model has them: beside the forces they would be anyone's guess.
-        left = difference - mode.D @ mode.z
-        self.information = np.diag(comparison.noise_step(left, mode.prediction, mode.u, self.good, mode.D)[1])
         self.u = np.where(np.arange(SPREAD.size) < SCALES.stop, 0.0, mode.u)
 
     def _fit(self, columns: np.ndarray, difference: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -129,13 +130,14 @@ class _Test:
         X, y = white(columns) * self.good[:, None], white(difference) * self.good
         return np.linalg.solve(X.T @ X + np.eye(X.shape[1]), X.T @ y)
 
-    def noise(self, rng: np.random.Generator) -> np.ndarray:
-        """Noise as it may be: its scales as declared, its correlations as the readings have them [-], shape (5,)."""
-        spread = 1.0 / np.sqrt(self.information)
-        spread[SCALES] = SPREAD[SCALES]
-        spread[~self.comparison.noise.free] = 0.0
-        drawn: np.ndarray = self.u + spread * rng.standard_normal(spread.size)
-        return drawn
+    def noise(self, difference: np.ndarray) -> np.ndarray:
+        """The noise beside all forces, what they take up of it allowed for [-], shape (5,)."""
+        u = self.u.copy()
+        for _ in range(LOUDNESS_PASSES):
+            left = difference - self.all @ self._fit(self.all, difference, u)
+            step = self.comparison.noise_step(left, self.mode.prediction, u, self.good, self.all)[0]
+            u[SCALES] += step[SCALES]
+        return u
 
     def __call__(self, difference: np.ndarray) -> Detection:
         comparison, mode = self.comparison, self.mode

@@ -27,7 +27,7 @@ from calibration.diagnosis.search import Search
 from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
 from calibration.diagnosis.unseen import predict_unseen
-from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, SHARE, Verdict, judge
+from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, SHARE, Verdict, judge, not_excluded
 from calibration.step_clock import StepClock, Tell
 from model.effects import effects
 from rig.recording import Recording, read_recording
@@ -233,9 +233,10 @@ def _diagnose(
         correction, beside = (smooth[0], nuisances_beside(comparison, base, smooth)) if smooth else (None, None)
         term = discover(comparison, base, detection.u, rng, correction.balance) if correction else None
         held_out = hold_out_smooth(comparison, base, detection.u)
-    if verdict.kind in ("confounded", "unresolved"):
+    rivals = _rivals(candidates, verdict)
+    if rivals:
         clock("next test")
-        tests = propose(comparison, _rivals(candidates, verdict))
+        tests = propose(comparison, rivals)
     clock("")
     return Diagnosis(
         comparison,
@@ -302,6 +303,12 @@ def _residual(comparison: Comparison, mode: Mode, seed: int) -> float:
 
 
 def _rivals(candidates: list[Candidate], verdict: Verdict[Candidate]) -> list[Candidate]:
+    """Sets that a next test should tell apart; none where nothing is open."""
+    if verdict.kind == "named":
+        return []
+    if verdict.kind == "consistent":
+        likely = not_excluded(candidates)
+        return [*(c for c in candidates if not c.names), *likely] if likely else []
     if verdict.chosen is None:
         return [c for c in candidates if c.names][:3]
     listed = set(verdict.alternatives)

@@ -23,6 +23,7 @@ MOST = 4
 MOST_APART = 2  # of those that need another instrument
 MOST_RIVALS = 3
 LEAST_NATS = 0.1
+NOTHING = "nothing missing"  # the base model, among what a test separates
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class NextTest:
     test : str
         In words.
     separates : tuple of str
-        Effects, or sets joined by +.
+        Effects, sets joined by +, or `NOTHING`.
     information_nats : float
         Expected, one repeat [-].
     repeats : int or None
@@ -64,7 +65,7 @@ def propose(comparison: Comparison, rivals: Sequence[Candidate]) -> list[NextTes
     if len(weighed) < 2 or not comparison.n:
         return []
     problem = comparison.problem
-    names = ["+".join(one.names) if one.names else "nothing missing" for one in weighed]
+    names = ["+".join(one.names) or NOTHING for one in weighed]
     found = []
     for plan in planned(comparison):
         one = weigh(plan.words, names, partial(expected_readings, plan, problem, weighed))

@@ -14,6 +14,7 @@ RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something un
 NAMED = 0.95  # probability that a set needs to be named alone
 LISTED = 0.99  # probability that the sets listed as confounded have together
 SHARE = 0.01  # a set less probable than this beside the best is no alternative
+UNSETTLED = 0.2  # probability from which a set counts as not excluded where the base model explains the recording
 SUPERSET_ODDS = 20.0  # odds that a further effect needs before it is said beside those that suffice
 LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothing
 ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
@@ -63,6 +64,17 @@ class Verdict(Generic[Candidate]):
     why: str
 
 
+def not_excluded(found: Sequence[Candidate]) -> list[Candidate]:
+    """Sets of effects that may be there although the base model explains the recording, the most probable first.
+
+    Parameters
+    ----------
+    found : sequence of Weighed
+        All sets weighed, the most probable first.
+    """
+    return [c for c in found if c.names and not c.refused and c.probability > UNSETTLED]
+
+
 def judge(
     p_value: float, found: Sequence[Candidate], residual_p: dict[tuple[str, ...], float], held_out: HeldOut | None
 ) -> Verdict[Candidate]:
@@ -81,9 +93,10 @@ def judge(
     """
     base = next((c for c in found if not c.names), None)
     if p_value >= MISMATCH_P:
-        return Verdict(
-            "consistent", None, (), base.probability if base else 1.0, "the base model explains the recording"
-        )
+        why = "the base model explains the recording"
+        if likely := not_excluded(found):
+            why += "; not excluded: " + ", ".join(f"{' + '.join(c.names)} ({c.probability:.2f})" for c in likely)
+        return Verdict("consistent", None, (), base.probability if base else 1.0, why)
     allowed = [c for c in found if not c.refused and c.names]
     passing = [c for c in allowed if residual_p.get(c.names, 1.0) >= RESIDUAL_P]  # a rival not tested may pass
     if not any(c.names in residual_p for c in passing):

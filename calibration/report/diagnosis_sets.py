@@ -216,7 +216,8 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
         return ""
     value = quantity(after["mean"], after["sd"], "N m s")
     if found["verdict"] == "consistent":
-        return f"f_overall is {value}; nothing has to be corrected."
+        said = "what is not excluded is weighed in" if found["next_tests"] else "nothing has to be corrected"
+        return f"f_overall is {value}; {said}."
     if found["verdict"] == "unresolved":
         return f"f_overall is {value} if what is missing is smooth; it has taken part of that: do not rely on it."
     shift = before["mean"] - after["mean"]

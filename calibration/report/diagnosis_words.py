@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from calibration.diagnosis.next_test import NOTHING
 from calibration.report.fit_words import rounded, uncertainty
 from model.effects import effects
 from model.layout import L_MIN, RPM
@@ -34,7 +35,11 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
     """
     verdict, chance = found["verdict"], p_in_words(found["mismatch"]["p_value"])
     if verdict == "consistent":
-        return f"The model explains the recording ({chance}); nothing has to be added."
+        # A test is proposed only where something else may be there too.
+        tests = found["next_tests"]
+        likely = dict.fromkeys(name for test in tests for name in test["separates"] if name != NOTHING)
+        also = f" Not excluded: {listed([titles(one.split('+')) for one in likely])}." if likely else ""
+        return f"The model explains the recording ({chance}); nothing has to be added.{also}"
     if verdict == "named":
         said = [effect_in_words(one, at_top or {}) for one in found["effects"]]
         if any(one["id"] == "bad_reading" for one in found["effects"]):

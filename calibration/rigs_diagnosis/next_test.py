@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis.information import Expected
-from calibration.diagnosis.next_test import MODEL_SD, NextTest, ranked, weigh
+from calibration.diagnosis.next_test import MODEL_SD, NOTHING, NextTest, ranked, weigh
 from calibration.priors import PASCAL_PER_BAR
 from calibration.rigs_axis import loaded
 from calibration.rigs_coordinates import Coordinates
@@ -51,7 +51,7 @@ def propose(problem: RigProblem, rivals: Sequence[Candidate]) -> list[NextTest]:
 
 
 def _words(one: Candidate) -> str:
-    return "+".join(one.names) if one.names else "nothing missing"
+    return "+".join(one.names) or NOTHING
 
 
 def _each(problem: RigProblem, rivals: Sequence[Candidate], simulate: Simulate) -> list[Expected]:
