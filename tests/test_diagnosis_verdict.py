@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import importlib.util
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
+from calibration.diagnosis.detect import _Test
+from calibration.diagnosis.forces import forces
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import log_prior
+from calibration.diagnosis.noise import SCALES
 from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.signatures import signatures
+from calibration.diagnosis.verdict import judge, not_excluded
+from calibration.report.diagnosis_words import sentence
+from model.motor import read_motor
 from rig.recording import Recording, read_recording
 
 PRACTICE = Path(__file__).parents[2] / "shared" / "practice"
@@ -103,6 +112,57 @@ def test_the_document_has_the_promised_form(leaking) -> None:
 def test_the_same_seed_gives_the_same_document(leaking) -> None:
     recording, found = leaking
     assert as_json(diagnose(recording, 1)) == found
+
+
+def test_dry_friction_that_hides_behind_the_rollers_is_not_excluded_and_gets_its_test(tmp_path: Path) -> None:
+    """Three times the roller friction, less f_overall and less inertia fit as well: only their priors speak."""
+    hidden = {"coulomb_friction": {"torque_nm": 0.12}}
+    sweep(tmp_path, 4, hidden)
+    found = as_json(diagnose(_module.add_coast_down(tmp_path, 4, hidden), 1))
+    true = read_motor("ptm3600").parameters.f_overall.value
+    assert found["verdict"] == "consistent"
+    assert "not excluded: coulomb_friction" in found["why"]
+    assert found["f_overall_before"]["q95"] < true
+    assert found["f_overall_after"]["q05"] < true < found["f_overall_after"]["q95"]
+    assert found["next_tests"][0]["separates"] == ["nothing missing", "coulomb_friction"]
+    assert "flywheel" in found["next_tests"][0]["test"]
+    assert sentence(found).endswith("nothing has to be added. Not excluded: dry friction.")
+
+
+@dataclass
+class Weighed:
+    """A set as a verdict looks at it."""
+
+    names: tuple[str, ...]
+    probability: float
+    refused: str = ""
+
+
+def test_what_is_not_excluded_is_likely_enough_and_can_be_named() -> None:
+    base, leak, drag = Weighed((), 0.4), Weighed(("leakage",), 0.3), Weighed(("windage",), 0.1)
+    gauge = Weighed(("pressure_gauge_offset",), 0.25, "pressure_gauge_offset is no larger than declared")
+    assert not_excluded([base, leak, gauge, drag]) == [leak]
+    found = judge(0.3, [base, leak, gauge, drag], {(): 0.3}, None)
+    assert (found.kind, found.alternatives, found.set_probability) == ("consistent", (), 0.4)
+    assert found.why == "the base model explains the recording; not excluded: leakage (0.30)"
+    assert judge(0.3, [base, drag], {(): 0.3}, None).why == "the base model explains the recording"
+
+
+def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_path: Path) -> None:
+    sweep(tmp_path, 7, {})
+    text = (tmp_path / "recording.toml").read_text(encoding="utf-8")
+    loud = []
+    for factor in (1.0, 0.5):
+        for sd in ("0.0015", "0.8", "0.4"):
+            text = text.replace(f"noise_sd = {sd}\n", f"noise_sd = {factor * float(sd):g}\n")
+        (tmp_path / "recording.toml").write_text(text, encoding="utf-8")
+        comparison = Comparison(Problem(read_recording(tmp_path)))
+        base = base_of(comparison)
+        difference = np.nan_to_num(comparison.read - comparison.raw(base.prediction) + base.D @ base.z)
+        test = _Test(comparison, base, signatures(comparison, base), forces(comparison, base), difference)
+        loud.append(test.noise(difference)[SCALES])
+    assert np.abs(loud[0]).max() < 0.4  # declared rightly
+    assert (loud[1] - loud[0]).mean() == pytest.approx(np.log(2.0), abs=0.35)  # the prior draws it back a little
 
 
 def test_an_effect_that_is_not_there_adds_no_evidence(tmp_path: Path) -> None:
