@@ -86,6 +86,8 @@ def test_a_misread_row_is_named_with_its_place(tmp_path: Path) -> None:
     assert found["verdict"] == "named" and found["mismatch"]["p_value"] < 0.01
     assert [(row["row"], row["channel"]) for row in found["suspect_rows"]] == [(7, "speed")]
     assert [e["id"] for e in found["effects"]] == ["bad_reading"]
+    # Beside a misread row what is too small to be seen is weighed in as it is where nothing is off.
+    assert found["f_overall_after"]["sd"] > found["f_overall_before"]["sd"]
 
 
 @pytest.fixture(scope="module")

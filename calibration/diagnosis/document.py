@@ -127,9 +127,9 @@ def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dic
 
 
 def _weighed(found: Diagnosis) -> list[Candidate]:
-    if found.verdict.kind in ("consistent", "unresolved"):
+    if found.verdict.chosen is None:  # no set is named: all may be there, beside bad readings too
         return [c for c in found.candidates if not c.refused]
-    kept = {found.verdict.chosen.names if found.verdict.chosen else (), *found.verdict.alternatives}
+    kept = {found.verdict.chosen.names, *found.verdict.alternatives}
     return [c for c in found.candidates if c.names in kept]
 
 

@@ -143,7 +143,7 @@ def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
     before, after = document["f_overall_before"], document["f_overall_after"]
     if not before or not after:
         return []
-    alone = document["verdict"] in ("consistent", "unresolved")
+    alone = found.verdict.chosen is None
     shown = [
         Interval(
             "base model" if alone else "before: base model", *(before[key] for key in ("mean", "sd", "q05", "q95"))
@@ -152,7 +152,7 @@ def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
     if alone and (found.beside is not None or abs(before["mean"] - after["mean"]) > 0.1 * after["sd"]):
         name = "all sets weighed" if found.beside is None else "beside a smooth correction"
         shown.append(Interval(name, *(after[key] for key in ("mean", "sd", "q05", "q95"))))
-    if document["verdict"] in ("named", "confounded") and found.verdict.chosen is not None:
+    if found.verdict.chosen is not None:
         shown.append(
             Interval("after: the sets that stand, weighed", *(after[key] for key in ("mean", "sd", "q05", "q95")))
         )
@@ -226,6 +226,8 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
     sd = after["sd"]
     size = f"{uncertainty(abs(shift)) if abs(shift) < sd else rounded(abs(shift), sd)} N m s"
     share = f"{100.0 * abs(shift) / after['mean']:.2g} %" if after["mean"] > 0.0 else ""
+    if all(effect["id"] == "bad_reading" for effect in found["effects"]):
+        return f"f_overall is {value}, without the readings that are off, and what is not excluded weighed in."
     names = listed([titles([effect["id"]]) for effect in found["effects"]])
     rest = " or its rivals" if found["verdict"] == "confounded" else ""
     way = "low" if shift < 0.0 else "high"
