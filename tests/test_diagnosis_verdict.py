@@ -162,7 +162,9 @@ def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_p
         base = base_of(comparison)
         difference = np.nan_to_num(comparison.read - comparison.raw(base.prediction) + base.D @ base.z)
         test = _Test(comparison, base, signatures(comparison, base), forces(comparison, base), difference)
-        loud.append(test.noise(difference)[SCALES])
+        noise, spread = test.noise(difference)
+        loud.append(noise[SCALES])
+        assert np.all(spread[SCALES] == 0.0) and spread[3] > 0.05 and spread[4] == 0.0  # there are no runs
     assert np.abs(loud[0]).max() < 0.4  # declared rightly
     assert (loud[1] - loud[0]).mean() == pytest.approx(np.log(2.0), abs=0.35)  # the prior draws it back a little
 

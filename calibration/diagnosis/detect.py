@@ -2,10 +2,10 @@
 
 The statistic is the smallest tail probability over the projected signatures of all effects (one-sided where an effect
 cannot be negative) and over the free-form forces. The noise scales are estimated beside all of these, so that a misfit
-does not pass for noise; its correlations are those that the base model has. The law under the null is drawn: nuisances
-and noise anew each time, in the model made linear at its most probable point. The noise drawn is as loud as what all
-forces leave over, by the restricted likelihood: scales drawn anew from their prior make the law that of recordings
-louder than this one, and the test too careful. Beyond the draws the tail is exponential, and marked.
+does not pass for noise; its correlations are those that the base model has. The law under the null is drawn: nuisances,
+noise and its correlations anew each time, in the model made linear at its most probable point. The noise drawn is as
+loud as what all forces leave over, by the restricted likelihood: scales drawn anew from their prior make the law that
+of recordings louder than this one, and the test too careful. Beyond the draws the tail is exponential, and marked.
 """
 
 from __future__ import annotations
@@ -90,8 +90,13 @@ def detect(
     difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction) + mode.D @ mode.z)
     test = _Test(comparison, mode, found, free, difference)
     real = test(difference)
-    noise = test.noise(difference)
-    null = np.sort([test(_draw(comparison, mode, noise, rng)).statistic for _ in range(draws)])
+    noise, spread = test.noise(difference)
+    null = np.sort(
+        [
+            test(_draw(comparison, mode, noise + spread * rng.standard_normal(noise.size), rng)).statistic
+            for _ in range(draws)
+        ]
+    )
     above = int(np.sum(null >= real.statistic))
     p, beyond = (above + 0.5) / (draws + 1.0), False
     cut = null[int((1.0 - TAIL) * draws)]
@@ -130,14 +135,21 @@ class _Test:
         X, y = white(columns) * self.good[:, None], white(difference) * self.good
         return np.linalg.solve(X.T @ X + np.eye(X.shape[1]), X.T @ y)
 
-    def noise(self, difference: np.ndarray) -> np.ndarray:
-        """The noise beside all forces, what they take up of it allowed for [-], shape (5,)."""
-        u = self.u.copy()
+    def noise(self, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The noise that the law is drawn with, and how far each draw's is from it [-], shape (5,) each.
+
+        Its scales are those beside all forces, what they take up of it allowed for, and are the same in each draw. Its
+        correlations are known as well as the readings tell: the test takes those of the base model in each draw.
+        """
+        u, mode = self.u.copy(), self.mode
         for _ in range(LOUDNESS_PASSES):
             left = difference - self.all @ self._fit(self.all, difference, u)
-            step = self.comparison.noise_step(left, self.mode.prediction, u, self.good, self.all)[0]
-            u[SCALES] += step[SCALES]
-        return u
+            u[SCALES] += self.comparison.noise_step(left, mode.prediction, u, self.good, self.all)[0][SCALES]
+        left = difference - mode.D @ mode.z
+        information = np.diag(self.comparison.noise_step(left, mode.prediction, mode.u, self.good, mode.D)[1])
+        spread = np.where(self.comparison.noise.free, 1.0 / np.sqrt(information), 0.0)
+        spread[SCALES] = 0.0
+        return u, spread
 
     def __call__(self, difference: np.ndarray) -> Detection:
         comparison, mode = self.comparison, self.mode
