@@ -57,8 +57,8 @@ class Settings:
     times_tau : float
         Least length of a chain, in autocorrelation times.
     warm_up_blocks : int
-        Blocks that the map is fitted to, not kept. Where what is drawn after them forgets too slowly, the first
-        `sample` doubles them.
+        Blocks that the map is fitted to, not kept. `sample` doubles them where
+        the chain drawn after them forgets too slowly.
     """
 
     seed: int = 1
@@ -151,7 +151,9 @@ def sample(
     ChainError
         When the folder holds another fit's chain.
     ArithmeticError
-        When no point of the prior explains the data.
+        When no point of the prior explains the data, or hardly one about the peak is possible.
+    ValueError
+        When the settings leave no step to keep.
     """
     begun = time.monotonic()
     store = _Store(folder, fingerprint)

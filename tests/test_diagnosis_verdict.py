@@ -117,7 +117,7 @@ def test_the_same_seed_gives_the_same_document(leaking) -> None:
 
 
 def test_dry_friction_that_hides_behind_the_rollers_is_not_excluded_and_gets_its_test(tmp_path: Path) -> None:
-    """Three times the roller friction, less f_overall and less inertia fit as well: only their priors speak."""
+    """Several times the roller friction, less f_overall and less inertia fit as well: only their priors speak."""
     hidden = {"coulomb_friction": {"torque_nm": 0.12}}
     sweep(tmp_path, 4, hidden)
     found = as_json(diagnose(_module.add_coast_down(tmp_path, 4, hidden), 1))

@@ -244,6 +244,12 @@ def test_no_walker_stands_where_the_target_is_impossible_and_a_corner_has_its_kn
     assert chain.flat().mean(axis=0) == pytest.approx([np.sqrt(2.0 / np.pi)] * 3, abs=0.08)
 
 
+def test_a_peak_about_which_nothing_is_possible_is_said_so(monkeypatch):
+    monkeypatch.setattr(peak, "scatter", lambda log_prob, top, spread, rng, n: np.full((n, 2), np.inf))
+    with pytest.raises(peak.NoPeakError, match="hardly a point"):
+        sample(lambda z: np.where(np.isfinite(z).all(axis=1), gaussian(z), -np.inf), 2, np.ones_like, QUICK)
+
+
 def test_a_target_that_no_candidate_reaches_is_said_so():
     with pytest.raises(peak.NoPeakError, match="no point of the prior"):
         sample(lambda z: np.full(len(z), -np.inf), 2, np.ones_like, QUICK)

@@ -20,6 +20,7 @@ from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
 from calibration.step_clock import Tell
+from model.effects import effects
 
 SINGLES = 6  # most single effects refitted
 SINGLES_WITH_RUNS = 5  # ... where each takes seconds
@@ -27,9 +28,6 @@ PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
 SWAPS = 4  # sets tried in the place of the best, one member changed
-# Refitted whatever the linear model says, with runs in time: the base model takes dry friction up with several times
-# the roller friction and less of f_overall and inertia, along a valley too curved to be seen from there.
-HIDDEN = ("coulomb_friction",)
 AT_ONCE = 2  # sets refitted side by side
 
 Names = tuple[str, ...]
@@ -74,7 +72,7 @@ class Search:
         self._signatures: dict[Names, list[Signature]] = {}
 
     def singles(self, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH) -> None:
-        """Refit the most promising single effects, then the base model from the best of them.
+        """Refit the most promising single effects, with runs in time those that hide too, then the base model.
 
         Parameters
         ----------
@@ -90,7 +88,7 @@ class Search:
         ranked = screen(comparison, base, found, u, -math.inf)
         chosen = [one for one in ranked if one[1] > worth][:most]
         if base.prediction.runs:
-            chosen += [one for one in ranked if one[0] in HIDDEN and one not in chosen]
+            chosen += [one for one in ranked if effects()[one[0]].hidden and one not in chosen]
         self._refit([_Job((name,), base, first) for name, _, first in chosen])
         if base.prediction.runs and len(self.modes) > 1:
             self._tell("refit the base model again")

@@ -29,4 +29,5 @@ EFFECT = Effect(
     signature="sweep: the same speed lost at every pressure; coast-down: it ends early, and straight instead of bent",
     parameters=(EffectParameter("torque_nm", "N m", 0.0, 1.0, 0.15, text="dry friction torque"),),
     torque=torque,
+    hidden=True,  # by several times the roller friction with less of f_overall and of inertia
 )

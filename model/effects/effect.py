@@ -142,6 +142,9 @@ class Effect:
         The instrument error or parameter that every fit carries and this effect exceeds; empty where there is none.
     transient_only : bool
         Whether a steady row says nothing of it.
+    hidden : bool
+        Whether the motor's own parameters can take it up along a valley too curved to be seen from the base model, even
+        with runs in time: it is then refitted whatever the straight model says of it.
     turned : callable or None
         Its values for a shaft whose angle is counted from so many radians farther back, where it follows the angle.
     periodic : bool
@@ -164,6 +167,7 @@ class Effect:
     lag: Callable[[Values], float] | None = None
     nuisance: str = ""
     transient_only: bool = False
+    hidden: bool = False
     turned: Callable[[Values, float], Values] | None = None
     periodic: bool = False
 
