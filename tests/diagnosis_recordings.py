@@ -42,8 +42,13 @@ resolution = 0.1
 """
 
 
-def sweep(folder: Path, seed: int, chosen: dict[str, dict[str, float]], bad_row: int | None = None) -> Recording:
-    """A sweep up and down, 1.2 to 2.4 bar, with noise and instrument errors of the declared sizes."""
+def sweep(
+    folder: Path, seed: int, chosen: dict[str, dict[str, float]], bad_row: int | None = None, slip: float = 0.0
+) -> Recording:
+    """A sweep up and down, 1.2 to 2.4 bar, with noise and instrument errors of the declared sizes.
+
+    The tachometer may slip, by a share of its reading, from 740 s on.
+    """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "recording.toml").write_text(HEAD, encoding="utf-8")
@@ -63,6 +68,7 @@ def sweep(folder: Path, seed: int, chosen: dict[str, dict[str, float]], bad_row:
     flow = flow + 0.5 * rng.normal() + 0.8 * rng.normal(size=n)
     speed = readings_of(chosen, "speed", found.speed, found.state) * RPM * (1 + 0.0005 * rng.normal())
     speed = speed + 0.1 * rng.normal() + 0.4 * rng.normal(size=n)
+    speed[time > 740.0] *= 1.0 - slip
     if bad_row is not None:
         speed[bad_row - 1] += 30.0
     lines = ["time_s,direction,pressure_bar_abs,flow_l_min,speed_rpm"]

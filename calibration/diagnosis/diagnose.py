@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import ndtr
 
+from calibration.diagnosis.abrupt import step_instead
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.confirm import HeldOut, cross_validate
 from calibration.diagnosis.correction import Correction, corrections, nuisances_beside
@@ -219,6 +220,14 @@ def _diagnose(
     if verdict.kind == "consistent" and bad:
         detection = replace(detection, p_value=min(detection.p_value, _bad_p(comparison, base)))
         verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
+    step = None
+    if verdict.kind in ("named", "confounded"):
+        clock("a step in time instead")
+        step = step_instead(comparison, verdict.chosen.mode if verdict.chosen else base)
+        if step is not None and step.explains:
+            instead = " and ".join(verdict.chosen.names) if verdict.chosen else "a misread row"
+            verdict = Verdict("unresolved", None, (), 0.0, f"{step.text} explains it as well as {instead}")
+            bad = []
     clock("locate")
     acts_in = effects()[verdict.chosen.names[0]].acts_in if verdict.chosen and len(verdict.chosen.names) == 1 else ""
     if verdict.kind == "consistent":
@@ -227,6 +236,8 @@ def _diagnose(
         places = rows_as_places(bad)
     else:
         places = locate(comparison, base, detection, free, acts_in)
+        if step is not None and step.explains:
+            places.insert(0, step.place)
     if verdict.kind == "unresolved":
         clock("look for a law")
         smooth = corrections(comparison, base, detection.u)

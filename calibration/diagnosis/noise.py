@@ -18,7 +18,7 @@ from calibration.diagnosis.problem import CHANNELS, Problem
 from calibration.priors import NOISE_FACTOR
 
 NOISE_SD = math.log(NOISE_FACTOR)
-CORRELATION_SD = 0.35  # of the inverse hyperbolic tangent: two in three lie within 0.34
+CORRELATION_SD = 0.7  # of the inverse hyperbolic tangent: two in three lie within 0.6; of even correlations it is 0.9
 SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])
 SCALES, ROWS, SAMPLES = slice(0, 3), 3, 4  # places in u
 FEWEST = 16  # pairs of neighbours: fewer cannot tell a correlation from a misfit, and none is taken to be

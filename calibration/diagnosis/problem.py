@@ -82,9 +82,15 @@ class Problem:
     any_turn : bool
         Whether it is held against effects that another recording showed: how the shaft stood in that one is not known
         here, of no run.
+
+    Attributes
+    ----------
+    given : dict
+        Values of effects' parameters that are no unknowns, by (effect, parameter) [own unit].
     """
 
     def __init__(self, recording: Recording, motor: Motor | None = None, any_turn: bool = False) -> None:
+        self.given: dict[tuple[str, str], float] = {}
         if motor is None:
             if not isinstance(recording.motor, str):
                 raise RecordingError(
@@ -160,6 +166,8 @@ class Problem:
         found = []
         for name in names:
             for parameter in effects()[name].parameters:
+                if (name, parameter.name) in self.given:
+                    continue
                 kind, a, b = (
                     ("lognormal", parameter.scale, SHAPE_FACTOR)
                     if parameter.shape
@@ -179,6 +187,9 @@ class Problem:
             The effects' share of the point [-].
         """
         found: dict[str, dict[str, float]] = {name: {} for name in names}
+        for (name, parameter), value in self.given.items():
+            if name in found:
+                found[name][parameter] = value
         for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
             found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
         return found
@@ -395,10 +406,10 @@ class Problem:
         )
 
     def effects_that_could(self) -> list[Effect]:
-        """The effects that this recording could show: those of a transient only where there is one."""
+        """The listed effects that this recording could show: those of a transient only where there is one."""
         found = []
         for effect in effects().values():
-            if effect.id == "bad_reading" or (effect.transient_only and not self.blocks.runs):
+            if effect.id == "bad_reading" or not effect.listed or (effect.transient_only and not self.blocks.runs):
                 continue
             if "flow" in effect.reads and not np.isfinite(self.blocks.plateaus.flow).any():
                 continue

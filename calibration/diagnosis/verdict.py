@@ -16,6 +16,7 @@ LISTED = 0.99  # probability that the sets listed as confounded have together
 SHARE = 0.01  # a set less probable than this beside the best is no alternative
 UNSETTLED = 0.2  # probability from which a set counts as not excluded where the base model explains the recording
 SUPERSET_ODDS = 20.0  # odds that a further effect needs before it is said beside those that suffice
+NEARLY = 10.0  # factor below the threshold within which what a smaller set leaves is no proof that a member is missing
 LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothing
 ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
 
@@ -138,13 +139,13 @@ def judge(
         # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
         gained = held_out.gain > -ERRORS * held_out.gain_se
     rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]
+    # The model itself is not perfect to the last digit: a further member must be needed by more than a hair.
+    rivals += [c for c in allowed if set(c.names) < set(best.names) and c not in passing and _nearly(c, residual_p)]
     if share >= NAMED and gained and not blocked and not rivals:
         return Verdict("named", best, (), share, "one set explains it alone")
     listed, sum_of = [], best.probability
     for c in rivals:
-        if sum_of >= LISTED * total:
-            break
-        if c.probability >= SHARE * best.probability:
+        if c not in passing or sum_of < LISTED * total:
             listed.append(c.names)
             sum_of += c.probability
     listed += [c.names for c in blocked if c.names not in listed]
@@ -155,3 +156,8 @@ def judge(
             )
         return Verdict("named", best, (), share, "one set explains it alone")
     return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
+
+
+def _nearly(candidate: Candidate, residual_p: dict[tuple[str, ...], float]) -> bool:
+    """Whether what a set leaves unexplained is little enough for doubt."""
+    return residual_p.get(candidate.names, 0.0) >= RESIDUAL_P / NEARLY

@@ -101,7 +101,7 @@ def place_in_words(place: Mapping[str, Any]) -> str:
         An entry of ``located``.
     """
     sentence = str(place["sentence"])
-    if place["coordinate"] in ("row", "phase", "angle"):
+    if place["coordinate"] in ("row", "phase", "angle") or " from " in sentence:
         return sentence
     if place["balance"] == "sensor" and sentence.startswith("An error of"):
         return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place)}."
@@ -119,8 +119,8 @@ def span_in_words(place: Mapping[str, Any]) -> str:
         An entry of ``located``.
     """
     unit, factor = FAMILIAR.get(place["unit"], (place["unit"], 1.0))
-    low, high = (factor * float(end) for end in place["where"])
-    return f"{low:.3g} and {high:.3g} {unit}".replace("e+03", "000").removesuffix(" 1")
+    low, high = (float(f"{factor * float(end):.3g}") for end in place["where"])
+    return f"{low:g} and {high:g} {unit}".removesuffix(" 1")
 
 
 def law_in_words(term: Mapping[str, Any]) -> str:

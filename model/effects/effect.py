@@ -145,6 +145,9 @@ class Effect:
     hidden : bool
         Whether the motor's own parameters can take it up along a valley too curved to be seen from the base model, even
         with runs in time: it is then refitted whatever the straight model says of it.
+    listed : bool
+        Whether a diagnosis may name it. One that is not stands for what nothing listed is: if it explains a recording,
+        that is unresolved. A fit or a simulation can have it like any other.
     turned : callable or None
         Its values for a shaft whose angle is counted from so many radians farther back, where it follows the angle.
     periodic : bool
@@ -168,6 +171,7 @@ class Effect:
     nuisance: str = ""
     transient_only: bool = False
     hidden: bool = False
+    listed: bool = True
     turned: Callable[[Values, float], Values] | None = None
     periodic: bool = False
 

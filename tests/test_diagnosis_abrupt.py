@@ -1,0 +1,94 @@
+"""What changed from one moment on is no listed effect, however much a listed one may look like it."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis.abrupt import step_instead
+from calibration.diagnosis.base import base_of
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.problem import Problem
+from calibration.report.diagnosis_words import place_in_words
+from model.motor import read_motor
+from rig.recording import Recording, read_recording
+
+_spec = importlib.util.spec_from_file_location(
+    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
+)
+assert _spec is not None and _spec.loader is not None
+_module = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(_module)
+sweep = _module.sweep
+
+WARM_UP = "friction_warm_up"
+BRAKE = {"torque_step": {"torque_nm": 0.10, "moment_s": 350.0}}
+
+
+def of(recording: Recording, *names: str):
+    comparison = Comparison(Problem(recording))
+    base = base_of(comparison)
+    return comparison, find(comparison, names, base) if names else base
+
+
+def test_a_torque_from_a_moment_on_beats_a_warm_up_and_the_moment_is_found(tmp_path: Path) -> None:
+    comparison, mode = of(sweep(tmp_path, 21, BRAKE), WARM_UP)
+    found = step_instead(comparison, mode)
+    assert found is not None and found.explains
+    assert (found.channel, found.balance) == ("speed", "torque")
+    assert 320.0 < found.start_s < 400.0  # between the plateaus about 350 s, or the next ones
+    assert not comparison.problem.given  # what was tried leaves nothing behind
+
+
+def test_a_warm_up_is_not_given_up_for_a_step(tmp_path: Path) -> None:
+    comparison, mode = of(sweep(tmp_path, 4, {WARM_UP: {"share_cold": 0.15, "time_s": 240.0}}), WARM_UP)
+    found = step_instead(comparison, mode)
+    assert found is not None and not found.explains and found.over < -5.0
+
+
+@pytest.mark.parametrize(("bad_row", "slip"), [(7, 0.0), (None, 0.015)])
+def test_a_slipping_tachometer_is_told_from_a_misread_row(tmp_path: Path, bad_row: int | None, slip: float) -> None:
+    comparison, base = of(sweep(tmp_path, 5, {}, bad_row, slip))
+    found = step_instead(comparison, base)
+    assert found is not None
+    assert found.explains == (slip > 0.0)
+    if slip:
+        assert (found.channel, found.balance, found.start_s) == ("speed", "sensor", 740.0)
+        place = found.place
+        assert place.coordinate == "time" and place.where == (740.0, 1000.0) and place.p_value < 1e-3
+
+
+def test_what_a_step_explains_is_unresolved_and_located_in_time(tmp_path: Path) -> None:
+    found = as_json(diagnose(sweep(tmp_path, 21, BRAKE), 1))
+    assert found["verdict"] == "unresolved" and [e["id"] for e in found["effects"]] == ["unknown"]
+    assert any(one["coordinate"] == "time" and one["balance"] == "torque" for one in found["located"])
+
+
+def test_a_recording_of_few_plateaus_has_no_moment_to_tell(tmp_path: Path) -> None:
+    sweep(tmp_path, 1, {})
+    lines = (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()[:6]
+    (tmp_path / "sweep.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    comparison, base = of(read_recording(tmp_path))
+    assert step_instead(comparison, base) is None
+
+
+def test_an_unlisted_effect_is_no_candidate_but_a_value_can_be_given(tmp_path: Path) -> None:
+    problem = Problem(sweep(tmp_path, 1, {}), read_motor("ptm3600"))
+    assert "torque_step" not in {effect.id for effect in problem.effects_that_could()}
+    problem.given["torque_step", "moment_s"] = 350.0
+    assert [unknown.name for _, unknown in problem.effect_unknowns(["torque_step"])] == ["torque_nm"]
+    assert problem.chosen(["torque_step"], [1.0])["torque_step"] == {"torque_nm": 0.15, "moment_s": 350.0}
+
+
+def test_a_place_says_the_moment_and_a_long_span_in_plain_figures() -> None:
+    place = {
+        "channel": "speed", "balance": "sensor", "coordinate": "time", "unit": "s", "same_as": [],
+        "where": [340.0, 1100.24], "sentence": "The tachometer's reading is another from 340 s on (seen in the speed).",
+    }  # fmt: skip
+    assert place_in_words(place) == place["sentence"]
+    text = place_in_words({**place, "balance": "torque", "sentence": "The torque balance does not close."})
+    assert text == "The torque balance does not close along time, most between 340 and 1100 s."
