@@ -150,6 +150,14 @@ def test_what_is_not_excluded_is_likely_enough_and_can_be_named() -> None:
     assert judge(0.3, [base, drag], {(): 0.3}, None).why == "the base model explains the recording"
 
 
+@pytest.mark.parametrize(("p_alone", "kind"), [(1e-6, "named"), (0.002, "confounded")])
+def test_a_further_effect_is_named_only_where_the_smaller_set_clearly_fails(p_alone: float, kind: str) -> None:
+    base, drag, both = Weighed((), 0.0), Weighed(("windage",), 1e-6), Weighed(("stribeck_friction", "windage"), 0.999)
+    found = judge(1e-9, [both, drag, base], {(): 1e-9, drag.names: p_alone, both.names: 0.3}, None)
+    assert (found.kind, found.chosen) == (kind, both)
+    assert found.alternatives == ((drag.names,) if kind == "confounded" else ())
+
+
 def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_path: Path) -> None:
     sweep(tmp_path, 7, {})
     text = (tmp_path / "recording.toml").read_text(encoding="utf-8")

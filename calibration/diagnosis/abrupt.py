@@ -120,7 +120,7 @@ def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
 def _refitted(
     comparison: Comparison, mode: Mode, member: str, step: Step, columns: Columns, moments: np.ndarray
 ) -> Step:
-    """A step of the torque with its evidence by a refit: a large one bends what the readings do, and hides its moment."""
+    """A step of the torque with its evidence by a refit: a large one bends what the readings do."""
     problem, k = comparison.problem, len(comparison.problem.nuisances)
     names = tuple(sorted({*mode.names, STEP} - {member}))
     best = step
