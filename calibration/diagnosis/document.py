@@ -129,8 +129,11 @@ def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dic
 def _weighed(found: Diagnosis) -> list[Candidate]:
     if found.verdict.chosen is None:  # no set is named: all may be there, beside bad readings too
         return [c for c in found.candidates if not c.refused]
-    kept = {found.verdict.chosen.names, *found.verdict.alternatives}
-    return [c for c in found.candidates if c.names in kept]
+    kept = [set(names) for names in (found.verdict.chosen.names, *found.verdict.alternatives)]
+    # A further effect that is too faint to be said moves f_overall all the same.
+    return [
+        c for c in found.candidates if set(c.names) in kept or (not c.refused and any(k < set(c.names) for k in kept))
+    ]
 
 
 def _friction(found: Diagnosis, weighed: Sequence[Candidate]) -> dict[str, float] | None:

@@ -36,11 +36,12 @@ ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywher
 TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
 REST_ANGLES = 16  # at which it may have stood, for what its pulses do
 UNSETTLED = 0.005  # of the line's pressure: by so much a coast-down may begin off its steady speed
+VENT_SD = 0.003  # s; by so much the air leaves a vented line later than its valve moves, or the samples say
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
 
 # The motor's parameters, each channel's offset and scale, and by file: error of the supply, angle, and start.
 ByFile = dict[str, float]
-Split = tuple[np.ndarray, dict[str, tuple[float, float]], ByFile, ByFile, dict[str, np.ndarray], ByFile]
+Split = tuple[np.ndarray, dict[str, tuple[float, float]], ByFile, ByFile, dict[str, np.ndarray], ByFile, ByFile]
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,8 @@ class Problem:
                     self.nuisances.append(Unknown(f"{run.file}.start_{k}", "-", "normal", 0.0, 1.0, "nobody set it"))
             else:
                 self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
+                if len(run.supply) > 1:
+                    self.nuisances.append(Unknown(f"{run.file}.vent", "s", "normal", 0.0, VENT_SD, "a valve's time"))
         # A torque that follows the shaft is told from where that stood in the first run.
         for run in self.blocks.runs[0 if any_turn else 1 :]:
             self.nuisances.append(Unknown(f"{run.file}.turn", "rad", "normal", 0.0, TURN_SD, "nobody noted it"))
@@ -277,6 +280,8 @@ class Problem:
         supply, angle, start : dict
             By file: error of the gauge's mean over the open spans [Pa], angle of the shaft [rad], and how much there is
             of each course that starts from rest are made of [-].
+        vent : dict
+            By file: how late the line follows its valve, on the average [s].
         turn : dict
             By file: how far the shaft is turned on from where it stood in the first run [rad].
         """
@@ -286,6 +291,7 @@ class Problem:
         angle = dict(self.start_angle)
         start = {run.file: np.zeros(in_time.STARTS) for run in self.blocks.runs}
         turn = {run.file: 0.0 for run in self.blocks.runs}
+        vent = {run.file: 0.0 for run in self.blocks.runs}
         for at_z, unknown in zip(z, self.nuisances, strict=True):
             value = float(unknown.value(np.asarray(at_z)))
             if unknown.name in self._place:
@@ -297,6 +303,8 @@ class Problem:
                 supply[unknown.name.removesuffix(".supply")] = value
             elif unknown.name.endswith(".angle"):
                 angle[unknown.name.removesuffix(".angle")] += value
+            elif unknown.name.endswith(".vent"):
+                vent[unknown.name.removesuffix(".vent")] = value
             elif unknown.name.endswith(".turn"):
                 turn[unknown.name.removesuffix(".turn")] = value
             elif ".start_" in unknown.name:
@@ -305,7 +313,8 @@ class Problem:
             else:
                 channel, _, error = unknown.name.partition("_")
                 errors[channel][error == "scale"] = value * (SI_OF[channel] if error == "offset" else 1.0)
-        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, supply, angle, start, turn
+        of_channels = {channel: (pair[0], pair[1]) for channel, pair in errors.items()}
+        return parameters, of_channels, supply, angle, start, vent, turn
 
     def _plateaus(
         self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
@@ -318,7 +327,7 @@ class Problem:
 
     def _plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
         """A run in time at a point: its line is the gauge's reading, freed of the gauge's errors."""
-        parameters, errors, wrong_by, angle, _, turn = split
+        parameters, errors, wrong_by, angle, _, vent, turn = split
         run = self.blocks.runs[i]
         supply: list[Supply] = []
         for span in run.supply:
@@ -327,7 +336,8 @@ class Problem:
                 reading = np.array([pressure - wrong_by[run.file]])
                 found = gauge.true_pressure(reading, run.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
                 pressure = float(found[0])
-            supply.append(Supply(span.start_s, pressure, span.is_open))
+            late = vent[run.file] if supply else 0.0
+            supply.append(Supply(span.start_s + late, pressure, span.is_open))
         turned = dict(chosen)
         for name in chosen:
             turn_on = effects()[name].turned

@@ -1,5 +1,8 @@
 """Step 3, the search: single effects that the linear model finds promising are refitted, then pairs grown from them.
 
+With runs in time an effect that hides from the linear model is refitted whatever that says of it, alone and beside the
+best of the others.
+
 Sets are refitted side by side, a few at a time; how many does not hang on the number of processes, so neither does the
 result. Of what is far behind the best set so far only the first, rough stage of the search is made.
 """
@@ -113,8 +116,11 @@ class Search:
         jobs: list[_Job] = []
         for seed in seeds:
             mode = self.modes[seed]
-            screened = screen(self.comparison, mode, self._signatures_at(seed), mode.u)
-            for name, _, first in screened[: PAIRS // SEEDS]:
+            screened = screen(self.comparison, mode, self._signatures_at(seed), mode.u, -math.inf)
+            chosen = [one for one in screened if one[1] > WORTH][: PAIRS // SEEDS]
+            if mode.prediction.runs and seed == order[0]:
+                chosen += [one for one in screened if effects()[one[0]].hidden and one not in chosen]
+            for name, _, first in chosen:
                 names = tuple(sorted((*seed, name)))
                 if all(job.names != names for job in jobs):
                     jobs.append(_Job(names, mode, {**_values(self.comparison.problem, mode), **first}))

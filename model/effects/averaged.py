@@ -16,7 +16,6 @@ from model import layout as at
 from model.cylinder import gas_state
 from model.effects import laws
 from model.effects.effect import State, unknown_state
-from model.effects.transient import FLOW_S
 from model.transient import Supply
 
 SPEEDS = 8  # at which the cycle is solved
@@ -28,6 +27,7 @@ AHEAD = 1.3  # highest speed of the tables, of the one at which viscous friction
 LONGEST_STEP_S = 0.004
 LEAST_TORQUE = 0.05  # N m; so that the tables of a line that drives nothing reach somewhere
 START_MARGIN = 1.1
+NEWTON = 4  # steps to the flow through a loss; its law is a power of the flow
 
 
 def speeds(
@@ -174,9 +174,21 @@ def _of_angle(angle: float, around: np.ndarray) -> float:
 
 
 @njit(cache=True, nogil=True)
+def _passing(free: float, pressure: float, step: float, drop: np.ndarray) -> float:
+    """Mean flow through a loss ahead of the cylinders that takes its share of what would flow without [kg/s]."""
+    passing = free
+    for _ in range(NEWTON):
+        k = min(max(int(passing / step), 0), drop.size - 2)
+        slope, lost = (drop[k + 1] - drop[k]) / step, _at(passing, step, drop)
+        if lost > laws.MOST_LOST * pressure:
+            slope, lost = 0.0, laws.MOST_LOST * pressure
+        passing -= (passing - free * (1.0 - lost / pressure)) / (1.0 + free * slope / pressure)
+    return passing
+
+
+@njit(cache=True, nogil=True)
 def _rate(
     omega: float,
-    passing: float,
     s: int,
     top: float,
     torque: np.ndarray,
@@ -187,18 +199,18 @@ def _rate(
     lossy: bool,
     pressure: float,
     J: float,
-) -> tuple[float, float]:
-    """Rates of the speed [rad/s2] and of the averaged flow [kg/s2]."""
+) -> float:
+    """Rate of the speed [rad/s2]; the air passes as it would at that speed for ever, for it waits for nothing."""
     step = top / (torque.shape[1] - 1)
     turning = _at(omega, step, torque[s])
     if not lossy:
-        return turning / J, 0.0
+        return turning / J
     flow_step = most_flow / (loss.shape[2] - 1)
+    passing = _passing(_at(omega, step, flow[s]), pressure, flow_step, loss[s, 0])
     drop = min(_at(passing, flow_step, loss[s, 0]), laws.MOST_LOST * pressure)
     rise = _at(passing, flow_step, loss[s, 1])
     turning += -slope[s, 0] * drop + slope[s, 1] * rise
-    now = _at(omega, step, flow[s]) * (1.0 - drop / pressure)
-    return turning / J, (now - passing) / FLOW_S
+    return turning / J
 
 
 @njit(cache=True, nogil=True)
@@ -225,7 +237,6 @@ def _march(
     omega, t, span = start, time[0], 0
     while span + 1 < spans.size and spans[span + 1] <= t:
         span += 1
-    passing = _at(omega, top / (torque.shape[1] - 1), flow[which[span]])
     for k in range(1, time.size):
         turned, began = 0.0, t
         while t < time[k] - 1e-12:
@@ -236,45 +247,19 @@ def _march(
             h, s = (end - t) / steps, which[span]
             P = pressures[s]
             for _ in range(steps):
-                w, q = omega, passing
-                a1, b1 = _rate(w, q, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                w, v = omega, omega
+                a1 = _rate(v, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
                 a1 -= _of_angle(angle, around) / J
-                a2, b2 = _rate(
-                    max(w + 0.5 * h * a1, 0.0),
-                    q + 0.5 * h * b1,
-                    s,
-                    top,
-                    torque,
-                    flow,
-                    slope,
-                    loss,
-                    most_flow,
-                    lossy,
-                    P,
-                    J,
-                )
+                v = max(w + 0.5 * h * a1, 0.0)
+                a2 = _rate(v, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
                 a2 -= _of_angle(angle + 0.5 * h * w, around) / J
-                a3, b3 = _rate(
-                    max(w + 0.5 * h * a2, 0.0),
-                    q + 0.5 * h * b2,
-                    s,
-                    top,
-                    torque,
-                    flow,
-                    slope,
-                    loss,
-                    most_flow,
-                    lossy,
-                    P,
-                    J,
-                )
+                v = max(w + 0.5 * h * a2, 0.0)
+                a3 = _rate(v, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
                 a3 -= _of_angle(angle + 0.5 * h * (w + 0.5 * h * a1), around) / J
-                a4, b4 = _rate(
-                    max(w + h * a3, 0.0), q + h * b3, s, top, torque, flow, slope, loss, most_flow, lossy, P, J
-                )
+                v = max(w + h * a3, 0.0)
+                a4 = _rate(v, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
                 a4 -= _of_angle(angle + h * (w + 0.5 * h * a2), around) / J
                 omega = max(w + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4), 0.0)
-                passing = q + h / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
                 # Of the cubic through both ends and their slopes.
                 by = 0.5 * h * (w + omega) + h * h / 12.0 * (a1 - a4)
                 turned += by

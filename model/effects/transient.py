@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numba import njit
 
-from model import geometry, motion
+from model import averaged, geometry, motion
 from model import layout as at
 from model import transient as base
 from model.cylinder import gas_state
@@ -22,7 +22,9 @@ from model.effects import laws
 from model.effects.effect import State
 from model.transient import Supply
 
-FLOW_S = 0.02  # time over which the flow of single cylinders is averaged for a pressure loss
+FLOW_S = 0.02  # time over which the flow of single cylinders is averaged for a pressure loss, in share of the speed
+SLOWEST_FLOW = 1.0  # rad/s; below it the flow has no share of the speed
+LATE_S = 1e-9  # a change of the supply so soon after a step is at its end
 LOSS_STEP_S = 0.01  # laws are taken anew at least so often where there is a loss of pressure,
 SPEED_STEP = 2.0  # rad/s; ... so often where there is a torque,
 ANGLE_STEP = 0.3  # rad; ... and so often where a torque follows the angle,
@@ -141,7 +143,10 @@ def _stepwise(
     state, curve = _scratch(parameters, gas)
     here = State(*(getattr(state, field.name)[:1] for field in fields(State)))  # the same arrays
     row = parameters[None, :].copy()
-    flow = change = 0.0
+    change = 0.0
+    ambient = float(parameters[at.P_A])
+    turning = float(y[base.OMEGA])
+    flow = mean = _flow_at(turning, _pressure(spans, time[0], ambient), parameters, gas, readings) if loses else 0.0
     k = 1
     while k < time.size:
         t, rate = time[k - 1], change if turns else 0.0
@@ -169,11 +174,27 @@ def _stepwise(
                 laws.add_losses(row, those, here)
             into = samples[k : last + 1]
             _check(base.integrate(y, t, *spans, until, into, NONE, row[0], gas, readings, 1)[0])
-            flow += ((y[base.M_IN] - before) / dt - flow) * (1.0 - math.exp(-dt / FLOW_S))
+            if _changes(spans[0], t, until[-1] + LATE_S):  # the volume that the cylinders take in is the same
+                mean *= _pressure(spans, until[-1] + LATE_S, ambient) / _pressure(spans, t, ambient)
+            else:
+                share = 1.0 - math.exp(-dt / FLOW_S)
+                mean += ((y[base.M_IN] - before) / dt - mean) * share
+                turning += (0.5 * (speed + y[base.OMEGA]) - turning) * share
+            # The air does not wait: at another speed another flow passes at once.
+            flow = mean * y[base.OMEGA] / turning if turning > SLOWEST_FLOW else mean
             change = abs(y[base.OMEGA] - speed) / dt
             t = until[-1]
         k = last + 1
     return samples
+
+
+def _flow_at(omega: float, pressure: float, parameters: np.ndarray, gas: np.ndarray, readings: np.ndarray) -> float:
+    """Mean flow at a speed, for ever, without effects [kg/s]: what a run that begins there has had."""
+    if omega <= SLOWEST_FLOW:
+        return 0.0
+    out = np.empty((1, averaged.N_OUT))
+    averaged.torques(parameters, readings, gas, pressure, np.array([omega]), out)
+    return float(out[0, averaged.MASS_FLOW])
 
 
 def _changes(starts: np.ndarray, start: float, end: float) -> bool:
