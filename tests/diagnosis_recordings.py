@@ -81,8 +81,11 @@ def sweep(
     return read_recording(folder)
 
 
-def add_coast_down(folder: Path, seed: int, chosen: dict[str, dict[str, float]]) -> Recording:
-    """A coast-down from 2.0 bar beside the sweep of a folder: 200 samples at 5 ms, of the effects' own solver."""
+def add_coast_down(folder: Path, seed: int, chosen: dict[str, dict[str, float]], late: float = 0.0) -> Recording:
+    """A coast-down from 2.0 bar beside the sweep of a folder: 60 samples at 5 ms, of the effects' own solver.
+
+    The line is empty later than the samples say, by so many seconds.
+    """
     rng = np.random.default_rng(seed)
     motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
     parameters, readings = motor.vector(), motor.readings.vector()
@@ -92,7 +95,7 @@ def add_coast_down(folder: Path, seed: int, chosen: dict[str, dict[str, float]])
         parameters[None, :], readings, line, gas_table(motor, line), chosen, np.zeros(1)
     ).speed[0]
     time = 0.005 * np.arange(1, 61)
-    supply = [Supply(-0.6, 2.0e5, True), Supply(0.1, 2.0e5, False)]
+    supply = [Supply(-0.6, 2.0e5, True), Supply(0.1 + late, 2.0e5, False)]
     run = effect_transient.simulate(
         parameters, readings, supply, np.concatenate([[-0.6], np.arange(-0.5, 0.0, 0.02), [0.0], time]), start, chosen
     )

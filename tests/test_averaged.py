@@ -77,8 +77,31 @@ def test_slopes_of_the_torque_are_those_of_its_pressures() -> None:
 def test_a_coast_down_follows_the_one_with_pulses(chosen: dict) -> None:
     with_them, without = run(MOTOR.vector(), 40.0, chosen, True), run(MOTOR.vector(), 40.0, chosen, False)
     fast = without > 15.0  # below, single pulses are as large as what is left of the speed
-    fast = without > 15.0  # below, single pulses are as large as what is left of the speed
     assert np.max(np.abs(with_them - without)[fast]) < 0.03 * 40.0
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [{"inlet_throttling": {"loss_pa_s2_m6": 5e9}}, {"exhaust_back_pressure": {"rise_pa_s2_m6": 2e9}}],
+    ids="+".join,
+)
+def test_a_loss_of_pressure_waits_for_nothing(chosen: dict) -> None:
+    """At one speed the motor gathers speed alike, however fast it was a moment ago."""
+    time, line = np.arange(0.0, 0.5, 0.001), [Supply(-1.0, 2e5)]
+    gained = []
+    for start in (1.0, 24.0):
+        speeds = averaged.speeds(MOTOR.vector(), READINGS, line, time, start, chosen)[1:]
+        gained.append(float(np.interp(26.0, speeds, np.gradient(speeds, 0.001))))
+    assert gained[0] == pytest.approx(gained[1], rel=2e-3)
+
+
+@pytest.mark.parametrize("chosen", [{}, {"inlet_throttling": {"loss_pa_s2_m6": 5e9}}], ids=["nothing", "throttled"])
+def test_a_spin_up_follows_the_one_with_pulses(chosen: dict) -> None:
+    time, line, start = np.arange(0.0, 0.6, 0.005), [Supply(-1.0, 2e5)], rest_state(MOTOR)
+    start[OMEGA] = 2.0
+    without = averaged.speeds(MOTOR.vector(), READINGS, line, time, 2.0, chosen)
+    with_them = effect_transient.simulate(MOTOR.vector(), READINGS, line, time, start, chosen).reading
+    assert np.max(np.abs(np.convolve(with_them - without, np.ones(9) / 9, "valid"))) < 0.5
 
 
 @pytest.mark.parametrize(("index", "name"), [(at.F_OVERALL, "friction"), (at.J, "inertia")])

@@ -13,6 +13,8 @@ import pytest
 from calibration.diagnosis import as_json, descent, diagnose, together
 from calibration.diagnosis.base import base_of, set_angles
 from calibration.diagnosis.descent import find
+from calibration.diagnosis.detect import detect
+from calibration.diagnosis.forces import forces
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.in_time import Plan, Pulses
 from calibration.diagnosis.linear import RUN, VENTED, Comparison
@@ -267,6 +269,19 @@ def test_of_a_coast_down_only_what_follows_the_closing_valve_is_compared(tmp_pat
     closed = run.supply[1].start_s
     assert not run.used[run.time <= closed].any()
     assert np.flatnonzero(run.used)[0] == np.flatnonzero(run.time > closed)[2]  # two samples for the line to empty
+
+
+def test_a_line_that_empties_late_is_no_missing_physics(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 4, {})
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 4, {}, late=0.004)))
+    base = base_of(comparison)
+    place = next(i for i, one in enumerate(comparison.problem.nuisances) if one.name == "coast_down.csv.vent")
+    late = float(comparison.problem.nuisances[place].value(base.z[place]))
+    assert late == pytest.approx(0.004, abs=0.0015)
+    detection = detect(
+        comparison, base, signatures(comparison, base), forces(comparison, base), np.random.default_rng(1)
+    )
+    assert detection.p_value > 0.01
 
 
 def test_a_run_of_a_few_samples_is_left_aside(tmp_path: Path) -> None:

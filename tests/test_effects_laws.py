@@ -163,6 +163,12 @@ def test_a_torque_of_the_shaft_angle_leaves_a_sweep_as_it_is() -> None:
     assert found.speed == pytest.approx(BARE.speed, rel=1e-7)
 
 
+def test_a_torque_from_a_moment_on_is_none_before_it() -> None:
+    late = replace(STATE, time=np.linspace(0.0, 800.0, STATE.omega.size))
+    found = law("torque_step", "torque", late, torque_nm=0.1, moment_s=400.0)
+    assert np.array_equal(found, np.where(late.time > 400.0, 0.1, 0.0)) and 0.0 < found.mean() < 0.1
+
+
 def test_throttling_quadruples_with_twice_the_flow_and_is_nothing_without() -> None:
     for name, kind, key in (
         ("inlet_throttling", "inlet_drop", "loss_pa_s2_m6"),
