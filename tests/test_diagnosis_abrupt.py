@@ -76,6 +76,13 @@ def test_a_recording_of_few_plateaus_has_no_moment_to_tell(tmp_path: Path) -> No
     assert step_instead(comparison, base) is None
 
 
+def test_a_sweep_without_a_clock_has_no_moment_to_tell(tmp_path: Path) -> None:
+    sweep(tmp_path, 5, {}, None, 0.015)
+    rows = (line.partition(",")[2] for line in (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines())
+    (tmp_path / "sweep.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    assert step_instead(*of(read_recording(tmp_path))) is None
+
+
 def test_an_unlisted_effect_is_no_candidate_but_a_value_can_be_given(tmp_path: Path) -> None:
     problem = Problem(sweep(tmp_path, 1, {}), read_motor("ptm3600"))
     assert "torque_step" not in {effect.id for effect in problem.effects_that_could()}

@@ -94,7 +94,8 @@ def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
         Of the set; of the base model a step is tried in the place of the readings that it takes for bad.
     """
     time = coordinates(comparison, mode)["time"]
-    moments = _moments(time)
+    steady = [file for file in comparison.problem.recording.files if file.kind == "steady"]
+    moments = _moments(time) if all("time_s" in file.columns for file in steady) else np.zeros(0)
     if not moments.size:
         return None
     kinds = {key: columns for key, columns in _columns(comparison, mode, time, moments).items() if columns.any()}
@@ -124,15 +125,10 @@ def _refitted(
     problem, k = comparison.problem, len(comparison.problem.nuisances)
     names = tuple(sorted({*mode.names, STEP} - {member}))
     best = step
-    near, first = (
-        mode,
-        {
-            (name, one.name): float(mode.z[k + i])
-            for i, (name, one) in enumerate(problem.effect_unknowns(mode.names))
-            if name != member
-        },
-    )
-    first[STEP, "torque_nm"] = 0.0
+    near, first = mode, {(STEP, "torque_nm"): 0.0}
+    for i, (name, one) in enumerate(problem.effect_unknowns(mode.names)):
+        if name != member:
+            first[name, one.name] = float(mode.z[k + i])
     try:
         for _ in range(LOOKS):
             problem.given[STEP, "moment_s"] = step.start_s
@@ -180,15 +176,13 @@ class _Rest:
         self.J = np.delete(mode.D, mine, axis=1)
         self.difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z
         bad = mode.bad >= GOOD
-        everything = np.ones(bad.size)
-        good = everything if not mine.size else np.where(bad, 0.0, 1.0)
-        self.good = good
-        nothing = np.zeros((bad.size, 0))
+        kept, nothing = np.where(bad, 0.0, 1.0), np.zeros((bad.size, 0))
+        self.good = good = kept if mine.size else np.ones(bad.size)
         self.nothing = self._evidence(nothing, self._noise(nothing), good)
         if mine.size:
             self.instead = self._evidence(mode.D[:, mine], mode.u, good)
         else:
-            self.instead = self._evidence(nothing, mode.u, np.where(bad, 0.0, 1.0))
+            self.instead = self._evidence(nothing, mode.u, kept)
             r = comparison.whitener(mode.prediction, mode.u)(self.difference - mode.D @ mode.z)[bad]
             self.instead += float(np.sum(-0.5 * (r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH / (1.0 - BAD))))
 
