@@ -21,7 +21,7 @@ class StepClock:
     tell : callable
         As given; what it is told besides is no step of its own.
     seconds : dict of str to float
-        Of each step that has ended [s].
+        Of each step that has ended; of one that came again, together [s].
     """
 
     def __init__(self, tell: Tell) -> None:
@@ -32,7 +32,7 @@ class StepClock:
     def __call__(self, step: str) -> None:
         now = time.monotonic()
         if self._step:
-            self.seconds[self._step] = round(now - self._began, 3)
+            self.seconds[self._step] = round(self.seconds.get(self._step, 0.0) + now - self._began, 3)
         self._step, self._began = step, now
         if step:
             self.tell(step)

@@ -22,6 +22,7 @@ from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.signatures import signatures
 from calibration.diagnosis.verdict import judge, not_excluded
 from calibration.report.diagnosis_words import sentence
+from calibration.step_clock import StepClock
 from model.motor import read_motor
 from rig.recording import Recording, read_recording
 
@@ -138,6 +139,16 @@ class Weighed:
     names: tuple[str, ...]
     probability: float
     refused: str = ""
+
+
+def test_the_time_of_a_step_that_comes_again_is_added_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = iter([0.0, 1.0, 3.0, 7.0, 15.0])
+    monkeypatch.setattr("calibration.step_clock.time.monotonic", lambda: next(now))
+    told: list[str] = []
+    clock = StepClock(told.append)
+    for step in ("name", "test", "name", ""):
+        clock(step)
+    assert clock.seconds == {"name": 2.0 + 8.0, "test": 4.0} and told == ["name", "test", "name"]
 
 
 def test_what_is_not_excluded_is_likely_enough_and_can_be_named() -> None:

@@ -194,7 +194,9 @@ def _diagnose(
         clock("name")
         if len(search.modes) == 1:
             search.singles(found, detection.u)
+        clock("test what is left")
         _test_residuals(comparison, _namable(search)[:1], residual_p, rng, side_by_side)
+        clock("name")
         search.pairs(next((names for names, p in residual_p.items() if names and p >= RESIDUAL_P), None))
         candidates = search.weighed()
         clock("test what is left")
