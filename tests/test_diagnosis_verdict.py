@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -186,6 +187,18 @@ def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_p
         assert np.all(spread[SCALES] == 0.0) and spread[3] > 0.05 and spread[4] == 0.0  # there are no runs
     assert np.abs(loud[0]).max() < 0.4  # declared rightly
     assert (loud[1] - loud[0]).mean() == pytest.approx(np.log(2.0), abs=0.35)  # the prior draws it back a little
+
+
+def test_noise_far_louder_than_declared_is_a_mismatch_and_said_so(tmp_path: Path) -> None:
+    sweep(tmp_path, 8, {})
+    text = (tmp_path / "recording.toml").read_text(encoding="utf-8")
+    for sd in ("0.0015", "0.4"):
+        text = text.replace(f"noise_sd = {sd}\n", f"noise_sd = {float(sd) / 12.0:g}\n")
+    (tmp_path / "recording.toml").write_text(text, encoding="utf-8")
+    found = as_json(diagnose(read_recording(tmp_path), 1))
+    assert found["verdict"] == "unresolved" and found["mismatch"]["p_value"] < 1e-4
+    said = re.search(r"the (pressure|speed)'s noise would be ([0-9.]+) times as large as declared", found["why"])
+    assert said is not None and 4.0 < float(said[2]) < 20.0
 
 
 def test_an_effect_that_is_not_there_adds_no_evidence(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ cannot be negative) and over the free-form forces. The noise scales are estimate
 does not pass for noise; its correlations are those that the base model has. The law under the null is drawn: nuisances,
 noise and its correlations anew each time, in the model made linear at its most probable point. The noise drawn is as
 loud as what all forces leave over, by the restricted likelihood: scales drawn anew from their prior make the law that
-of recordings louder than this one, and the test too careful. Beyond the draws the tail is exponential, and marked.
+of recordings louder than this one, and the test too careful. So a loudness that is not believable is a mismatch of its
+own: something that no force is fine enough to follow. Beyond the draws the tail is exponential, and marked.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc, log_ndtr
+from scipy.special import chdtrc, log_ndtr, ndtr
 
 from calibration.diagnosis.forces import Force
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.noise import SCALES, SPREAD
+from calibration.diagnosis.noise import LOUDEST, NOISE_SD, SCALES, SPREAD
+from calibration.diagnosis.problem import CHANNELS
 from calibration.diagnosis.signatures import Signature, project
 from calibration.diagnosis.straight import FREE
 
@@ -103,7 +105,22 @@ def detect(
     if real.statistic > cut:
         scale = max(float(np.mean(null[null > cut] - cut)), 0.5)
         p, beyond = TAIL * math.exp(-(real.statistic - cut) / scale), above == 0
+    if (loud := too_loud(real.u)) is not None:
+        believed = len(CHANNELS) * float(ndtr(-math.log(loud[1]) / NOISE_SD))
+        p, beyond = min(p, believed), beyond or believed < p
     return Detection(max(p, 1e-300), beyond, real.statistic, real.u, real.scores, real.force_log_p, real.force_scores)
+
+
+def too_loud(u: np.ndarray) -> tuple[str, float] | None:
+    """The loudest channel and its noise in declared ones [-], where that is not believable; None where it is.
+
+    Parameters
+    ----------
+    u : ndarray, shape (5,)
+        The noise [-].
+    """
+    i = int(np.argmax(u[SCALES]))
+    return (CHANNELS[i], math.exp(u[i])) if u[i] > LOUDEST * NOISE_SD else None
 
 
 class _Test:

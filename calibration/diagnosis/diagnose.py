@@ -15,7 +15,7 @@ from calibration.diagnosis.confirm import HeldOut, cross_validate
 from calibration.diagnosis.correction import Correction, corrections, nuisances_beside
 from calibration.diagnosis.correction import hold_out as hold_out_smooth
 from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import Detection, detect
+from calibration.diagnosis.detect import Detection, detect, too_loud
 from calibration.diagnosis.discover import Term, discover
 from calibration.diagnosis.forces import Force, forces
 from calibration.diagnosis.linear import Comparison
@@ -241,6 +241,9 @@ def _diagnose(
         if step is not None and step.explains:
             places.insert(0, step.place)
     if verdict.kind == "unresolved":
+        if loud := too_loud(detection.u):
+            noise = f"the {loud[0]}'s noise would be {loud[1]:.1f} times as large as declared"
+            verdict = replace(verdict, why=f"{verdict.why}; {noise}")
         clock("look for a law")
         smooth = corrections(comparison, base, detection.u)
         correction, beside = (smooth[0], nuisances_beside(comparison, base, smooth)) if smooth else (None, None)

@@ -17,7 +17,7 @@ from scipy.special import gammaln, log_ndtr, logsumexp
 
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.noise import NOISE_SD, SCALES
+from calibration.diagnosis.noise import LOUDEST, NOISE_SD, SCALES
 from calibration.diagnosis.problem import SI_OF, Problem
 from calibration.diagnosis.signatures import Signature, log_gain, project
 from model.effects import effects
@@ -25,7 +25,6 @@ from model.effects import effects
 WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
 BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
-LOUDEST = 4.0  # prior sds of a noise's scale, a factor of 3.3; a set that needs more is no explanation
 DOUBT = 2.0  # nats by which the evidence may be wrong with runs in time: the less probable sets get their benefit
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
 

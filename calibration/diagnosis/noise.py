@@ -21,6 +21,7 @@ NOISE_SD = math.log(NOISE_FACTOR)
 CORRELATION_SD = 0.7  # of the inverse hyperbolic tangent: two in three lie within 0.6; of even correlations it is 0.9
 SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])
 SCALES, ROWS, SAMPLES = slice(0, 3), 3, 4  # places in u
+LOUDEST = 4.0  # prior sds of a noise's scale, a factor of 3.3; what needs more is no explanation
 FEWEST = 16  # pairs of neighbours: fewer cannot tell a correlation from a misfit, and none is taken to be
 LARGEST_STEP = 0.5
 PROBE = 1e-3  # in u, for the curvature of what the samples say
