@@ -78,7 +78,7 @@ class Step:
     def place(self) -> Place:
         """Where it is, its p-value the inverse of its Bayes factor."""
         what = "torque balance" if self.balance == "torque" else f"{METERS[self.channel]}'s reading"
-        sentence = f"The {what} is another from {self.start_s:.0f} s on (seen in the {self.channel})."
+        sentence = f"The {what} is off from {self.start_s:.0f} s on (seen in the {self.channel})."
         where = (self.start_s, self.end_s)
         return Place(self.channel, self.balance, "time", where, "s", math.exp(-max(self.gain, 0.0)), sentence, ())
 
