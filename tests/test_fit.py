@@ -110,57 +110,59 @@ def test_f_overall_is_where_the_article_has_it(published):
 
 @pytest.fixture(scope="module")
 def plateaus(tmp_path_factory) -> Path:
-    """A working folder with the recording `bench` of three rows, and its fit in `out`."""
+    """A working folder with the recording `bench` of three rows, and the JSON of a fit without a folder."""
     folder = tmp_path_factory.mktemp("plateaus")
     (folder / "bench").mkdir()
     (folder / "bench" / "recording.toml").write_text(
         'format = "recording/1"\nmotor = "ptm3600"\n[[files]]\nfile = "sweep.csv"\nkind = "steady"\n'
     )
     (folder / "bench" / "sweep.csv").write_text(f"{HEADER}1.7,51,272.9\n1.83,58,326.1\n1.95,67,374.5\n")
-    done = run("bench", "-o", "out", "--json", "fit.json", *BRIEF, cwd=folder)
+    done = run("bench", "--json", "fit.json", *BRIEF, cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder
 
 
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_bits_without_a_folder(plateaus):
-    done = run("bench", "--json", "again.json", *BRIEF, cwd=plateaus)
-    assert done.returncode == 0, done.stderr
-    assert posterior(plateaus / "again.json") == posterior(plateaus / "fit.json")
-
-
-@pytest.mark.slow
-def test_a_killed_fit_goes_on_to_the_same_bits(plateaus):
+@pytest.fixture(scope="module")
+def killed(plateaus) -> tuple[Path, bool]:
+    """That folder with the same fit in `out`, killed on the way and started again; whether its first block was kept."""
     process = subprocess.Popen(
-        [COMMAND, "fit", "bench", "-o", "killed", *BRIEF],
+        [COMMAND, "fit", "bench", "-o", "out", *BRIEF],
         cwd=plateaus, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
     )  # fmt: skip
-    chain = plateaus / "killed" / "chain"
+    chain = plateaus / "out" / "chain"
     until = time.monotonic() + 120.0
     while len(list(chain.glob("block_*.npz"))) < 9 and process.poll() is None and time.monotonic() < until:
         time.sleep(0.005)
     assert process.poll() is None, process.communicate()[1]
     os.kill(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
-    assert not (plateaus / "killed" / "posterior.json").exists()
+    assert not (plateaus / "out" / "posterior.json").exists()
     first = chain / "block_00000.npz"
     before = first.stat().st_mtime_ns
     (chain / "block_00099.partial").write_bytes(b"PK torn")
-    done = run("bench", "-o", "killed", *BRIEF, cwd=plateaus)
+    done = run("bench", "-o", "out", *BRIEF, cwd=plateaus)
     assert done.returncode == 0, done.stderr
-    assert first.stat().st_mtime_ns == before
-    assert posterior(plateaus / "killed" / "posterior.json") == posterior(plateaus / "fit.json")
+    return plateaus, first.stat().st_mtime_ns == before
 
 
 @pytest.mark.slow
-def test_a_finished_fit_run_again_gives_the_same_posterior(plateaus):
+def test_a_killed_fit_goes_on_to_the_bits_of_one_without_a_folder(killed):
+    folder, kept = killed
+    assert kept
+    assert posterior(folder / "out" / "posterior.json") == posterior(folder / "fit.json")
+
+
+@pytest.mark.slow
+def test_a_finished_fit_run_again_gives_the_same_posterior(killed):
+    plateaus, _ = killed
     done = run("bench", "-o", "out", "--json", "again.json", *BRIEF, cwd=plateaus)
     assert done.returncode == 0, done.stderr
     assert posterior(plateaus / "again.json") == posterior(plateaus / "fit.json")
 
 
 @pytest.mark.slow
-def test_the_folder_of_another_recording_is_refused_in_a_line(plateaus, spinbench_here):
+def test_the_folder_of_another_recording_is_refused_in_a_line(killed, spinbench_here):
+    plateaus, _ = killed
     (plateaus / "other").mkdir(exist_ok=True)
     for name in ("recording.toml", "sweep.csv"):
         text = (plateaus / "bench" / name).read_text().replace("374.5", "373.0")
@@ -174,7 +176,8 @@ def test_the_folder_of_another_recording_is_refused_in_a_line(plateaus, spinbenc
 
 
 @pytest.mark.slow
-def test_another_seed_or_motor_is_another_fit(plateaus, spinbench_here):
+def test_another_seed_or_motor_is_another_fit(killed, spinbench_here):
+    plateaus, _ = killed
     for change in (("--seed", 2), ("--set", "port_lap=7.5"), ("--speed-only",)):
         assert spinbench_here("fit", "bench", "-o", "out", *change, *BRIEF, cwd=plateaus).returncode == 2
 
