@@ -21,6 +21,7 @@ from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import METERS, Place
 from calibration.diagnosis.mode import BAD, BAD_WIDTH, Mode
 from calibration.diagnosis.noise import SPREAD
+from calibration.diagnosis.search import values_of
 from calibration.diagnosis.signatures import project
 from calibration.diagnosis.straight import GOOD
 from calibration.diagnosis.terms import LARGEST_N_M
@@ -125,10 +126,8 @@ def _refitted(
     problem, k = comparison.problem, len(comparison.problem.nuisances)
     names = tuple(sorted({*mode.names, STEP} - {member}))
     best = step
-    near, first = mode, {(STEP, "torque_nm"): 0.0}
-    for i, (name, one) in enumerate(problem.effect_unknowns(mode.names)):
-        if name != member:
-            first[name, one.name] = float(mode.z[k + i])
+    near, first = mode, {one: z for one, z in values_of(problem, mode).items() if one[0] != member}
+    first[STEP, "torque_nm"] = 0.0
     try:
         for _ in range(LOOKS):
             problem.given[STEP, "moment_s"] = step.start_s

@@ -21,8 +21,7 @@ from scipy.special import chdtrc, log_ndtr, ndtr
 from calibration.diagnosis.forces import Force
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.noise import LOUDEST, NOISE_SD, SCALES, SPREAD
-from calibration.diagnosis.problem import CHANNELS
+from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD, too_loud
 from calibration.diagnosis.signatures import Signature, project
 from calibration.diagnosis.straight import FREE
 
@@ -106,21 +105,9 @@ def detect(
         scale = max(float(np.mean(null[null > cut] - cut)), 0.5)
         p, beyond = TAIL * math.exp(-(real.statistic - cut) / scale), above == 0
     if (loud := too_loud(real.u)) is not None:
-        believed = len(CHANNELS) * float(ndtr(-math.log(loud[1]) / NOISE_SD))
+        believed = SCALES.stop * float(ndtr(-math.log(loud[1]) / NOISE_SD))
         p, beyond = min(p, believed), beyond or believed < p
     return Detection(max(p, 1e-300), beyond, real.statistic, real.u, real.scores, real.force_log_p, real.force_scores)
-
-
-def too_loud(u: np.ndarray) -> tuple[str, float] | None:
-    """The loudest channel and its noise in declared ones [-], where that is not believable; None where it is.
-
-    Parameters
-    ----------
-    u : ndarray, shape (5,)
-        The noise [-].
-    """
-    i = int(np.argmax(u[SCALES]))
-    return (CHANNELS[i], math.exp(u[i])) if u[i] > LOUDEST * NOISE_SD else None
 
 
 class _Test:

@@ -15,7 +15,7 @@ from calibration.diagnosis.confirm import HeldOut, cross_validate
 from calibration.diagnosis.correction import Correction, corrections, nuisances_beside
 from calibration.diagnosis.correction import hold_out as hold_out_smooth
 from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import Detection, detect, too_loud
+from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.discover import Term, discover
 from calibration.diagnosis.forces import Force, forces
 from calibration.diagnosis.linear import Comparison
@@ -23,6 +23,7 @@ from calibration.diagnosis.locate import Place, locate, rows_as_places
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import Candidate, evidence_p
 from calibration.diagnosis.next_test import NextTest, propose
+from calibration.diagnosis.noise import too_loud
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.search import Search
 from calibration.diagnosis.side_by_side import SideBySide

@@ -17,7 +17,7 @@ from scipy.special import gammaln, log_ndtr, logsumexp
 
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.noise import LOUDEST, NOISE_SD, SCALES
+from calibration.diagnosis.noise import too_loud
 from calibration.diagnosis.problem import SI_OF, Problem
 from calibration.diagnosis.signatures import Signature, log_gain, project
 from model.effects import effects
@@ -247,9 +247,8 @@ def refusal(comparison: Comparison, mode: Mode) -> str:
             return f"{name}: {unknown.name} is at the bound of what is believable"
         if parameter is effects()[name].amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:
             return f"{name} vanishes"
-    loud = float(np.max(mode.u[SCALES])) if mode.names else 0.0
-    if loud > LOUDEST * NOISE_SD:
-        return f"the noise would be {math.exp(loud):.1f} times as large as declared"
+    if mode.names and (loud := too_loud(mode.u)):
+        return f"the noise would be {loud[1]:.1f} times as large as declared"
     for name in mode.names:
         found = total_size(problem, mode, name)
         if found is not None and abs(found[0]) < BEYOND_SD:

@@ -327,6 +327,18 @@ class Noise:
         return slope, information
 
 
+def too_loud(u: np.ndarray) -> tuple[str, float] | None:
+    """The loudest channel and its noise in declared ones [-], where that is not believable; None where it is.
+
+    Parameters
+    ----------
+    u : ndarray, shape (5,)
+        The noise [-].
+    """
+    i = int(np.argmax(u[SCALES]))
+    return (CHANNELS[i], math.exp(u[i])) if u[i] > LOUDEST * NOISE_SD else None
+
+
 def _forward(follow: np.ndarray, band: np.ndarray, given: np.ndarray) -> np.ndarray:
     """Samples less what they take over from those before, through a factor in banded form."""
     share = follow if given.ndim == 1 else follow[:, None]

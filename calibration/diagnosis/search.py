@@ -123,7 +123,7 @@ class Search:
             for name, _, first in chosen:
                 names = tuple(sorted((*seed, name)))
                 if all(job.names != names for job in jobs):
-                    jobs.append(_Job(names, mode, {**_values(self.comparison.problem, mode), **first}))
+                    jobs.append(_Job(names, mode, {**values_of(self.comparison.problem, mode), **first}))
         self._refit(jobs)
         self.swap()
 
@@ -140,7 +140,7 @@ class Search:
         found = self._signatures_at(best)
         tried: list[tuple[float, _Job]] = []
         for member in best:
-            rest = {one: z for one, z in _values(problem, mode).items() if one[0] != member}
+            rest = {one: z for one, z in values_of(problem, mode).items() if one[0] != member}
             for name, gain, first in screen(self.comparison, mode, found, mode.u, -math.inf, without=member):
                 names = tuple(sorted({*best, name} - {member}))
                 if names not in self.modes:
@@ -181,7 +181,16 @@ def _found(comparison: Comparison, names: Names, near: Mode, first: First, best:
         return None
 
 
-def _values(problem: Problem, mode: Mode) -> First:
+def values_of(problem: Problem, mode: Mode) -> First:
+    """Values of a mode's effects' unknowns by (effect, parameter), to start another search from [-].
+
+    Parameters
+    ----------
+    problem : Problem
+        The recording.
+    mode : Mode
+        Of a set.
+    """
     k = len(problem.nuisances)
     return {
         (name, unknown.name): float(mode.z[k + i])

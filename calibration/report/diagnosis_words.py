@@ -101,7 +101,7 @@ def place_in_words(place: Mapping[str, Any]) -> str:
         An entry of ``located``.
     """
     sentence = str(place["sentence"])
-    if place["coordinate"] in ("row", "phase", "angle") or " from " in sentence:
+    if place["coordinate"] in ("row", "phase", "angle") or " is off from " in sentence:
         return sentence
     if place["balance"] == "sensor" and sentence.startswith("An error of"):
         return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place)}."
