@@ -99,18 +99,57 @@ def add_coast_down(folder: Path, seed: int, chosen: dict[str, dict[str, float]],
     run = effect_transient.simulate(
         parameters, readings, supply, np.concatenate([[-0.6], np.arange(-0.5, 0.0, 0.02), [0.0], time]), start, chosen
     )
-    speed = np.maximum(run.reading[-time.size :] * RPM + 0.8 * rng.normal(size=time.size), 0.0)
-    opened = time <= 0.1 + 1e-9
-    pressure = np.where(opened, 2.0, 1.01325) + 0.003 * rng.normal(size=time.size)
+    return _added(folder, "coast_down.csv", 1100.0, run.reading[-time.size :], time, time <= 0.1 + 1e-9, rng)
+
+
+def add_spin_up(folder: Path, seed: int, chosen: dict[str, dict[str, float]], late: float = 0.0) -> Recording:
+    """A start from rest at 2.0 bar beside the sweep of a folder: 120 samples at 5 ms, of the effects' own solver.
+
+    The air enters later than the samples say, by so many seconds.
+    """
+    rng = np.random.default_rng(seed)
+    motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
+    time = 0.005 * np.arange(1, 121)
+    supply = [Supply(-0.6, 2.0e5, False), Supply(0.05 + late, 2.0e5, True)]
+    start, begun = rest_state(motor, float(rng.random())), np.append(0.0, time)
+    run = effect_transient.simulate(motor.vector(), motor.readings.vector(), supply, begun, start, chosen)
+    gauge, tachometer = _errors(seed, read_recording(folder).files[0].columns["speed_rpm"].values.size)
+    reading = run.reading[1:] * (1 + 0.0005 * tachometer[0]) + 0.1 * tachometer[1] / RPM
+    return _added(folder, "spin_up.csv", 1200.0, reading, time, time > 0.05 + 1e-9, rng, gauge)
+
+
+def _errors(seed: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Scale and offset of the gauge and the tachometer in the sweep of a seed with n rows, in their sds."""
+    rng = np.random.default_rng(seed)
+    drawn = []
+    for _ in range(3):  # gauge, flow meter, tachometer: the scale, the offset, and the noise of each row
+        drawn.append(rng.normal(size=2))
+        rng.normal(size=n)
+    return drawn[0], drawn[2]
+
+
+def _added(
+    folder: Path,
+    file: str,
+    start_s: float,
+    reading: np.ndarray,
+    time: np.ndarray,
+    opened: np.ndarray,
+    rng: np.random.Generator,
+    gauge: np.ndarray | tuple[float, float] = (0.0, 0.0),
+) -> Recording:
+    """A folder with one run more, of true speeds [rad/s], their noise added."""
+    speed = np.maximum(reading * RPM + 0.8 * rng.normal(size=time.size), 0.0)
+    line = np.where(opened, 2.0, 1.01325) * (1 + 0.002 * gauge[0]) + 0.005 * gauge[1]
+    pressure = line + 0.003 * rng.normal(size=time.size)
     rows = zip(time, opened.astype(int), pressure, speed, strict=True)
-    (folder / "coast_down.csv").write_text(
+    (folder / file).write_text(
         "time_s,supply_open,pressure_bar_abs,speed_rpm\n"
         + "".join(f"{t:.3f},{o},{p:.3f},{n:.1f}\n" for t, o, p, n in rows),
         encoding="utf-8",
     )
     text = (folder / "recording.toml").read_text(encoding="utf-8")
-    run_file = '{ file = "coast_down.csv", kind = "transient", start_s = 1100.0, noise_scale = 2.0 }'
-    both = '{ file = "sweep.csv", kind = "steady" }, ' + run_file
-    text = text.replace('{ file = "sweep.csv", kind = "steady" }', both)
-    (folder / "recording.toml").write_text(text, encoding="utf-8")
+    sweep_file = '{ file = "sweep.csv", kind = "steady" }'
+    run_file = f'{{ file = "{file}", kind = "transient", start_s = {start_s}, noise_scale = 2.0 }}'
+    (folder / "recording.toml").write_text(text.replace(sweep_file, f"{sweep_file}, {run_file}"), encoding="utf-8")
     return read_recording(folder)

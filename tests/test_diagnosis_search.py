@@ -284,6 +284,21 @@ def test_a_line_that_empties_late_is_no_missing_physics(tmp_path: Path) -> None:
     assert detection.p_value > 0.01
 
 
+def test_air_that_enters_late_is_no_missing_physics(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 6, {})
+    comparison = Comparison(Problem(recordings.add_spin_up(tmp_path, 6, {}, late=0.006)))
+    base = base_of(comparison)
+    place = comparison.problem.place("spin_up.csv.opening")
+    assert place is not None
+    late = float(comparison.problem.nuisances[place].value(base.z[place]))
+    assert late == pytest.approx(0.006, abs=0.002)  # where the rotor stood makes a start a millisecond or so later
+    detection = detect(
+        comparison, base, signatures(comparison, base), forces(comparison, base), np.random.default_rng(1)
+    )
+    print("P", detection.p_value)
+    assert detection.p_value > 0.05
+
+
 def test_a_run_of_a_few_samples_is_left_aside(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 2, {})
     recordings.add_coast_down(tmp_path, 2, {})

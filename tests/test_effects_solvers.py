@@ -97,6 +97,7 @@ def test_switched_off_a_run_is_the_bare_one_to_the_bit(chosen: Chosen) -> None:
 IN_BOTH = [
     {"coulomb_friction": {"torque_nm": 0.3}},
     {"stribeck_friction": {"torque_nm": 1.0, "speed_rad_s": 8.0}},
+    {"torque_step": {"torque_nm": 0.3, "moment_s": -1.0}},
     {"windage": {"drag_nm_s2": 1e-3}},
     {"load_friction": {"roller_factor": 0.05}},
     {"friction_warm_up": {"share_cold": 0.5, "time_s": 3600.0}},

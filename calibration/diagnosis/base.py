@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.diagnosis.descent import find
+from calibration.diagnosis.descent import find, opened
+from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 
@@ -26,7 +27,8 @@ def base_of(comparison: Comparison) -> Mode:
     if misread.any():
         comparison.noise.leave_alone(misread)
     if comparison.problem.blocks.runs:
-        return find(comparison, (), set_angles(comparison, base))
+        turned = set_angles(comparison, base)
+        return find(comparison, (), turned, None) if misread.any() else find(comparison, (), turned)
     return find(comparison, (), base) if misread.any() else base
 
 
@@ -63,4 +65,4 @@ def set_angles(comparison: Comparison, mode: Mode) -> Mode:
             problem.start_angle[unknown.name.removesuffix(".angle")] += float(unknown.value(z[i]))
             z[i] = 0.0
     comparison.see_pulses(z[:k])
-    return replace(mode, z=z)
+    return replace(mode, z=opened(Function(comparison, mode.names), comparison, z, np.zeros(mode.u.size)))

@@ -35,6 +35,7 @@ TURNS = 0.3  # share of the speed read above which a level is taken to turn
 LOOSER, LOOSER_BY = 12, 0.25  # steps of the roller factor with which a level that stands is made to turn [-]
 EDGE = math.sqrt(3.0)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that there is
+OPENINGS = (-2.0, -1.0, 0.0, 1.0, 2.0, 3.0)  # of a run from rest, tried likewise, in sds of their prior
 
 
 @dataclass(frozen=True)
@@ -340,6 +341,53 @@ def turned(
             if cost < best:
                 best, z, here = cost, tried, there
     return z, here
+
+
+def opened(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """A point with the opening of each run from rest at the best of a few [-], shape (n,).
+
+    Parameters
+    ----------
+    f : Function
+        Of the set.
+    comparison : Comparison
+        The recording.
+    z : ndarray, shape (n,)
+        The point [-].
+    u : ndarray, shape (5,)
+        The noise [-].
+    """
+    here = f(z)
+    for place, (run, ways) in f.openings.items():
+        best = _cost(comparison, z, u, here)
+        for opening in OPENINGS:
+            tried = z.copy()
+            tried[[place, *ways]] = opening, *np.zeros(len(ways))
+            tried, there = _started(f, comparison, tried, u, f(tried, here, (run,)), run, ways)
+            cost = _cost(comparison, tried, u, there)
+            if cost < best:
+                best, z, here = cost, tried, there
+    return z
+
+
+def _started(
+    f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction, run: int, ways: Sequence[int]
+) -> tuple[np.ndarray, Prediction]:
+    """A point with the ways in which a start differs at their best, in which its readings are linear."""
+    white, raw = comparison.whitener(here, u), comparison.raw(here)
+    columns = []
+    for way in ways:
+        moved = z.copy()
+        moved[way] += 1.0
+        columns.append(white(np.nan_to_num(comparison.raw(f(moved, here, (run,))) - raw)))
+    X = np.column_stack(columns)
+    r = white(comparison.read - raw)
+    weight, _ = robust_weights(r, comparison)
+    A = (X * weight[:, None]).T @ X + np.eye(len(ways))
+    found = z.copy()
+    found[list(ways)] += np.linalg.solve(A, (X * weight[:, None]).T @ r - z[list(ways)])
+    found = f.clip(found)
+    return found, f(found, here, (run,))
 
 
 def _step(

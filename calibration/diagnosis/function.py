@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.diagnosis.in_time import follows_angle
+from calibration.diagnosis.in_time import STARTS, follows_angle
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.problem import SI_OF, Prediction
 from model.effects import effects
@@ -43,6 +43,9 @@ class Function:
     angles : dict
         Places of the angles at which coast-downs begin, and of those by which the shaft is turned on where an effect
         follows it, and the runs that they belong to [-].
+    openings : dict
+        Places of the moments at which runs from rest begin, each with its run and with the places of the ways in which
+        their starts differ [-].
     wraps : list of int
         Those of these places at which a whole span of the prior on is the same again.
     log_step : ndarray, shape (m,)
@@ -63,6 +66,11 @@ class Function:
         names = [nuisance.name for nuisance in self.problem.nuisances]
         runs = self.problem.blocks.runs
         self.angles = {names.index(f"{run.file}.angle"): i for i, run in enumerate(runs) if not run.from_rest}
+        self.openings = {
+            names.index(f"{run.file}.opening"): (i, [names.index(f"{run.file}.start_{k}") for k in range(STARTS)])
+            for i, run in enumerate(runs)
+            if run.from_rest
+        }
         self._follows = follows_angle(self.names)
         self.wraps = [] if self._follows else list(self.angles)
         if self._follows:

@@ -254,30 +254,11 @@ def swing(planned: Plan, run: RunInTime) -> np.ndarray:
     return out
 
 
-@dataclass(frozen=True)
 class Start:
     """What the pulses do to a run that starts from rest, over the angles at which its rotor may have stood.
 
     What the angle does to the start is not smooth: with another cylinder open the rotor breaks away some milliseconds
-    later. So it is not an unknown; the few courses that its influence is made of are.
-
-    Attributes
-    ----------
-    added : ndarray, shape (n,)
-        To the speed by the mean torque, on average [rad/s].
-    courses : ndarray, shape (STARTS, n)
-        The ways in which starts differ, one sd each [rad/s].
-    swing : ndarray, shape (n,)
-        How far the shaft swings beyond these, rms [rad].
-    """
-
-    added: np.ndarray
-    courses: np.ndarray
-    swing: np.ndarray
-
-
-def start_of(plans: Sequence[Plan], run: RunInTime) -> Start:
-    """The start of a run from rest.
+    later. So it is not an unknown; the few courses that its influence is made of are. They come as late as the air.
 
     Parameters
     ----------
@@ -285,22 +266,49 @@ def start_of(plans: Sequence[Plan], run: RunInTime) -> Start:
         The run from several angles.
     run : RunInTime
         As it was read.
+
+    Attributes
+    ----------
+    swing : ndarray, shape (n,)
+        How far the shaft swings beyond the courses, rms [rad].
     """
-    mean = plans[0].read(plans[0].mean_speed())
-    found = np.array([plan.with_pulses().reading[-run.wanted :] for plan in plans])
-    average = found.mean(axis=0)
-    apart = (found - average) * run.used[: run.wanted]
-    _, size, ways = np.linalg.svd(apart, full_matrices=False)
-    ways[:STARTS] *= np.where(ways[:STARTS] @ average < 0.0, -1.0, 1.0)[:, None]  # that later ones mean the same
-    courses = ways[:STARTS] * (size[:STARTS, None] / math.sqrt(len(plans)))
-    rest = np.sqrt(np.maximum(np.mean(apart**2, axis=0) - np.sum(courses**2, axis=0), 0.0))
-    step = float(run.time[1] - run.time[0])
-    after = run.size - run.wanted
-    rest = np.hypot(rest, UNSURE * np.std(found, axis=0))
-    swing_of = rest * step / math.sqrt(2.0)  # a reading is a difference of two angles
-    return Start(
-        np.pad(average - mean, (0, after)), np.pad(courses, ((0, 0), (0, after))), np.pad(swing_of, (0, after))
-    )
+
+    def __init__(self, plans: Sequence[Plan], run: RunInTime) -> None:
+        self._time, wanted, count = plans[0].time, run.wanted, len(plans)
+        step = float(run.time[1] - run.time[0])
+        longer = np.append(self._time, self._time[-1] + step * np.arange(1, AFTER + 1))
+        runs = [replace(plan, time=longer).with_pulses(FINER) for plan in plans]
+        fine = runs[0].time
+        smooth = np.append(0.0, np.cumsum(replace(plans[0], time=fine).mean_speed()[1:] * np.diff(fine)))
+        added = np.array([found.angle - found.angle[0] for found in runs]) - smooth
+        found = np.diff(added[:, ::FINER], axis=1)[:, :wanted] / np.diff(self._time)
+        average = found.mean(axis=0)
+        apart = (found - average) * run.used[:wanted]
+        weights, size, ways = np.linalg.svd(apart, full_matrices=False)
+        # That later ones mean the same.
+        signs = np.where(ways[:STARTS] @ (plans[0].mean_speed()[1:] + average) < 0.0, -1.0, 1.0)
+        shares = np.vstack([np.full(count, 1.0 / count), (weights[:, :STARTS] * signs).T / math.sqrt(count)])
+        self._added = PchipInterpolator(fine, shares @ added, axis=1)
+        self._ends = float(fine[0]), float(fine[-1])
+        courses = ways[:STARTS] * (size[:STARTS, None] / math.sqrt(count))
+        rest = np.sqrt(np.maximum(np.mean(apart**2, axis=0) - np.sum(courses**2, axis=0), 0.0))
+        rest = np.hypot(rest, UNSURE * np.std(found, axis=0))
+        swing_of = rest * step / math.sqrt(2.0)  # a reading is a difference of two angles
+        self.swing = np.pad(swing_of, (0, run.size - wanted))
+
+    def added(self, share: np.ndarray, late_s: float) -> np.ndarray:
+        """What is added to the speeds by the mean torque [rad/s], shape (wanted,).
+
+        Parameters
+        ----------
+        share : ndarray, shape (STARTS,)
+            How much there is of each way in which starts differ, in sds [-].
+        late_s : float
+            By how much the air enters later than the samples say [s].
+        """
+        angle = np.append(1.0, share) @ self._added(np.clip(self._time - late_s, *self._ends))
+        found: np.ndarray = np.diff(angle) / np.diff(self._time)
+        return found
 
 
 def _ripple(added: np.ndarray, mean: np.ndarray, run: RunInTime) -> np.ndarray:

@@ -36,7 +36,7 @@ ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywher
 TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
 REST_ANGLES = 16  # at which it may have stood, for what its pulses do
 UNSETTLED = 0.005  # of the line's pressure: by so much a coast-down may begin off its steady speed
-VENT_SD = 0.003  # s; by so much the air leaves a vented line later than its valve moves, or the samples say
+LATE_SD = 0.003  # s; by so much the air leaves or enters a line later than its valve moves, or the samples say
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
 
 # The motor's parameters, each channel's offset and scale, and by file: error of the supply, angle, and start.
@@ -111,12 +111,13 @@ class Problem:
                 Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, sd, "noise, and what had not settled")
             )
             if run.from_rest:
+                self.nuisances.append(Unknown(f"{run.file}.opening", "s", "normal", 0.0, LATE_SD, "a valve's time"))
                 for k in range(in_time.STARTS):
                     self.nuisances.append(Unknown(f"{run.file}.start_{k}", "-", "normal", 0.0, 1.0, "nobody set it"))
             else:
                 self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
                 if len(run.supply) > 1:
-                    self.nuisances.append(Unknown(f"{run.file}.vent", "s", "normal", 0.0, VENT_SD, "a valve's time"))
+                    self.nuisances.append(Unknown(f"{run.file}.vent", "s", "normal", 0.0, LATE_SD, "a valve's time"))
         # A torque that follows the shaft is told from where that stood in the first run.
         for run in self.blocks.runs[0 if any_turn else 1 :]:
             self.nuisances.append(Unknown(f"{run.file}.turn", "rad", "normal", 0.0, TURN_SD, "nobody noted it"))
@@ -303,8 +304,8 @@ class Problem:
                 supply[unknown.name.removesuffix(".supply")] = value
             elif unknown.name.endswith(".angle"):
                 angle[unknown.name.removesuffix(".angle")] += value
-            elif unknown.name.endswith(".vent"):
-                vent[unknown.name.removesuffix(".vent")] = value
+            elif unknown.name.endswith((".vent", ".opening")):
+                vent[unknown.name.rpartition(".")[0]] = value
             elif unknown.name.endswith(".turn"):
                 turn[unknown.name.removesuffix(".turn")] = value
             elif ".start_" in unknown.name:
@@ -336,7 +337,7 @@ class Problem:
                 reading = np.array([pressure - wrong_by[run.file]])
                 found = gauge.true_pressure(reading, run.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
                 pressure = float(found[0])
-            late = vent[run.file] if supply else 0.0
+            late = vent[run.file] if supply or run.from_rest else 0.0
             supply.append(Supply(span.start_s + late, pressure, span.is_open))
         turned = dict(chosen)
         for name in chosen:
@@ -357,7 +358,7 @@ class Problem:
         planned = self._plan(i, split, chosen)
         if run.file in self.starts:
             start = self.starts[run.file]
-            true = planned.read(planned.mean_speed()) + (start.added + split[4][run.file] @ start.courses)[: run.wanted]
+            true = planned.read(planned.mean_speed()) + start.added(split[4][run.file], split[5][run.file])
         elif smooth:
             true = planned.read(planned.mean_speed())
         elif pulses is not None:
@@ -394,10 +395,11 @@ class Problem:
         for i, run in enumerate(self.blocks.runs):
             if run.from_rest:
                 split, plans = self.split(z), []
+                split[5][run.file] = 0.0  # its courses are moved with it
                 for angle in np.arange(REST_ANGLES) * at.PULSE / REST_ANGLES:
                     split[3][run.file] = float(angle)
                     plans.append(self._plan(i, split, {}))
-                self.starts[run.file] = in_time.start_of(plans, run)
+                self.starts[run.file] = in_time.Start(plans, run)
 
     def pulses(self, z: np.ndarray, chosen: dict[str, dict[str, float]]) -> tuple[in_time.Pulses | None, ...]:
         """What the pulses of the cylinders add to each run in time at a point.
