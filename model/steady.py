@@ -17,6 +17,7 @@ from model import geometry, heat_cycle, pulse
 from model import layout as at
 from model.cylinder import gas_state
 from model.motor import Motor
+from model.recent import Recent
 
 SPEED_OUT, MASS_FLOW, VOLUME_FLOW, TORQUE, ROLLER, SPEED_SLOPE, FLOW_SLOPE, STATUS, RIPPLE = range(9)
 N_OUT = 9
@@ -24,7 +25,10 @@ RUNNING, STALLED, NOT_CONVERGED = 0.0, 1.0, 2.0
 MOST_PASSES = 60
 TOLERANCE = 1e-6  # relative change in the last pass; each pass gains two digits, so the error left is below 1e-7
 SLOPE_STEP = 1e-3  # relative step of the pressure for slopes by difference
+MOST_KEPT_ROWS = 100  # of a call whose result is kept: the calls of a search, not the batches of a fit
 LARGE_RIPPLE = 0.05  # peak to peak over the mean: above it the ripple bends the slope, and it is taken by difference
+
+_recent = Recent(32)
 
 
 @dataclass(frozen=True)
@@ -238,16 +242,16 @@ def solve_rows(
     ndarray, shape (n, 9)
         Columns as in `solve`.
     """
-    out = np.empty((pressures.size, N_OUT))
-    _solve_rows(
-        np.ascontiguousarray(parameters, dtype=np.float64),
-        np.ascontiguousarray(readings, dtype=np.float64),
-        np.ascontiguousarray(pressures, dtype=np.float64),
-        np.ascontiguousarray(gas, dtype=np.float64),
-        slopes,
-        out,
-    )
-    return out
+    a, b, c, d = (np.ascontiguousarray(one, dtype=np.float64) for one in (parameters, readings, pressures, gas))
+
+    def solved() -> np.ndarray:
+        out = np.empty((pressures.size, N_OUT))
+        _solve_rows(a, b, c, d, slopes, out)
+        return out
+
+    if pressures.size > MOST_KEPT_ROWS:
+        return solved()
+    return _recent((*(one.tobytes() for one in (a, b, c, d)), slopes), solved)
 
 
 def solve(

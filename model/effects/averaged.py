@@ -16,6 +16,7 @@ from model import layout as at
 from model.cylinder import gas_state
 from model.effects import laws
 from model.effects.effect import State, unknown_state
+from model.recent import Recent
 from model.transient import Supply
 
 SPEEDS = 8  # at which the cycle is solved
@@ -28,6 +29,8 @@ LONGEST_STEP_S = 0.004
 LEAST_TORQUE = 0.05  # N m; so that the tables of a line that drives nothing reach somewhere
 START_MARGIN = 1.1
 NEWTON = 4  # steps to the flow through a loss; its law is a power of the flow
+
+_recent = Recent(32)
 
 
 def speeds(
@@ -62,6 +65,27 @@ def speeds(
         Angle of the shaft at the start, for torques that follow it [rad].
     """
     chosen = laws.switched_on(chosen)
+    if not any(effect.periodic for effect, _ in laws.members(chosen)):
+        start_rad = 0.0  # nothing follows it
+    key = (
+        *(one.tobytes() for one in (parameters, readings, time)),
+        *supply,
+        *((name, *sorted(chosen[name].items())) for name in sorted(chosen)),
+        (start_rad_s, clock, start_rad),
+    )
+    return _recent(key, lambda: _speeds(parameters, readings, supply, time, start_rad_s, chosen, clock, start_rad))
+
+
+def _speeds(
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    supply: Sequence[Supply],
+    time: np.ndarray,
+    start_rad_s: float,
+    chosen: laws.Chosen,
+    clock: float,
+    start_rad: float,
+) -> np.ndarray:
     parameters = laws.with_factors(parameters, chosen)
     those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
     around = _around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])

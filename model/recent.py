@@ -1,0 +1,44 @@
+"""The last few results of a costly function, by everything it was given: a search asks for the same again and again.
+
+A derivative with an unknown that does not reach a solver leaves the solver's arguments the same to the bit.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+
+import numpy as np
+
+
+class Recent:
+    """Results of one function.
+
+    Parameters
+    ----------
+    most : int
+        Results kept; the one not asked for longest goes first [-].
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: OrderedDict[Hashable, np.ndarray] = OrderedDict()
+
+    def __call__(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """A result, the caller's own copy.
+
+        Parameters
+        ----------
+        key : hashable
+            All that the result hangs on.
+        make : callable
+            Makes it where it is not kept.
+        """
+        found = self._kept.get(key)
+        if found is None:
+            found = self._kept[key] = make()
+            if len(self._kept) > self._most:
+                self._kept.popitem(last=False)
+        else:
+            self._kept.move_to_end(key)
+        return found.copy()
