@@ -99,7 +99,8 @@ def gather(recording: Recording, channels: tuple[str, ...] = ("pressure", "flow"
             continue
         rows, skipped, locked = _rows_of(file, channels)
         if locked:
-            notes.append(f"{file.file}: row{'s' * (len(locked) > 1)} {_listed(locked)} not used (the rotor is locked)")
+            these = f"row{'s' * (len(locked) > 1)} {_listed(locked)}"
+            notes.append(f"{file.file}: {these} not used by a fit (the rotor is locked); a diagnosis uses their flow")
         if skipped:
             notes.append(
                 f"{file.file}: row{'s' * (len(skipped) > 1)} {_listed(skipped)} not used (the pressure is not sampled, "
@@ -192,7 +193,7 @@ def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list
         used = (pressure_state == OBSERVED) | (flow_state != MISSING) | (speed_state != MISSING)
     else:
         used = (pressure_state == OBSERVED) & ((flow_state != MISSING) | (speed_state != MISSING))
-    # A motor held still shows nothing that a model of its turning could be compared with.
+    # A motor held still shows nothing that a model of its turning could be compared with; what leaks, it shows.
     locked = file.columns["rotor_locked"].values > 0.5 if "rotor_locked" in file.columns else np.zeros(n, dtype=bool)
     index = np.flatnonzero(used & ~locked)
     rows = Rows(

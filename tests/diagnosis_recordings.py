@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.priors import at_ambient
+from model import layout as at
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.effects.laws import readings_of
@@ -113,19 +114,37 @@ def add_spin_up(folder: Path, seed: int, chosen: dict[str, dict[str, float]], la
     supply = [Supply(-0.6, 2.0e5, False), Supply(0.05 + late, 2.0e5, True)]
     start, begun = rest_state(motor, float(rng.random())), np.append(0.0, time)
     run = effect_transient.simulate(motor.vector(), motor.readings.vector(), supply, begun, start, chosen)
-    gauge, tachometer = _errors(seed, read_recording(folder).files[0].columns["speed_rpm"].values.size)
+    gauge, _, tachometer = _errors(seed, folder)
     reading = run.reading[1:] * (1 + 0.0005 * tachometer[0]) + 0.1 * tachometer[1] / RPM
     return _added(folder, "spin_up.csv", 1200.0, reading, time, time > 0.05 + 1e-9, rng, gauge)
 
 
-def _errors(seed: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Scale and offset of the gauge and the tachometer in the sweep of a seed with n rows, in their sds."""
-    rng = np.random.default_rng(seed)
+def add_held_rotor(folder: Path, seed: int, leak_kg_s: float) -> Recording:
+    """Ten readings at 2.0 bar with the rotor held, beside the sweep of a folder."""
+    rng = np.random.default_rng(seed + 1000)
+    motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
+    gas = gas_table(motor, [2.0e5])[0]
+    volume = leak_kg_s * gas[at.GAS_R] * motor.si("inlet_temperature") / 2.0e5 * L_MIN
+    gauge, meter, _ = _errors(seed, folder)
+    flow = volume * (1 + 0.02 * meter[0]) + 0.5 * meter[1] + 0.8 * rng.normal(size=10)
+    pressure = 2.0 * (1 + 0.002 * gauge[0]) + 0.005 * gauge[1] + 0.0015 * rng.normal(size=10)
+    rows = zip(pressure, np.round(flow * 2) / 2, strict=True)
+    (folder / "held.csv").write_text(
+        "time_s,pressure_bar_abs,flow_l_min,speed_rpm,rotor_locked\n"
+        + "".join(f"{4 * i:.1f},{p:.3f},{max(0.0, q):.1f},0.0,1\n" for i, (p, q) in enumerate(rows)),
+        encoding="utf-8",
+    )
+    return _listed(folder, '{ file = "held.csv", kind = "steady", start_s = 1300.0 }')
+
+
+def _errors(seed: int, folder: Path) -> list[np.ndarray]:
+    """Scale and offset of gauge, flow meter and tachometer in the sweep of a folder made with a seed, in their sds."""
+    rng, n = np.random.default_rng(seed), read_recording(folder).files[0].rows
     drawn = []
     for _ in range(3):  # gauge, flow meter, tachometer: the scale, the offset, and the noise of each row
         drawn.append(rng.normal(size=2))
         rng.normal(size=n)
-    return drawn[0], drawn[2]
+    return drawn
 
 
 def _added(
@@ -148,8 +167,12 @@ def _added(
         + "".join(f"{t:.3f},{o},{p:.3f},{n:.1f}\n" for t, o, p, n in rows),
         encoding="utf-8",
     )
+    return _listed(folder, f'{{ file = "{file}", kind = "transient", start_s = {start_s}, noise_scale = 2.0 }}')
+
+
+def _listed(folder: Path, entry: str) -> Recording:
+    """A folder with one file more in its list."""
     text = (folder / "recording.toml").read_text(encoding="utf-8")
     sweep_file = '{ file = "sweep.csv", kind = "steady" }'
-    run_file = f'{{ file = "{file}", kind = "transient", start_s = {start_s}, noise_scale = 2.0 }}'
-    (folder / "recording.toml").write_text(text.replace(sweep_file, f"{sweep_file}, {run_file}"), encoding="utf-8")
+    (folder / "recording.toml").write_text(text.replace(sweep_file, f"{sweep_file}, {entry}"), encoding="utf-8")
     return read_recording(folder)

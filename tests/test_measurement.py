@@ -48,7 +48,7 @@ def test_a_row_with_the_rotor_locked_is_left_aside_and_named(gathered):
     sweep = "pressure_bar_abs,flow_l_min,speed_rpm,rotor_locked\n1.6,44,232,0\n1.8,9,0,1\n2.0,70,394,\n"
     measured = gathered(("sweep.csv", "steady", sweep))
     assert measured.steady.row.tolist() == [1, 3]
-    assert any("sweep.csv: row 2 not used (the rotor is locked)" in note for note in measured.notes)
+    assert any("sweep.csv: row 2 not used by a fit (the rotor is locked)" in note for note in measured.notes)
 
 
 def test_a_censored_pressure_places_no_row(gathered):

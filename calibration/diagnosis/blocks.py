@@ -21,6 +21,7 @@ EMPTYING = (
 )
 FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
+LEVEL_PA = 3000.0  # gap that parts two pressure levels
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
 
@@ -139,12 +140,39 @@ class Vented:
 
 
 @dataclass(frozen=True)
+class Standing:
+    """What the flow meter reads while the rotor stands: held at a pressure, or with the line vented in zero files.
+
+    Attributes
+    ----------
+    file : tuple of str
+        Of each mean.
+    pressure : ndarray, shape (n,)
+        Mean reading of the gauge [Pa]; nan with the line vented.
+    is_gauge : ndarray of bool
+        Whether it counts from the ambient.
+    flow, sd : ndarray, shape (n,)
+        Mean reading and its noise [m3/s].
+    time : ndarray, shape (n,)
+        On the recording's clock [s].
+    """
+
+    file: tuple[str, ...]
+    pressure: np.ndarray
+    is_gauge: np.ndarray
+    flow: np.ndarray
+    sd: np.ndarray
+    time: np.ndarray
+
+
+@dataclass(frozen=True)
 class Blocks:
     """Everything of a recording that a diagnosis looks at."""
 
     plateaus: Plateaus
     runs: tuple[RunInTime, ...]
     vented: Vented
+    standing: Standing
     measured: Measurement
 
 
@@ -164,7 +192,7 @@ def blocks_of(recording: Recording) -> Blocks:
     measured = gather(recording)
     every = (_run(file, recording) for file in recording.files if file.kind == "transient")
     runs = tuple(run for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
-    return Blocks(_plateaus(recording, measured), runs, _vented(recording), measured)
+    return Blocks(_plateaus(recording, measured), runs, _vented(recording), _standing(recording), measured)
 
 
 def _vented(recording: Recording) -> Vented:
@@ -187,6 +215,36 @@ def _vented(recording: Recording) -> Vented:
             found.append((file.file, float(np.mean(read)), noise * PASCAL_PER_BAR / np.sqrt(read.size), gauge))
     columns = list(zip(*found, strict=True)) or [(), (), (), ()]
     return Vented(columns[0], np.array(columns[1]), np.array(columns[2]), np.array(columns[3], dtype=bool))
+
+
+def _standing(recording: Recording) -> Standing:
+    found: list[tuple[str, float, bool, float, float, float]] = []
+    for file in recording.files:
+        held = file.kind == "steady" and "rotor_locked" in file.columns
+        if "flow_l_min" not in file.columns or not (held or file.kind == "zero"):
+            continue
+        gauge = "pressure_bar_gauge" in file.columns
+        flow, stamps = file.columns["flow_l_min"], file.columns.get("time_s")
+        used = np.isfinite(flow.values) & (flow.censor == 0)
+        pressure = np.full(file.rows, np.nan)
+        if held:
+            line = file.columns["pressure_bar_gauge" if gauge else "pressure_bar_abs"]
+            used &= (file.columns["rotor_locked"].values > 0.5) & np.isfinite(line.values) & (line.censor == 0)
+            pressure = line.values * PASCAL_PER_BAR
+        figures = recording.channels["flow_l_min"]
+        noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
+        for rows in _apart(np.flatnonzero(used), pressure) if held else [np.flatnonzero(used)]:
+            # A meter that shows 0 may have been cut off there: many such readings say no more than one.
+            shows_nothing = bool(np.any(flow.values[rows] == 0.0))
+            if not rows.size or (shows_nothing and not held):
+                continue
+            sd = noise if shows_nothing else noise / np.sqrt(rows.size)
+            clock = file.start_s + float(np.mean(stamps.values[rows] if stamps is not None else rows + 1.0))
+            value = float(np.mean(flow.values[rows])) / L_MIN
+            found.append((file.file, float(np.mean(pressure[rows])), gauge, value, sd / L_MIN, clock))
+    names, *rest = list(zip(*found, strict=True)) or [(), (), (), (), (), ()]
+    pressure, is_gauge, mean, sd, time = map(np.array, rest)
+    return Standing(names, pressure, is_gauge.astype(bool), mean, sd, time)
 
 
 def _settled(time: np.ndarray, opened: np.ndarray) -> np.ndarray:
@@ -290,7 +348,7 @@ def _spans(time: np.ndarray, pressure: np.ndarray, opened: np.ndarray, step: flo
     return spans, fewest
 
 
-def levels(plateaus: Plateaus, tolerance_pa: float = 3000.0) -> list[np.ndarray]:
+def levels(plateaus: Plateaus, tolerance_pa: float = LEVEL_PA) -> list[np.ndarray]:
     """Indices of the plateaus at each pressure level, both directions together.
 
     Parameters
@@ -300,6 +358,10 @@ def levels(plateaus: Plateaus, tolerance_pa: float = 3000.0) -> list[np.ndarray]
     tolerance_pa : float
         Gap that parts two levels [Pa].
     """
-    order = np.argsort(plateaus.pressure)
-    cuts = np.flatnonzero(np.diff(plateaus.pressure[order]) > tolerance_pa) + 1
-    return list(np.split(order, cuts))
+    return _apart(np.arange(plateaus.size), plateaus.pressure, tolerance_pa)
+
+
+def _apart(rows: np.ndarray, pressure: np.ndarray, tolerance_pa: float = LEVEL_PA) -> list[np.ndarray]:
+    """Rows by pressure level."""
+    order = rows[np.argsort(pressure[rows])]
+    return list(np.split(order, np.flatnonzero(np.diff(pressure[order]) > tolerance_pa) + 1))

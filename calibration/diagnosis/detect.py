@@ -213,7 +213,7 @@ def _draw(comparison: Comparison, mode: Mode, u: np.ndarray, rng: np.random.Gene
     out[n : 2 * n] += mode.prediction.speed_slope * pressure + speed
     out[2 * n : end] += comparison.noise.draw_samples(u, rng)
     out[n:end] += problem.resolution["speed"] * (rng.random(end - n) - 0.5)
-    out[end:] += problem.blocks.vented.sd * rng.standard_normal(out.size - end)
+    out[end:] += comparison.noise.beside * rng.standard_normal(out.size - end)
     swing = comparison.angle_sd
     angle = swing * rng.standard_normal(end - 2 * n)
     first = np.flatnonzero(comparison.noise.first)

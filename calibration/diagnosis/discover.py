@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from calibration.diagnosis.blocks import levels
-from calibration.diagnosis.linear import RUN, VENTED, Comparison
+from calibration.diagnosis.linear import FLOW, RUN, Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.straight import Straight, straight
 from calibration.diagnosis.terms import Form, forms
@@ -202,9 +202,9 @@ class _Regression:
 def _blocks(comparison: Comparison) -> tuple[np.ndarray, list[np.ndarray]]:
     """Rows that are always there, and those that are drawn together: a pressure level, a part of a run."""
     plateaus = comparison.problem.blocks.plateaus
-    steady = (comparison.kind < RUN) & (comparison.kind != VENTED)
+    beside, steady = comparison.kind < FLOW, (comparison.kind >= FLOW) & (comparison.kind < RUN)
     groups = levels(plateaus) if plateaus.size else []
     found = [np.flatnonzero(steady & np.isin(comparison.index, level)) for level in groups]
     for i in range(len(comparison.problem.blocks.runs)):
         found += np.array_split(np.flatnonzero(comparison.kind == RUN + i), SEGMENTS)
-    return np.flatnonzero(comparison.kind == VENTED), found
+    return np.flatnonzero(beside), found

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.diagnosis.in_time import STARTS, follows_angle
-from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.linear import FLOW, STANDING, Comparison
 from calibration.diagnosis.problem import SI_OF, Prediction
 from model.effects import effects
 from model.effects.neighbourhood import Neighbourhood
@@ -241,7 +241,7 @@ class Function:
     def _instrument(self, i: int, name: str, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
         """An offset or a scale of flow or speed needs no simulation."""
         channel, _, error = name.partition("_")
-        mine = self.comparison.kind == 0 if channel == "flow" else self.comparison.kind > 0
+        mine = np.isin(self.comparison.kind, (FLOW, STANDING)) if channel == "flow" else self.comparison.kind > FLOW
         unknown = self.problem.nuisances[i]
         if error == "offset":
             return np.where(mine, unknown.b * SI_OF[channel], 0.0)

@@ -1,9 +1,9 @@
 """Readings against predictions as one vector, and its whitening: a linear map that a few noise scales set.
 
-The vector holds the plateaus' flows, then their speeds, then the samples of each run in time, then what the gauge reads
-with the line vented. The gauge's noise moves
-flow and speed of a plateau together; the map takes that out, so a whitened residual is standard normal where the model
-is right. Readings that are missing are 0 in it.
+The vector holds the plateaus' flows, then their speeds, then the samples of each run in time, then what is read beside
+them: the gauge with the line vented, the flow meter while the rotor stands. The gauge's noise moves flow and speed of a
+plateau together; the map takes that out, so a whitened residual is standard normal where the model is right. Readings
+that are missing are 0 in it.
 
 The phase of the cylinders' pulses late in a run in time hangs on everything that came before. So the shaft's angle at a
 sample is known to no better than the pulses swing it, and a speed reading, which is a difference of two angles, has a
@@ -18,7 +18,7 @@ from calibration.diagnosis.noise import Noise, Whitener
 from calibration.diagnosis.problem import Prediction, Problem
 
 BLUR = 0.5  # share of the swing of the pulses that is left to chance
-VENTED, FLOW, SPEED, RUN = -1, 0, 1, 2  # kinds of entries; run i is RUN + i
+STANDING, VENTED, FLOW, SPEED, RUN = -2, -1, 0, 1, 2  # kinds of entries; run i is RUN + i
 
 
 class Comparison:
@@ -34,13 +34,13 @@ class Comparison:
     read : ndarray, shape (m,)
         Readings [SI]; nan where there is none.
     kind : ndarray of int, shape (m,)
-        FLOW, SPEED, RUN + i, or VENTED.
+        FLOW, SPEED, RUN + i, VENTED, or STANDING.
     index : ndarray of int, shape (m,)
         Row of the plateaus, or sample of the run.
     of_a_kind : tuple of ndarray of int
         Places of the readings that there are, kind by kind.
     end : int
-        Where the runs' samples end and the readings with the line vented begin [-].
+        Where the runs' samples end and the readings beside them begin [-].
     swing : ndarray, shape (end - 2 n,)
         How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
     blur : float
@@ -63,14 +63,15 @@ class Comparison:
         for i, used in enumerate(self.used):
             kinds.append(np.full(int(used.sum()), RUN + i))
             places.append(np.flatnonzero(used))
-        rest = problem.blocks.vented
-        self.read = np.concatenate([self.read, rest.pressure])
-        kinds.append(np.full(rest.pressure.size, VENTED))
-        places.append(np.full(rest.pressure.size, -1))
+        beside = ((VENTED, problem.blocks.vented.pressure), (STANDING, problem.blocks.standing.flow))
+        self.end = self.read.size
+        for kind, values in beside:
+            self.read = np.append(self.read, values)
+            kinds.append(np.full(values.size, kind))
+            places.append(np.full(values.size, -1))
         self.kind, self.index = np.concatenate(kinds), np.concatenate(places)
         self.known = np.isfinite(self.read)
         self.n = n
-        self.end = self.read.size - rest.pressure.size
         self.swing = np.zeros(self.end - 2 * n)
         self.blur = BLUR
         self.trusting = False
@@ -111,7 +112,7 @@ class Comparison:
             Of the problem.
         """
         runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
-        return np.concatenate([predicted.flow, predicted.speed, *runs, predicted.vented])
+        return np.concatenate([predicted.flow, predicted.speed, *runs, predicted.vented, predicted.standing])
 
     @property
     def angle_sd(self) -> np.ndarray:

@@ -43,8 +43,8 @@ class Whitener:
         What each sample of the runs takes over from the one before [-].
     band : ndarray, shape (3, k)
         Cholesky factor of what is left of the samples then, in lower banded form [SI].
-    vented : ndarray, shape (v,)
-        sd of the gauge's readings with the line vented [SI].
+    beside : ndarray, shape (v,)
+        sd of what is read beside plateaus and runs: the gauge vented, the flow meter while the rotor stands [SI].
     known : ndarray of bool, shape (m,)
         Entries that there are.
     """
@@ -52,7 +52,7 @@ class Whitener:
     plateaus: np.ndarray
     follow: np.ndarray
     band: np.ndarray
-    vented: np.ndarray
+    beside: np.ndarray
     known: np.ndarray
 
     def __call__(self, difference: np.ndarray) -> np.ndarray:
@@ -66,22 +66,22 @@ class Whitener:
         rows = (slice(None), None) if difference.ndim > 1 else (slice(None),)
         given = np.where(self.known[rows], difference, 0.0)
         out = np.empty_like(given)
-        first, end = len(self.plateaus), given.shape[0] - self.vented.size
+        first, end = len(self.plateaus), given.shape[0] - self.beside.size
         if first:
             out[:first] = solve_triangular(self.plateaus, given[:first], lower=True, check_finite=False)
         if end > first:
             out[first:end] = _forward(self.follow, self.band, given[first:end])
-        out[end:] = given[end:] / self.vented[rows]
+        out[end:] = given[end:] / self.beside[rows]
         return out
 
     @property
     def scale(self) -> np.ndarray:
         """sd of each reading given those before it [SI], shape (m,); 1 where there is none."""
-        return np.concatenate([np.diag(self.plateaus), self.band[0], self.vented])
+        return np.concatenate([np.diag(self.plateaus), self.band[0], self.beside])
 
     @property
     def log_scale(self) -> float:
-        """Sum of the logarithms of the sds, but for the readings with the line vented, whose noise is declared [-]."""
+        """Sum of the logarithms of the sds, without those beside plateaus and runs, which are declared [-]."""
         return float(np.log(np.diag(self.plateaus)).sum() + np.log(self.band[0]).sum())
 
 
@@ -93,7 +93,7 @@ class Noise:
     problem : Problem
         The recording.
     known : ndarray of bool, shape (m,)
-        Readings that there are: plateaus' flows, their speeds, samples, readings with the line vented.
+        Readings that there are: plateaus' flows, their speeds, samples, readings beside them.
     sizes : tuple of int
         Samples of each run in time [-].
     step : ndarray, shape (k,)
@@ -110,7 +110,7 @@ class Noise:
         self.known, self.n, self.step = known, plateaus.size, step
         self.declared = np.array([problem.noise[c] for c in CHANNELS])
         self.rounding = np.array([problem.resolution[c] for c in CHANNELS]) ** 2 / 12.0
-        self.vented = problem.blocks.vented.sd
+        self.beside = np.append(problem.blocks.vented.sd, problem.blocks.standing.sd)
         self.row_scale = plateaus.noise_scale
         files = np.array([list(dict.fromkeys(plateaus.file)).index(file) for file in plateaus.file], dtype=int)
         apart = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
@@ -147,7 +147,7 @@ class Noise:
         """
         alike, factor, rest = self._plateaus(u, slopes, self.known)
         root = np.linalg.cholesky(alike * (factor @ factor.T) + rest)
-        return Whitener(root, *self._samples(u, angle), self.vented, self.known)
+        return Whitener(root, *self._samples(u, angle), self.beside, self.known)
 
     def step_of(
         self,

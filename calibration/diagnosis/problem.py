@@ -16,6 +16,7 @@ import numpy as np
 
 from calibration.diagnosis import gauge, in_time
 from calibration.diagnosis.blocks import Blocks, blocks_of
+from calibration.diagnosis.standing import standing_flow
 from calibration.priors import PASCAL_PER_BAR, Unknown, at_ambient, column_of, unknowns
 from model import layout as at
 from model import steady as base_steady
@@ -58,6 +59,8 @@ class Prediction:
         Speed readings expected of each run in time [rad/s].
     vented : ndarray, shape (k,)
         Gauge readings expected with the line vented [Pa].
+    standing : ndarray, shape (l,)
+        Flow readings expected while the rotor stands [m3/s].
     state : State
         Of the plateaus.
     """
@@ -68,6 +71,7 @@ class Prediction:
     speed_slope: np.ndarray
     runs: tuple[np.ndarray, ...]
     vented: np.ndarray
+    standing: np.ndarray
     state: State
 
 
@@ -141,6 +145,10 @@ class Problem:
         self._gas = base_steady.gas_table(
             self.motor, np.clip(plateaus.pressure + np.where(plateaus.is_gauge, P_a, 0.0), 5e4, 8e5)
         )
+        standing = self.blocks.standing
+        line = np.nan_to_num(standing.pressure + np.where(standing.is_gauge, P_a, 0.0), nan=P_a)
+        gas = [base_steady.gas_table(self.motor, P)[0, at.GAS_R] for P in np.clip(line, 5e4, 8e5)]
+        self._standing_gas = np.array(gas)
         self.starts: dict[str, in_time.Start] = {}
         self.start_angle = {run.file: 0.0 for run in self.blocks.runs}
 
@@ -247,7 +255,8 @@ class Problem:
         )
         share = 0.5 if self._share is None else float(self.nuisances[self._share].value(z[self._share]))
         vented = gauge.vented_readings(self.blocks.vented, share, parameters[at.P_A], errors["pressure"], chosen)
-        return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, state)
+        standing = self._standing(parameters, errors, chosen)
+        return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, standing, state)
 
     def neighbourhood(self, z: np.ndarray, chosen: dict[str, dict[str, float]], here: Prediction) -> Neighbourhood:
         """The plateaus close to a point.
@@ -325,6 +334,17 @@ class Problem:
         rows = np.tile(parameters, (plateaus.size, 1))
         true = gauge.true_pressure(plateaus.pressure, plateaus.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
         return rows, np.clip(true, 3e4, 1.9e6)
+
+    def _standing(
+        self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
+    ) -> np.ndarray:
+        """Flow readings while the rotor stands [m3/s]."""
+        standing, P_a = self.blocks.standing, parameters[at.P_A]
+        if not standing.flow.size:
+            return standing.flow
+        true = gauge.true_pressure(standing.pressure, standing.is_gauge, P_a, errors["pressure"], chosen)
+        true = np.where(np.isfinite(true), true, P_a)
+        return standing_flow(true, standing.time, self._standing_gas, parameters, errors["flow"], chosen)
 
     def _plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
         """A run in time at a point: its line is the gauge's reading, freed of the gauge's errors."""

@@ -15,6 +15,7 @@ from calibration.diagnosis.information import Expected
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.standing import standing_flow
 from model import layout as at
 from model.effects.effect import State
 from model.effects.laws import members, readings_of
@@ -64,7 +65,6 @@ def quantities(comparison: Comparison, best: Candidate) -> list[Quantity]:
     flow, speed = best.mode.prediction.flow[top : top + 1], best.mode.prediction.speed[top : top + 1]
     zero = np.zeros(1)
     driven = replace(here, load=zero, mass_flow=zero, pressure=here.ambient)
-    held = replace(here, omega=zero, mass_flow=zero, load=zero, pressure=np.array([LOCKED_PA]))
     level = f"at {float(here.pressure[0]) / 1e5:.1f} bar"
     found = [
         Quantity(
@@ -104,13 +104,13 @@ def quantities(comparison: Comparison, best: Candidate) -> list[Quantity]:
             )
         )
     if problem.noise["flow"] > 0.0:
-        volume = float(here.gas_constant[0] * here.temperature[0]) / LOCKED_PA
+        line = np.array([LOCKED_PA])
         found.append(
             Quantity(
                 f"locked rotor: flow at {LOCKED_PA / 1e5:g} bar with the rotor held",
                 "",
                 problem.noise["flow"] / np.sqrt(READINGS),
-                lambda p, e, c: float(_shown(c, e, "flow", np.array([_sum(c, "leak", held) * volume]), held)[0]),
+                lambda p, e, c: float(standing_flow(line, here.time, here.gas_constant, p, e["flow"], c)[0]),
             )
         )
     found.append(
