@@ -61,7 +61,7 @@ def test_a_held_rotor_is_read_as_one_mean_of_its_flow(tmp_path: Path) -> None:
     standing, rows = comparison.problem.blocks.standing, comparison.kind == STANDING
     assert standing.file == ("held.csv",)
     assert standing.time[0] == pytest.approx(1318.0)
-    assert standing.sd[0] * L_MIN == pytest.approx(np.hypot(0.8, 0.5 / np.sqrt(12.0)) / np.sqrt(10.0))
+    assert standing.sd[0] * L_MIN == pytest.approx(np.hypot(0.8 / np.sqrt(10.0), 0.5 / np.sqrt(12.0)))
     assert comparison.read[rows] == pytest.approx(standing.flow)
     predicted = comparison.problem.predict(np.zeros(len(comparison.problem.nuisances)), {"leakage": LEAK})
     motor = at_ambient(read_motor("ptm3600"), comparison.problem.recording)

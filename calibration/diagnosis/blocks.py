@@ -232,13 +232,13 @@ def _standing(recording: Recording) -> Standing:
             used &= (file.columns["rotor_locked"].values > 0.5) & np.isfinite(line.values) & (line.censor == 0)
             pressure = line.values * PASCAL_PER_BAR
         figures = recording.channels["flow_l_min"]
-        noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
+        noise, rounding = figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)
         for rows in _apart(np.flatnonzero(used), pressure) if held else [np.flatnonzero(used)]:
             # A meter that shows 0 may have been cut off there: many such readings say no more than one.
             shows_nothing = bool(np.any(flow.values[rows] == 0.0))
             if not rows.size or (shows_nothing and not held):
                 continue
-            sd = noise if shows_nothing else noise / np.sqrt(rows.size)
+            sd = float(np.hypot(noise / np.sqrt(1 if shows_nothing else rows.size), rounding))
             clock = file.start_s + float(np.mean(stamps.values[rows] if stamps is not None else rows + 1.0))
             value = float(np.mean(flow.values[rows])) / L_MIN
             found.append((file.file, float(np.mean(pressure[rows])), gauge, value, sd / L_MIN, clock))
