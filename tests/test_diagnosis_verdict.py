@@ -83,6 +83,13 @@ def test_a_misread_row_is_named_with_its_place(tmp_path: Path) -> None:
     assert found["f_overall_after"]["sd"] > found["f_overall_before"]["sd"]
 
 
+def test_an_outlier_of_heavy_tails_is_suspect_and_not_called_misread(tmp_path: Path) -> None:
+    found = as_json(diagnose(sweep(tmp_path, 5, {}, bad_row=7, off_rpm=6.0), 1))
+    assert found["verdict"] == "consistent" and not found["effects"]
+    assert [(row["row"], row["channel"]) for row in found["suspect_rows"]] == [(7, "speed")]
+    assert "tails" in found["why"]
+
+
 @pytest.fixture(scope="module")
 def leaking(tmp_path_factory) -> tuple[Recording, dict]:
     """A recording of a motor that leaks, and its diagnosis with seed 1."""

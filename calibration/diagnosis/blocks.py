@@ -228,9 +228,9 @@ def _standing(recording: Recording) -> Standing:
         used = np.isfinite(flow.values) & (flow.censor == 0)
         pressure = np.full(file.rows, np.nan)
         if held:
-            line = file.columns["pressure_bar_gauge" if gauge else "pressure_bar_abs"]
-            used &= (file.columns["rotor_locked"].values > 0.5) & np.isfinite(line.values) & (line.censor == 0)
-            pressure = line.values * PASCAL_PER_BAR
+            read = file.columns["pressure_bar_gauge" if gauge else "pressure_bar_abs"]
+            used &= (file.columns["rotor_locked"].values > 0.5) & np.isfinite(read.values) & (read.censor == 0)
+            pressure = read.values * PASCAL_PER_BAR
         figures = recording.channels["flow_l_min"]
         noise, rounding = figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)
         for rows in _apart(np.flatnonzero(used), pressure) if held else [np.flatnonzero(used)]:
@@ -243,8 +243,8 @@ def _standing(recording: Recording) -> Standing:
             value = float(np.mean(flow.values[rows])) / L_MIN
             found.append((file.file, float(np.mean(pressure[rows])), gauge, value, sd / L_MIN, clock))
     names, *rest = list(zip(*found, strict=True)) or [(), (), (), (), (), ()]
-    pressure, is_gauge, mean, sd, time = map(np.array, rest)
-    return Standing(names, pressure, is_gauge.astype(bool), mean, sd, time)
+    line, is_gauge, mean, sds, time = map(np.array, rest)
+    return Standing(names, line, is_gauge.astype(bool), mean, sds, time)
 
 
 def _settled(time: np.ndarray, opened: np.ndarray) -> np.ndarray:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import stdtr
 
 from calibration.diagnosis.abrupt import step_instead
 from calibration.diagnosis.base import base_of
@@ -40,6 +41,7 @@ NEAR = 10.0  # factor about the threshold within which a residual is tested agai
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
 TESTS = 2.0  # looks at a recording with runs in time: the straight test, and the refits
 BAD_ROW = 0.99  # probability beyond which a reading is named as bad
+TAILS = 4.0  # of Student's t: noise with so few degrees of freedom has outliers that nobody has misread
 
 
 @dataclass
@@ -221,8 +223,12 @@ def _diagnose(
     unfit = verdict.kind == "unresolved"
     bad = [] if unfit else _bad_rows(comparison, verdict.chosen.mode if verdict.chosen else base)
     if verdict.kind == "consistent" and bad:
-        detection = replace(detection, p_value=min(detection.p_value, _bad_p(comparison, base)))
-        verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
+        by_chance = _bad_p(comparison, base)
+        if by_chance < MISMATCH_P:
+            detection = replace(detection, p_value=min(detection.p_value, by_chance))
+            verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
+        else:
+            verdict = replace(verdict, why=f"{verdict.why}; readings stand out no more than heavy tails would")
     step = None
     if verdict.kind in ("named", "confounded"):
         clock("a step in time instead")
@@ -342,9 +348,9 @@ def _bad_rows(comparison: Comparison, mode: Mode) -> list[tuple[str, int, str, f
 
 
 def _bad_p(comparison: Comparison, mode: Mode) -> float:
-    """How often the largest of all residuals would be as large by chance."""
+    """How often the largest of all residuals would be as large by chance, of noise with tails as heavy as these."""
     farthest = float(np.max(np.abs(mode.r[: 2 * comparison.n])))
-    return float(min(1.0, 2.0 * comparison.n * 2.0 * ndtr(-farthest)))
+    return float(min(1.0, 2.0 * comparison.n * 2.0 * stdtr(TAILS, -farthest * math.sqrt(TAILS / (TAILS - 2.0)))))
 
 
 __all__ = ["Detected", "Diagnosis", "detect_mismatch", "diagnose", "held_out_gain"]

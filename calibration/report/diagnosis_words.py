@@ -39,7 +39,9 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
         tests = found["next_tests"]
         likely = dict.fromkeys(name for test in tests for name in test["separates"] if name != NOTHING)
         also = f" Not excluded: {listed([titles(one.split('+')) for one in likely])}." if likely else ""
-        return f"The model explains the recording ({chance}); nothing has to be added.{also}"
+        rows = listed([reading_in_words(row) for row in found.get("suspect_rows", [])[:MOST_ROWS]])
+        stands_out = f" Noise with heavy tails would explain what stands out: {rows}." if rows else ""
+        return f"The model explains the recording ({chance}); nothing has to be added.{also}{stands_out}"
     if verdict == "named":
         said = [effect_in_words(one, at_top or {}) for one in found["effects"]]
         if any(one["id"] == "bad_reading" for one in found["effects"]):
