@@ -174,14 +174,15 @@ def _stepwise(
                 laws.add_losses(row, those, here)
             into = samples[k : last + 1]
             _check(base.integrate(y, t, *spans, until, into, NONE, row[0], gas, readings, 1)[0])
-            if _changes(spans[0], t, until[-1] + LATE_S):  # the volume that the cylinders take in is the same
-                mean *= _pressure(spans, until[-1] + LATE_S, ambient) / _pressure(spans, t, ambient)
-            else:
-                share = 1.0 - math.exp(-dt / FLOW_S)
-                mean += ((y[base.M_IN] - before) / dt - mean) * share
-                turning += (0.5 * (speed + y[base.OMEGA]) - turning) * share
-            # The air does not wait: at another speed another flow passes at once.
-            flow = mean * y[base.OMEGA] / turning if turning > SLOWEST_FLOW else mean
+            if loses:
+                if _changes(spans[0], t, until[-1] + LATE_S):  # the volume that the cylinders take in is the same
+                    mean *= _pressure(spans, until[-1] + LATE_S, ambient) / _pressure(spans, t, ambient)
+                else:
+                    share = 1.0 - math.exp(-dt / FLOW_S)
+                    mean += ((y[base.M_IN] - before) / dt - mean) * share
+                    turning += (0.5 * (speed + y[base.OMEGA]) - turning) * share
+                # The air does not wait: at another speed another flow passes at once.
+                flow = mean * y[base.OMEGA] / turning if turning > SLOWEST_FLOW else mean
             change = abs(y[base.OMEGA] - speed) / dt
             t = until[-1]
         k = last + 1
