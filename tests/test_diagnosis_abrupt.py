@@ -86,7 +86,7 @@ def test_a_sweep_without_a_clock_has_no_moment_to_tell(tmp_path: Path) -> None:
 def test_an_unlisted_effect_is_no_candidate_but_a_value_can_be_given(tmp_path: Path) -> None:
     problem = Problem(sweep(tmp_path, 1, {}), read_motor("ptm3600"))
     assert "torque_step" not in {effect.id for effect in problem.effects_that_could()}
-    problem.given["torque_step", "moment_s"] = 350.0
+    problem = problem.giving({("torque_step", "moment_s"): 350.0})
     assert [unknown.name for _, unknown in problem.effect_unknowns(["torque_step"])] == ["torque_nm"]
     assert problem.chosen(["torque_step"], [1.0])["torque_step"] == {"torque_nm": 0.15, "moment_s": 350.0}
 

@@ -36,7 +36,7 @@ LEAST_GAIN = 5.0  # nats over nothing that make a step something
 ODDS = 20.0  # of what is named against a step, or it is not named
 WORTH_A_REFIT = -40.0  # nats over the member in the linear model
 
-Columns = Callable[[Mode], np.ndarray]
+Columns = Callable[[Comparison, Mode], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
     end_s, first = float(time.everything.max()), len(comparison.problem.nuisances)
     owner = np.array([name for name, _ in comparison.problem.effect_unknowns(mode.names)])
 
-    def torque(at: Mode) -> np.ndarray:
-        return _columns(comparison, at, time, moments)["speed", "torque"]
+    def torque(there: Comparison, at: Mode) -> np.ndarray:
+        return _columns(there, at, time, moments)["speed", "torque"]
 
     found: list[Step] = []
     for member in mode.names or ("",):
@@ -123,28 +123,26 @@ def _refitted(
     comparison: Comparison, mode: Mode, member: str, step: Step, columns: Columns, moments: np.ndarray
 ) -> Step:
     """A step of the torque with its evidence by a refit: a large one bends what the readings do."""
-    problem, k = comparison.problem, len(comparison.problem.nuisances)
+    k = len(comparison.problem.nuisances)
     names = tuple(sorted({*mode.names, STEP} - {member}))
     best = step
-    near, first = mode, {one: z for one, z in values_of(problem, mode).items() if one[0] != member}
+    near, first = mode, {one: z for one, z in values_of(comparison.problem, mode).items() if one[0] != member}
     first[STEP, "torque_nm"] = 0.0
     try:
         for _ in range(LOOKS):
-            problem.given[STEP, "moment_s"] = step.start_s
-            near = find(comparison, names, near, first=first)
+            there = comparison.giving({(STEP, "moment_s"): step.start_s})
+            near = find(there, names, near, first=first)
             over = near.log_evidence - math.log(moments.size) - mode.log_evidence  # whichever moment it was
             if over <= best.over:
                 break
             best = replace(step, gain=best.gain + over - best.over, over=over)
-            place = k + [name for name, _ in problem.effect_unknowns(names)].index(STEP)
-            at = _Rest(comparison, near, np.array([place])).of_a_step(columns(near))[1]
+            place = k + [name for name, _ in there.problem.effect_unknowns(names)].index(STEP)
+            at = _Rest(there, near, np.array([place])).of_a_step(columns(there, near))[1]
             if moments[at] == step.start_s:
                 break
             step, first = replace(step, start_s=float(moments[at])), {}
     except ArithmeticError:  # nothing of it can be simulated
         return best
-    finally:
-        problem.given.clear()
     return best
 
 

@@ -12,6 +12,9 @@ part of noise that its neighbours take back: what the readings say on average ov
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from copy import copy
+
 import numpy as np
 
 from calibration.diagnosis.noise import Noise, Whitener
@@ -97,6 +100,18 @@ class Comparison:
         for i, used in enumerate(self.used):
             mine = self.kind[2 * self.n : self.end] == RUN + i
             self.swing[mine] = self.problem.swing(z, i)[used]
+
+    def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
+        """The same comparison, with other parameters of effects given, as `Problem.giving` does.
+
+        Parameters
+        ----------
+        given : mapping
+            Values by (effect, parameter) [own unit].
+        """
+        other = copy(self)
+        other.problem = self.problem.giving(given)
+        return other
 
     @property
     def size(self) -> int:

@@ -9,7 +9,8 @@ of a plateau together.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,6 +152,18 @@ class Problem:
         self._standing_gas = np.array(gas)
         self.starts: dict[str, in_time.Start] = {}
         self.start_angle = {run.file: 0.0 for run in self.blocks.runs}
+
+    def giving(self, given: Mapping[tuple[str, str], float]) -> Problem:
+        """The same recording and nuisances, with other parameters of effects given.
+
+        Parameters
+        ----------
+        given : mapping
+            Values by (effect, parameter) [own unit].
+        """
+        other = copy(self)
+        other.given = dict(given)
+        return other
 
     def place(self, name: str) -> int | None:
         """Where a nuisance stands among the unknowns; None where it is none of this recording.
