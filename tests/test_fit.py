@@ -262,25 +262,6 @@ def test_the_truth_of_a_practice_sweep_is_inside_the_99_percent_interval():
     assert low < 0.057719849465073164 < high
 
 
-@pytest.mark.slow
-@pytest.mark.xfail(
-    raises=fits.NotConvergedError,
-    strict=True,
-    reason="known: good instruments and a rotor at rest leave a hard edge; the chain forgets too slowly",
-)
-def test_readings_off_scale_and_a_rotor_at_rest_are_fitted(put_recording):
-    """The motor at rest below 1.1 bar, `<10` and `>100` on the rotameter, and gauge pressure."""
-    sweep = (
-        "pressure_bar_gauge,flow_l_min,speed_rpm\n0.03,<10,0\n"
-        "0.487,33.5,187.5\n0.687,49.5,271.5\n0.887,65.0,355.3\n0.987,73.0,397.2\n1.5,>100,612.0\n"
-    )
-    recording = read_recording(put_recording(("sweep.csv", "steady", sweep)))
-    usual = Settings(seed=1, effective_samples=300, most_steps=750, walkers=32)  # where a chain that forgets takes 500
-    found = fits.fit(recording, usual)
-    assert found.posterior.suspect_rows == ()
-    assert 0.055 < found.posterior["f_overall"].mean < 0.07
-
-
 def test_a_single_row_is_fitted_and_its_prior_said_to_dominate(put_recording):
     recording = read_recording(put_recording(("sweep.csv", "steady", f"{HEADER}2.0,71.5,394.8\n")))
     found = fits.fit(recording, QUICK)
