@@ -47,13 +47,13 @@ def sweep(
     folder: Path,
     seed: int,
     chosen: dict[str, dict[str, float]],
-    bad_row: int | None = None,
+    bad_row: int | tuple[int, ...] | None = None,
     slip: float = 0.0,
     off_rpm: float = 30.0,
 ) -> Recording:
     """A sweep up and down, 1.2 to 2.4 bar, with noise and instrument errors of the declared sizes.
 
-    A row may be misread, by so many rpm. The tachometer may slip, by a share of its reading, from 740 s on.
+    A row may be misread, or several, by so many rpm. The tachometer may slip, by a share of its reading, from 740 s on.
     """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def sweep(
     speed = speed + 0.1 * rng.normal() + 0.4 * rng.normal(size=n)
     speed[time > 740.0] *= 1.0 - slip
     if bad_row is not None:
-        speed[bad_row - 1] += off_rpm
+        speed[np.subtract(bad_row, 1)] += off_rpm
     lines = ["time_s,direction,pressure_bar_abs,flow_l_min,speed_rpm"]
     for i in range(n):
         way = "up" if i < up.size else "down"

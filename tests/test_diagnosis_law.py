@@ -209,6 +209,18 @@ def test_readings_that_crowd_are_no_misreadings(coasted):
     assert np.all(bad[speeds] == 0.0)
 
 
+def test_a_level_that_is_off_by_the_same_each_time_is_no_misreading(coasted):
+    comparison, _ = coasted
+    twice = next(spots for spots in comparison.again if comparison.kind[spots[0]] == 1)
+    assert twice.size == 2
+    alike, unlike = np.zeros(comparison.read.size), np.zeros(comparison.read.size)
+    alike[twice], unlike[twice] = (9.0, 12.0), (9.0, 16.0)
+    assert np.all(robust_weights(alike, comparison)[1] < 0.5)
+    assert np.flatnonzero(robust_weights(unlike, comparison)[1] > 0.5).tolist() == sorted(twice)
+    unlike[twice[1]] = 0.0
+    assert np.flatnonzero(robust_weights(unlike, comparison)[1] > 0.5).tolist() == [twice[0]]
+
+
 def test_half_a_sweep_that_turns_slower_is_not_named_as_misread(tmp_path):
     sweep(tmp_path, 21, {})
     lines = (tmp_path / "sweep.csv").read_text().splitlines()

@@ -83,6 +83,21 @@ def test_a_misread_row_is_named_with_its_place(tmp_path: Path) -> None:
     assert found["f_overall_after"]["sd"] > found["f_overall_before"]["sd"]
 
 
+def test_a_misread_row_is_named_beside_an_effect(tmp_path: Path) -> None:
+    found = as_json(diagnose(sweep(tmp_path, 6, {"leakage": {"conductance_kg_s_pa2": LEAK}}, bad_row=7), 1))
+    assert {"leakage", "bad_reading"} in sets_said(found)
+    assert all("bad_reading" in said for said in sets_said(found))
+    assert [(row["row"], row["channel"]) for row in found["suspect_rows"]] == [(7, "speed")]
+    assert any(place["coordinate"] == "row" and place["where"] == [7.0, 7.0] for place in found["located"])
+    misread = next(effect for effect in found["effects"] if effect["id"] == "bad_reading")
+    assert misread["parameters"]["readings"]["mean"] == 1.0 and misread["log10_bayes_factor"] > 2.0
+
+
+def test_what_is_off_at_a_level_each_time_is_not_called_misread(tmp_path: Path) -> None:
+    found = as_json(diagnose(sweep(tmp_path, 5, {}, bad_row=(7, 20), off_rpm=20.0), 1))
+    assert found["verdict"] == "unresolved" and found["suspect_rows"] == []
+
+
 def test_an_outlier_of_heavy_tails_is_suspect_and_not_called_misread(tmp_path: Path) -> None:
     found = as_json(diagnose(sweep(tmp_path, 5, {}, bad_row=7, off_rpm=6.0), 1))
     assert found["verdict"] == "consistent" and not found["effects"]

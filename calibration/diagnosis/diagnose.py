@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.special import stdtr
 
 from calibration.diagnosis.abrupt import step_instead
 from calibration.diagnosis.base import base_of
@@ -21,6 +19,7 @@ from calibration.diagnosis.discover import Term, discover
 from calibration.diagnosis.forces import Force, forces
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate, rows_as_places
+from calibration.diagnosis.misread import MISREAD, BadRow, bad_rows, by_chance, with_misread
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import Candidate, evidence_p
 from calibration.diagnosis.next_test import NextTest, propose
@@ -40,8 +39,6 @@ RESIDUAL_DRAWS, MORE_DRAWS = 100, 400
 NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
 TESTS = 2.0  # looks at a recording with runs in time: the straight test, and the refits
-BAD_ROW = 0.99  # probability beyond which a reading is named as bad
-TAILS = 4.0  # of Student's t: noise with so few degrees of freedom has outliers that nobody has misread
 
 
 @dataclass
@@ -78,6 +75,8 @@ class Diagnosis:
         A smooth torque or flow that stands for what no set explains.
     beside : tuple of ndarray or None
         The nuisances and their sd beside such a correction, whichever it is [-].
+    misread : frozenset of tuple of str
+        Sets named or listed beside which readings are misread.
     """
 
     comparison: Comparison
@@ -90,10 +89,11 @@ class Diagnosis:
     held_out: HeldOut | None = None
     term: Term | None = None
     next_tests: list[NextTest] = field(default_factory=list)
-    bad_rows: list[tuple[str, int, str, float]] = field(default_factory=list)
+    bad_rows: list[BadRow] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     correction: Correction | None = None
     beside: tuple[np.ndarray, np.ndarray] | None = None
+    misread: frozenset[tuple[str, ...]] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -221,11 +221,12 @@ def _diagnose(
             verdict = Verdict("unresolved", None, (), 0.0, words)
     # Of a model that does not fit, no reading can be said to be off.
     unfit = verdict.kind == "unresolved"
-    bad = [] if unfit else _bad_rows(comparison, verdict.chosen.mode if verdict.chosen else base)
+    bad = [] if unfit else bad_rows(comparison, verdict.chosen.mode if verdict.chosen else base)
+    misread = with_misread(comparison, verdict, candidates)
     if verdict.kind == "consistent" and bad:
-        by_chance = _bad_p(comparison, base)
-        if by_chance < MISMATCH_P:
-            detection = replace(detection, p_value=min(detection.p_value, by_chance))
+        chance = by_chance(comparison, base)
+        if chance < MISMATCH_P:
+            detection = replace(detection, p_value=min(detection.p_value, chance))
             verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
         else:
             verdict = replace(verdict, why=f"{verdict.why}; readings stand out no more than heavy tails would")
@@ -236,7 +237,7 @@ def _diagnose(
         if step is not None and step.explains:
             instead = " and ".join(verdict.chosen.names) if verdict.chosen else "a misread row"
             verdict = Verdict("unresolved", None, (), 0.0, f"{step.text} explains it as well as {instead}")
-            bad = []
+            bad, misread = [], frozenset()
     clock("locate")
     acts_in = effects()[verdict.chosen.names[0]].acts_in if verdict.chosen and len(verdict.chosen.names) == 1 else ""
     if verdict.kind == "consistent":
@@ -245,6 +246,8 @@ def _diagnose(
         places = rows_as_places(bad)
     else:
         places = locate(comparison, base, detection, free, acts_in)
+        if verdict.chosen and verdict.chosen.names in misread:
+            places += rows_as_places(bad)
         if step is not None and step.explains:
             places.insert(0, step.place)
     if verdict.kind == "unresolved":
@@ -276,6 +279,7 @@ def _diagnose(
         clock.seconds,
         correction,
         beside,
+        misread,
     )
 
 
@@ -291,7 +295,7 @@ def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
     """
     comparison = Comparison(Problem(read_recording(folder)))
     base = base_of(comparison)
-    names = tuple(sorted(ids))
+    names = tuple(sorted(set(ids) - {MISREAD}))  # every fit looks for those
     best = max((find(comparison, names, start) for start in (base, None)), key=lambda mode: mode.log_evidence)
     # The oracle need not choose: it knows the set.
     known = [Candidate(names, best, best.log_evidence, 1.0, ""), Candidate((), base, base.log_evidence, 0.0, "")]
@@ -336,21 +340,6 @@ def _rivals(candidates: list[Candidate], verdict: Verdict[Candidate]) -> list[Ca
         return [c for c in candidates if c.names][:3]
     listed = set(verdict.alternatives)
     return [verdict.chosen, *(c for c in candidates if c.names in listed)]
-
-
-def _bad_rows(comparison: Comparison, mode: Mode) -> list[tuple[str, int, str, float]]:
-    plateaus, found = comparison.problem.blocks.plateaus, []
-    for i in np.flatnonzero(mode.bad[: 2 * comparison.n] > BAD_ROW):
-        row = int(comparison.index[i])
-        channel = "flow" if comparison.kind[i] == 0 else "speed"
-        found.append((plateaus.file[row], int(plateaus.row[row]), channel, float(mode.bad[i])))
-    return found
-
-
-def _bad_p(comparison: Comparison, mode: Mode) -> float:
-    """How often the largest of all residuals would be as large by chance, of noise with tails as heavy as these."""
-    farthest = float(np.max(np.abs(mode.r[: 2 * comparison.n])))
-    return float(min(1.0, 2.0 * comparison.n * 2.0 * stdtr(TAILS, -farthest * math.sqrt(TAILS / (TAILS - 2.0)))))
 
 
 __all__ = ["Detected", "Diagnosis", "detect_mismatch", "diagnose", "held_out_gain"]

@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.misread import MISREAD, by_chance
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.next_test import NextTest
 from calibration.priors import Unknown
@@ -52,7 +53,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         ],
         "set_probability": verdict.set_probability,
         "effects": _effects(found),
-        "alternatives": [list(names) for names in verdict.alternatives],
+        "alternatives": [_with_misread(found, names) for names in verdict.alternatives],
         "term": None
         if found.term is None
         else {
@@ -77,8 +78,10 @@ def _effects(found: Diagnosis) -> list[dict[str, Any]]:
     if verdict.kind == "unresolved":
         return [dict(UNKNOWN)]
     if verdict.chosen is None:
-        return [_bad_reading(found)] if verdict.kind == "named" else []
+        return [_bad_reading(found, found.detection.p_value)] if verdict.kind == "named" else []
     listed = []
+    if verdict.chosen.names in found.misread:
+        listed.append(_bad_reading(found, by_chance(found.comparison, verdict.chosen.mode)))
     for name in verdict.chosen.names:
         p = sum(c.probability for c in found.candidates if name in c.names)
         listed.append(
@@ -92,13 +95,17 @@ def _effects(found: Diagnosis) -> list[dict[str, Any]]:
     return sorted(listed, key=lambda e: -(e["log10_bayes_factor"] or 0.0))
 
 
-def _bad_reading(found: Diagnosis) -> dict[str, Any]:
+def _with_misread(found: Diagnosis, names: tuple[str, ...]) -> list[str]:
+    return sorted([*names, MISREAD]) if names in found.misread else list(names)
+
+
+def _bad_reading(found: Diagnosis, chance: float) -> dict[str, Any]:
     """Single readings as an effect: their number, and the rows in the open."""
     n = float(len(found.bad_rows))
     return {
-        "id": "bad_reading",
-        "probability": found.verdict.set_probability,
-        "log10_bayes_factor": max(0.0, -math.log10(max(found.detection.p_value, 1e-300))),
+        "id": MISREAD,
+        "probability": min(row[3] for row in found.bad_rows),
+        "log10_bayes_factor": max(0.0, -math.log10(max(chance, 1e-300))),
         "parameters": {"readings": {"mean": n, "sd": 0.0, "q05": n, "q95": n}},
     }
 

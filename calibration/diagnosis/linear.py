@@ -17,6 +17,7 @@ from copy import copy
 
 import numpy as np
 
+from calibration.diagnosis.blocks import levels
 from calibration.diagnosis.noise import Noise, Whitener
 from calibration.diagnosis.problem import Prediction, Problem
 
@@ -42,6 +43,8 @@ class Comparison:
         Row of the plateaus, or sample of the run.
     of_a_kind : tuple of ndarray of int
         Places of the readings that there are, kind by kind.
+    again : tuple of ndarray of int
+        Places of an instrument's readings at each pressure level that was visited more than once.
     end : int
         Where the runs' samples end and the readings beside them begin [-].
     swing : ndarray, shape (end - 2 n,)
@@ -85,6 +88,9 @@ class Comparison:
         self.sizes = tuple(int(used.sum()) for used in self.used)
         known = np.flatnonzero(self.known)
         self.of_a_kind = tuple(known[self.kind[known] == kind] for kind in np.unique(self.kind[known]))
+        rows = levels(plateaus) if n else []
+        spots = (level[self.known[level + of * n]] + of * n for level in rows for of in (FLOW, SPEED))
+        self.again = tuple(spot for spot in spots if spot.size > 1)
         self.noise = Noise(problem, self.known, self.sizes, self.step)
         self.see_pulses(np.zeros(len(problem.nuisances)))
 

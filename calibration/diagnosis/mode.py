@@ -22,6 +22,7 @@ from model.effects import effects
 BAD = 0.01
 BAD_WIDTH = 10.0
 SINGLE, SHARE = 3, 0.1  # more of a channel, and more than this share of it, are no single misreadings
+ALIKE = math.log(BAD_WIDTH / BAD)  # nats that a reading bad by itself costs: one shift of all may be so much worse
 NOISE_STEPS = 4
 
 
@@ -156,7 +157,8 @@ def cost_of(comparison: Comparison, mode: Mode) -> float:
 def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:
     """Weight of each residual in a least-squares step, and the probability that its reading is bad [-].
 
-    Bad readings are single ones: where many of a channel stand out it is the model that is off, and all of them count.
+    Bad readings are single ones: where many of a channel stand out, or all of a pressure level and by the same each time
+    that it was visited, it is the model that is off, and they count.
 
     Parameters
     ----------
@@ -173,6 +175,11 @@ def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, n
     for mine in comparison.of_a_kind:
         if np.count_nonzero(bad[mine] > 0.5) > max(SINGLE, SHARE * mine.size):
             bad[mine] = 0.0
+    if np.any(bad > 0.5):
+        for mine in comparison.again:
+            apart = 0.5 * float(np.sum((r[mine] - np.mean(r[mine])) ** 2)) if np.all(bad[mine] > 0.5) else math.inf
+            if apart < (mine.size - 1) * ALIKE:
+                bad[mine] = 0.0
     return 1.0 - bad + bad * BAD_WIDTH**-2, bad
 
 

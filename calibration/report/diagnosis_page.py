@@ -10,6 +10,7 @@ from typing import Any
 
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.further_forces import unseen
+from calibration.diagnosis.misread import MISREAD
 from calibration.report import diagnosis_figures as draw
 from calibration.report import diagnosis_numbers as numbers
 from calibration.report import diagnosis_sets as sets
@@ -152,7 +153,7 @@ def _rivals(found: Diagnosis, document: Mapping[str, Any]) -> list[str]:
     by_names = {frozenset(c.names): c for c in found.candidates}
     said: list[str] = []
     for names in listed[:MOST]:
-        one = by_names.get(frozenset(names))
+        one = by_names.get(frozenset(names) - {MISREAD})
         size = f": {sets.sizes(found, one)}" if one is not None and one.names else ""
         size += "".join(f"; that is {there}" for there in sets.at_top(found, one).values())
         said.append(f"Either {words.titles(names)}{size}." if not said else f"Or {words.titles(names)}{size}.")

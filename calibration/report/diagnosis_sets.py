@@ -11,6 +11,7 @@ import numpy as np
 
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.linear import RUN
+from calibration.diagnosis.misread import MISREAD
 from calibration.diagnosis.name import Candidate
 from calibration.priors import PASCAL_PER_BAR
 from calibration.report.diagnosis_numbers import Q95, of_mode
@@ -226,9 +227,10 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
     sd = after["sd"]
     size = f"{uncertainty(abs(shift)) if abs(shift) < sd else rounded(abs(shift), sd)} N m s"
     share = f"{100.0 * abs(shift) / after['mean']:.2g} %" if after["mean"] > 0.0 else ""
-    if all(effect["id"] == "bad_reading" for effect in found["effects"]):
+    held = [effect["id"] for effect in found["effects"] if effect["id"] != MISREAD]
+    if not held:
         return f"f_overall is {value}, without the readings that are off, and what is not excluded weighed in."
-    names = listed([titles([effect["id"]]) for effect in found["effects"]])
+    names = listed([titles([name]) for name in held])
     rest = " or its rivals" if found["verdict"] == "confounded" else ""
     way = "low" if shift < 0.0 else "high"
     return f"f_overall came out {size} ({share}) too {way} without {names}{rest}; with it, it is {value}."
