@@ -157,8 +157,8 @@ def cost_of(comparison: Comparison, mode: Mode) -> float:
 def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:
     """Weight of each residual in a least-squares step, and the probability that its reading is bad [-].
 
-    Bad readings are single ones: where many of a channel stand out, or all of a pressure level and by the same each time
-    that it was visited, it is the model that is off, and they count.
+    Bad readings are single ones: where many of a channel stand out, or all of a pressure level by the same each time it
+    was visited, it is the model that is off, and they count.
 
     Parameters
     ----------
