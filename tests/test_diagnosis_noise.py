@@ -38,10 +38,10 @@ def drawn(comparison, prediction, u, count, rng):
         one[n : 2 * n] = prediction.speed_slope * pressure + speed
         one[2 * n : end] = comparison.noise.draw_samples(u, rng)
         one[n:end] += comparison.problem.resolution["speed"] * (rng.random(end - n) - 0.5)
-        angle = comparison.angle_sd * rng.standard_normal(end - 2 * n)
+        angle = comparison.swing * rng.standard_normal(end - 2 * n)
         first = np.flatnonzero(comparison.noise.first)
         before = np.roll(angle, 1)
-        before[first] = comparison.angle_sd[first] * rng.standard_normal(first.size)
+        before[first] = comparison.swing[first] * rng.standard_normal(first.size)
         one[2 * n : end] += (angle - before) / comparison.step
     return out
 

@@ -127,6 +127,26 @@ def test_a_long_run_settles_where_the_steady_solver_says(chosen: Chosen) -> None
     assert flow == pytest.approx(found.flow[0], rel=1e-3)
 
 
+@pytest.mark.parametrize("torque_nm", [0.1, 0.3])
+def test_a_torque_fixed_to_the_shaft_slows_a_steady_motor(torque_nm: float) -> None:
+    """It turns unevenly, and the slow part of a turn takes longer."""
+    chosen = {"once_per_rev_torque": {"sine_nm": torque_nm, "cosine_nm": 0.0}}
+    pressure = np.array([1.4e5])
+    even, uneven = points({}, pressures=pressure), points(chosen, pressures=pressure)
+    found = run(chosen, pressure=pressure[0], end=8.0, start=even.speed[0])
+    turns = 2.0 * np.pi * (found.angle[-1] // (2.0 * np.pi) - np.array([10.0, 0.0]))
+    took = float(np.diff(np.interp(turns, found.angle, found.time))[0])
+    lost = even.speed[0] - 20.0 * np.pi / took
+    assert even.speed[0] - uneven.speed[0] == pytest.approx(lost, rel=0.1)
+    assert uneven.flow[0] / even.flow[0] == pytest.approx(uneven.speed[0] / even.speed[0], rel=1e-9)
+
+
+def test_a_motor_that_cannot_lift_its_unbalance_stands() -> None:
+    heavy = points({"once_per_rev_torque": {"sine_nm": 1.5, "cosine_nm": 0.0}}, pressures=np.array([1.2e5, 2.5e5]))
+    assert heavy.running.tolist() == [False, True]
+    assert heavy.speed[0] == 0.0
+
+
 @pytest.mark.parametrize("dt", [0.005, 0.05])
 def test_a_run_does_not_depend_on_how_often_it_is_sampled(dt: float) -> None:
     chosen = {name: ORDINARY[name] for name in ("windage", "inlet_throttling", "once_per_rev_torque", "load_friction")}

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.diagnosis.function import Function, Predicts
-from calibration.diagnosis.linear import BLUR, Comparison
+from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction
@@ -24,13 +24,11 @@ LARGEST_MOVE = 6.0
 MOST_PASSES = 30
 HALVINGS = 8  # of an effect with which the motor stalls
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
-SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends,
-ROUGH = 1.0  # ... and below which it does while the pulses are left to chance
+SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
 HOPELESS = 50.0  # nats behind the best set after the rough stage: nothing is made up for that
 MOST_ROUNDS = 8  # times that the pulses are simulated anew
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
-# Share of the swing of the pulses left to chance, nats that a round has to gain, and rounds that may gain less.
-STAGES = ((1.0, 2.0, 0), (BLUR, 0.1, 2))
+STAGES = ((2.0, 0), (0.1, 2))  # nats that a round has to gain, and rounds that may gain less
 TURNS = 0.3  # share of the speed read above which a level is taken to turn
 LOOSER, LOOSER_BY = 12, 0.25  # steps of the roller factor with which a level that stands is made to turn [-]
 EDGE = math.sqrt(3.0)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior
@@ -83,7 +81,6 @@ def find(
     f = Function(comparison, names)
     begun = _begun(comparison, f, starts or (None,), first or {})
     if not problem.blocks.runs:
-        comparison.blur = BLUR
         ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
         ends += [_trusting(f, comparison, *end, f) for end in ends if _some_bad(comparison, end)]
         ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
@@ -91,11 +88,9 @@ def find(
     rough = [_stage(f, comparison, point, STAGES[0]) for point in begun]
     here = min(rough, key=lambda point: point.cost)
     if min(point.reached for point in rough) > best + HOPELESS and math.isfinite(here.cost):
-        comparison.blur = BLUR
         return close(comparison, names, here.z, here.u, here.D, f(here.z))
     for stage in STAGES[1:]:
         here = _stage(f, comparison, replace(here, predicted=f(here.z)), stage)
-    comparison.blur = BLUR
     here = _looked_at_again(f, comparison, here)
     of = f.near(here.z)
     D = f.derivatives(here.z, of(here.z), here.D, here.u, of)
@@ -158,9 +153,9 @@ def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[
     raise ArithmeticError("no reading, however little of an effect there is")
 
 
-def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float, float, int]) -> _Point:
+def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float, int]) -> _Point:
     """Rounds of a search with runs in time: in each, what the pulses add is simulated anew and then kept."""
-    comparison.blur, least_gain, patience = stage
+    least_gain, patience = stage
     z, predicted = turned(f, comparison, here.z, here.u, here.predicted)
     cost, u = _at(comparison, z, here.u, predicted, here.D)
     best, D, stale, worse = _Point(cost, z, u, here.D, predicted, here.stale), here.D, here.stale, 0
@@ -237,7 +232,7 @@ def _descend(
         moved, predicted = _step(f, of, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
         far = float((moved - z) @ A @ (moved - z))
         z, u = moved, suiting_noise(comparison, predicted, u, D, correlated)
-        if far < (SETTLED if comparison.blur == BLUR else ROUGH) and (fresh or far > 0.0):
+        if far < SETTLED and (fresh or far > 0.0):
             break
         fresh = far > STALE or far == 0.0  # where old derivatives lead nowhere, new ones may
     return z, u, D, predicted

@@ -6,14 +6,15 @@ does not pass for noise; its correlations are those that the base model has. The
 noise and its correlations anew each time, in the model made linear at its most probable point. The noise drawn is as
 loud as what all forces leave over, by the restricted likelihood: scales drawn anew from their prior make the law that
 of recordings louder than this one, and the test too careful. So a loudness that is not believable is a mismatch of its
-own: something that no force is fine enough to follow. Beyond the draws the tail is exponential, and marked.
+own: something that no force is fine enough to follow. So is a nuisance pulled farther than its prior believes: what can
+take up a whole misfit leaves nothing to see. Beyond the draws the tail is exponential, and marked.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc, log_ndtr, ndtr
@@ -27,6 +28,7 @@ from calibration.diagnosis.straight import FREE
 
 DRAWS = 200
 TAIL = 0.15  # share of the draws that the exponential tail is fitted to
+MISMATCH_P = 0.01  # below it something is missing
 PASSES = 3
 LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still
 BAD_ROW = 0.5  # readings that are more probably bad than this are left aside
@@ -52,6 +54,8 @@ class Detection:
         Natural logarithm of each force's own tail probability [-].
     force_scores : list of ndarray
         Of each force's pieces [-].
+    pulled : str
+        The nuisance that is pulled farther than can be believed; empty where none is.
     """
 
     p_value: float
@@ -61,6 +65,7 @@ class Detection:
     scores: np.ndarray
     force_log_p: np.ndarray
     force_scores: list[np.ndarray]
+    pulled: str = ""
 
 
 def detect(
@@ -107,7 +112,17 @@ def detect(
     if (loud := too_loud(real.u)) is not None:
         believed = SCALES.stop * float(ndtr(-math.log(loud[1]) / NOISE_SD))
         p, beyond = min(p, believed), beyond or believed < p
-    return Detection(max(p, 1e-300), beyond, real.statistic, real.u, real.scores, real.force_log_p, real.force_scores)
+    name, believed = _pull(comparison, mode)
+    if pulled := name if believed < MISMATCH_P else "":
+        p, beyond = min(p, believed), beyond or believed < p
+    return replace(real, p_value=max(p, 1e-300), extrapolated=beyond, pulled=pulled)
+
+
+def _pull(comparison: Comparison, mode: Mode) -> tuple[str, float]:
+    """The nuisance farthest from its prior's middle, and a bound on how often one of them is as far [-]."""
+    z = np.abs(mode.z[: len(comparison.problem.nuisances)])
+    farthest = int(np.argmax(z))
+    return comparison.problem.nuisances[farthest].name, float(min(1.0, z.size * 2.0 * ndtr(-z[farthest])))
 
 
 class _Test:
@@ -214,7 +229,7 @@ def _draw(comparison: Comparison, mode: Mode, u: np.ndarray, rng: np.random.Gene
     out[2 * n : end] += comparison.noise.draw_samples(u, rng)
     out[n:end] += problem.resolution["speed"] * (rng.random(end - n) - 0.5)
     out[end:] += comparison.noise.beside * rng.standard_normal(out.size - end)
-    swing = comparison.angle_sd
+    swing = comparison.swing
     angle = swing * rng.standard_normal(end - 2 * n)
     first = np.flatnonzero(comparison.noise.first)
     before = np.roll(angle, 1)

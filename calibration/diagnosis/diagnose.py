@@ -196,7 +196,7 @@ def _diagnose(
     if detection.p_value < MISMATCH_P:
         clock("name")
         if len(search.modes) == 1:
-            search.singles(found, detection.u)
+            search.singles(found, detection.u, every=bool(detection.pulled))
         clock("test what is left")
         _test_residuals(comparison, _namable(search)[:1], residual_p, rng, side_by_side)
         clock("name")
@@ -254,6 +254,8 @@ def _diagnose(
         if loud := too_loud(detection.u):
             noise = f"the {loud[0]}'s noise would be {loud[1]:.1f} times as large as declared"
             verdict = replace(verdict, why=f"{verdict.why}; {noise}")
+        if detection.pulled:
+            verdict = replace(verdict, why=f"{verdict.why}; {detection.pulled} would be farther off than is believable")
         clock("look for a law")
         smooth = corrections(comparison, base, detection.u)
         correction, beside = (smooth[0], nuisances_beside(comparison, base, smooth)) if smooth else (None, None)

@@ -5,7 +5,7 @@ them: the gauge with the line vented, the flow meter while the rotor stands. The
 plateau together; the map takes that out, so a whitened residual is standard normal where the model is right. Readings
 that are missing are 0 in it.
 
-The phase of the cylinders' pulses late in a run in time hangs on everything that came before. So the shaft's angle at a
+The phase of the cylinders' pulses in a run in time hangs on everything that came before. So the shaft's angle at a
 sample is known to no better than the pulses swing it, and a speed reading, which is a difference of two angles, has a
 part of noise that its neighbours take back: what the readings say on average over a pulse stays as sharp as it is.
 """
@@ -21,7 +21,6 @@ from calibration.diagnosis.blocks import levels
 from calibration.diagnosis.noise import Noise, Whitener
 from calibration.diagnosis.problem import Prediction, Problem
 
-BLUR = 0.5  # share of the swing of the pulses that is left to chance
 STANDING, VENTED, FLOW, SPEED, RUN = -2, -1, 0, 1, 2  # kinds of entries; run i is RUN + i
 
 
@@ -48,9 +47,8 @@ class Comparison:
     end : int
         Where the runs' samples end and the readings beside them begin [-].
     swing : ndarray, shape (end - 2 n,)
-        How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
-    blur : float
-        Share of that swing to which the pulses' phase is not trusted [-].
+        How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad]: to so much is it
+        known.
     trusting : bool
         Whether no reading may be taken for bad.
     """
@@ -79,7 +77,6 @@ class Comparison:
         self.known = np.isfinite(self.read)
         self.n = n
         self.swing = np.zeros(self.end - 2 * n)
-        self.blur = BLUR
         self.trusting = False
         self.step = np.concatenate(
             [np.full(int(used.sum()), _step(run.time)) for run, used in zip(runs, self.used, strict=True)]
@@ -135,16 +132,6 @@ class Comparison:
         runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
         return np.concatenate([predicted.flow, predicted.speed, *runs, predicted.vented, predicted.standing])
 
-    @property
-    def angle_sd(self) -> np.ndarray:
-        """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,).
-
-        The angle at which a rotor stood is not known: after a start from rest the pulses are left to chance wholly.
-        """
-        runs = self.problem.blocks.runs
-        share = np.repeat([1.0 if run.from_rest else self.blur for run in runs], self.sizes)
-        return share * self.swing if runs else self.swing
-
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
         """The map at a prediction, whose slopes say what the gauge's noise does.
 
@@ -155,7 +142,7 @@ class Comparison:
         u : ndarray, shape (5,)
             The noise, as in `calibration.diagnosis.noise` [-].
         """
-        return self.noise.whitener(u, _slopes(predicted), self.angle_sd)
+        return self.noise.whitener(u, _slopes(predicted), self.swing)
 
     def noise_step(
         self,
@@ -190,7 +177,7 @@ class Comparison:
         information : ndarray, shape (5, 5)
             With the prior's [-].
         """
-        return self.noise.step_of(difference, u, _slopes(predicted), self.angle_sd, weight, columns, correlated)
+        return self.noise.step_of(difference, u, _slopes(predicted), self.swing, weight, columns, correlated)
 
 
 def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:

@@ -74,7 +74,7 @@ class Search:
         self.modes: dict[Names, Mode] = {(): base}
         self._signatures: dict[Names, list[Signature]] = {}
 
-    def singles(self, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH) -> None:
+    def singles(self, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH, every: bool = False) -> None:
         """Refit the most promising single effects, with runs in time those that hide too, then the base model.
 
         Parameters
@@ -85,11 +85,13 @@ class Search:
             The noise that the detection found [-].
         worth : float
             Log evidence gained in the linear model below which an effect is not refitted [-].
+        every : bool
+            Whether all effects are refitted, whatever the linear model says.
         """
         base, comparison = self.modes[()], self.comparison
         most = SINGLES_WITH_RUNS if base.prediction.runs else SINGLES
         ranked = screen(comparison, base, found, u, -math.inf)
-        chosen = [one for one in ranked if one[1] > worth][:most]
+        chosen = ranked if every else [one for one in ranked if one[1] > worth][:most]
         if base.prediction.runs:
             chosen += [one for one in ranked if effects()[one[0]].hidden and one not in chosen]
         self._refit([_Job((name,), base, first) for name, _, first in chosen])

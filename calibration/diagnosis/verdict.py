@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from calibration.diagnosis.confirm import HeldOut
+from calibration.diagnosis.detect import MISMATCH_P
 from model.effects import effects
 
-MISMATCH_P = 0.01  # below it something is missing
 RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
 NAMED = 0.95  # probability that a set needs to be named alone
 LISTED = 0.99  # probability that the sets listed as confounded have together

@@ -6,7 +6,6 @@ Torque and flow are tabulated over the speed for each span of the supply; the sp
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numba import njit
@@ -14,14 +13,13 @@ from numba import njit
 from model import averaged as base
 from model import layout as at
 from model.cylinder import gas_state
-from model.effects import laws
-from model.effects.effect import State, unknown_state
+from model.effects import laws, uneven
+from model.effects.effect import State
 from model.recent import Recent
 from model.transient import Supply
 
 SPEEDS = 8  # at which the cycle is solved
 FINE = 96  # to which its torque is interpolated, and at which the laws are taken
-ANGLES = 180  # of a turn at which a torque that follows the shaft's angle is taken
 FLOWS = 32  # at which a loss of pressure is taken
 SLOWEST = 0.02  # of the highest speed, for the slowest at which the cycle is solved
 AHEAD = 1.3  # highest speed of the tables, of the one at which viscous friction alone holds the torque
@@ -88,7 +86,7 @@ def _speeds(
 ) -> np.ndarray:
     parameters = laws.with_factors(parameters, chosen)
     those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
-    around = _around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
+    around = uneven.around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
     P_a = float(parameters[at.P_A])
     highest = max((span.pressure_pa for span in supply if span.is_open), default=P_a)
     gas = gas_state(parameters, highest, readings)
@@ -138,15 +136,6 @@ def _speeds(
         around,
     )
     return found
-
-
-def _around(those: laws.Members) -> np.ndarray:
-    """Torque that opposes the motion over a turn of the shaft, its first value again at the end [N m]."""
-    if not those:
-        return np.zeros(1)
-    angle = np.linspace(0.0, 2.0 * np.pi, ANGLES + 1)
-    state = replace(unknown_state(angle), angle=angle)
-    return laws.sum_of_torques(those, state, np.zeros(angle.size, dtype=bool))
 
 
 def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, start: float) -> float:

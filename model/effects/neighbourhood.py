@@ -13,7 +13,7 @@ import numpy as np
 
 from model import layout as at
 from model import steady as base
-from model.effects import laws
+from model.effects import laws, uneven
 from model.effects.effect import State
 from model.effects.steady import Points, given_state, hang_on_state, one_pass, solve
 
@@ -89,8 +89,13 @@ class Neighbourhood:
         change = np.einsum("nij,nj->ni", self._response, arrived - self._arrived)
         omega, mass_flow, load = (self._x + change).T
         state = replace(state, omega=omega, mass_flow=mass_flow, load=load)
-        flow = mass_flow * self._gas[:, at.GAS_R] * state.temperature / pressures
-        found = Points(omega.copy(), flow, out[:, base.SPEED_SLOPE], out[:, base.FLOW_SLOPE], running, state)
+        volume = self._gas[:, at.GAS_R] * state.temperature / pressures
+        speed, flow = omega.copy(), mass_flow * volume
+        share = uneven.share_of_speed(laws.with_factors(parameters, chosen), chosen, speed)
+        if share is not None:
+            flow -= (1.0 - share) * (flow - laws.leak(chosen, state) * volume)
+            speed, running = share * speed, running & (share > 0.0)
+        found = Points(speed, flow, out[:, base.SPEED_SLOPE], out[:, base.FLOW_SLOPE], running, state)
         rest = np.flatnonzero(~(self._known & running & _within(change, self._x, FARTHEST)))
         if rest.size:
             full = self._in_full(rest, parameters, pressures, chosen)

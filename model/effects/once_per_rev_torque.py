@@ -46,7 +46,7 @@ EFFECT = Effect(
     title="torque periodic in shaft angle",
     sentence="A torque of {sine_nm} and {cosine_nm} (sine, cosine) swings once a turn.",
     source="gravity on an unbalanced rotor: T = m g e sin(theta)",
-    signature="sweep: nothing; transients: the speed swings once a turn",
+    signature="sweep: a little slower at the lowest speeds; transients: the speed swings once a turn",
     parameters=(
         EffectParameter("sine_nm", "N m", -2.0, 2.0, 0.2, text="sine of the shaft angle"),
         EffectParameter("cosine_nm", "N m", -2.0, 2.0, 0.2, text="cosine of the shaft angle"),

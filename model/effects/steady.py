@@ -9,7 +9,7 @@ import numpy as np
 
 from model import layout as at
 from model import steady as base
-from model.effects import laws
+from model.effects import laws, uneven
 from model.effects.effect import State
 
 Solver = Callable[[np.ndarray, np.ndarray], np.ndarray]  # rows of parameters and which rows they are, to the base's out
@@ -100,8 +100,11 @@ def solve(
             out[lost[won]], running[lost[won]] = again[0][won], True
             _put(state, lost[won], _rows(again[1], won))
     speed = np.where(running, out[:, base.SPEED_OUT], 0.0)
-    volume = gas[:, at.GAS_R] * parameters[:, at.T_IN] / pressures
-    flow = np.where(running, out[:, base.VOLUME_FLOW], 0.0) + laws.leak(chosen, state) * volume
+    flow = np.where(running, out[:, base.VOLUME_FLOW], 0.0)
+    share = uneven.share_of_speed(parameters, chosen, speed)
+    if share is not None:
+        speed, flow, running = share * speed, share * flow, running & (share > 0.0)
+    flow += laws.leak(chosen, state) * gas[:, at.GAS_R] * parameters[:, at.T_IN] / pressures
     return Points(speed, flow, out[:, base.SPEED_SLOPE], out[:, base.FLOW_SLOPE], running, state)
 
 

@@ -1,8 +1,10 @@
 """Whether a recording can tell what is concealed from every other effect, by the second rig's own signatures.
 
 D is the size of the effect's change of the readings in units of noise, once the nuisances with their declared priors
-are projected out; rho is its largest correlation with the change that another single effect makes. A best fit prefers
-the right one of two with probability Phi(D sqrt((1 - rho) / 2)).
+have taken up what they can. They are followed as they are, not along straight lines: what moves f_overall by a tenth
+moves everything by hundreds of sds, and then the bend of a line alone would pass for something seen. rho is the
+change's largest correlation with the change that another single effect makes. A best fit prefers the right one of two
+with probability Phi(D sqrt((1 - rho) / 2)).
 """
 
 from __future__ import annotations
@@ -22,6 +24,10 @@ from rig.recording import read_recording
 LEAST_D = 7.0
 LEAST_PROBABILITY = 0.99
 FREE = 10.0  # another concealed effect is free within ten times its size
+STEPS = 12  # most that the nuisances go
+SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step, tried in turn until one comes nearer
+SETTLED = 1e-3  # share of the distance that a step has to gain
+FARTHEST = 5.0  # declared sds that a nuisance may go
 
 
 def separable(truth: Truth, folder: Path) -> dict[str, Any]:
@@ -52,13 +58,14 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     rivals = [one for one in whitened.effects() if one[0] not in truth.ids]
     rows = whitened.rows() if "bad_reading" not in truth.ids else np.empty((everything.size, 0))
     own = []
-    for k, effect in enumerate(rig.effects):
+    for k in range(len(rig.effects)):
         others = tuple(other for i, other in enumerate(rig.effects) if i != k)
-        own.append((effect.id, everything - whitened.readings(bench.without(rig, others))))
+        rest = bench.without(rig, others)
+        own.append((rest, everything - whitened.readings(rest)))
     worst: dict[str, Any] = {}
-    for k, (_, change) in enumerate(own):
-        free = [FREE * other for i, (_, other) in enumerate(own) if i != k]
-        found = _weighed(change, np.column_stack([nuisances, *free]), rivals, rows)
+    for k, (rest, change) in enumerate(own):
+        free = np.column_stack([np.empty((change.size, 0)), *(FREE * c for i, (_, c) in enumerate(own) if i != k)])
+        found = _weighed(*_taken_up(whitened, everything, rest, change, nuisances, free), rivals, rows)
         if not worst or found["probability"] < worst["probability"]:
             worst = found | {"D": min(found["D"], worst.get("D", np.inf))}
         else:
@@ -66,6 +73,38 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     probability = worst.pop("probability")
     enough = worst["D"] >= LEAST_D and probability >= LEAST_PROBABILITY
     return worst | {"separable": bool(enough and truth.ids != ["unknown"])}
+
+
+def _taken_up(
+    whitened: Whitened,
+    everything: np.ndarray,
+    rest: bench.Rig,
+    change: np.ndarray,
+    nuisances: np.ndarray,
+    free: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """A change of the readings less what the nuisances take up of it beyond what straight lines would, and those lines.
+
+    Projected on them it has the size that is left at the nearest point which the nuisances reach: there N^T e = z, so
+    that (e + N z)^T (1 + N N^T)^-1 (e + N z) = e^T e + z^T z.
+    """
+    z, e = np.zeros(nuisances.shape[1] + free.shape[1]), change
+    k, far, N = nuisances.shape[1], float(change @ change), np.column_stack([nuisances, free])
+    for _ in range(STEPS):
+        step, nearer = np.linalg.solve(np.eye(z.size) + N.T @ N, N.T @ e - z), False
+        for share in SHARES:
+            tried = z + share * step
+            tried[:k] = np.clip(tried[:k], -FARTHEST, FARTHEST)
+            there = everything - whitened.moved(rest, tried[:k]) - free @ tried[k:]
+            distance = float(there @ there + tried @ tried)
+            if distance < far:
+                nearer = distance < (1.0 - SETTLED) * far
+                z, e, far = tried, there, distance
+                N = np.column_stack([nuisances * whitened.grown(z[:k]), free])
+                break
+        if not nearer:
+            break
+    return e + N @ z, N
 
 
 def _weighed(

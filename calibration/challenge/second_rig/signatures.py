@@ -180,29 +180,75 @@ class Whitened:
 
         Figures of the motor come first, then the instruments' errors, then pressure and angle of each run.
         """
-        y, rig, found = self.readings(self.base), self.base, []
-        width, own = WIDTHS["declared"], dict(self.base.nuisances)
-        changes = {
-            "f_overall": (own["f_overall"] * 1.02, FLAT / np.log(1.02)),
-            "lap": (own["lap"] + 0.3 * width["lap"], 1.0 / 0.3),
-            "roller_factor": (own["roller_factor"] * 1.5, width["roller_factor"] / np.log(1.5)),
-            "ambient_pa": (own["ambient_pa"] + 450.0, width["ambient_pa"] / 450.0),
-            "inlet_k": (own["inlet_k"] + 3.0, width["inlet_k"] / 3.0),
-            "inertia": (own["inertia"] * 1.05, width["inertia"] / np.log(1.05)),
+        y, steps = self.readings(self.base), self._steps()
+        return np.column_stack(
+            [
+                (self.moved(self.base, step * one) - y) / step
+                for step, one in zip(steps, np.eye(steps.size), strict=True)
+            ]
+        )
+
+    def _steps(self) -> np.ndarray:
+        """Over which slopes with the nuisances are taken, in declared sds, shape (k,)."""
+        width = WIDTHS["declared"]
+        motor = (
+            np.log(1.02) / FLAT,
+            0.3,
+            np.log(1.5) / width["roller_factor"],
+            450.0 / width["ambient_pa"],
+            3.0 / width["inlet_k"],
+            np.log(1.05) / width["inertia"],
+        )
+        runs = [step for sd, turn in self._run_sds() for step in (SLOPE_PA / sd, ANGLE_RAD / turn)]
+        return np.array([*motor, *np.ones(len(ERRORS)), *runs])
+
+    def _run_sds(self) -> list[tuple[float, float]]:
+        """Sds of each run's pressure [Pa] and angle [rad]."""
+        return [
+            (_sd("pressure", scale) / np.sqrt(max(int(one.opened.sum()), 1)), PULSE / np.sqrt(12.0))
+            for one, scale in self.asked.runs
+        ]
+
+    def moved(self, rig: Rig, z: np.ndarray) -> np.ndarray:
+        """Whitened readings of a rig whose nuisances are off by so many declared sds, shape (m,) [-].
+
+        Parameters
+        ----------
+        rig : Rig
+            The rig.
+        z : ndarray, shape (k,)
+            In the order of `nuisances` [-].
+        """
+        width, own = WIDTHS["declared"], dict(rig.nuisances)
+        f_overall, lap, roller_factor, ambient, inlet, inertia = z[:6]
+        changed = own | {
+            "f_overall": own["f_overall"] * np.exp(FLAT * f_overall),
+            "lap": own["lap"] + width["lap"] * lap,
+            "roller_factor": own["roller_factor"] * np.exp(width["roller_factor"] * roller_factor),
+            "ambient_pa": own["ambient_pa"] + width["ambient_pa"] * ambient,
+            "inlet_k": own["inlet_k"] + width["inlet_k"] * inlet,
+            "inertia": own["inertia"] * np.exp(width["inertia"] * inertia),
         }
-        for name, (value, times) in changes.items():
-            found.append((self.readings(replace(rig, nuisances=own | {name: value})) - y) * times)
-        for name, sd in ERRORS.items():
-            errors = dict(rig.errors) | {name: rig.errors.get(name, 0.0) + sd}
-            found.append(self.readings(replace(rig, errors=errors)) - y)
-        runs = len(self.asked.runs)
-        for k, (one, scale) in enumerate(self.asked.runs):
-            sd = _sd("pressure", scale) / np.sqrt(max(int(one.opened.sum()), 1))
-            shift = [SLOPE_PA if i == k else 0.0 for i in range(runs)]
-            found.append((self.readings(rig, supply=shift) - y) * sd / SLOPE_PA)
-            turn = [ANGLE_RAD if i == k else 0.0 for i in range(runs)]
-            found.append((self.readings(rig, angle=turn) - y) * PULSE / np.sqrt(12.0) / ANGLE_RAD)
-        return np.column_stack(found)
+        end = 6 + len(ERRORS)
+        errors = {
+            name: rig.errors.get(name, 0.0) + sd * one for (name, sd), one in zip(ERRORS.items(), z[6:end], strict=True)
+        }
+        sds = self._run_sds()
+        supply = [sd * one for (sd, _), one in zip(sds, z[end::2], strict=True)]
+        angle = [turn * one for (_, turn), one in zip(sds, z[end + 1 :: 2], strict=True)]
+        return self.readings(replace(rig, nuisances=changed, errors=dict(rig.errors) | errors), supply, angle)
+
+    def grown(self, z: np.ndarray) -> np.ndarray:
+        """By what a slope with each nuisance has grown at so many declared sds: a factor does as its value, shape (k,).
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            In the order of `nuisances` [-].
+        """
+        width, found = WIDTHS["declared"], np.ones(z.size)
+        found[0], found[2], found[5] = np.exp(np.array([FLAT, width["roller_factor"], width["inertia"]]) * z[[0, 2, 5]])
+        return found
 
     def effects(self) -> list[tuple[str, np.ndarray, bool]]:
         """Id, change by a small effect for each shape, shape (m, shapes) [-], and whether its size has one sign."""

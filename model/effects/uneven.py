@@ -1,0 +1,92 @@
+"""What a torque fixed to the shaft's angle does to a steady motor's mean speed: it turns unevenly, and so more slowly.
+
+The slow part of a turn takes longer than the fast part. J d(omega^2/2)/dtheta = -f (omega - omega_0) - T(theta) about
+the speed omega_0 of the mean torque, whose slope with the speed is taken to be that of the viscous friction f. The
+tachometer reads 2 pi over the time of the turn, and the air per turn hardly changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from model import layout as at
+from model.effects import laws
+from model.effects.effect import unknown_state
+
+ANGLES = 180  # of a turn, even
+TURNS = 8  # most, until the speed repeats
+REPEATS = 1e-7  # of itself
+STANDS = 0.02  # of the mean torque's speed; a rotor that comes so low stays where it is
+
+
+def around(those: laws.Members) -> np.ndarray:
+    """Torque that opposes the motion over a turn of the shaft, its first value again at the end [N m], or one zero.
+
+    Parameters
+    ----------
+    those : sequence of (Effect, mapping)
+        Effects that follow the shaft, with their values.
+    """
+    if not those:
+        return np.zeros(1)
+    angle = np.linspace(0.0, 2.0 * np.pi, ANGLES + 1)
+    state = replace(unknown_state(angle), angle=angle)
+    return laws.sum_of_torques(those, state, np.zeros(angle.size, dtype=bool))
+
+
+def share_of_speed(parameters: np.ndarray, chosen: laws.Chosen, speed: np.ndarray) -> np.ndarray | None:
+    """Mean speed over that of the mean torque, shape (n,); 0 where the rotor does not come round.
+
+    None where nothing follows the shaft.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (n, 24)
+        Base parameters of each row [SI].
+    chosen : mapping
+        Effect id to the values of its parameters, one value for all rows.
+    speed : ndarray, shape (n,)
+        Of the mean torque [rad/s].
+    """
+    torque = around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
+    if not np.any(torque):
+        return None
+    found: np.ndarray = _shares(
+        np.ascontiguousarray(speed), parameters[:, at.F_OVERALL].copy(), parameters[:, at.J].copy(), torque
+    )
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _shares(speed: np.ndarray, f: np.ndarray, J: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    out = np.ones(speed.size)
+    steps = (torque.size - 1) // 2
+    h = 2.0 * np.pi / steps
+    for i in range(speed.size):
+        mean = speed[i]
+        if not mean > 0.0:
+            continue
+        E, least = 0.5 * mean * mean, 0.5 * (STANDS * mean) ** 2
+        for _ in range(TURNS):
+            begun, slow = E, 0.0
+            stands = False
+            for k in range(steps):
+                slow += 1.0 / np.sqrt(2.0 * E)
+                a = -(f[i] * (np.sqrt(2.0 * E) - mean) + torque[2 * k]) / J[i]
+                b = -(f[i] * (np.sqrt(2.0 * max(E + 0.5 * h * a, least)) - mean) + torque[2 * k + 1]) / J[i]
+                c = -(f[i] * (np.sqrt(2.0 * max(E + 0.5 * h * b, least)) - mean) + torque[2 * k + 1]) / J[i]
+                d = -(f[i] * (np.sqrt(2.0 * max(E + h * c, least)) - mean) + torque[2 * k + 2]) / J[i]
+                E += h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+                stands = bool(least >= E)
+                if stands:
+                    break
+            if stands:
+                out[i] = 0.0
+                break
+            out[i] = steps / slow / mean
+            if abs(E - begun) < REPEATS * E:
+                break
+    return out
