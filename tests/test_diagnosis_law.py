@@ -215,10 +215,11 @@ def test_a_level_that_is_off_by_the_same_each_time_is_no_misreading(coasted):
     assert twice.size == 2
     alike, unlike = np.zeros(comparison.read.size), np.zeros(comparison.read.size)
     alike[twice], unlike[twice] = (9.0, 12.0), (9.0, 16.0)
-    assert np.all(robust_weights(alike, comparison)[1] < 0.5)
-    assert np.flatnonzero(robust_weights(unlike, comparison)[1] > 0.5).tolist() == sorted(twice)
+    assert np.all(robust_weights(alike, comparison, found=True)[1] < 0.5)
+    assert np.flatnonzero(robust_weights(unlike, comparison, found=True)[1] > 0.5).tolist() == sorted(twice)
+    assert np.flatnonzero(robust_weights(alike, comparison)[1] > 0.5).tolist() == sorted(twice)  # on the way
     unlike[twice[1]] = 0.0
-    assert np.flatnonzero(robust_weights(unlike, comparison)[1] > 0.5).tolist() == [twice[0]]
+    assert np.flatnonzero(robust_weights(unlike, comparison, found=True)[1] > 0.5).tolist() == [twice[0]]
 
 
 def test_half_a_sweep_that_turns_slower_is_not_named_as_misread(tmp_path):

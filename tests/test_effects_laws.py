@@ -158,9 +158,12 @@ def test_cold_friction_is_the_same_as_that_much_viscous_friction_configured(shar
     assert run(chosen).reading == pytest.approx(run({}, same).reading, abs=0.03)
 
 
-def test_a_torque_of_the_shaft_angle_leaves_a_sweep_as_it_is() -> None:
-    found = points({"once_per_rev_torque": {"sine_nm": 0.5, "cosine_nm": 0.3}})
-    assert found.speed == pytest.approx(BARE.speed, rel=1e-7)
+def test_a_torque_of_the_shaft_angle_slows_a_slow_motor_most() -> None:
+    lost = BARE.speed - points({"once_per_rev_torque": {"sine_nm": 0.1, "cosine_nm": 0.06}}).speed
+    assert np.all(lost > 0.0) and np.all(np.diff(lost) < 0.0)
+    assert lost[-1] < 1e-4 * BARE.speed[-1]
+    turned = points({"once_per_rev_torque": {"sine_nm": -0.06, "cosine_nm": 0.1}})
+    assert turned.speed == pytest.approx(BARE.speed - lost, rel=1e-7)
 
 
 def test_a_torque_from_a_moment_on_is_none_before_it() -> None:

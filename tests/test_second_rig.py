@@ -30,6 +30,8 @@ from calibration.challenge.second_rig import (
 )
 from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.draws import ERRORS, MAKE_UP, WIDTHS
+from calibration.challenge.second_rig.separable import _taken_up
+from calibration.challenge.second_rig.signatures import Whitened, asked_of
 from rig.recording import read_recording
 
 PRESSURES = np.array([1.60, 1.70, 1.80, 1.83, 1.85, 1.95, 2.00]) * 1e5
@@ -519,7 +521,26 @@ class TestSeparable:
         thinned(tmp_path)
         found = separable(case, tmp_path)
         assert found["D"] > 7.0
-        assert found["rival"] in ("flow_offset", "flow_scale", "flow_density_correction")
+        # The speed's scale, with an f_overall to match, is the flow's: the two are as like to half a percent.
+        assert found["rival"] in ("flow_offset", "flow_scale", "flow_density_correction", "speed_scale")
+
+    def test_what_the_nuisances_take_up_is_not_seen_however_bent_their_line(self, tmp_path):
+        """A friction that f_overall takes up wholly: along a straight line what is left of it is the line's bend."""
+        case = case_of("none")
+        make_recording(case, tmp_path)
+        thinned(tmp_path)
+        rest = case.rig()
+        whitened = Whitened(asked_of(read_recording(tmp_path), case.errors), rest)
+        thicker = replace(rest, nuisances=rest.nuisances | {"f_overall": 1.25 * rest.nuisances["f_overall"]})
+        everything = whitened.readings(thicker)
+        change, lines = everything - whitened.readings(rest), whitened.nuisances()
+        left, grown = _taken_up(whitened, everything, rest, change, lines, np.empty((change.size, 0)))
+
+        def size(change: np.ndarray, lines: np.ndarray) -> float:
+            return float(np.sqrt(change @ np.linalg.solve(np.eye(change.size) + lines @ lines.T, change)))
+
+        assert size(change, lines) > 5.0
+        assert size(left, grown) < 0.5
 
     def test_dry_friction_in_a_sweep_alone_is_like_a_gauge_s_offset(self, tmp_path):
         case = conceal(case_of("none", transients=False), effect("coulomb_friction", torque_nm=0.1))

@@ -21,7 +21,8 @@ from model.effects import effects
 
 BAD = 0.01
 BAD_WIDTH = 10.0
-SINGLE, SHARE = 3, 0.1  # more of a channel, and more than this share of it, are no single misreadings
+# More of a channel are no single misreadings: this many, or as many as five if they are a fifth at most, or this share.
+SINGLE, FEW, FEW_SHARE, SHARE = 3, 5, 0.2, 0.1
 ALIKE = math.log(BAD_WIDTH / BAD)  # nats that a reading bad by itself costs: one shift of all may be so much worse
 NOISE_STEPS = 4
 
@@ -86,10 +87,12 @@ def close(
     """
     white = comparison.whitener(predicted, u)
     r, J = white(comparison.read - comparison.raw(predicted)), white(D)
-    weight, bad = robust_weights(r, comparison)
+    weight, bad = robust_weights(r, comparison, found=True)
     A = (J * weight[:, None]).T @ J + np.eye(z.size)
     covariance = np.linalg.inv(A)
-    log_evidence = -minus_log_posterior(r, white.log_scale, z, u, comparison) - 0.5 * float(np.linalg.slogdet(A)[1])
+    log_evidence = -minus_log_posterior(r, white.log_scale, z, u, comparison, found=True) - 0.5 * float(
+        np.linalg.slogdet(A)[1]
+    )
     log_evidence += folding(comparison.problem, names, z, covariance)
     return Mode(tuple(names), z, u, D, J, r, covariance, log_evidence, bad, predicted)
 
@@ -119,7 +122,9 @@ def suiting_noise(
     return u
 
 
-def minus_log_posterior(r: np.ndarray, log_scale: float, z: np.ndarray, u: np.ndarray, comparison: Comparison) -> float:
+def minus_log_posterior(
+    r: np.ndarray, log_scale: float, z: np.ndarray, u: np.ndarray, comparison: Comparison, found: bool = False
+) -> float:
     """Minus the log posterior, up to a constant [-].
 
     Parameters
@@ -132,10 +137,12 @@ def minus_log_posterior(r: np.ndarray, log_scale: float, z: np.ndarray, u: np.nd
         The point [-].
     comparison : Comparison
         The recording.
+    found : bool
+        As in `robust_weights`.
     """
     good = -0.5 * r**2 + math.log(1.0 - BAD)
     wide = -0.5 * (r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH)
-    _, bad = robust_weights(r, comparison)
+    _, bad = robust_weights(r, comparison, found)
     fit = np.where(bad > 0.0, np.logaddexp(good, wide), good)
     return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / SPREAD) ** 2))
 
@@ -151,14 +158,15 @@ def cost_of(comparison: Comparison, mode: Mode) -> float:
         The mode.
     """
     white = comparison.whitener(mode.prediction, mode.u)
-    return minus_log_posterior(mode.r, white.log_scale, mode.z, mode.u, comparison)
+    return minus_log_posterior(mode.r, white.log_scale, mode.z, mode.u, comparison, found=True)
 
 
-def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, np.ndarray]:
+def robust_weights(r: np.ndarray, comparison: Comparison, found: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Weight of each residual in a least-squares step, and the probability that its reading is bad [-].
 
     Bad readings are single ones: where many of a channel stand out, or all of a pressure level by the same each time it
-    was visited, it is the model that is off, and they count.
+    was visited, it is the model that is off, and they count. Of a level that is told at the end of a search alone: on
+    the way two misread rows may look alike, in a noise that they make seem loud.
 
     Parameters
     ----------
@@ -166,6 +174,8 @@ def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, n
         Whitened residuals [-].
     comparison : Comparison
         The recording.
+    found : bool
+        Whether the search has ended there.
     """
     if comparison.size < 6 or comparison.trusting:
         return np.ones_like(r), np.zeros_like(r)
@@ -173,9 +183,9 @@ def robust_weights(r: np.ndarray, comparison: Comparison) -> tuple[np.ndarray, n
     bad = odds / (1.0 + odds)
     bad[comparison.end :] = 0.0  # a mean of many readings is not one bad reading
     for mine in comparison.of_a_kind:
-        if np.count_nonzero(bad[mine] > 0.5) > max(SINGLE, SHARE * mine.size):
+        if np.count_nonzero(bad[mine] > 0.5) > max(SINGLE, min(FEW, FEW_SHARE * mine.size), SHARE * mine.size):
             bad[mine] = 0.0
-    if np.any(bad > 0.5):
+    if found and np.any(bad > 0.5):
         for mine in comparison.again:
             apart = 0.5 * float(np.sum((r[mine] - np.mean(r[mine])) ** 2)) if np.all(bad[mine] > 0.5) else math.inf
             if apart < (mine.size - 1) * ALIKE:

@@ -57,19 +57,24 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[float, np
         r = there.whitener(found, mode.u)(there.read - there.raw(found))
         return float(r @ r + (at_z - start) @ precision @ (at_z - start))
 
-    for _ in range(PASSES):  # the density is taken at the most probable point, where its curve is that of a normal
-        D = f.derivatives(z, predicted, D, mode.u, f.near(z))
+    # The density is taken at the most probable point, where its curve is that of a normal. On the way to it what the
+    # pulses add is kept for a step: simulated anew, their phase would hide whether it leads downhill.
+    for _ in range(PASSES):
+        of = f.near(z)
+        predicted = of(z)
+        D = f.derivatives(z, predicted, D, mode.u, of)
         white = there.whitener(predicted, mode.u)
         J, r = white(D), white(there.read - there.raw(predicted))
         move = np.linalg.solve(J.T @ J + precision, J.T @ r - precision @ (z - start))
         for share in SHARES:
             tried = f.clip(f.advance(z, share * move))
-            found = f(tried)
+            found = of(tried)
             if np.all(np.isfinite(there.raw(found)[there.known])) and cost(tried, found) <= cost(z, predicted):
                 z, predicted = tried, found
                 break
         else:
             break
+    predicted = f(z)
     white = there.whitener(predicted, mode.u)
     J = white(D)
     r = white(there.read - there.raw(predicted)) + J @ (z - start)

@@ -18,7 +18,8 @@ from model.effects.effect import unknown_state
 
 ANGLES = 180  # of a turn, even
 TURNS = 8  # most, until the speed repeats
-REPEATS = 1e-7  # of itself
+REPEATS = 1e-9  # of itself
+MOST_KEPT = 0.95
 STANDS = 0.02  # of the mean torque's speed; a rotor that comes so low stays where it is
 
 
@@ -70,7 +71,8 @@ def _shares(speed: np.ndarray, f: np.ndarray, J: np.ndarray, torque: np.ndarray)
         if not mean > 0.0:
             continue
         E, least = 0.5 * mean * mean, 0.5 * (STANDS * mean) ** 2
-        for _ in range(TURNS):
+        begun_before = ended_before = 0.0
+        for turn in range(TURNS):
             begun, slow = E, 0.0
             stands = False
             for k in range(steps):
@@ -89,4 +91,9 @@ def _shares(speed: np.ndarray, f: np.ndarray, J: np.ndarray, torque: np.ndarray)
             out[i] = steps / slow / mean
             if abs(E - begun) < REPEATS * E:
                 break
+            ended, kept = E, 0.0  # share of a difference at the start that is left after a turn
+            if turn > 0:
+                kept = min(max((ended - ended_before) / (begun - begun_before), 0.0), MOST_KEPT)
+            begun_before, ended_before = begun, ended
+            E = max(begun + (ended - begun) / (1.0 - kept), 2.0 * least)
     return out
