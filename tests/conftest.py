@@ -34,13 +34,11 @@ FIGURES = {
 }
 
 
-# Files that take longest go first: the processes then end together. There are three for two cores, for those that wait
-# for a clock or a child. The second file has kernels of its own and the third has none, so that no two begin by
-# compiling the same ones.
+# Files that take longest go first: the two processes then end together. The second has kernels of its own, so that the
+# two do not begin by compiling the same ones.
 LONGEST = (
     "test_fit",
     "test_second_rig",
-    "test_lines",
     "test_sbc",
     "test_running",
     "test_live_check",
@@ -55,6 +53,7 @@ LONGEST = (
     "test_rigs_diagnosis",
     "test_diagnosis_page",
     "test_virtual_process",
+    "test_lines",
     "test_diagnosis_search",
     "test_fit_effects",
     "test_diagnosis_side_by_side",
