@@ -394,7 +394,17 @@ def _diagnose_rig(read: Recording, out: Path | None, json_file: Path | None, see
 
 
 # Percent done when each step of a diagnosis begins; what is told in between goes on from there.
-DIAGNOSIS_STEPS = {"base": 0, "detect": 8, "name": 12, "test": 80, "confirm": 88, "locate": 92, "look": 93, "next": 94}
+DIAGNOSIS_STEPS = {
+    "base": 0,
+    "detect": 8,
+    "name": 12,
+    "test": 80,
+    "confirm": 88,
+    "locate": 92,
+    "look": 93,
+    "next": 94,
+    "weigh": 96,
+}
 
 
 @contextlib.contextmanager

@@ -58,17 +58,17 @@ def torques(
     gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
     pulse.tabulate(parameters, readings, gamma, c, table)
     V_low, V_high = heat_cycle.place_nodes(parameters, readings, gamma, c, node)
-    P_a = parameters[at.P_A]
+    P_a, f_r = parameters[at.P_A], parameters[at.F_R]
     P_s, P_d = P_in - parameters[at.DP_IN], P_a + parameters[at.DP_OUT]
-    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, 0.0, table, steps)
-    lost = heat_cycle.friction_below_ambient(P_s, P_a, gamma, V_high, readings, node)
+    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, 0.0, f_r, table, steps)
+    lost = heat_cycle.friction_below_ambient(P_s, P_a, gamma, V_high, f_r, readings, node)
     T = parameters[at.T_IN] * min(P_d / P_s, 1.0) ** (1.0 - 1.0 / gamma)
     m_in = 0.0
     for i in range(omega.size):
         held[:] = omega[i]
         for _ in range(MOST_PASSES):
             after, m_in, _ = heat_cycle.pass_cycle(
-                T, P_s, P_d, held, V_low, V_high, parameters, readings, node, gas, stage, work
+                T, P_s, P_d, held, V_low, V_high, gamma, parameters, readings, node, gas, stage, work
             )
             settled = abs(after - T) <= TOLERANCE * T
             T = after
@@ -76,5 +76,5 @@ def torques(
                 break
         out[i, NET] = net - lost + np.sum(work) / at.PULSE
         out[i, MASS_FLOW] = m_in / at.PULSE * omega[i]
-        out[i, LOAD] = (gas_torque - net + lost) / max(parameters[at.F_R], 1e-9)
-    return np.sum(table[:, pulse.NET_S]) / at.PULSE, np.sum(table[:, pulse.NET_D]) / at.PULSE
+        out[i, LOAD] = (gas_torque - net + lost) / max(f_r, 1e-9)
+    return pulse.gain(table, pulse.GAS_S, pulse.ROLL_S, f_r), pulse.gain(table, pulse.GAS_D, pulse.ROLL_D, f_r)

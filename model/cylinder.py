@@ -10,6 +10,7 @@ from 0 K. With P V = m R T, Eq. 12 and its rearrangements 13-15 become one rate 
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -167,9 +168,14 @@ def gas_state(parameters: np.ndarray, P_in: float, readings: np.ndarray) -> np.n
     """
     if readings[at.CONSTANT_AIR] > 0.0:
         return np.concatenate([[DRY_R, DRY_CP], DRY_MU, DRY_K])
-    P_a, T_a, T = parameters[at.P_A], parameters[at.T_A], parameters[at.T_IN]
+    asked = (float(parameters[i]) for i in (at.P_A, at.T_A, at.T_IN, at.HUMIDITY))
+    return _moist_gas(float(P_in), *asked).copy()
+
+
+@functools.lru_cache(maxsize=256)  # a search asks for the same line and weather again and again
+def _moist_gas(P_in: float, P_a: float, T_a: float, T: float, humidity: float) -> np.ndarray:
     P = 0.5 * (P_in + P_a)
-    x_w = air.water_fraction(T_a, P_a, parameters[at.HUMIDITY])
+    x_w = air.water_fraction(T_a, P_a, humidity)
     if air.saturation_vapour_pressure(T) < max(P_in, P_a) * x_w:  # the line is too dense to hold it all as vapour
         x_w = min(x_w, air.water_fraction(T, max(P_in, P_a), 1.0))
     mu, k = air.transport_polynomials(P, x_w)

@@ -22,9 +22,9 @@ from model.heat_transfer import COMPRESSION, DISCHARGE, EXPANSION, SUCTION, cont
 SEGMENT_PORT = np.array([OUTLET, CLOSED, CLOSED, INLET, CLOSED, CLOSED])
 N_GAUSS = 4
 N_NODES = 6 * N_GAUSS
-# Columns; PHASE is the point's angle within a pulse [rad].
-VOLUME, DVOLUME, SPEED, AREA, FLOW_RATIO, ARM_NET, ARM_GAS, V_POWER, SPAN, PHASE = range(10)
-N_NODE = 10
+# Columns; ARM_ROLL is roller friction's per f_r, and PHASE the point's angle within a pulse [rad].
+VOLUME, DVOLUME, SPEED, AREA, FLOW_RATIO, ARM_ROLL, ARM_GAS, V_POWER, LOG_V, SPAN, PHASE = range(11)
+N_NODE = 11
 
 
 def _collocation(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -44,7 +44,7 @@ GAUSS_POINT, GAUSS_WEIGHT, GAUSS_MATRIX = _collocation(N_GAUSS)
 def place_nodes(
     parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.ndarray, node: np.ndarray
 ) -> tuple[float, float]:
-    """Everything at the collocation points that does not depend on pressure or speed.
+    """Everything at the collocation points that hangs on the geometry, the lap and gamma alone.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def place_nodes(
         Ratio of specific heats [-].
     c : ndarray, shape (8,)
         The curve.
-    node : ndarray, shape (24, 10)
+    node : ndarray, shape (24, 11)
         Filled.
 
     Returns
@@ -82,8 +82,9 @@ def place_nodes(
         node[n, AREA] = area
         node[n, FLOW_RATIO] = ratio**0.2 if SEGMENT_PORT[s] == OUTLET else ratio**1.4
         node[n, ARM_GAS] = A_p * motion.gas_arm(L4, sin_phi, cos_phi, r, virtual_work)
-        node[n, ARM_NET] = node[n, ARM_GAS] - A_p * parameters[at.F_R] * cos_phi * r
-        node[n, V_POWER] = math.exp(-gamma * math.log(V))
+        node[n, ARM_ROLL] = A_p * cos_phi * r
+        node[n, LOG_V] = math.log(V)
+        node[n, V_POWER] = math.exp(-gamma * node[n, LOG_V])
         node[n, SPAN] = span
         node[n, PHASE] = psi % at.PULSE
     V_low = geometry.volume(geometry.place(half - lap, c)[0], A_p, c[at.V_OFFSET])
@@ -110,7 +111,7 @@ def heat_per_angle(
         Row of Table 2.
     P, T, omega : float
         Pressure [Pa], temperature [K] and speed [rad/s].
-    node : ndarray, shape (10,)
+    node : ndarray, shape (11,)
         The point.
     parameters, gas : ndarray, shapes (24,) and (12,)
         Parameter set and gas.
@@ -146,6 +147,7 @@ def pass_cycle(
     omega: np.ndarray,
     V_low: float,
     V_high: float,
+    table_gamma: float,
     parameters: np.ndarray,
     readings: np.ndarray,
     node: np.ndarray,
@@ -165,7 +167,9 @@ def pass_cycle(
         Speed at the points [rad/s].
     V_low, V_high : float
         Volumes at the port edges [m3].
-    parameters, readings, node, gas : ndarray, shapes (24,), (5,), (24, 10) and (12,)
+    table_gamma : float
+        Ratio of specific heats that the points were placed with [-].
+    parameters, readings, node, gas : ndarray, shapes (24,), (5,), (24, 11) and (12,)
         Parameter set, readings, points and gas.
     stage : ndarray, shape (24,)
         What heat adds at the points: to T [K] in discharge, to P V^gamma when closed, to the mass [kg] in suction.
@@ -196,7 +200,9 @@ def pass_cycle(
         T += _collect(rate, node[0, SPAN], stage[:N_GAUSS])
 
     m_before = P_d * V_low / (R * T)
-    P, gas_work = _closed(P_d, V_low, m_before, 1, omega, heated, printed, parameters, node, gas, stage, work)
+    P, gas_work = _closed(
+        P_d, V_low, m_before, 1, table_gamma, omega, heated, printed, parameters, node, gas, stage, work
+    )
     T, dm = open_port(P, P * V_low / (m_before * R), V_low, P_s, T_in, gas)
 
     m_open = m_before + dm
@@ -210,7 +216,7 @@ def pass_cycle(
             rate[i] = -heat_per_angle(SUCTION, P_s, T, omega[n], node[n], parameters, gas, printed) / (cp * T_in)
         m += _collect(rate, node[first, SPAN], stage[first : first + N_GAUSS])
 
-    P, gas_2 = _closed(P_s, V_high, m, 4, omega, heated, printed, parameters, node, gas, stage, work)
+    P, gas_2 = _closed(P_s, V_high, m, 4, table_gamma, omega, heated, printed, parameters, node, gas, stage, work)
     T, _ = open_port(P, P * V_high / (m * R), V_high, P_d, parameters[at.T_A], gas)
     return T, m - m_before, gas_work + gas_2
 
@@ -234,6 +240,7 @@ def _closed(
     V_end: float,
     m: float,
     first: int,
+    table_gamma: float,
     omega: np.ndarray,
     heated: bool,
     printed: bool,
@@ -255,7 +262,7 @@ def _closed(
     power = math.exp(gamma * math.log(V_end))
     added = 0.0
     gas_work = 0.0
-    rate = np.empty(N_GAUSS)
+    rate, falls = np.empty(N_GAUSS), np.empty(N_GAUSS)
     for segment in range(first, first + 2):
         begin = segment * N_GAUSS
         # The row of Table 2 follows the sign of dV, which the whole segment shares.
@@ -264,14 +271,16 @@ def _closed(
         for i in range(N_GAUSS):
             n = begin + i
             V = node[n, VOLUME]
-            p = (P * power + added + stage[n]) * node[n, V_POWER]
+            x = (table_gamma - gamma) * node[n, LOG_V]  # below a hundredth, so that this is V^-gamma to 1e-9
+            falls[i] = node[n, V_POWER] * (1.0 + x * (1.0 + x * (0.5 + x / 6.0)))
+            p = (P * power + added + stage[n]) * falls[i]
             heat = heat_per_angle(phase, p, p * V / (m * R), omega[n], node[n], parameters, gas, printed)
-            rate[i] = (gamma - 1.0) / (node[n, V_POWER] * V) * heat
+            rate[i] = (gamma - 1.0) / (falls[i] * V) * heat
         change = _collect(rate, span, stage[begin : begin + N_GAUSS])
         for i in range(N_GAUSS):
             n = begin + i
-            pressure = span * GAUSS_WEIGHT[i] * (added + stage[n]) * node[n, V_POWER]
-            work[n] = pressure * node[n, ARM_NET]
+            pressure = span * GAUSS_WEIGHT[i] * (added + stage[n]) * falls[i]
+            work[n] = pressure * (node[n, ARM_GAS] - parameters[at.F_R] * node[n, ARM_ROLL])
             gas_work += pressure * node[n, ARM_GAS]
         added += change
     return P + added / power, gas_work
@@ -279,7 +288,7 @@ def _closed(
 
 @njit(cache=True)
 def friction_below_ambient(
-    P_s: float, P_a: float, gamma: float, V_high: float, readings: np.ndarray, node: np.ndarray
+    P_s: float, P_a: float, gamma: float, V_high: float, f_r: float, readings: np.ndarray, node: np.ndarray
 ) -> float:
     """Mean torque that roller friction takes beyond f_r F, where a closed cylinder falls below P_a (erratum 5) [N m].
 
@@ -290,10 +299,12 @@ def friction_below_ambient(
     P_s, P_a : float
         Pressure in suction and of the ambient [Pa].
     gamma : float
-        Ratio of specific heats [-].
+        Ratio of specific heats that the points were placed with [-].
     V_high : float
         Volume when the inlet shuts [m3].
-    readings, node : ndarray, shapes (5,) and (24, 10)
+    f_r : float
+        Roller factor [-].
+    readings, node : ndarray, shapes (5,) and (24, 11)
         Readings and points.
     """
     if readings[at.FRICTION_AS_PRINTED] > 0.0:
@@ -303,5 +314,5 @@ def friction_below_ambient(
     for n in range(4 * N_GAUSS, N_NODES):
         F = P_s * node[n, V_POWER] * power - P_a
         if F < 0.0:
-            lost -= 2.0 * node[n, SPAN] * GAUSS_WEIGHT[n % N_GAUSS] * F * (node[n, ARM_GAS] - node[n, ARM_NET])
+            lost -= 2.0 * node[n, SPAN] * GAUSS_WEIGHT[n % N_GAUSS] * F * f_r * node[n, ARM_ROLL]
     return lost * at.N_CYLINDERS / at.LOBE

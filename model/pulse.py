@@ -21,15 +21,17 @@ STEPS_PER_EDGE = 4  # steps between neighbouring edges, two Gauss points each
 N_STEPS = N_EDGES * STEPS_PER_EDGE
 GAUSS = 0.5 / math.sqrt(3.0)
 
-# Columns: the step's width [rad]; torque integrals for each pressure [m3], net of roller friction and of the gas
-# alone; derivatives of the net ones with gamma.
-WIDTH, NET_S, NET_D, NET_A, GAS_S, GAS_D, GAS_A, SLOPE_S, SLOPE_D = range(9)
-N_TABLE = 9
+# Columns: the step's width [rad]; torque integrals for each pressure [m3], of the gas and of roller friction per f_r;
+# derivatives of both with gamma.
+WIDTH, GAS_S, GAS_D, GAS_A, ROLL_S, ROLL_D, ROLL_A, SLOPE_S, SLOPE_D, ROLL_SLOPE_S, ROLL_SLOPE_D = range(11)
+N_TABLE = 11
 
 
 @njit(cache=True)
 def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.ndarray, table: np.ndarray) -> float:
     """Integrals of the adiabatic torque of all cylinders over the steps of one pulse; returns its first edge [rad].
+
+    They hang on the geometry, the lap and gamma alone: rows that differ in other things share them.
 
     Parameters
     ----------
@@ -41,11 +43,11 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
         Ratio of specific heats of the table [-].
     c : ndarray, shape (8,)
         The curve.
-    table : ndarray, shape (n_steps, 9)
+    table : ndarray, shape (n_steps, 11)
         Filled.
     """
     A_p, lap, half = c[at.A_P], parameters[at.LAP], 0.25 * math.pi
-    f_r, virtual_work = parameters[at.F_R], readings[at.VIRTUAL_WORK] > 0.0
+    virtual_work = readings[at.VIRTUAL_WORK] > 0.0
     V_low = geometry.volume(geometry.place(half - lap, c)[0], A_p, c[at.V_OFFSET])
     V_high = geometry.volume(geometry.place(at.LOBE - lap, c)[0], A_p, c[at.V_OFFSET])
     edge = edges(parameters, c)
@@ -63,36 +65,38 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
                 L4, sin_phi, cos_phi, r = geometry.place(psi, c)
                 weight = 0.5 * width * A_p
                 gas_arm = weight * motion.gas_arm(L4, sin_phi, cos_phi, r, virtual_work)
-                net_arm = gas_arm - weight * f_r * cos_phi * r
-                row[NET_A] += net_arm
+                roll_arm = weight * cos_phi * r
                 row[GAS_A] += gas_arm
+                row[ROLL_A] += roll_arm
                 port = port_at(psi, lap)
                 if port == INLET:
-                    row[NET_S] += net_arm
                     row[GAS_S] += gas_arm
+                    row[ROLL_S] += roll_arm
                 elif port == OUTLET:
-                    row[NET_D] += net_arm
                     row[GAS_D] += gas_arm
+                    row[ROLL_D] += roll_arm
                 else:
                     V = geometry.volume(L4, A_p, c[at.V_OFFSET])
                     inner = lap <= psi < at.LOBE - lap  # shut at P_d around the inner dead centre, at P_s the outer
                     log = math.log((V_low if inner else V_high) / V)
                     rise = math.exp(gamma * log)
                     if inner:
-                        row[NET_D] += rise * net_arm
                         row[GAS_D] += rise * gas_arm
-                        row[SLOPE_D] += log * rise * net_arm
+                        row[ROLL_D] += rise * roll_arm
+                        row[SLOPE_D] += log * rise * gas_arm
+                        row[ROLL_SLOPE_D] += log * rise * roll_arm
                     else:
-                        row[NET_S] += rise * net_arm
                         row[GAS_S] += rise * gas_arm
-                        row[SLOPE_S] += log * rise * net_arm
+                        row[ROLL_S] += rise * roll_arm
+                        row[SLOPE_S] += log * rise * gas_arm
+                        row[ROLL_SLOPE_S] += log * rise * roll_arm
     first: float = edge[0]
     return first
 
 
 @njit(cache=True)
 def torque_steps(
-    P_s: float, P_d: float, P_a: float, d_gamma: float, table: np.ndarray, step_work: np.ndarray
+    P_s: float, P_d: float, P_a: float, d_gamma: float, f_r: float, table: np.ndarray, step_work: np.ndarray
 ) -> tuple[float, float]:
     """Adiabatic torque at given pressures.
 
@@ -102,7 +106,9 @@ def torque_steps(
         Pressure in suction, in discharge and of the ambient [Pa].
     d_gamma : float
         The point's gamma less the table's [-].
-    table : ndarray, shape (n_steps, 9)
+    f_r : float
+        Roller factor [-].
+    table : ndarray, shape (n_steps, 11)
         Of `tabulate`.
     step_work : ndarray, shape (n_steps,)
         Filled with gas torque less roller friction, integrated over each step [J].
@@ -116,11 +122,30 @@ def torque_steps(
     gas = 0.0
     for j in range(N_STEPS):
         row = table[j]
-        change = d_gamma * (P_s * row[SLOPE_S] + P_d * row[SLOPE_D])
-        step_work[j] = P_s * row[NET_S] + P_d * row[NET_D] - P_a * row[NET_A] + change
+        of_gas = P_s * (row[GAS_S] + d_gamma * row[SLOPE_S]) + P_d * (row[GAS_D] + d_gamma * row[SLOPE_D])
+        rolling = P_s * (row[ROLL_S] + d_gamma * row[ROLL_SLOPE_S]) + P_d * (row[ROLL_D] + d_gamma * row[ROLL_SLOPE_D])
+        of_gas -= P_a * row[GAS_A]
+        step_work[j] = of_gas - f_r * (rolling - P_a * row[ROLL_A])
         net += step_work[j]
-        gas += P_s * row[GAS_S] + P_d * row[GAS_D] - P_a * row[GAS_A] + change
+        gas += of_gas
     return net / at.PULSE, gas / at.PULSE
+
+
+@njit(cache=True, nogil=True)
+def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float) -> float:
+    """What the mean torque less roller friction gains per pressure [N m/Pa].
+
+    Parameters
+    ----------
+    table : ndarray, shape (n_steps, 11)
+        Of `tabulate`.
+    of_gas, rolling : int
+        Columns of the pressure: GAS_S and ROLL_S, or GAS_D and ROLL_D [-].
+    f_r : float
+        Roller factor [-].
+    """
+    found: float = (np.sum(table[:, of_gas]) - f_r * np.sum(table[:, rolling])) / at.PULSE
+    return found
 
 
 @njit(cache=True)
@@ -137,7 +162,7 @@ def ripple(
         First guess of the speed at the start of the pulse [rad/s].
     step_work : ndarray, shape (n_steps,)
         Integral of gas torque less roller friction over each step [J].
-    table : ndarray, shape (n_steps, 9)
+    table : ndarray, shape (n_steps, 11)
         For the steps' widths [rad].
     f, J : float
         f_overall [N m s] and inertia [kg m2].
@@ -237,7 +262,7 @@ def speeds_at(
         Angles within the pulse [rad].
     step : ndarray, shape (n,)
         The step that each lies in [-].
-    table : ndarray, shape (n_steps, 9)
+    table : ndarray, shape (n_steps, 11)
         For the steps' widths [rad].
     first : float
         Angle of the first edge [rad].
@@ -267,7 +292,7 @@ def steps_of(phase: np.ndarray, table: np.ndarray, first: float, step: np.ndarra
     ----------
     phase : ndarray, shape (n,)
         Angles within the pulse [rad]; those before the first edge are moved on by a pulse.
-    table : ndarray, shape (n_steps, 9)
+    table : ndarray, shape (n_steps, 11)
         For the steps' widths [rad].
     first : float
         Angle of the first edge [rad].

@@ -23,10 +23,16 @@ SPEED_OUT, MASS_FLOW, VOLUME_FLOW, TORQUE, ROLLER, SPEED_SLOPE, FLOW_SLOPE, STAT
 N_OUT = 9
 RUNNING, STALLED, NOT_CONVERGED = 0.0, 1.0, 2.0
 MOST_PASSES = 60
-TOLERANCE = 1e-6  # relative change in the last pass; each pass gains two digits, so the error left is below 1e-7
+TOLERANCE = 5e-8  # relative error left of a batch; each pass gains about two digits, and the last two say how many
+SHARPER = 0.01  # share of that where a point starts from one close by: a search goes by their small differences
 SLOPE_STEP = 1e-3  # relative step of the pressure for slopes by difference
 MOST_KEPT_ROWS = 100  # of a call whose result is kept: the calls of a search, not the batches of a fit
 LARGE_RIPPLE = 0.05  # peak to peak over the mean: above it the ripple bends the slope, and it is taken by difference
+
+AT_ONCE = 16  # rows that one core solves one after the other
+GAMMA_STEP = 1e-3  # [-]
+KNOWN_T, KNOWN_SHARE, KNOWN_STAGE = range(3)  # temperature after blow-down [K], speed in shares of that without heat
+N_KNOWN = KNOWN_STAGE + heat_cycle.N_NODES  # and what heat adds at the points of the cycle
 
 _recent = Recent(32)
 
@@ -67,55 +73,83 @@ class Steady:
 
 
 @njit(cache=True)
+def _table_gamma(gas: np.ndarray) -> float:
+    """The ratio of specific heats that tables are made for, the same for all pressures of a bench [-].
+
+    What the point's own differs by is put right to first order, and that is less than GAMMA_STEP.
+    """
+    gamma: float = np.rint(gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R]) / GAMMA_STEP) * GAMMA_STEP
+    return gamma
+
+
+@njit(cache=True)
+def _tabulate(
+    parameters: np.ndarray, readings: np.ndarray, gamma: float, table: np.ndarray, node: np.ndarray, step: np.ndarray
+) -> tuple[float, float, float]:
+    """All that hangs on the geometry, the lap and gamma alone; first edge [rad], volumes at the port edges [m3]."""
+    c = np.empty(at.N_CURVE)
+    geometry.curve(parameters, c)
+    first = pulse.tabulate(parameters, readings, gamma, c, table)
+    V_low, V_high = heat_cycle.place_nodes(parameters, readings, gamma, c, node)
+    pulse.steps_of(node[:, heat_cycle.PHASE], table, first, step)
+    return first, V_low, V_high
+
+
+@njit(cache=True)
 def _solve_point(
     P_in: float,
-    T: float,
-    start: float,
     parameters: np.ndarray,
     readings: np.ndarray,
     gas: np.ndarray,
-    gamma: float,
+    table_gamma: float,
     table: np.ndarray,
     first: float,
     node: np.ndarray,
     step: np.ndarray,
     V_low: float,
     V_high: float,
+    tolerance: float,
     scratch: np.ndarray,
-    stage: np.ndarray,
+    known: np.ndarray,
     out: np.ndarray,
-) -> float:
-    """One operating point, from a first guess of the temperature after blow-down and of the speed (0: none).
+) -> None:
+    """One operating point.
 
-    Fills ``out`` but for its slopes, leaves ``stage`` for a neighbouring point, and returns the temperature [K].
+    Fills ``out`` but for its slopes. ``known`` is what is known of the state from one close by, all 0 where nothing is,
+    and is left at this one.
     """
     P_s = P_in - parameters[at.DP_IN]
     P_a = parameters[at.P_A]
     P_d = P_a + parameters[at.DP_OUT]
-    f, J = parameters[at.F_OVERALL], parameters[at.J]
+    f, f_r, J = parameters[at.F_OVERALL], parameters[at.F_R], parameters[at.J]
     out[:] = 0.0
     out[STATUS] = STALLED
     base, step_work = scratch[0, : pulse.N_STEPS], scratch[1, : pulse.N_STEPS]
     speed, coarse_speed = scratch[2, : pulse.N_STEPS + 1], scratch[3, : pulse.N_STEPS + 1]
     omega, work = scratch[4, : heat_cycle.N_NODES], scratch[5, : heat_cycle.N_NODES]
+    stage = known[KNOWN_STAGE:]
 
-    d_gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R]) - gamma
-    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, d_gamma, table, base)
+    gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
+    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, gamma - table_gamma, f_r, table, base)
     extra = parameters[at.EXTRA_TORQUE]
-    lost = heat_cycle.friction_below_ambient(P_s, P_a, gamma, V_high, readings, node) + extra
+    lost = heat_cycle.friction_below_ambient(P_s, P_a, table_gamma, V_high, f_r, readings, node) + extra
     if net - lost <= 0.0 or P_s <= P_d:
-        return T
+        known[:] = 0.0
+        return
     for j in range(pulse.N_STEPS):
         base[j] -= lost * table[j, pulse.WIDTH]
 
-    mean = start if start > 0.0 else (net - lost) / f
+    adiabatic = (net - lost) / f
+    T, mean = known[KNOWN_T], known[KNOWN_SHARE] * adiabatic
+    if T <= 0.0:
+        T, mean = parameters[at.T_IN] * (P_d / P_in) ** (1.0 - 1.0 / gamma), adiabatic
     w = mean
     omega[:] = mean
-    ripple, m_in, heat_gas = 0.0, 0.0, 0.0
+    ripple, m_in, heat_gas, change = 0.0, 0.0, 0.0, 1.0
     out[STATUS] = NOT_CONVERGED
     for i in range(MOST_PASSES):
         T_next, m_in, heat_gas = heat_cycle.pass_cycle(
-            T, P_s, P_d, omega, V_low, V_high, parameters, readings, node, gas, stage, work
+            T, P_s, P_d, omega, V_low, V_high, table_gamma, parameters, readings, node, gas, stage, work
         )
         step_work[:] = base
         for n in range(heat_cycle.N_NODES):
@@ -123,11 +157,12 @@ def _solve_point(
         w, new, ripple = pulse.rippled_mean(w, step_work, table, f, J, speed, coarse_speed)
         if w < 0.0:
             out[STATUS] = STALLED
-            return T
+            known[:] = 0.0
+            return
         pulse.speeds_at(node[:, heat_cycle.PHASE], step, table, first, speed, omega)
-        settled = i > 0 and abs(new - mean) <= TOLERANCE * mean and abs(T_next - T) <= TOLERANCE * T
+        before, change = change, max(abs(new - mean) / mean, abs(T_next - T) / T)
         T, mean = T_next, new
-        if settled:
+        if i > 0 and (change <= tolerance or (change < before and change * change <= tolerance * before)):
             out[STATUS] = RUNNING
             break
     out[SPEED_OUT] = mean
@@ -136,69 +171,139 @@ def _solve_point(
     out[TORQUE] = gas_torque + heat_gas / at.PULSE
     out[ROLLER] = out[TORQUE] - np.sum(step_work) / at.PULSE - extra
     out[RIPPLE] = ripple
-    return T
+    known[KNOWN_T], known[KNOWN_SHARE] = T, mean / adiabatic
+    if out[STATUS] != RUNNING:
+        known[:] = 0.0
 
 
 @njit(cache=True)
-def _solve_set(
-    parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, gas: np.ndarray, slopes: bool, out: np.ndarray
+def _add_slopes(
+    P: float,
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    gas: np.ndarray,
+    table_gamma: float,
+    table: np.ndarray,
+    first: float,
+    node: np.ndarray,
+    step: np.ndarray,
+    V_low: float,
+    V_high: float,
+    tolerance: float,
+    scratch: np.ndarray,
+    known: np.ndarray,
+    beside: np.ndarray,
+    row: np.ndarray,
 ) -> None:
-    """All operating points of one parameter set."""
-    c = np.empty(at.N_CURVE)
+    """Derivatives with pressure of a point that was solved for."""
+    if row[RIPPLE] < LARGE_RIPPLE * row[SPEED_OUT]:
+        # The adiabatic torque and charge are linear in P_s; what heat and ripple change in them is below 1 % here.
+        gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
+        swept = (V_high - V_low + V_low / gamma) / (gas[at.GAS_R] * parameters[at.T_IN])
+        gain = pulse.gain(table, pulse.GAS_S, pulse.ROLL_S, parameters[at.F_R])
+        row[SPEED_SLOPE] = gain / parameters[at.F_OVERALL]
+        growth = row[SPEED_SLOPE] / row[SPEED_OUT] + swept * row[SPEED_OUT] / (at.PULSE * row[MASS_FLOW]) - 1.0 / P
+        row[FLOW_SLOPE] = row[VOLUME_FLOW] * growth
+        return
+    P_1 = P * (1.0 + SLOPE_STEP)
+    _solve_point(
+        P_1,
+        parameters,
+        readings,
+        gas,
+        table_gamma,
+        table,
+        first,
+        node,
+        step,
+        V_low,
+        V_high,
+        tolerance,
+        scratch,
+        known,
+        beside,
+    )
+    row[SPEED_SLOPE] = (beside[SPEED_OUT] - row[SPEED_OUT]) / (P_1 - P)
+    row[FLOW_SLOPE] = (beside[VOLUME_FLOW] - row[VOLUME_FLOW]) / (P_1 - P)
+
+
+@njit(cache=True)
+def _solve_span(
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    pressures: np.ndarray,
+    gas: np.ndarray,
+    slopes: bool,
+    tolerance: float,
+    follow: bool,
+    known: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Points one after another that share tables as long as they may.
+
+    Either each starts from what is known of its own, or (``follow``) from the point before.
+    """
     table = np.empty((pulse.N_STEPS, pulse.N_TABLE))
     node = np.empty((heat_cycle.N_NODES, heat_cycle.N_NODE))
     step = np.empty(heat_cycle.N_NODES, np.int64)
     scratch = np.empty((6, max(pulse.N_STEPS + 1, heat_cycle.N_NODES)))
-    stage = np.empty(heat_cycle.N_NODES)
-    beside = np.empty(N_OUT)
-    geometry.curve(parameters, c)
-    gamma = gas[0, at.GAS_CP] / (gas[0, at.GAS_CP] - gas[0, at.GAS_R])
-    first = pulse.tabulate(parameters, readings, gamma, c, table)
-    V_low, V_high = heat_cycle.place_nodes(parameters, readings, gamma, c, node)
-    pulse.steps_of(node[:, heat_cycle.PHASE], table, first, step)
-    T = parameters[at.T_A]
-    P_before = pressures[0]
+    beside, about = np.empty(N_OUT), np.zeros(N_KNOWN)
+    first, V_low, V_high, table_gamma = 0.0, 0.0, 0.0, 0.0
     for p in range(pressures.size):
-        P = pressures[p]
-        row = out[p]
-        if p == 0 or out[p - 1, STATUS] != RUNNING:  # otherwise the point before has left its heat as a first guess
-            stage[:] = 0.0
-            T = parameters[at.T_IN] * ((parameters[at.P_A] + parameters[at.DP_OUT]) / P) ** (1.0 - 1.0 / gamma)
-        else:
-            T *= ((P_before - parameters[at.DP_IN]) / (P - parameters[at.DP_IN])) ** (1.0 - 1.0 / gamma)
-        P_before = P
-        T = _solve_point(
-            P, T, 0.0, parameters, readings, gas[p], gamma, table, first, node, step, V_low, V_high, scratch, stage, row
+        P, mine = pressures[p], parameters[min(p, parameters.shape[0] - 1)]
+        wanted = _table_gamma(gas[p])
+        if p == 0 or wanted != table_gamma or not _alike(mine, parameters[min(p, parameters.shape[0]) - 1]):
+            table_gamma = wanted
+            first, V_low, V_high = _tabulate(mine, readings, table_gamma, table, node, step)
+        if not follow:
+            about[:] = known[p]
+        elif about[KNOWN_T] > 0.0:
+            DP_in = mine[at.DP_IN]
+            about[KNOWN_T] *= ((pressures[p - 1] - DP_in) / (P - DP_in)) ** (1.0 - 1.0 / table_gamma)
+        _solve_point(
+            P,
+            mine,
+            readings,
+            gas[p],
+            table_gamma,
+            table,
+            first,
+            node,
+            step,
+            V_low,
+            V_high,
+            tolerance,
+            scratch,
+            about,
+            out[p],
         )
-        if slopes and row[STATUS] == RUNNING and row[RIPPLE] < LARGE_RIPPLE * row[SPEED_OUT]:
-            # The adiabatic torque and charge are linear in P_s; what heat and ripple change in them is below 1 % here.
-            swept = (V_high - V_low + V_low / gamma) / (gas[p, at.GAS_R] * parameters[at.T_IN])
-            row[SPEED_SLOPE] = np.sum(table[:, pulse.NET_S]) / (at.PULSE * parameters[at.F_OVERALL])
-            growth = row[SPEED_SLOPE] / row[SPEED_OUT] + swept * row[SPEED_OUT] / (at.PULSE * row[MASS_FLOW]) - 1.0 / P
-            row[FLOW_SLOPE] = row[VOLUME_FLOW] * growth
-        elif slopes and row[STATUS] == RUNNING:
-            P_1 = P * (1.0 + SLOPE_STEP)
-            w = row[SPEED_OUT] * (1.0 + SLOPE_STEP * P / (P - parameters[at.P_A]))
-            _solve_point(
-                P_1,
-                T,
-                w,
-                parameters,
+        if not follow:
+            known[p] = about
+        if slopes and out[p, STATUS] == RUNNING:
+            _add_slopes(
+                P,
+                mine,
                 readings,
                 gas[p],
-                gamma,
+                table_gamma,
                 table,
                 first,
                 node,
                 step,
                 V_low,
                 V_high,
+                tolerance,
                 scratch,
-                stage,
+                about,
                 beside,
+                out[p],
             )
-            row[SPEED_SLOPE] = (beside[SPEED_OUT] - row[SPEED_OUT]) / (P_1 - P)
-            row[FLOW_SLOPE] = (beside[VOLUME_FLOW] - row[VOLUME_FLOW]) / (P_1 - P)
+
+
+@njit(cache=True)
+def _alike(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two parameter sets share their tables."""
+    return bool(np.all(one[: at.LAP + 1] == other[: at.LAP + 1]))
 
 
 @njit(cache=True, parallel=True)
@@ -207,20 +312,35 @@ def _solve_batch(
 ) -> None:
     """Every parameter set at its operating points, shared among the cores."""
     for s in prange(parameters.shape[0]):
-        _solve_set(parameters[s], readings, pressures[s], gas, slopes, out[s])
+        _solve_span(
+            parameters[s : s + 1], readings, pressures[s], gas, slopes, TOLERANCE, True, np.empty((0, N_KNOWN)), out[s]
+        )
 
 
 @njit(cache=True, parallel=True)
 def _solve_rows(
-    parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, gas: np.ndarray, slopes: bool, out: np.ndarray
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    pressures: np.ndarray,
+    gas: np.ndarray,
+    slopes: bool,
+    tolerance: float,
+    known: np.ndarray,
+    out: np.ndarray,
 ) -> None:
-    """One operating point of each parameter set, shared among the cores."""
-    for s in prange(parameters.shape[0]):
-        _solve_set(parameters[s], readings, pressures[s : s + 1], gas[s : s + 1], slopes, out[s : s + 1])
+    """One operating point of each parameter set, AT_ONCE of them shared among the cores."""
+    for k in prange((pressures.size + AT_ONCE - 1) // AT_ONCE):
+        i, j = k * AT_ONCE, min((k + 1) * AT_ONCE, pressures.size)
+        _solve_span(parameters[i:j], readings, pressures[i:j], gas[i:j], slopes, tolerance, False, known[i:j], out[i:j])
 
 
 def solve_rows(
-    parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, gas: np.ndarray, slopes: bool = False
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    pressures: np.ndarray,
+    gas: np.ndarray,
+    slopes: bool = False,
+    known: np.ndarray | None = None,
 ) -> np.ndarray:
     """Steady states of rows that each have a pressure and parameters of their own.
 
@@ -236,6 +356,8 @@ def solve_rows(
         Gas of each row, of `gas_table`.
     slopes : bool
         As in `solve`.
+    known : ndarray, shape (n, 26), or None
+        What a call before left of states close by, 0 where nothing is known: it saves passes. Renewed.
 
     Returns
     -------
@@ -243,15 +365,23 @@ def solve_rows(
         Columns as in `solve`.
     """
     a, b, c, d = (np.ascontiguousarray(one, dtype=np.float64) for one in (parameters, readings, pressures, gas))
+    about = np.zeros((pressures.size, N_KNOWN)) if known is None else known.copy()
+    tolerance = TOLERANCE if known is None else SHARPER * TOLERANCE
 
     def solved() -> np.ndarray:
-        out = np.empty((pressures.size, N_OUT))
-        _solve_rows(a, b, c, d, slopes, out)
-        return out
+        found = np.empty((pressures.size, N_OUT + N_KNOWN))
+        out, after = np.empty((pressures.size, N_OUT)), about.copy()
+        _solve_rows(a, b, c, d, slopes, tolerance, after, out)
+        found[:, :N_OUT], found[:, N_OUT:] = out, after
+        return found
 
     if pressures.size > MOST_KEPT_ROWS:
-        return solved()
-    return _recent((*(one.tobytes() for one in (a, b, c, d)), slopes), solved)
+        found = solved()
+    else:
+        found = _recent((*(one.tobytes() for one in (a, b, c, d, about)), slopes, tolerance), solved)
+    if known is not None:
+        known[:] = found[:, N_OUT:]
+    return np.ascontiguousarray(found[:, :N_OUT])
 
 
 def solve(

@@ -23,7 +23,9 @@ from model.effects import effects
 LARGEST_MOVE = 6.0
 MOST_PASSES = 30
 HALVINGS = 8  # of an effect with which the motor stalls
-SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
+TRIES = 4  # of a step that does not lower the cost: as far as the parabola through the last says, and
+LONGEST, SHORTEST = 0.5, 0.1  # shares of that one between which it is held
+LEAST_GAIN = 0.005  # nats; a step that promises less is not tried shorter
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
 HOPELESS = 50.0  # nats behind the best set after the rough stage: nothing is made up for that
 MOST_ROUNDS = 8  # times that the pulses are simulated anew
@@ -330,7 +332,7 @@ def turned(
         for move in ALL_ROUND:
             tried = z.copy()
             tried[place] = (start + move + EDGE) % (2.0 * EDGE) - EDGE
-            there = f(tried, here, (run,))
+            there = f(tried, here, (run,), runs_alone=True)
             r = white(comparison.read - comparison.raw(there))
             cost = minus_log_posterior(r, white.log_scale, tried, u, comparison)
             if cost < best:
@@ -358,7 +360,7 @@ def opened(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) ->
         for opening in OPENINGS:
             tried = z.copy()
             tried[[place, *ways]] = opening, *np.zeros(len(ways))
-            tried, there = _started(f, comparison, tried, u, f(tried, here, (run,)), run, ways)
+            tried, there = _started(f, comparison, tried, u, f(tried, here, (run,), runs_alone=True), run, ways)
             cost = _cost(comparison, tried, u, there)
             if cost < best:
                 best, z, here = cost, tried, there
@@ -374,7 +376,7 @@ def _started(
     for way in ways:
         moved = z.copy()
         moved[way] += 1.0
-        columns.append(white(np.nan_to_num(comparison.raw(f(moved, here, (run,))) - raw)))
+        columns.append(white(np.nan_to_num(comparison.raw(f(moved, here, (run,), runs_alone=True)) - raw)))
     X = np.column_stack(columns)
     r = white(comparison.read - raw)
     weight, _ = robust_weights(r, comparison)
@@ -382,7 +384,7 @@ def _started(
     found = z.copy()
     found[list(ways)] += np.linalg.solve(A, (X * weight[:, None]).T @ r - z[list(ways)])
     found = f.clip(found)
-    return found, f(found, here, (run,))
+    return found, f(found, here, (run,), runs_alone=True)
 
 
 def _step(
@@ -396,15 +398,21 @@ def _step(
     predicted: Prediction,
     D: np.ndarray,
 ) -> tuple[np.ndarray, Prediction]:
-    """The largest share of a step that lowers the cost, and the prediction there; where there is none, no step."""
+    """A share of a step that lowers the cost, and the prediction there; where none is found, no step."""
     before = _cost(comparison, z, u, predicted)
     whole = _bounded(A, downhill, f.low - z, f.high - z)
-    for share in SHARES:
+    falls, share = float(whole @ downhill), 1.0
+    for _ in range(TRIES):
         move = share * whole
         move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
         tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
-        found = of(tried)
-        known = comparison.raw(found)[comparison.known]
-        if np.all(np.isfinite(known)) and _cost(comparison, tried, u, found) <= before + 1e-6:
-            return tried, found
+        found, rise = of(tried), math.inf
+        if np.all(np.isfinite(comparison.raw(found)[comparison.known])):
+            rise = _cost(comparison, tried, u, found) - before
+            if rise <= 1e-6:
+                return tried, found
+        lowest = falls * share / (2.0 * (rise / share + falls))
+        share *= min(max(lowest / share, SHORTEST), LONGEST) if math.isfinite(lowest) else SHORTEST
+        if falls * share < LEAST_GAIN:
+            break
     return z, predicted

@@ -16,6 +16,7 @@ from calibration.diagnosis.correction import hold_out as hold_out_smooth
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.discover import Term, discover
+from calibration.diagnosis.faint import Faint, faint
 from calibration.diagnosis.forces import Force, forces
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate, rows_as_places
@@ -77,6 +78,8 @@ class Diagnosis:
         The nuisances and their sd beside such a correction, whichever it is [-].
     misread : frozenset of tuple of str
         Sets named or listed beside which readings are misread.
+    faint : dict
+        For each set that f_overall is averaged over, the further effects that may be there unseen.
     """
 
     comparison: Comparison
@@ -94,6 +97,7 @@ class Diagnosis:
     correction: Correction | None = None
     beside: tuple[np.ndarray, np.ndarray] | None = None
     misread: frozenset[tuple[str, ...]] = frozenset()
+    faint: dict[tuple[str, ...], list[Faint]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -265,6 +269,12 @@ def _diagnose(
     if rivals:
         clock("next test")
         tests = propose(comparison, rivals)
+    clock("weigh f_overall")
+    chosen = verdict.chosen.names if verdict.chosen else ()
+    unseen = {
+        names: faint(comparison, search.modes[names], search.signatures_at(names), rng)
+        for names in ([] if verdict.kind == "unresolved" else [chosen, *verdict.alternatives])
+    }
     clock("")
     return Diagnosis(
         comparison,
@@ -282,6 +292,7 @@ def _diagnose(
         correction,
         beside,
         misread,
+        unseen,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,15 @@ import numpy as np
 from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.misread import MISREAD, by_chance
+from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.next_test import NextTest
 from calibration.priors import Unknown
 from model.effects import effects
 
 FORMAT = "diagnosis/1"
+DRAWS = 8000  # that an average is made of
+MOST_NATS = 50.0
 Q95 = 1.6448536269514722  # of a standard normal
 MOST_PLACES = 6
 UNKNOWN = {"id": "unknown", "probability": 1.0, "log10_bayes_factor": None, "parameters": {}}
@@ -63,8 +66,8 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             "stability": list(found.term.stability),
         },
         "improvement": {"held_out": held_out_as_json(found.held_out)},
-        "f_overall_before": _friction(found, [Candidate((), found.base, 0.0, 1.0, "")]),
-        "f_overall_after": _friction(found, [] if found.beside is not None else _weighed(found)),
+        "f_overall_before": _f_overall(found, _alone(found, found.base, 1.0)),
+        "f_overall_after": _f_overall(found, _averaged(found)),
         "next_tests": next_tests_as_json(found.next_tests),
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
@@ -133,30 +136,72 @@ def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dic
     return out
 
 
-def _weighed(found: Diagnosis) -> list[Candidate]:
-    if found.verdict.chosen is None:  # no set is named: all may be there, beside bad readings too
-        return [c for c in found.candidates if not c.refused]
-    kept = [set(names) for names in (found.verdict.chosen.names, *found.verdict.alternatives)]
-    # A further effect that is too faint to be said moves f_overall all the same.
-    return [
-        c for c in found.candidates if set(c.names) in kept or (not c.refused and any(k < set(c.names) for k in kept))
-    ]
+# What f_overall is averaged over: a weight, and draws of its standard normal number.
+Draw = Callable[[int, np.random.Generator], np.ndarray]
+Parts = list[tuple[float, Draw]]
 
 
-def _friction(found: Diagnosis, weighed: Sequence[Candidate]) -> dict[str, float] | None:
-    """f_overall averaged over sets, or beside a smooth correction where none are given [N m s]."""
-    nuisances, place = found.comparison.problem.nuisances, found.comparison.problem.place("f_overall")
+def _averaged(found: Diagnosis) -> Parts:
+    """Sets named or listed, each alone and with every further effect that may be there unseen.
+
+    A further effect is there with the odds that the linear model gives it, at most even ones: else it would have been
+    said. Where the two were refitted together, the refit is taken, or none where that could not be believed.
+    """
+    place = found.comparison.problem.place("f_overall")
+    if place is None:
+        return []
+    if found.beside is not None:
+        return [(1.0, _normal(found.beside[0][place], found.beside[1][place]))]
+    refitted = {c.names: c for c in found.candidates}
+    if not found.faint:  # unresolved, and nothing to stand beside the model: all that was refitted may be there
+        return [part for c in found.candidates if not c.refused for part in _alone(found, c.mode, c.probability)]
+    K = len(found.comparison.problem.effects_that_could())
+    parts: Parts = []
+    for names, further in found.faint.items():
+        one = refitted[names]
+        parts += _alone(found, one.mode, one.probability)
+        for extra in further:
+            both = refitted.get(tuple(sorted((*names, extra.effect))))
+            if both is None:
+                parts.append((one.probability * min(extra.odds, 1.0), _among(extra.f_overall_z)))
+            elif not both.refused and both.names not in found.faint:
+                odds = min(math.exp(min(both.log_evidence - one.log_evidence, MOST_NATS)) / K, 1.0)
+                parts += _alone(found, both.mode, max(one.probability * odds, both.probability))
+    return parts
+
+
+def _alone(found: Diagnosis, mode: Mode, weight: float) -> Parts:
+    place = found.comparison.problem.place("f_overall")
+    if place is None:
+        return []
+    return [(weight, _normal(mode.z[place], math.sqrt(mode.covariance[place, place])))]
+
+
+def _normal(mean: float, sd: float) -> Draw:
+    def draw(n: int, rng: np.random.Generator) -> np.ndarray:
+        drawn: np.ndarray = mean + sd * rng.standard_normal(n)
+        return drawn
+
+    return draw
+
+
+def _among(draws: np.ndarray) -> Draw:
+    def draw(n: int, rng: np.random.Generator) -> np.ndarray:
+        drawn: np.ndarray = rng.choice(draws, n)
+        return drawn
+
+    return draw
+
+
+def _f_overall(found: Diagnosis, parts: Parts) -> dict[str, float] | None:
+    """f_overall averaged [N m s]; None where it is no unknown."""
+    place = found.comparison.problem.place("f_overall")
     if place is None:
         return None
     rng = np.random.default_rng(0)
-    total = sum(c.probability for c in weighed) or 1.0
-    draws = []
-    spread = [(c.mode.z[place], math.sqrt(c.mode.covariance[place, place]), c.probability / total) for c in weighed]
-    if not weighed and found.beside is not None:
-        spread = [(found.beside[0][place], found.beside[1][place], 1.0)]
-    for z, sd, share in spread:
-        draws.append(nuisances[place].value(z + sd * rng.standard_normal(max(1, round(4000 * share)))))
-    x = np.concatenate(draws)
+    total = sum(weight for weight, _ in parts) or 1.0
+    z = np.concatenate([draw(round(DRAWS * weight / total), rng) for weight, draw in parts])
+    x = found.comparison.problem.nuisances[place].value(z)
     if found.comparison.problem.blocks.runs:
         x = x * (1.0 + SOLVERS_DIFFER * rng.standard_normal(x.size))
     q05, q95 = np.quantile(x, [0.05, 0.95])

@@ -17,13 +17,25 @@ from model.effects.neighbourhood import Neighbourhood
 STEP = 0.02  # of a standard normal unknown, for derivatives; at most
 NEAR = 1.0  # whitened size of the change that it makes
 LEAST_STEP = 1e-5
+STRAIGHT = 0.002  # of f_overall's prior sd: after so small a correction a second is far below what a sweep can tell
 LEAST_FACTOR = 0.25  # a quantity that cannot be negative falls to no less than this share of itself in a step
 
 
 class Predicts(Protocol):
-    """Predictions of a point; with ``around``, of one so close to it that plateaus to first order will do."""
+    """Predictions of a point; with ``around``, of one so close to it that plateaus to first order will do.
 
-    def __call__(self, z: np.ndarray, *, around: Neighbourhood | None = None) -> Prediction: ...
+    With ``like``, those of the given runs in time alone are made, and the rest is that prediction's.
+    """
+
+    def __call__(
+        self,
+        z: np.ndarray,
+        like: Prediction | None = None,
+        runs: Sequence[int] | None = None,
+        *,
+        around: Neighbourhood | None = None,
+        runs_alone: bool = False,
+    ) -> Prediction: ...
 
 
 class Function:
@@ -146,9 +158,12 @@ class Function:
         for _ in range(2):
             missing = expected - self(found, here, ()).speed[known]
             before = float(friction.value(found[f]))
-            found[f] += float(np.clip(g[known] @ missing / (g @ g), -0.05, 0.05))
+            by = float(np.clip(g[known] @ missing / (g @ g), -0.05, 0.05))
+            found[f] += by
             share = float(friction.value(found[f])) / before
             found[J] = float(inertia.z(float(inertia.value(found[J])) * share))
+            if abs(by) < STRAIGHT:
+                break
         return self.clip(found) if np.all(np.isfinite(found)) else tried
 
     def __call__(
@@ -158,9 +173,10 @@ class Function:
         runs: Sequence[int] | None = None,
         *,
         around: Neighbourhood | None = None,
+        runs_alone: bool = False,
     ) -> Prediction:
         chosen = self.problem.chosen(self.names, z[self.k :])
-        return self.problem.predict(z[: self.k], chosen, like, runs, around=around)
+        return self.problem.predict(z[: self.k], chosen, like, runs, around=around, runs_alone=runs_alone)
 
     def smooth(self, z: np.ndarray) -> np.ndarray:
         """Predictions with the runs in time by the mean torque, as a vector [SI], shape (n,).
@@ -186,9 +202,16 @@ class Function:
         """
         added = self.problem.pulses(there[: self.k], self.problem.chosen(self.names, there[self.k :]))
 
-        def predict(z: np.ndarray, *, around: Neighbourhood | None = None) -> Prediction:
+        def predict(
+            z: np.ndarray,
+            like: Prediction | None = None,
+            runs: Sequence[int] | None = None,
+            *,
+            around: Neighbourhood | None = None,
+            runs_alone: bool = False,
+        ) -> Prediction:
             chosen = self.problem.chosen(self.names, z[self.k :])
-            return self.problem.predict(z[: self.k], chosen, pulses=added, around=around)
+            return self.problem.predict(z[: self.k], chosen, like, runs, added, around=around, runs_alone=runs_alone)
 
         return predict
 
@@ -218,7 +241,13 @@ class Function:
                 return self._instrument(i, name, raw, z)
             if name.endswith(".turn") and not self._follows:
                 return np.zeros_like(raw)
-            differentiated = lambda moved: self.comparison.raw(of(moved, around=around))  # noqa: E731
+            run = self.problem.run_of(i) if i < self.k else None
+
+            def differentiated(moved: np.ndarray) -> np.ndarray:
+                if run is None:
+                    return self.comparison.raw(of(moved, around=around))
+                return self.comparison.raw(of(moved, here, (run,), runs_alone=True))
+
             size = float(np.linalg.norm(white(D[:, i])))
             step = STEP if size == 0.0 else min(STEP, max(NEAR / size, LEAST_STEP))
             found = self._difference(z, i, differentiated, raw, step)

@@ -16,6 +16,7 @@ from model.effects import averaged, effects
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.motor import Motor
+from model.recent import Recent
 from model.transient import OMEGA, THETA, Supply, rest_state
 
 STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
@@ -31,6 +32,8 @@ LEAST_TURN = 1e-9  # rad from sample to sample, so that the angle is never twice
 SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
 
 Chosen = Mapping[str, Mapping[str, float]]
+
+_recent = Recent(32)
 
 
 def follows_angle(names: Iterable[str]) -> bool:
@@ -214,10 +217,7 @@ def plan(
         start, set_at = rest_state(motor, angle), float(run.time[0]) - step
         time = np.concatenate([[run.time[0] - step], run.time])
     else:
-        pressure = np.array([supply[0].pressure_pa])
-        gas = base_steady.gas_table(motor, pressure)
-        first = effect_steady.solve(parameters[None, :], readings, pressure, gas, chosen, np.array([run.start_s]))
-        speed = max(float(first.speed[0]), SLOWEST_START)
+        speed = max(_steady_speed(motor, parameters, supply[0].pressure_pa, chosen, run.start_s), SLOWEST_START)
         # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
         set_at = supply[1].start_s if len(supply) > 1 else float(run.time[0])
         ahead = set_at - supply[0].start_s
@@ -229,6 +229,20 @@ def plan(
         time = np.concatenate([before[before < run.time[0] - step - 1e-9], [run.time[0] - step], run.time])
     time = time[: time.size - run.size + run.wanted]
     return Plan(parameters, readings, tuple(supply), time, start, chosen, run.start_s, run.wanted, angle, set_at)
+
+
+def _steady_speed(motor: Motor, parameters: np.ndarray, pressure_pa: float, chosen: Chosen, clock: float) -> float:
+    """Speed at which the motor has settled before a coast-down [rad/s]; 0 where it stalls."""
+    readings = motor.readings.vector()
+
+    def solved() -> np.ndarray:
+        pressure = np.array([pressure_pa])
+        gas = base_steady.gas_table(motor, pressure)
+        return effect_steady.solve(parameters[None, :], readings, pressure, gas, chosen, np.array([clock])).speed
+
+    set_of = tuple((name, *sorted(chosen[name].items())) for name in sorted(chosen))
+    weather = motor.vector().tobytes()
+    return float(_recent((parameters.tobytes(), readings.tobytes(), weather, pressure_pa, clock, set_of), solved)[0])
 
 
 def swing(planned: Plan, run: RunInTime) -> np.ndarray:

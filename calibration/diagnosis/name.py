@@ -196,32 +196,50 @@ def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, f
     name : str
         The effect.
     """
-    effect = effects()[name]
-    declared = effect.nuisance or ("wall_heat" if name == "wall_heat_exchange" else "")
-    if not declared:
+    declared = declared_size(problem, name)
+    if declared is None:
         return None
+    ratio, nuisance = declared
     k = len(problem.nuisances)
     place = k + next(i for i, (e, _) in enumerate(problem.effect_unknowns(mode.names)) if e == name)
-    nuisance = next((i for i, u in enumerate(problem.nuisances) if u.name == declared), None)
-    if nuisance is None:
-        ratio = effect.amplitude.scale / 0.5 if name == "wall_heat_exchange" else math.inf
-        if not math.isfinite(ratio):
-            return None
-        weights = {place: ratio}
-    else:
-        unknown = problem.nuisances[nuisance]
-        unit = unknown.b * (SI_OF[declared.partition("_")[0]] if declared.endswith("_offset") else 1.0)
-        if unknown.kind == "lognormal":
-            center = unknown.a if name != "inertia" else 1.0
-            unit = center * math.log(unknown.b)
-            if name == "load_friction":
-                unit = center * (unknown.b - 1.0)
-        weights = {place: effect.amplitude.scale / unit, nuisance: 1.0}
+    weights = {place: ratio} if nuisance is None else {place: ratio, nuisance: 1.0}
     index = np.array(list(weights))
     w = np.array(list(weights.values()))
     mean = float(w @ mode.z[index])
     sd = math.sqrt(max(float(w @ mode.covariance[np.ix_(index, index)] @ w), 1e-12))
-    return mean, sd, math.sqrt(float(w @ w)), effect.amplitude.low >= 0.0
+    return mean, sd, math.sqrt(float(w @ w)), effects()[name].amplitude.low >= 0.0
+
+
+def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | None:
+    """An effect's ordinary size in declared sds of the nuisance that it has the form of [-], and that one's place.
+
+    Parameters
+    ----------
+    problem : Problem
+        For the declared figures.
+    name : str
+        The effect.
+
+    Returns
+    -------
+    tuple of (float, int or None), or None
+        Without a place where the nuisance is no unknown of the recording; None where the effect has the form of none.
+    """
+    effect = effects()[name]
+    declared = effect.nuisance or ("wall_heat" if name == "wall_heat_exchange" else "")
+    if not declared:
+        return None
+    nuisance = problem.place(declared)
+    if nuisance is None:
+        return (effect.amplitude.scale / 0.5, None) if name == "wall_heat_exchange" else None
+    unknown = problem.nuisances[nuisance]
+    unit = unknown.b * (SI_OF[declared.partition("_")[0]] if declared.endswith("_offset") else 1.0)
+    if unknown.kind == "lognormal":
+        center = unknown.a if name != "inertia" else 1.0
+        unit = center * math.log(unknown.b)
+        if name == "load_friction":
+            unit = center * (unknown.b - 1.0)
+    return effect.amplitude.scale / unit, nuisance
 
 
 def refusal(comparison: Comparison, mode: Mode) -> str:

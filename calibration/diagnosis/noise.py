@@ -184,12 +184,12 @@ class Noise:
         step : ndarray, shape (5,)
             To add to u [-].
         information : ndarray, shape (5, 5)
-            With the prior's [-].
+            With the prior's; of what the samples say of a correlation that is not stepped, nothing [-].
         """
         slope, information = -u / SPREAD**2, np.diag(SPREAD**-2.0)
         for add in (
             self._of_plateaus(difference, u, slopes, angle, weight > 0.5, columns),
-            self._of_samples(difference, u, angle, weight),
+            self._of_samples(difference, u, angle, weight, correlated),
         ):
             slope, information = slope + add[0], information + add[1]
         step = np.zeros(u.size)
@@ -268,7 +268,12 @@ class Noise:
         inverse = np.linalg.inv(alike * whole + rest)
         y = inverse @ np.where(known[:m], difference[:m], 0.0)
         if columns is not None:  # restricted likelihood: less what the fit took up
-            X = self.whitener(u, slopes, angle)(columns)[m:]
+            end = columns.shape[0] - self.beside.size
+            of_samples = np.where(self.known[m:end, None], columns[m:end], 0.0)
+            if end > m:
+                of_samples = _forward(*self._samples(u, angle), of_samples)
+            beside = np.where(self.known[end:, None], columns[end:], 0.0) / self.beside[:, None]
+            X = np.concatenate([of_samples, beside])
             Y = np.where(known[:m, None], columns[:m], 0.0)
             W = inverse @ Y
             inverse = inverse - W @ np.linalg.solve(X.T @ X + Y.T @ W + np.eye(X.shape[1]), W.T)
@@ -291,19 +296,22 @@ class Noise:
         own = (self.declared[2] * math.exp(u[2]) * self.sample_scale) ** 2 * (1.0 - rho * rho)
         # Rounding, and the angle that a sample shares with the next: a band, which following the noise widens by one.
         now = (angle / self.step) ** 2
-        last = np.where(self.first, now, np.roll(now, 1))
+        last = np.where(self.first, now, _one_on(now))
         d, e = self.rounding[2] + now + last, np.where(self.first, 0.0, -last)
-        before, above = np.roll(d, 1), np.roll(e, 1)
+        before, above = _one_on(d), _one_on(e)
         band = np.zeros((3, d.size))
         band[0] = own + d - 2.0 * rho * e + rho * rho * before
-        band[1, :-1] = (e - rho * before + rho * np.roll(rho, 1) * above)[1:]
+        band[1, :-1] = (e - rho * before + rho * _one_on(rho) * above)[1:]
         band[2, :-2] = (-rho * above)[2:]
         return rho, cholesky_banded(band, lower=True)
 
     def _of_samples(
-        self, difference: np.ndarray, u: np.ndarray, angle: np.ndarray, weight: np.ndarray
+        self, difference: np.ndarray, u: np.ndarray, angle: np.ndarray, weight: np.ndarray, correlated: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Slope of the samples' log likelihood with their scale and correlation, and its curvature, by differences."""
+        """Slope of the samples' log likelihood with their scale, and correlation if that is stepped, and its curvature.
+
+        By differences.
+        """
         slope, information = np.zeros(u.size), np.zeros((u.size, u.size))
         k = self.step.size
         if not k:
@@ -320,12 +328,18 @@ class Noise:
             return -float(np.sum(w * (0.5 * r * r + np.log(band[0]))))
 
         here = log_likelihood(0, 0)
-        right, left, up, down = (log_likelihood(*at) for at in ((1, 0), (-1, 0), (0, 1), (0, -1)))
-        slope[[2, SAMPLES]] = (right - left) / (2.0 * PROBE), (up - down) / (2.0 * PROBE)
         least = LEAST_CURVATURE * float(w.sum())
-        for place, both in ((2, right + left), (SAMPLES, up + down)):
-            information[place, place] = max((2.0 * here - both) / PROBE**2, least)
+        ways = [(2, (1, 0)), (SAMPLES, (0, 1))] if correlated else [(2, (1, 0))]
+        for place, (scale, correlation) in ways:
+            right, left = log_likelihood(scale, correlation), log_likelihood(-scale, -correlation)
+            slope[place] = (right - left) / (2.0 * PROBE)
+            information[place, place] = max((2.0 * here - right - left) / PROBE**2, least)
         return slope, information
+
+
+def _one_on(x: np.ndarray) -> np.ndarray:
+    """Each entry of the one before, the first of the last."""
+    return np.concatenate([x[-1:], x[:-1]])
 
 
 def too_loud(u: np.ndarray) -> tuple[str, float] | None:

@@ -188,8 +188,16 @@ def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:
     """Predictions by the mean torque: nobody can count on the phase of the pulses."""
     k = len(there.problem.nuisances)
 
-    def predict(z: np.ndarray, *, around: Neighbourhood | None = None) -> Prediction:
-        return there.problem.predict(z[:k], there.problem.chosen(names, z[k:]), smooth=True, around=around)
+    def predict(
+        z: np.ndarray,
+        like: Prediction | None = None,
+        runs: Sequence[int] | None = None,
+        *,
+        around: Neighbourhood | None = None,
+        runs_alone: bool = False,
+    ) -> Prediction:
+        chosen = there.problem.chosen(names, z[k:])
+        return there.problem.predict(z[:k], chosen, like, runs, smooth=True, around=around, runs_alone=runs_alone)
 
     return predict
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -175,6 +175,17 @@ class Problem:
         """
         return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
 
+    def run_of(self, i: int) -> int | None:
+        """The run in time that a nuisance belongs to alone; None where it is of the motor or of an instrument [-].
+
+        Parameters
+        ----------
+        i : int
+            Its place among the unknowns [-].
+        """
+        file = self.nuisances[i].name.rpartition(".")[0]
+        return next((k for k, run in enumerate(self.blocks.runs) if run.file == file), None)
+
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
         """The unknowns of a set of effects, in the order of the set.
 
@@ -228,6 +239,7 @@ class Problem:
         pulses: Sequence[in_time.Pulses | None] | None = None,
         smooth: bool = False,
         around: Neighbourhood | None = None,
+        runs_alone: bool = False,
     ) -> Prediction:
         """What the instruments would read.
 
@@ -248,9 +260,19 @@ class Problem:
             Whether runs are to be without pulses.
         around : Neighbourhood or None
             Of plateaus close by, where those to first order will do; solved in full where it is not given.
+        runs_alone : bool
+            Whether all but the runs is taken from there too: nothing that it hangs on has changed.
         """
         split = self.split(z)
         parameters, errors = split[:2]
+        found = tuple(
+            self._read_speed(i, split, chosen, pulses[i] if pulses else None, smooth)
+            if like is None or runs is None or i in runs
+            else like.runs[i]
+            for i in range(len(self.blocks.runs))
+        )
+        if like is not None and runs_alone:
+            return replace(like, runs=found)
         rows, true = self._plateaus(parameters, errors, chosen)
         if around is None:
             time = self.blocks.plateaus.time
@@ -260,12 +282,6 @@ class Problem:
         state = points.state
         flow = readings_of(chosen, "flow", points.flow, state) * (1.0 + errors["flow"][1]) + errors["flow"][0]
         speed = readings_of(chosen, "speed", points.speed, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
-        found = tuple(
-            self._read_speed(i, split, chosen, pulses[i] if pulses else None, smooth)
-            if like is None or runs is None or i in runs
-            else like.runs[i]
-            for i in range(len(self.blocks.runs))
-        )
         share = 0.5 if self._share is None else float(self.nuisances[self._share].value(z[self._share]))
         vented = gauge.vented_readings(self.blocks.vented, share, parameters[at.P_A], errors["pressure"], chosen)
         standing = self._standing(parameters, errors, chosen)

@@ -118,7 +118,7 @@ class Search:
         jobs: list[_Job] = []
         for seed in seeds:
             mode = self.modes[seed]
-            screened = screen(self.comparison, mode, self._signatures_at(seed), mode.u, -math.inf)
+            screened = screen(self.comparison, mode, self.signatures_at(seed), mode.u, -math.inf)
             chosen = [one for one in screened if one[1] > WORTH][: PAIRS // SEEDS]
             if mode.prediction.runs and seed == order[0]:
                 chosen += [one for one in screened if effects()[one[0]].hidden and one not in chosen]
@@ -139,7 +139,7 @@ class Search:
         if not best:
             return
         mode, problem = self.modes[best], self.comparison.problem
-        found = self._signatures_at(best)
+        found = self.signatures_at(best)
         tried: list[tuple[float, _Job]] = []
         for member in best:
             rest = {one: z for one, z in values_of(problem, mode).items() if one[0] != member}
@@ -156,7 +156,14 @@ class Search:
     def _best(self) -> Names:
         return max(self.modes, key=lambda key: self.modes[key].log_evidence)
 
-    def _signatures_at(self, names: Names) -> list[Signature]:
+    def signatures_at(self, names: Names) -> list[Signature]:
+        """Signatures of the effects that a refitted set does not hold.
+
+        Parameters
+        ----------
+        names : tuple of str
+            The set.
+        """
         if names not in self._signatures:
             self._signatures[names] = signatures(self.comparison, self.modes[names])
         return self._signatures[names]

@@ -56,10 +56,12 @@ class Neighbourhood:
     ) -> None:
         self._readings, self._gas, self._time = readings, gas, time
         self._known = np.zeros(time.size, dtype=bool)
+        self._cycle = np.zeros((time.size, base.N_KNOWN))
         if not hang_on_state(chosen):
             return  # to solve in full is a single pass too
         self._x = x = _vector(state)
-        self._arrived, known = self._pass(x, parameters, pressures, chosen)[:2]
+        self._pass(x, parameters, pressures, chosen, self._cycle)
+        self._arrived, known = self._pass(x, parameters, pressures, chosen)[:2]  # as all that are held against it
         G_x = np.zeros((time.size, 3, 3))  # what a pass arrives at does not hang on the load: its tangent is exact
         for k in (0, 1):
             moved = x.copy()
@@ -110,9 +112,18 @@ class Neighbourhood:
         return solve(parameters[rows], self._readings, pressures[rows], gas, theirs, time, slopes=True)
 
     def _pass(
-        self, x: np.ndarray, parameters: np.ndarray, pressures: np.ndarray, chosen: laws.Chosen
+        self,
+        x: np.ndarray,
+        parameters: np.ndarray,
+        pressures: np.ndarray,
+        chosen: laws.Chosen,
+        cycle: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, State]:
-        """Where a pass arrives, whether it runs, the base solver's array, and the state."""
+        """Where a pass arrives, whether it runs, the base solver's array, and the state.
+
+        It starts from the solution's cycles, or from those given, which it renews.
+        """
+        cycle = self._cycle.copy() if cycle is None else cycle
         chosen = laws.switched_on(chosen)
         parameters = laws.with_factors(parameters, chosen)
         given = given_state(parameters, pressures, self._gas, self._time)
@@ -120,7 +131,7 @@ class Neighbourhood:
             parameters,
             chosen,
             replace(given, omega=x[:, 0], mass_flow=x[:, 1], load=x[:, 2]),
-            lambda rows: base.solve_rows(rows, self._readings, pressures, self._gas, slopes=True),
+            lambda rows: base.solve_rows(rows, self._readings, pressures, self._gas, slopes=True, known=cycle),
         )
         return _vector(state), out[:, base.STATUS] == base.RUNNING, out, state
 

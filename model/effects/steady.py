@@ -82,13 +82,20 @@ def solve(
     chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
 
+    passes = hang_on_state(chosen)
+    known = np.zeros((pressures.size, base.N_KNOWN))
+
     def solver(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
-        return base.solve_rows(rows, readings, pressures[which], gas[which], slopes)
+        theirs = known[which] if passes else None
+        found = base.solve_rows(rows, readings, pressures[which], gas[which], slopes, theirs)
+        if theirs is not None:
+            known[which] = theirs
+        return found
 
     out = solver(parameters, np.arange(pressures.size))
     state = _arrived(out, parameters[:, at.F_R], chosen, given_state(parameters, pressures, gas, time))
     running = out[:, base.STATUS] == base.RUNNING
-    if hang_on_state(chosen):
+    if passes:
         free = state
         out, state, running = _passes(out, free, parameters, chosen, solver)
         lost = np.flatnonzero(~running & (free.omega > 0.0))
@@ -267,4 +274,6 @@ def _arrived(out: np.ndarray, roller_factor: np.ndarray, chosen: laws.Chosen, st
     """A state with the speed, the mass flow and the load that the base solver finds."""
     load = out[:, base.ROLLER] / np.where(roller_factor > 0.0, roller_factor, np.inf)
     state = replace(state, omega=out[:, base.SPEED_OUT], mass_flow=out[:, base.MASS_FLOW], load=load)
-    return replace(state, mass_flow=state.mass_flow + laws.leak(chosen, state))
+    if any(effect.leak for effect, _ in laws.members(chosen)):
+        return replace(state, mass_flow=state.mass_flow + laws.leak(chosen, state))
+    return state

@@ -1,0 +1,68 @@
+"""What may be there unseen beside a set, and what f_overall is averaged over."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.base import base_of
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.document import as_json
+from calibration.diagnosis.faint import faint
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.name import beyond
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.signatures import signatures
+
+_spec = importlib.util.spec_from_file_location(
+    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
+)
+recordings = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(recordings)
+
+AGREE = 1.0  # nats; the linear model's evidence against that of a refit
+
+
+@pytest.mark.parametrize("name", ["coulomb_friction", "leakage", "stribeck_friction", "speed_scale", "windage"])
+def test_the_linear_model_says_of_a_faint_effect_what_a_refit_says(name: str, tmp_path: Path) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 1, {})))
+    base = base_of(comparison)
+    place = comparison.problem.place("f_overall")
+    one = {o.effect: o for o in faint(comparison, base, signatures(comparison, base), np.random.default_rng(0))}[name]
+    refit = find(comparison, (name,), base, None)
+    evidence = refit.log_evidence + beyond(comparison.problem, refit, name) - base.log_evidence
+    K = len(comparison.problem.effects_that_could())
+    assert math.log(one.odds * K) == pytest.approx(evidence, abs=AGREE)
+    sd = math.sqrt(refit.covariance[place, place])
+    assert one.f_overall_z.mean() == pytest.approx(refit.z[place], abs=sd)
+    assert 0.6 * sd < one.f_overall_z.std() < 1.6 * sd
+
+
+def test_an_effect_that_cannot_be_negative_moves_f_overall_one_way(tmp_path: Path) -> None:
+    """Dry friction takes torque: with some of it there is the less for f_overall to take, and more roller friction."""
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 1, {})))
+    base = base_of(comparison)
+    place = comparison.problem.place("f_overall")
+    one = next(
+        o
+        for o in faint(comparison, base, signatures(comparison, base), np.random.default_rng(0))
+        if o.effect == "coulomb_friction"
+    )
+    away = (one.f_overall_z - base.z[place]) / math.sqrt(base.covariance[place, place])
+    assert abs(np.quantile(away, 0.95)) > 1.3 * abs(np.quantile(away, 0.05))
+
+
+def test_f_overall_of_a_consistent_recording_holds_what_may_be_there_unseen(tmp_path: Path) -> None:
+    found = diagnose(recordings.sweep(tmp_path, 1, {}), seed=1)
+    assert found.verdict.kind == "consistent"
+    assert set(found.faint) == {()}
+    document = as_json(found)
+    before, after = document["f_overall_before"], document["f_overall_after"]
+    assert after["q05"] < before["q05"]
+    assert after["q95"] > before["q95"]
+    assert after["sd"] < 3.0 * before["sd"]
