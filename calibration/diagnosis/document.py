@@ -20,8 +20,8 @@ from model.effects import effects
 FORMAT = "diagnosis/1"
 DRAWS = 8000  # that an average is made of
 MOST_NATS = 50.0
-# Of what a set moves f_overall by: so far is the form of its laws known (1 sd). In the challenge's first nine campaigns,
-# opened, f_overall beside an effect in another form than the list's was off by a fifth to three quarters of it.
+# Share of what a set moves f_overall by that is not known (1 sd), for a law may have another form. In the challenge's
+# first nine campaigns, opened, f_overall was then off by a fifth to three quarters of it.
 FORM = 0.2
 Q95 = 1.6448536269514722  # of a standard normal
 MOST_PLACES = 6
