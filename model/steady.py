@@ -239,9 +239,9 @@ def _solve_span(
     known: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Points one after another that share tables as long as they may.
+    """Points one after another, of one parameter set for all or of one each; they share tables as long as they may.
 
-    Either each starts from what is known of its own, or (``follow``) from the point before.
+    Each starts from what is known of it, or with ``follow`` from the point before.
     """
     table = np.empty((pulse.N_STEPS, pulse.N_TABLE))
     node = np.empty((heat_cycle.N_NODES, heat_cycle.N_NODE))
@@ -249,10 +249,13 @@ def _solve_span(
     scratch = np.empty((6, max(pulse.N_STEPS + 1, heat_cycle.N_NODES)))
     beside, about = np.empty(N_OUT), np.zeros(N_KNOWN)
     first, V_low, V_high, table_gamma = 0.0, 0.0, 0.0, 0.0
+    mine = parameters[0]
     for p in range(pressures.size):
-        P, mine = pressures[p], parameters[min(p, parameters.shape[0] - 1)]
+        P, before = pressures[p], mine
+        if parameters.shape[0] > 1:
+            mine = parameters[p]
         wanted = _table_gamma(gas[p])
-        if p == 0 or wanted != table_gamma or not _alike(mine, parameters[min(p, parameters.shape[0]) - 1]):
+        if p == 0 or wanted != table_gamma or not _alike(mine, before):
             table_gamma = wanted
             first, V_low, V_high = _tabulate(mine, readings, table_gamma, table, node, step)
         if not follow:

@@ -12,7 +12,7 @@ import pytest
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.document import as_json
+from calibration.diagnosis.document import FORM, as_json
 from calibration.diagnosis.faint import faint
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import beyond
@@ -66,3 +66,18 @@ def test_f_overall_of_a_consistent_recording_holds_what_may_be_there_unseen(tmp_
     assert after["q05"] < before["q05"]
     assert after["q95"] > before["q95"]
     assert after["sd"] < 3.0 * before["sd"]
+
+
+def test_f_overall_beside_an_effect_holds_that_its_law_may_have_another_form(tmp_path: Path) -> None:
+    found = diagnose(recordings.sweep(tmp_path, 3, {"windage": {"drag_nm_s2": 3e-4}}), seed=1)
+    assert found.verdict.chosen is not None
+    assert found.verdict.chosen.names == ("windage",)
+    mode, place = found.verdict.chosen.mode, found.comparison.problem.place("f_overall")
+    unknown = found.comparison.problem.nuisances[place]
+    sd = math.sqrt(mode.covariance[place, place])
+    moved = float(unknown.value(mode.z[place]) - unknown.value(found.base.z[place]))
+    alone = 0.5 * float(unknown.value(mode.z[place] + sd) - unknown.value(mode.z[place] - sd))
+    after = as_json(found)["f_overall_after"]
+    assert abs(moved) > 3.0 * alone
+    assert after["q95"] - after["q05"] > 3.0 * math.hypot(alone, FORM * moved)
+    assert after["mean"] == pytest.approx(float(unknown.value(mode.z[place])), abs=2.0 * after["sd"])
