@@ -8,6 +8,7 @@ result against `model.transient`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -82,17 +83,46 @@ def _table_gamma(gas: np.ndarray) -> float:
     return gamma
 
 
+class _Tables(NamedTuple):
+    """All that hangs on the geometry, the lap and gamma alone.
+
+    Attributes
+    ----------
+    gamma : float
+        Ratio of specific heats [-].
+    pulse : ndarray, shape (32, 11)
+        Of `model.pulse.tabulate`.
+    first : float
+        Angle of a pulse's first edge [rad].
+    node : ndarray, shape (24, 11)
+        Of `model.heat_cycle.place_nodes`.
+    step : ndarray, shape (24,)
+        The step of the pulse that each node lies in [-].
+    V_low, V_high : float
+        Volumes at the port edges [m3].
+    """
+
+    gamma: float
+    pulse: np.ndarray
+    first: float
+    node: np.ndarray
+    step: np.ndarray
+    V_low: float
+    V_high: float
+
+
 @njit(cache=True)
-def _tabulate(
-    parameters: np.ndarray, readings: np.ndarray, gamma: float, table: np.ndarray, node: np.ndarray, step: np.ndarray
-) -> tuple[float, float, float]:
-    """All that hangs on the geometry, the lap and gamma alone; first edge [rad], volumes at the port edges [m3]."""
+def _tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float) -> _Tables:
+    """Tables of a parameter set."""
     c = np.empty(at.N_CURVE)
+    table = np.empty((pulse.N_STEPS, pulse.N_TABLE))
+    node = np.empty((heat_cycle.N_NODES, heat_cycle.N_NODE))
+    step = np.empty(heat_cycle.N_NODES, np.int64)
     geometry.curve(parameters, c)
     first = pulse.tabulate(parameters, readings, gamma, c, table)
     V_low, V_high = heat_cycle.place_nodes(parameters, readings, gamma, c, node)
     pulse.steps_of(node[:, heat_cycle.PHASE], table, first, step)
-    return first, V_low, V_high
+    return _Tables(gamma, table, first, node, step, V_low, V_high)
 
 
 @njit(cache=True)
@@ -101,13 +131,7 @@ def _solve_point(
     parameters: np.ndarray,
     readings: np.ndarray,
     gas: np.ndarray,
-    table_gamma: float,
-    table: np.ndarray,
-    first: float,
-    node: np.ndarray,
-    step: np.ndarray,
-    V_low: float,
-    V_high: float,
+    tables: _Tables,
     tolerance: float,
     scratch: np.ndarray,
     known: np.ndarray,
@@ -128,11 +152,12 @@ def _solve_point(
     speed, coarse_speed = scratch[2, : pulse.N_STEPS + 1], scratch[3, : pulse.N_STEPS + 1]
     omega, work = scratch[4, : heat_cycle.N_NODES], scratch[5, : heat_cycle.N_NODES]
     stage = known[KNOWN_STAGE:]
+    table, node = tables.pulse, tables.node
 
     gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
-    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, gamma - table_gamma, f_r, table, base)
+    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, gamma - tables.gamma, f_r, table, base)
     extra = parameters[at.EXTRA_TORQUE]
-    lost = heat_cycle.friction_below_ambient(P_s, P_a, table_gamma, V_high, f_r, readings, node) + extra
+    lost = heat_cycle.friction_below_ambient(P_s, P_a, tables.gamma, tables.V_high, f_r, readings, node) + extra
     if net - lost <= 0.0 or P_s <= P_d:
         known[:] = 0.0
         return
@@ -149,17 +174,29 @@ def _solve_point(
     out[STATUS] = NOT_CONVERGED
     for i in range(MOST_PASSES):
         T_next, m_in, heat_gas = heat_cycle.pass_cycle(
-            T, P_s, P_d, omega, V_low, V_high, table_gamma, parameters, readings, node, gas, stage, work
+            T,
+            P_s,
+            P_d,
+            omega,
+            tables.V_low,
+            tables.V_high,
+            tables.gamma,
+            parameters,
+            readings,
+            node,
+            gas,
+            stage,
+            work,
         )
         step_work[:] = base
         for n in range(heat_cycle.N_NODES):
-            step_work[step[n]] += work[n]
+            step_work[tables.step[n]] += work[n]
         w, new, ripple = pulse.rippled_mean(w, step_work, table, f, J, speed, coarse_speed)
         if w < 0.0:
             out[STATUS] = STALLED
             known[:] = 0.0
             return
-        pulse.speeds_at(node[:, heat_cycle.PHASE], step, table, first, speed, omega)
+        pulse.speeds_at(node[:, heat_cycle.PHASE], tables.step, table, tables.first, speed, omega)
         before, change = change, max(abs(new - mean) / mean, abs(T_next - T) / T)
         T, mean = T_next, new
         if i > 0 and (change <= tolerance or (change < before and change * change <= tolerance * before)):
@@ -182,13 +219,7 @@ def _add_slopes(
     parameters: np.ndarray,
     readings: np.ndarray,
     gas: np.ndarray,
-    table_gamma: float,
-    table: np.ndarray,
-    first: float,
-    node: np.ndarray,
-    step: np.ndarray,
-    V_low: float,
-    V_high: float,
+    tables: _Tables,
     tolerance: float,
     scratch: np.ndarray,
     known: np.ndarray,
@@ -199,30 +230,14 @@ def _add_slopes(
     if row[RIPPLE] < LARGE_RIPPLE * row[SPEED_OUT]:
         # The adiabatic torque and charge are linear in P_s; what heat and ripple change in them is below 1 % here.
         gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
-        swept = (V_high - V_low + V_low / gamma) / (gas[at.GAS_R] * parameters[at.T_IN])
-        gain = pulse.gain(table, pulse.GAS_S, pulse.ROLL_S, parameters[at.F_R])
+        swept = (tables.V_high - tables.V_low + tables.V_low / gamma) / (gas[at.GAS_R] * parameters[at.T_IN])
+        gain = pulse.gain(tables.pulse, pulse.GAS_S, pulse.ROLL_S, parameters[at.F_R])
         row[SPEED_SLOPE] = gain / parameters[at.F_OVERALL]
         growth = row[SPEED_SLOPE] / row[SPEED_OUT] + swept * row[SPEED_OUT] / (at.PULSE * row[MASS_FLOW]) - 1.0 / P
         row[FLOW_SLOPE] = row[VOLUME_FLOW] * growth
         return
     P_1 = P * (1.0 + SLOPE_STEP)
-    _solve_point(
-        P_1,
-        parameters,
-        readings,
-        gas,
-        table_gamma,
-        table,
-        first,
-        node,
-        step,
-        V_low,
-        V_high,
-        tolerance,
-        scratch,
-        known,
-        beside,
-    )
+    _solve_point(P_1, parameters, readings, gas, tables, tolerance, scratch, known, beside)
     row[SPEED_SLOPE] = (beside[SPEED_OUT] - row[SPEED_OUT]) / (P_1 - P)
     row[FLOW_SLOPE] = (beside[VOLUME_FLOW] - row[VOLUME_FLOW]) / (P_1 - P)
 
@@ -243,64 +258,29 @@ def _solve_span(
 
     Each starts from what is known of it, or with ``follow`` from the point before.
     """
-    table = np.empty((pulse.N_STEPS, pulse.N_TABLE))
-    node = np.empty((heat_cycle.N_NODES, heat_cycle.N_NODE))
-    step = np.empty(heat_cycle.N_NODES, np.int64)
+    if pressures.size == 0:
+        return
     scratch = np.empty((6, max(pulse.N_STEPS + 1, heat_cycle.N_NODES)))
     beside, about = np.empty(N_OUT), np.zeros(N_KNOWN)
-    first, V_low, V_high, table_gamma = 0.0, 0.0, 0.0, 0.0
     mine = parameters[0]
+    tables = _tabulate(mine, readings, _table_gamma(gas[0]))
     for p in range(pressures.size):
         P, before = pressures[p], mine
         if parameters.shape[0] > 1:
             mine = parameters[p]
-        wanted = _table_gamma(gas[p])
-        if p == 0 or wanted != table_gamma or not _alike(mine, before):
-            table_gamma = wanted
-            first, V_low, V_high = _tabulate(mine, readings, table_gamma, table, node, step)
+        gamma = _table_gamma(gas[p])
+        if gamma != tables.gamma or not _alike(mine, before):
+            tables = _tabulate(mine, readings, gamma)
         if not follow:
             about[:] = known[p]
         elif about[KNOWN_T] > 0.0:
             DP_in = mine[at.DP_IN]
-            about[KNOWN_T] *= ((pressures[p - 1] - DP_in) / (P - DP_in)) ** (1.0 - 1.0 / table_gamma)
-        _solve_point(
-            P,
-            mine,
-            readings,
-            gas[p],
-            table_gamma,
-            table,
-            first,
-            node,
-            step,
-            V_low,
-            V_high,
-            tolerance,
-            scratch,
-            about,
-            out[p],
-        )
+            about[KNOWN_T] *= ((pressures[p - 1] - DP_in) / (P - DP_in)) ** (1.0 - 1.0 / gamma)
+        _solve_point(P, mine, readings, gas[p], tables, tolerance, scratch, about, out[p])
         if not follow:
             known[p] = about
         if slopes and out[p, STATUS] == RUNNING:
-            _add_slopes(
-                P,
-                mine,
-                readings,
-                gas[p],
-                table_gamma,
-                table,
-                first,
-                node,
-                step,
-                V_low,
-                V_high,
-                tolerance,
-                scratch,
-                about,
-                beside,
-                out[p],
-            )
+            _add_slopes(P, mine, readings, gas[p], tables, tolerance, scratch, about, beside, out[p])
 
 
 @njit(cache=True)

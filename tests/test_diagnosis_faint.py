@@ -12,7 +12,8 @@ import pytest
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.document import FORM, as_json
+from calibration.diagnosis.document import as_json
+from calibration.diagnosis.f_overall import FORM
 from calibration.diagnosis.faint import faint
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import beyond
@@ -44,7 +45,7 @@ def test_the_linear_model_says_of_a_faint_effect_what_a_refit_says(name: str, tm
 
 
 def test_an_effect_that_cannot_be_negative_moves_f_overall_one_way(tmp_path: Path) -> None:
-    """Dry friction takes torque: with some of it there is the less for f_overall to take, and more roller friction."""
+    """Of dry friction there is none or some: f_overall with it lies to one side."""
     comparison = Comparison(Problem(recordings.sweep(tmp_path, 1, {})))
     base = base_of(comparison)
     place = comparison.problem.place("f_overall")

@@ -332,7 +332,7 @@ def turned(
         for move in ALL_ROUND:
             tried = z.copy()
             tried[place] = (start + move + EDGE) % (2.0 * EDGE) - EDGE
-            there = f(tried, here, (run,), runs_alone=True)
+            there = f(tried, here, (run,))
             r = white(comparison.read - comparison.raw(there))
             cost = minus_log_posterior(r, white.log_scale, tried, u, comparison)
             if cost < best:
@@ -360,7 +360,7 @@ def opened(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) ->
         for opening in OPENINGS:
             tried = z.copy()
             tried[[place, *ways]] = opening, *np.zeros(len(ways))
-            tried, there = _started(f, comparison, tried, u, f(tried, here, (run,), runs_alone=True), run, ways)
+            tried, there = _started(f, comparison, tried, u, f(tried, here, (run,)), run, ways)
             cost = _cost(comparison, tried, u, there)
             if cost < best:
                 best, z, here = cost, tried, there
@@ -376,7 +376,7 @@ def _started(
     for way in ways:
         moved = z.copy()
         moved[way] += 1.0
-        columns.append(white(np.nan_to_num(comparison.raw(f(moved, here, (run,), runs_alone=True)) - raw)))
+        columns.append(white(np.nan_to_num(comparison.raw(f(moved, here, (run,))) - raw)))
     X = np.column_stack(columns)
     r = white(comparison.read - raw)
     weight, _ = robust_weights(r, comparison)
@@ -384,7 +384,7 @@ def _started(
     found = z.copy()
     found[list(ways)] += np.linalg.solve(A, (X * weight[:, None]).T @ r - z[list(ways)])
     found = f.clip(found)
-    return found, f(found, here, (run,), runs_alone=True)
+    return found, f(found, here, (run,))
 
 
 def _step(

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
 from calibration.diagnosis.misread import MISREAD, by_chance
-from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.next_test import NextTest
 from calibration.priors import Unknown
 from model.effects import effects
 
 FORMAT = "diagnosis/1"
-DRAWS = 8000  # that an average is made of
-MOST_NATS = 50.0
-# Share of what a set moves f_overall by that is not known (1 sd), for a law may have another form. In the challenge's
-# first nine campaigns, opened, f_overall was then off by a fifth to three quarters of it.
-FORM = 0.2
 Q95 = 1.6448536269514722  # of a standard normal
 MOST_PLACES = 6
 UNKNOWN = {"id": "unknown", "probability": 1.0, "log10_bayes_factor": None, "parameters": {}}
-# How far two solutions of the article's equations, one with ports that open at a finite rate, disagree about f_overall
-# where spin-ups and coast-downs weigh in: 0.8 % twice, where the noise alone allowed 0.3 %.
-SOLVERS_DIFFER = 0.006
 
 
 def as_json(found: Diagnosis) -> dict[str, Any]:
@@ -69,8 +61,8 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             "stability": list(found.term.stability),
         },
         "improvement": {"held_out": held_out_as_json(found.held_out)},
-        "f_overall_before": _f_overall(found, _alone(found, found.base, 1.0)),
-        "f_overall_after": _f_overall(found, _averaged(found)),
+        "f_overall_before": f_overall_before(found),
+        "f_overall_after": f_overall_after(found),
         "next_tests": next_tests_as_json(found.next_tests),
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
@@ -137,81 +129,6 @@ def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dic
         high = parameter.high if parameter.shape else math.inf
         out[unknown.name] = size_as_json(unknown, z, sd, parameter.low, high)
     return out
-
-
-# What f_overall is averaged over: a weight, and draws of its standard normal number.
-Draw = Callable[[int, np.random.Generator], np.ndarray]
-Parts = list[tuple[float, Draw]]
-
-
-def _averaged(found: Diagnosis) -> Parts:
-    """Sets named or listed, each alone and with every further effect that may be there unseen.
-
-    A further effect is there with the odds that the linear model gives it, at most even ones: else it would have been
-    said. Where the two were refitted together, the refit is taken, or none where that could not be believed.
-    The law of an effect may have another form than the list's: a share of what it moves f_overall by is not known.
-    """
-    place = found.comparison.problem.place("f_overall")
-    if place is None:
-        return []
-    if found.beside is not None:
-        return [(1.0, _normal(found.beside[0][place], found.beside[1][place]))]
-    refitted = {c.names: c for c in found.candidates}
-    if not found.faint:  # unresolved, and nothing to stand beside the model: all that was refitted may be there
-        return [part for c in found.candidates if not c.refused for part in _alone(found, c.mode, c.probability)]
-    K = len(found.comparison.problem.effects_that_could())
-    parts: Parts = []
-    for names, further in found.faint.items():
-        one = refitted[names]
-        parts += _alone(found, one.mode, one.probability)
-        for extra in further:
-            both = refitted.get(tuple(sorted((*names, extra.effect))))
-            if both is None:
-                form = FORM * abs(one.mode.z[place] - found.base.z[place])
-                parts.append((one.probability * min(extra.odds, 1.0), _among(extra.f_overall_z, form)))
-            elif not both.refused and both.names not in found.faint:
-                odds = min(math.exp(min(both.log_evidence - one.log_evidence, MOST_NATS)) / K, 1.0)
-                parts += _alone(found, both.mode, max(one.probability * odds, both.probability))
-    return parts
-
-
-def _alone(found: Diagnosis, mode: Mode, weight: float) -> Parts:
-    place = found.comparison.problem.place("f_overall")
-    if place is None:
-        return []
-    form = FORM * (mode.z[place] - found.base.z[place])
-    return [(weight, _normal(mode.z[place], math.hypot(math.sqrt(mode.covariance[place, place]), form)))]
-
-
-def _normal(mean: float, sd: float) -> Draw:
-    def draw(n: int, rng: np.random.Generator) -> np.ndarray:
-        drawn: np.ndarray = mean + sd * rng.standard_normal(n)
-        return drawn
-
-    return draw
-
-
-def _among(draws: np.ndarray, sd: float) -> Draw:
-    def draw(n: int, rng: np.random.Generator) -> np.ndarray:
-        drawn: np.ndarray = rng.choice(draws, n) + sd * rng.standard_normal(n)
-        return drawn
-
-    return draw
-
-
-def _f_overall(found: Diagnosis, parts: Parts) -> dict[str, float] | None:
-    """f_overall averaged [N m s]; None where it is no unknown."""
-    place = found.comparison.problem.place("f_overall")
-    if place is None:
-        return None
-    rng = np.random.default_rng(0)
-    total = sum(weight for weight, _ in parts) or 1.0
-    z = np.concatenate([draw(round(DRAWS * weight / total), rng) for weight, draw in parts])
-    x = found.comparison.problem.nuisances[place].value(z)
-    if found.comparison.problem.blocks.runs:
-        x = x * (1.0 + SOLVERS_DIFFER * rng.standard_normal(x.size))
-    q05, q95 = np.quantile(x, [0.05, 0.95])
-    return {"mean": float(x.mean()), "sd": float(x.std()), "q05": float(q05), "q95": float(q95)}
 
 
 def size_as_json(unknown: Unknown, z: float, sd: float, low: float, high: float) -> dict[str, float]:

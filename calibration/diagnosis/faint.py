@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,8 +68,7 @@ def faint(comparison: Comparison, mode: Mode, found: Sequence[Signature], rng: n
     for one in found:
         g = white(one.column) * good
         g_perp = project(J, g)
-        two_sided = Signature(one.effect, one.unknowns, one.column, one.mean, one.sd, False)
-        gain, mean = log_gain(two_sided, g, g_perp, r)
+        gain, mean = log_gain(replace(one, one_sided=False), g, g_perp, r)
         sd = (float(g @ g_perp) + one.sd**-2) ** -0.5
         declared = declared_size(problem, one.effect)
         places = [f] if declared is None or declared[1] is None else [f, declared[1]]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
 
-from calibration.diagnosis.in_time import STARTS, follows_angle
+from calibration.diagnosis.in_time import STARTS, Pulses, follows_angle
 from calibration.diagnosis.linear import FLOW, STANDING, Comparison
 from calibration.diagnosis.problem import SI_OF, Prediction
 from model.effects import effects
@@ -21,21 +21,7 @@ STRAIGHT = 0.002  # of f_overall's prior sd: after so small a correction a secon
 LEAST_FACTOR = 0.25  # a quantity that cannot be negative falls to no less than this share of itself in a step
 
 
-class Predicts(Protocol):
-    """Predictions of a point; with ``around``, of one so close to it that plateaus to first order will do.
-
-    With ``like``, those of the given runs in time alone are made, and the rest is that prediction's.
-    """
-
-    def __call__(
-        self,
-        z: np.ndarray,
-        like: Prediction | None = None,
-        runs: Sequence[int] | None = None,
-        *,
-        around: Neighbourhood | None = None,
-        runs_alone: bool = False,
-    ) -> Prediction: ...
+Predicts = Callable[..., Prediction]  # of a point, and of what else `Function` takes
 
 
 class Function:
@@ -172,11 +158,12 @@ class Function:
         like: Prediction | None = None,
         runs: Sequence[int] | None = None,
         *,
+        pulses: Sequence[Pulses | None] | None = None,
+        smooth: bool = False,
         around: Neighbourhood | None = None,
-        runs_alone: bool = False,
     ) -> Prediction:
         chosen = self.problem.chosen(self.names, z[self.k :])
-        return self.problem.predict(z[: self.k], chosen, like, runs, around=around, runs_alone=runs_alone)
+        return self.problem.predict(z[: self.k], chosen, like, runs, pulses, smooth, around)
 
     def smooth(self, z: np.ndarray) -> np.ndarray:
         """Predictions with the runs in time by the mean torque, as a vector [SI], shape (n,).
@@ -189,8 +176,7 @@ class Function:
         z : ndarray, shape (m,)
             A point [-].
         """
-        chosen = self.problem.chosen(self.names, z[self.k :])
-        return self.comparison.raw(self.problem.predict(z[: self.k], chosen, smooth=True))
+        return self.comparison.raw(self(z, smooth=True))
 
     def near(self, there: np.ndarray) -> Predicts:
         """Predictions about a point: the mean torque's, and what the pulses add there, at the angle that is reached.
@@ -201,19 +187,7 @@ class Function:
             The point [-].
         """
         added = self.problem.pulses(there[: self.k], self.problem.chosen(self.names, there[self.k :]))
-
-        def predict(
-            z: np.ndarray,
-            like: Prediction | None = None,
-            runs: Sequence[int] | None = None,
-            *,
-            around: Neighbourhood | None = None,
-            runs_alone: bool = False,
-        ) -> Prediction:
-            chosen = self.problem.chosen(self.names, z[self.k :])
-            return self.problem.predict(z[: self.k], chosen, like, runs, added, around=around, runs_alone=runs_alone)
-
-        return predict
+        return functools.partial(self, pulses=added)
 
     def derivatives(self, z: np.ndarray, here: Prediction, D: np.ndarray, u: np.ndarray, of: Predicts) -> np.ndarray:
         """Forward differences of the predictions [SI], the plateaus' from what is known of them close to the point.
@@ -246,7 +220,7 @@ class Function:
             def differentiated(moved: np.ndarray) -> np.ndarray:
                 if run is None:
                     return self.comparison.raw(of(moved, around=around))
-                return self.comparison.raw(of(moved, here, (run,), runs_alone=True))
+                return self.comparison.raw(of(moved, here, (run,)))
 
             size = float(np.linalg.norm(white(D[:, i])))
             step = STEP if size == 0.0 else min(STEP, max(NEAR / size, LEAST_STEP))

@@ -217,7 +217,9 @@ def plan(
         start, set_at = rest_state(motor, angle), float(run.time[0]) - step
         time = np.concatenate([[run.time[0] - step], run.time])
     else:
-        speed = max(_steady_speed(motor, parameters, supply[0].pressure_pa, chosen, run.start_s), SLOWEST_START)
+        speed = max(
+            _steady_speed(motor, parameters, readings, supply[0].pressure_pa, chosen, run.start_s), SLOWEST_START
+        )
         # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
         set_at = supply[1].start_s if len(supply) > 1 else float(run.time[0])
         ahead = set_at - supply[0].start_s
@@ -231,9 +233,10 @@ def plan(
     return Plan(parameters, readings, tuple(supply), time, start, chosen, run.start_s, run.wanted, angle, set_at)
 
 
-def _steady_speed(motor: Motor, parameters: np.ndarray, pressure_pa: float, chosen: Chosen, clock: float) -> float:
+def _steady_speed(
+    motor: Motor, parameters: np.ndarray, readings: np.ndarray, pressure_pa: float, chosen: Chosen, clock: float
+) -> float:
     """Speed at which the motor has settled before a coast-down [rad/s]; 0 where it stalls."""
-    readings = motor.readings.vector()
 
     def solved() -> np.ndarray:
         pressure = np.array([pressure_pa])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,9 +13,8 @@ from calibration.diagnosis.function import Function, Predicts
 from calibration.diagnosis.information import Expected
 from calibration.diagnosis.linear import RUN, Comparison
 from calibration.diagnosis.name import Candidate
-from calibration.diagnosis.problem import Prediction, Problem
+from calibration.diagnosis.problem import Problem
 from calibration.priors import PASCAL_PER_BAR, column_of
-from model.effects.neighbourhood import Neighbourhood
 from model.layout import RPM
 from rig.recording import Column, Recording, RecordingFile
 
@@ -186,20 +186,7 @@ def expected_readings(plan: Planned, seen: Problem, rivals: Sequence[Candidate])
 
 def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:
     """Predictions by the mean torque: nobody can count on the phase of the pulses."""
-    k = len(there.problem.nuisances)
-
-    def predict(
-        z: np.ndarray,
-        like: Prediction | None = None,
-        runs: Sequence[int] | None = None,
-        *,
-        around: Neighbourhood | None = None,
-        runs_alone: bool = False,
-    ) -> Prediction:
-        chosen = there.problem.chosen(names, z[k:])
-        return there.problem.predict(z[:k], chosen, like, runs, smooth=True, around=around, runs_alone=runs_alone)
-
-    return predict
+    return functools.partial(Function(there, names), smooth=True)
 
 
 def _with_speeds(recording: Recording, speed: np.ndarray) -> Recording:

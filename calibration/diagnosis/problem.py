@@ -239,7 +239,6 @@ class Problem:
         pulses: Sequence[in_time.Pulses | None] | None = None,
         smooth: bool = False,
         around: Neighbourhood | None = None,
-        runs_alone: bool = False,
     ) -> Prediction:
         """What the instruments would read.
 
@@ -250,9 +249,10 @@ class Problem:
         chosen : dict
             Effects and the values of their parameters.
         like : Prediction or None
-            Where runs that are not simulated anew are taken from.
+            Where the rest is taken from when ``runs`` is given.
         runs : sequence of int or None
-            Indices of the runs to simulate; all when left out [-].
+            Indices of the runs to simulate, and nothing else; the plateaus alone where there is none in it; everything
+            when left out [-].
         pulses : sequence of Pulses or None
             Those of each run, to be added to its course by the mean torque: a twentieth of the time, and smooth in
             every unknown. They are simulated where they are not given.
@@ -260,8 +260,6 @@ class Problem:
             Whether runs are to be without pulses.
         around : Neighbourhood or None
             Of plateaus close by, where those to first order will do; solved in full where it is not given.
-        runs_alone : bool
-            Whether all but the runs is taken from there too: nothing that it hangs on has changed.
         """
         split = self.split(z)
         parameters, errors = split[:2]
@@ -271,7 +269,7 @@ class Problem:
             else like.runs[i]
             for i in range(len(self.blocks.runs))
         )
-        if like is not None and runs_alone:
+        if like is not None and runs:
             return replace(like, runs=found)
         rows, true = self._plateaus(parameters, errors, chosen)
         if around is None:

@@ -89,6 +89,7 @@ class Search:
             Whether all effects are refitted, whatever the linear model says.
         """
         base, comparison = self.modes[()], self.comparison
+        self._signatures[()] = list(found)
         most = SINGLES_WITH_RUNS if base.prediction.runs else SINGLES
         ranked = screen(comparison, base, found, u, -math.inf)
         chosen = ranked if every else [one for one in ranked if one[1] > worth][:most]
@@ -101,6 +102,8 @@ class Search:
             if best:
                 again = find(comparison, (), self.modes[best])
                 self.modes[()] = max(base, again, key=lambda mode: mode.log_evidence)
+                if self.modes[()] is not base:
+                    del self._signatures[()]
 
     def pairs(self, closed: Names | None) -> None:
         """Refit pairs grown from the best single effects, then what may stand in the best set's place.
