@@ -13,7 +13,7 @@ from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json
-from calibration.diagnosis.f_overall import FORM
+from calibration.diagnosis.f_overall import FORM, SOLVERS_DIFFER, UNSEEN
 from calibration.diagnosis.faint import faint
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import beyond
@@ -67,6 +67,13 @@ def test_f_overall_of_a_consistent_recording_holds_what_may_be_there_unseen(tmp_
     assert after["q05"] < before["q05"]
     assert after["q95"] > before["q95"]
     assert after["sd"] < 3.0 * before["sd"]
+
+
+def test_no_interval_of_f_overall_is_narrower_than_the_laws_are_exact(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 1, {})
+    found = as_json(diagnose(recordings.add_coast_down(tmp_path, 1, {}), seed=1))
+    before, after = found["f_overall_before"], found["f_overall_after"]
+    assert SOLVERS_DIFFER < before["sd"] / before["mean"] < UNSEEN < after["sd"] / after["mean"]
 
 
 def test_f_overall_beside_an_effect_holds_that_its_law_may_have_another_form(tmp_path: Path) -> None:

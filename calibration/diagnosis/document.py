@@ -14,8 +14,8 @@ from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
 from calibration.diagnosis.misread import MISREAD, by_chance
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.next_test import NextTest
+from calibration.diagnosis.sizes import sizes_of
 from calibration.priors import Unknown
-from model.effects import effects
 
 FORMAT = "diagnosis/1"
 Q95 = 1.6448536269514722  # of a standard normal
@@ -118,16 +118,11 @@ def _factor(candidates: Sequence[Candidate], chosen: Candidate, name: str) -> fl
 
 
 def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dict[str, float]]:
-    problem = found.comparison.problem
-    k = len(problem.nuisances)
     out = {}
-    for i, (effect, unknown) in enumerate(problem.effect_unknowns(chosen.names)):
-        if effect != name:
-            continue
-        parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
-        z, sd = float(chosen.mode.z[k + i]), math.sqrt(float(chosen.mode.covariance[k + i, k + i]))
-        high = parameter.high if parameter.shape else math.inf
-        out[unknown.name] = size_as_json(unknown, z, sd, parameter.low, high)
+    for size in sizes_of(found.comparison.problem, chosen):
+        if size.effect == name:
+            high = size.parameter.high if size.parameter.shape else math.inf
+            out[size.unknown.name] = size_as_json(size.unknown, size.z, size.sd, size.parameter.low, high)
     return out
 
 

@@ -17,6 +17,10 @@ FORM = 0.2
 # How far two solutions of the article's equations, one with ports that open at a finite rate, disagree about f_overall
 # where spin-ups and coast-downs weigh in: 0.8 % twice, where the noise alone allowed 0.3 %.
 SOLVERS_DIFFER = 0.006
+# Share of f_overall that may be wrong unseen (1 sd): no law is more exact, and rigs have what is in no list. In the
+# challenge's sixth to tenth campaign, opened, 455 instead of 421 intervals of 520 held it then; where nothing was
+# concealed all of 104 did, and 98 had.
+UNSEEN = 0.02
 
 Draw = Callable[[int, np.random.Generator], np.ndarray]  # so many draws of f_overall's standard normal number
 Part = tuple[float, Draw]  # what f_overall is averaged over: a weight, and draws
@@ -31,11 +35,12 @@ def f_overall_before(found: Diagnosis) -> dict[str, float] | None:
         Of `diagnose`.
     """
     place = found.comparison.problem.place("f_overall")
-    return None if place is None else _summary(found, place, [_alone(found, place, found.base, 1.0)])
+    share = SOLVERS_DIFFER if found.comparison.problem.blocks.runs else 0.0
+    return None if place is None else _summary(found, place, [_alone(found, place, found.base, 1.0)], share)
 
 
 def f_overall_after(found: Diagnosis) -> dict[str, float] | None:
-    """The same, averaged over what the verdict leaves open [N m s].
+    """The same, averaged over what the verdict leaves open, and as far off as what no recording shows [N m s].
 
     Parameters
     ----------
@@ -43,7 +48,7 @@ def f_overall_after(found: Diagnosis) -> dict[str, float] | None:
         Of `diagnose`.
     """
     place = found.comparison.problem.place("f_overall")
-    return None if place is None else _summary(found, place, _averaged(found, place))
+    return None if place is None else _summary(found, place, _averaged(found, place), UNSEEN)
 
 
 def _averaged(found: Diagnosis, place: int) -> list[Part]:
@@ -94,12 +99,10 @@ def _among(draws: np.ndarray, sd: float) -> Draw:
     return draw
 
 
-def _summary(found: Diagnosis, place: int, parts: list[Part]) -> dict[str, float]:
+def _summary(found: Diagnosis, place: int, parts: list[Part], share: float) -> dict[str, float]:
     problem, rng = found.comparison.problem, np.random.default_rng(0)
     total = sum(weight for weight, _ in parts) or 1.0
     z = np.concatenate([draw(round(DRAWS * weight / total), rng) for weight, draw in parts])
-    x = problem.nuisances[place].value(z)
-    if problem.blocks.runs:
-        x = x * (1.0 + SOLVERS_DIFFER * rng.standard_normal(x.size))
+    x = problem.nuisances[place].value(z) * (1.0 + share * rng.standard_normal(z.size))
     q05, q95 = np.quantile(x, [0.05, 0.95])
     return {"mean": float(x.mean()), "sd": float(x.std()), "q05": float(q05), "q95": float(q95)}

@@ -13,11 +13,12 @@ from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.linear import RUN
 from calibration.diagnosis.misread import MISREAD
 from calibration.diagnosis.name import Candidate
+from calibration.diagnosis.sizes import sizes_of
 from calibration.priors import PASCAL_PER_BAR
 from calibration.report.diagnosis_numbers import Q95, of_mode
 from calibration.report.diagnosis_words import FAMILIAR, is_corrected, is_unseen, listed, quantity, titles
 from calibration.report.fit_words import rounded, uncertainty
-from model.effects import effects, laws
+from model.effects import laws
 
 MOST_SHOWN = 6  # sets
 LEAST_ODDS = 1e-3  # of a set whose f_overall is shown
@@ -44,13 +45,12 @@ def sizes(found: Diagnosis, one: Candidate) -> str:
     one : Candidate
         The set.
     """
-    problem = found.comparison.problem
-    k, parts = len(problem.nuisances), []
-    for i, (name, unknown) in enumerate(problem.effect_unknowns(one.names)):
-        sd = math.sqrt(max(float(one.mode.covariance[k + i, k + i]), 0.0))
-        low, mean, high = unknown.value(one.mode.z[k + i] + sd * np.array([-1.0, 0.0, 1.0]))
-        before = f"{name}: " if len(one.names) > 1 else ""
-        text = next(p.text for p in effects()[name].parameters if p.name == unknown.name) or unknown.name
+    parts = []
+    for size in sizes_of(found.comparison.problem, one):
+        unknown = size.unknown
+        low, mean, high = unknown.value(size.z + size.sd * np.array([-1.0, 0.0, 1.0]))
+        before = f"{size.effect}: " if len(one.names) > 1 else ""
+        text = size.parameter.text or unknown.name
         parts.append(f"{before}{text} {quantity(mean, (high - low) / 2.0, unknown.unit, unknown.name)}")
     return "; ".join(parts)
 
@@ -69,10 +69,10 @@ def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
         return {}
     problem, state = found.comparison.problem, one.mode.prediction.state
     top = int(np.nanargmax(np.where(np.isfinite(one.mode.prediction.speed), state.pressure, np.nan)))
-    k, said = len(problem.nuisances), {}
-    chosen_z = one.mode.z[k:]
-    place = {name: k + i for i, (name, _) in reversed(list(enumerate(problem.effect_unknowns(one.names))))}
-    for effect, values in laws.members(problem.chosen(one.names, chosen_z)):
+    chosen = problem.chosen(one.names, one.mode.z[len(problem.nuisances) :])
+    first = {found.effect: found for found in reversed(sizes_of(problem, one))}
+    said = {}
+    for effect, values in laws.members(chosen):
         size, unit = math.nan, ""
         if effect.leak is not None:
             volume = state.gas_constant[top] * state.temperature[top] / state.pressure[top]
@@ -83,8 +83,8 @@ def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
             size, unit = effect.outlet_rise(values, state)[top], "Pa"
         elif effect.torque is not None and effect.amplitude.unit == "N m s2":
             size, unit = effect.torque(values, state)[top], "N m"
-        z = float(one.mode.z[place[effect.id]])
-        sd = abs(size / z) * math.sqrt(float(one.mode.covariance[place[effect.id], place[effect.id]])) if z else 0.0
+        z = first[effect.id].z
+        sd = abs(size / z) * first[effect.id].sd if z else 0.0
         if math.isfinite(size):
             where = f"at the highest level, {state.pressure[top] / PASCAL_PER_BAR:.2f} bar"
             said[effect.id] = f"{quantity(float(size), sd, unit)} {where}"

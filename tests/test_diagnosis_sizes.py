@@ -1,0 +1,52 @@
+"""How well an effect's size is known."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.base import base_of
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.name import Candidate
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.sizes import LAW, sizes_of
+
+_spec = importlib.util.spec_from_file_location(
+    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
+)
+assert _spec is not None and _spec.loader is not None
+recordings = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(recordings)
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    return Problem(recordings.sweep(tmp_path_factory.mktemp("windage"), 3, {"windage": {"drag_nm_s2": 3e-4}}))
+
+
+def test_a_size_is_known_no_better_than_the_law(problem: Problem) -> None:
+    comparison = Comparison(problem)
+    mode = find(comparison, ("windage",), base_of(comparison))
+    (size,) = sizes_of(problem, Candidate(("windage",), mode, 0.0, 1.0, ""))
+    fitted = math.sqrt(mode.covariance[-1, -1])
+    low, value, high = size.unknown.value(size.z + fitted * np.array([-1.0, 0.0, 1.0]))
+    spread = np.diff(size.unknown.value(size.z + size.sd * np.array([-1.0, 1.0])))[0] / 2.0
+    assert spread == pytest.approx(math.hypot((high - low) / 2.0, LAW * value))
+    assert (size.effect, size.parameter.name) == ("windage", "drag_nm_s2")
+
+
+def test_a_sine_of_nothing_is_as_uncertain_as_its_cosine(problem: Problem) -> None:
+    """Both are one size: a phase that is a little off moves the smaller part by a share of the larger."""
+    k = len(problem.nuisances)
+    names = ("once_per_rev_torque",)
+    z = np.concatenate([np.zeros(k), [0.0, 0.5]])
+    mode = replace(base_of(Comparison(problem)), z=z, covariance=1e-12 * np.eye(k + 2))
+    sine, cosine = sizes_of(problem, Candidate(names, mode, 0.0, 1.0, ""))
+    assert sine.sd == pytest.approx(LAW * 0.5)
+    assert cosine.sd == pytest.approx(sine.sd)
