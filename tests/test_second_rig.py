@@ -524,6 +524,26 @@ class TestSeparable:
         # The speed's scale, with an f_overall to match, is the flow's: the two are as like to half a percent.
         assert found["rival"] in ("flow_offset", "flow_scale", "flow_density_correction", "speed_scale")
 
+    def test_an_offset_of_the_flow_meter_is_like_a_leak_through_a_hole(self, tmp_path):
+        """Its volume at the line's pressure hardly changes; that of a leak through a gap grows with the pressure."""
+        shifted = conceal(case_of("none", transients=False), effect("flow_offset", offset_m3_s=1.5e-4))
+        make_recording(shifted, tmp_path)
+        thinned(tmp_path)
+        found = separable(shifted, tmp_path)
+        assert found["D"] > 7.0
+        assert (found["rival"], found["form"]) == ("leakage", "orifice")
+
+    def test_of_two_effects_the_one_in_another_form_may_pass_for_both(self, tmp_path):
+        both = conceal(
+            case_of("none", transients=False),
+            effect("windage", drag_nm_s2=3e-4),
+            effect("coulomb_friction", torque_nm=0.2),
+        )
+        make_recording(both, tmp_path)
+        thinned(tmp_path)
+        found = separable(both, tmp_path)
+        assert (found["rival"], found["form"], found["separable"]) == ("windage", "power", False)
+
     def test_what_the_nuisances_take_up_is_not_seen_however_bent_their_line(self, tmp_path):
         """A friction that f_overall takes up wholly: along a straight line what is left of it is the line's bend."""
         case = case_of("none")

@@ -43,6 +43,7 @@ def row(case: Case) -> dict[str, Any]:
         "D": case.size,
         "rho": signatures.get("rho"),
         "rival": _text(signatures.get("rival")),
+        "rival_form": signatures.get("form"),
         "separable": case.separable,
         "verdict": case.verdict,
         "said": " or ".join(" + ".join(sorted(one)) or "nothing" for one in sets),

@@ -271,7 +271,7 @@ def _rival_listed(case: Case) -> bool:
     if not rival or case.diagnosis is None:
         return False
     wanted = frozenset([rival] if isinstance(rival, str) else rival)
-    return any(wanted <= one for one in judging.listed_sets(case.diagnosis))
+    return any(wanted <= one != case.true_set for one in judging.listed_sets(case.diagnosis))
 
 
 def _row(case: Case) -> str:

@@ -3,12 +3,14 @@
 D is the size of the effect's change of the readings in units of noise, once the nuisances with their declared priors
 have taken up what they can. They are followed as they are, not along straight lines: what moves f_overall by a tenth
 moves everything by hundreds of sds, and then the bend of a line alone would pass for something seen. rho is the
-change's largest correlation with the change that another single effect makes. A best fit prefers the right one of two
-with probability Phi(D sqrt((1 - rho) / 2)).
+change's largest correlation with the change that another single effect makes, in any form that the rig knows of it: a
+leak through a hole adds what an offset of the flow meter does, one through a gap does not. A best fit prefers the right
+one of two with probability Phi(D sqrt((1 - rho) / 2)).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.special import ndtr
 
 from calibration.challenge.second_rig import bench
-from calibration.challenge.second_rig.signatures import Whitened, asked_of
+from calibration.challenge.second_rig.concealed import USUAL
+from calibration.challenge.second_rig.signatures import Probed, Whitened, asked_of
 from calibration.challenge.second_rig.truth import Truth
 from rig.recording import read_recording
 
@@ -33,7 +36,8 @@ FARTHEST = 5.0  # declared sds that a nuisance may go
 def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     """Size and likeness of what is concealed, for the files of one recording.
 
-    Of two effects each is weighed with the other one free, and the worse one counts.
+    Of two effects each is weighed with the other one free, and the worse one counts. The other one in another form is a
+    rival too: it alone may pass for both.
 
     Parameters
     ----------
@@ -45,17 +49,18 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``D``, ``rho``, ``rival`` (the id that rho is with) and ``separable``; D 0 where nothing is concealed.
+        ``D``, ``rho``, ``rival`` (the id that rho is with), ``form`` (its form) and ``separable``; D 0 where nothing is
+        concealed.
     """
     if not truth.effects:
-        return {"D": 0.0, "rho": 0.0, "rival": None, "separable": False}
+        return {"D": 0.0, "rho": 0.0, "rival": None, "form": None, "separable": False}
     recording = read_recording(Path(folder))
     rig = truth.rig(recording.added_inertia_kg_m2)
     base = bench.without(rig, ())
     whitened = Whitened(asked_of(recording, truth.errors), base)
     everything = whitened.readings(rig)
     nuisances = whitened.nuisances()
-    rivals = [one for one in whitened.effects() if one[0] not in truth.ids]
+    probed = whitened.effects()
     rows = whitened.rows() if "bad_reading" not in truth.ids else np.empty((everything.size, 0))
     own = []
     for k in range(len(rig.effects)):
@@ -65,6 +70,10 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     worst: dict[str, Any] = {}
     for k, (rest, change) in enumerate(own):
         free = np.column_stack([np.empty((change.size, 0)), *(FREE * c for i, (_, c) in enumerate(own) if i != k)])
+        rivals = [one for one in probed if one.id not in truth.ids]
+        for other in others:
+            same = (one for one in probed if one.id == other.id and one.form != other.form)
+            rivals += [replace(one, one_sided=False) for one in same]
         found = _weighed(*_taken_up(whitened, everything, rest, change, nuisances, free), rivals, rows)
         if not worst or found["probability"] < worst["probability"]:
             worst = found | {"D": min(found["D"], worst.get("D", np.inf))}
@@ -107,9 +116,7 @@ def _taken_up(
     return e + N @ z, N
 
 
-def _weighed(
-    change: np.ndarray, nuisances: np.ndarray, rivals: list[tuple[str, np.ndarray, bool]], rows: np.ndarray
-) -> dict[str, Any]:
+def _weighed(change: np.ndarray, nuisances: np.ndarray, rivals: list[Probed], rows: np.ndarray) -> dict[str, Any]:
     """D, rho and rival of one change of the readings."""
     lower = cholesky(np.eye(change.size) + nuisances @ nuisances.T, lower=True)
 
@@ -120,12 +127,13 @@ def _weighed(
     g = seen(change)
     D = float(np.linalg.norm(g))
     unit = g / D if D > 0.0 else g
-    like = [(_likeness(name, unit, seen(columns), one_sided), name) for name, columns, one_sided in rivals]
+    like = [(_likeness(one.id, unit, seen(one.change), one.one_sided), one.id, one.form) for one in rivals]
     if rows.size:
-        like.append((_likeness("bad_reading", unit, seen(rows), False), "bad_reading"))
-    rho, rival = max(like, default=(0.0, None))
+        like.append((_likeness("bad_reading", unit, seen(rows), False), "bad_reading", USUAL["bad_reading"]))
+    rho, rival, form = max(like, default=(0.0, None, None))
     rho = min(max(rho, 0.0), 1.0)
-    return {"D": D, "rho": rho, "rival": rival, "probability": float(ndtr(D * np.sqrt((1.0 - rho) / 2.0)))}
+    probability = float(ndtr(D * np.sqrt((1.0 - rho) / 2.0)))
+    return {"D": D, "rho": rho, "rival": rival, "form": form, "probability": probability}
 
 
 def _likeness(name: str, unit: np.ndarray, columns: np.ndarray, one_sided: bool) -> float:

@@ -13,10 +13,11 @@ import numpy as np
 
 from calibration.challenge.second_rig import bench
 from calibration.challenge.second_rig.bench import Rig
-from calibration.challenge.second_rig.concealed import USUAL, Concealed
+from calibration.challenge.second_rig.concealed import USUAL
 from calibration.challenge.second_rig.draws import ERRORS, WIDTHS
 from calibration.challenge.second_rig.instruments import misread
 from calibration.challenge.second_rig.sheets import NOISE, RESOLUTION, UNIT
+from calibration.challenge.second_rig.sizes import in_form
 from calibration.challenge.second_rig.slots import BAR, PULSE
 from rig.recording import Recording, RecordingFile
 
@@ -28,7 +29,8 @@ LEVEL_PA = 4000.0  # rows nearer than this are of one level
 SLOWEST = 20.0  # rad/s; below it a coast-down depends on the phase at which the supply was shut, and not linearly
 ENDS = 3  # samples in which a pulse is not whole
 
-# Probes: effects of a small size, with the shapes that they can have. One-sided effects have no negative size.
+# Probes: effects of a small size in their usual form, with the shapes that it can have. One-sided ones have no negative
+# size.
 PROBES: tuple[tuple[str, tuple[dict[str, float], ...], bool], ...] = (
     ("coulomb_friction", ({"torque_nm": 0.05},), True),
     ("stribeck_friction", tuple({"torque_nm": 0.08, "speed_rad_s": w} for w in (4.0, 8.0, 14.0)), True),
@@ -49,6 +51,20 @@ PROBES: tuple[tuple[str, tuple[dict[str, float], ...], bool], ...] = (
     ("speed_lag", ({"time_s": 0.01},), True),
     ("inertia", ({"share": 0.1},), False),
 )
+# Other forms that the rig knows of them, and what these have besides.
+FORMS: dict[str, tuple[tuple[str, dict[str, float]], ...]] = {
+    "coulomb_friction": tuple(("smoothed", {"width_rad_s": w}) for w in (1.0, 2.0, 4.0)),
+    "stribeck_friction": (("exponential", {}), ("lorentzian", {})),
+    "windage": tuple(("power", {"exponent": one}) for one in (1.7, 2.2, 2.5)),
+    "load_friction": (("seal", {}),),
+    "friction_warm_up": (("hyperbolic", {}), ("logistic", {})),
+    "inlet_throttling": (("orifice", {}), ("laminar", {})),
+    "exhaust_back_pressure": (("orifice", {}), ("laminar", {})),
+    "leakage": (("orifice", {}),),
+    "wall_heat_exchange": (("wall", {}),),
+    "flow_density_correction": (("exponent", {"exponent": 0.4}), ("exponent", {"exponent": 0.6})),
+    "speed_lag": (("moving_average", {}), ("delay", {})),
+}
 TRANSIENT = ("once_per_rev_torque", "speed_lag", "inertia")
 
 
@@ -69,6 +85,26 @@ class Asked:
     steady: list[tuple[bench.Plateaus, float, bool]]
     zeros: list[tuple[int, float]]
     runs: list[tuple[bench.Run, float]]
+
+
+@dataclass(frozen=True)
+class Probed:
+    """What a small effect does to the readings.
+
+    Attributes
+    ----------
+    id, form : str
+        The effect and its form.
+    change : ndarray, shape (m, shapes)
+        Change of the readings for each shape of the form [-].
+    one_sided : bool
+        Whether its size has one sign.
+    """
+
+    id: str
+    form: str
+    change: np.ndarray
+    one_sided: bool
 
 
 def asked_of(recording: Recording, errors: dict[str, float], angle: float = 0.1) -> Asked:
@@ -250,17 +286,16 @@ class Whitened:
         found[0], found[2], found[5] = np.exp(np.array([FLAT, width["roller_factor"], width["inertia"]]) * z[[0, 2, 5]])
         return found
 
-    def effects(self) -> list[tuple[str, np.ndarray, bool]]:
-        """Id, change by a small effect for each shape, shape (m, shapes) [-], and whether its size has one sign."""
+    def effects(self) -> list[Probed]:
+        """What a small effect changes, in every form that the rig knows of it."""
         y, found = self.readings(self.base), []
         for name, shapes, one_sided in PROBES:
             if name in TRANSIENT and not self.asked.runs:
                 continue
-            columns = [
-                self.readings(replace(self.base, effects=(Concealed(name, USUAL[name], values),))) - y
-                for values in shapes
-            ]
-            found.append((name, np.column_stack(columns), one_sided))
+            for form, besides in ((USUAL[name], {}), *FORMS.get(name, ())):
+                ones = (in_form(name, form, like | besides) for like in shapes)
+                columns = [self.readings(replace(self.base, effects=(one,))) - y for one in ones]
+                found.append(Probed(name, form, np.column_stack(columns), one_sided))
         return found
 
     def rows(self) -> np.ndarray:

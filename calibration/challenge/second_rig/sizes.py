@@ -6,7 +6,7 @@ forms, in the effects that are in no library, in the noise and in the nuisances 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -166,18 +166,37 @@ def other(name: str, family: str, rng: np.random.Generator) -> Concealed:
     forms = OTHER_FORMS[name][_at(family)]
     form = forms[int(rng.integers(len(forms)))]
     like = dict(usual(name, family, False, rng).values)
-    change: Callable[[], dict[str, float]] = {
-        ("coulomb_friction", "smoothed"): lambda: (
-            like | {"width_rad_s": _log(rng, ((0.5, 1.5), (1.0, 4.0))[_at(family)])}
-        ),
+    if form == "smoothed":
+        like["width_rad_s"] = _log(rng, ((0.5, 1.5), (1.0, 4.0))[_at(family)])
+    elif form == "power":
+        like["exponent"] = 1.8 if family == "development" else float(rng.choice([1.7, 2.2, 2.5]))
+    elif form == "exponent":
+        like["exponent"] = 0.45 if family == "development" else float(rng.choice([0.4, 0.6]))
+    return in_form(name, form, like)
+
+
+def in_form(name: str, form: str, like: Mapping[str, float]) -> Concealed:
+    """A listed effect in another form, as large as in its usual one.
+
+    Parameters
+    ----------
+    name : str
+        Its id.
+    form : str
+        One of its `OTHER_FORMS`.
+    like : mapping of str to float
+        Values of the usual form, and what the other one has besides.
+    """
+    values: Callable[[], dict[str, float]] = {
         ("windage", "power"): lambda: {
             "torque_at_40_nm": like["drag_nm_s2"] * 1600.0,
-            "exponent": 1.8 if family == "development" else float(rng.choice([1.7, 2.2, 2.5])),
+            "exponent": like["exponent"],
         },
         ("load_friction", "seal"): lambda: {"torque_per_pressure_m3": 7e-5 * like["roller_factor"]},
-        ("once_per_rev_torque", "two_harmonics"): lambda: (
-            like | {"second_nm": 0.4 * float(np.hypot(like["sine_nm"], like["cosine_nm"]))}
-        ),
+        ("once_per_rev_torque", "two_harmonics"): lambda: {
+            **like,
+            "second_nm": 0.4 * float(np.hypot(like["sine_nm"], like["cosine_nm"])),
+        },
         # The same loss at 80 L/min (2.2 bar) as the quadratic form has.
         ("inlet_throttling", "orifice"): lambda: {"area_m2": _orifice(like["loss_pa_s2_m6"], 2.2e5, 1.33e-3, 2.38)},
         ("inlet_throttling", "laminar"): lambda: {"loss_pa_s_m3": like["loss_pa_s2_m6"] * 1.33e-3},
@@ -186,11 +205,8 @@ def other(name: str, family: str, rng: np.random.Generator) -> Concealed:
         # The same flow at 1.8 bar.
         ("leakage", "orifice"): lambda: {"area_m2": like["conductance_kg_s_pa2"] * (1.8e5**2 - 1.013e5**2) / 422.0},
         ("wall_heat_exchange", "wall"): lambda: {"coefficient_w_m2k": 5.0 * like["extra_share"]},
-        ("flow_density_correction", "exponent"): lambda: (
-            like | {"exponent": 0.45 if family == "development" else float(rng.choice([0.4, 0.6]))}
-        ),
-    }.get((name, form), lambda: like)
-    return Concealed(name, form, change())
+    }.get((name, form), lambda: dict(like))
+    return Concealed(name, form, values())
 
 
 def unlisted(family: str, rng: np.random.Generator, transients: bool) -> tuple[Concealed, list[float] | None]:
