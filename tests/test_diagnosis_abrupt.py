@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import pytest
@@ -16,14 +15,7 @@ from calibration.diagnosis.problem import Problem
 from calibration.report.diagnosis_words import place_in_words
 from model.motor import read_motor
 from rig.recording import Recording, read_recording
-
-_spec = importlib.util.spec_from_file_location(
-    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
-)
-assert _spec is not None and _spec.loader is not None
-_module = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_module)
-sweep = _module.sweep
+from tests.diagnosis_recordings import sweep
 
 WARM_UP = "friction_warm_up"
 BRAKE = {"torque_step": {"torque_nm": 0.10, "moment_s": 350.0}}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from pathlib import Path
 
@@ -19,12 +18,7 @@ from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import beyond
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.signatures import signatures
-
-_spec = importlib.util.spec_from_file_location(
-    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
-)
-recordings = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(recordings)
+from tests import diagnosis_recordings as recordings
 
 AGREE = 1.0  # nats; the linear model's evidence against that of a refit
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,13 +27,7 @@ from model.effects import effects
 from model.effects.effect import unknown_state
 from model.transient import Supply, rest_state
 from rig.recording import Recording, RecordingError, read_recording
-
-_spec = importlib.util.spec_from_file_location(
-    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
-)
-assert _spec is not None and _spec.loader is not None
-recordings = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(recordings)
+from tests import diagnosis_recordings as recordings
 
 LEAK = {"leakage": {"conductance_kg_s_pa2": 4e-14}}
 DRAG = {"windage": {"drag_nm_s2": 2e-4}}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import pickle
 from pathlib import Path
@@ -19,13 +18,7 @@ from calibration.diagnosis.search import Search
 from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import signatures
 from model.motor import read_motor
-
-_spec = importlib.util.spec_from_file_location(
-    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
-)
-assert _spec is not None and _spec.loader is not None
-recordings = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(recordings)
+from tests import diagnosis_recordings as recordings
 
 DRAG = {"windage": {"drag_nm_s2": 2e-4}}
 

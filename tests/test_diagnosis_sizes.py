@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,13 +14,7 @@ from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.sizes import LAW, sizes_of
-
-_spec = importlib.util.spec_from_file_location(
-    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
-)
-assert _spec is not None and _spec.loader is not None
-recordings = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(recordings)
+from tests import diagnosis_recordings as recordings
 
 
 @pytest.fixture(scope="module")

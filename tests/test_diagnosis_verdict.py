@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from dataclasses import dataclass
@@ -26,15 +25,9 @@ from calibration.report.diagnosis_words import sentence
 from calibration.step_clock import StepClock
 from model.motor import read_motor
 from rig.recording import Recording, read_recording
+from tests.diagnosis_recordings import add_coast_down, sweep
 
 PRACTICE = Path(__file__).parents[2] / "shared" / "practice"
-_spec = importlib.util.spec_from_file_location(
-    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
-)
-assert _spec is not None and _spec.loader is not None
-_module = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_module)
-sweep = _module.sweep
 
 LEAK = 4e-14  # kg/(s Pa2)
 KEYS = {
@@ -144,7 +137,7 @@ def test_dry_friction_that_hides_behind_the_rollers_is_not_excluded_and_gets_its
     """Several times the roller friction, less f_overall and less inertia fit as well: only their priors speak."""
     hidden = {"coulomb_friction": {"torque_nm": 0.12}}
     sweep(tmp_path, 4, hidden)
-    found = as_json(diagnose(_module.add_coast_down(tmp_path, 4, hidden), 1))
+    found = as_json(diagnose(add_coast_down(tmp_path, 4, hidden), 1))
     true = read_motor("ptm3600").parameters.f_overall.value
     assert found["verdict"] == "consistent"
     assert "not excluded: coulomb_friction" in found["why"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -25,15 +24,10 @@ from model.effects.laws import behind_the_gauge, readings_of
 from model.motor import read_motor
 from rig.recording import Column, Recording, read_recording
 from spinbench import app
+from tests import diagnosis_recordings
 
 ROOT = Path(__file__).resolve().parent.parent
 PUBLISHED_SWEEP = ROOT / "logs" / "published_sweep"
-_spec = importlib.util.spec_from_file_location(
-    "diagnosis_recordings", Path(__file__).parent / "diagnosis_recordings.py"
-)
-assert _spec is not None and _spec.loader is not None
-_module = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_module)
 
 TORQUE = 0.15
 SOLVED = [name for name, one in effects().items() if name != "bad_reading" and not one.transient_only]
@@ -45,7 +39,7 @@ IN_PASSES = {"windage", "stribeck_friction", "inlet_throttling", "exhaust_back_p
 def rubbing(tmp_path_factory) -> Recording:
     """Four plateaus of a motor with dry friction."""
     folder = tmp_path_factory.mktemp("recordings") / "rubbing"
-    _module.sweep(folder, 9, {"coulomb_friction": {"torque_nm": TORQUE}})
+    diagnosis_recordings.sweep(folder, 9, {"coulomb_friction": {"torque_nm": TORQUE}})
     header, *rows = (folder / "sweep.csv").read_text(encoding="utf-8").splitlines()
     (folder / "sweep.csv").write_text("\n".join([header, *rows[:13:4]]) + "\n", encoding="utf-8")
     return read_recording(folder)
