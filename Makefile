@@ -25,8 +25,10 @@ help:
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
 	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (long, resumable)"
 	@echo "make record  the full blind record and its page in docs/challenge (many hours, resumable)"
+	@echo "make figures the article's figures and results anew, in docs/figures and docs/reproduction.md"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"
+	@echo "make clean   remove $(VENV) and $(OUT)"
 	@echo "make clean-cache   remove compiled kernels, after a constant of another module was changed"
 
 setup: $(STAMP)

@@ -393,16 +393,17 @@ def _diagnose_rig(read: Recording, out: Path | None, json_file: Path | None, see
         print(f"spinbench: the picture is {out / 'diagnosis.png'}", file=sys.stderr)
 
 
-# Percent done when each step of a diagnosis begins; what is told in between goes on from there.
+# Percent done when each step of a diagnosis begins, by its first words; what is told in between goes on from there.
 DIAGNOSIS_STEPS = {
     "base": 0,
     "detect": 8,
+    "look farther": 10,
     "name": 12,
     "test": 80,
     "confirm": 88,
     "locate": 92,
-    "look": 93,
-    "next": 94,
+    "look for a law": 93,
+    "next test": 94,
     "weigh": 96,
 }
 
@@ -422,7 +423,7 @@ def _diagnosing() -> Iterator[Callable[[str], None]]:
 
         def tell(step: str) -> None:
             nonlocal done
-            begins = [percent for name, percent in DIAGNOSIS_STEPS.items() if step.split(" ")[0] == name]
+            begins = [percent for name, percent in DIAGNOSIS_STEPS.items() if step.startswith(name)]
             following = next((percent for percent in DIAGNOSIS_STEPS.values() if percent > done), 98)
             done = max(done, begins[0]) if begins else done + 0.1 * (following - done)
             bar.update(task, description=step, completed=done)

@@ -22,6 +22,7 @@ KELVIN_AT_0_C = 273.15
 TEMPERATURE_SD = 0.5  # K, of a recorded temperature whose recording states no uncertainty
 PRESSURE_SD_BAR = 0.0015  # bar, of a recorded barometer that states none
 CHANNELS = ("pressure", "flow", "speed")
+SHAPE_FACTOR = 2.0  # one sd of the log-normal prior of a figure that shapes an effect's law
 
 
 @dataclass(frozen=True)

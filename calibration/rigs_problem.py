@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration import rigs_axis, rigs_machine, rigs_rotor
-from calibration.priors import Unknown
+from calibration.priors import SHAPE_FACTOR, Unknown
 from calibration.rigs_readings import Flat
 from calibration.rigs_table import table_of
 from model.effects import effects
@@ -22,7 +22,6 @@ PREDICT = {
     "driven_axis": rigs_axis.predict,
     "displacement_machine": rigs_machine.predict,
 }
-SHAPE_FACTOR = 2.0
 EVERYWHERE = ("coulomb_friction", "stribeck_friction", "windage", "friction_warm_up")
 OF_KIND = {
     "free_rotor": ("once_per_rev_torque", "speed_lag"),

@@ -10,14 +10,13 @@ import numpy as np
 
 from calibration.effect_states import Way, way_of
 from calibration.measurement import Measurement
-from calibration.priors import Unknown
+from calibration.priors import SHAPE_FACTOR, Unknown
 from model.effects import effects
 from model.effects.effect import Effect, EffectParameter
 from model.effects.laws import Chosen
 from model.motor import Motor
 from rig.recording import Recording
 
-SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
 OFF_ZERO_SDS = 5.0  # of an amplitude that cannot be 0, from one of its bounds to the other
 
 

@@ -8,11 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import STANDING, Comparison
 from calibration.diagnosis.problem import Problem
 from calibration.priors import at_ambient
+from calibration.report.diagnosis_figures import held_rotor
+from calibration.report.diagnosis_numbers import models
+from calibration.report.diagnosis_page import report
 from model.effects import effects
 from model.effects.effect import unknown_state
 from model.layout import L_MIN
@@ -53,6 +57,18 @@ def test_a_held_rotor_without_a_flow_speaks_against_a_leak(tmp_path: Path) -> No
     recordings.add_held_rotor(tmp_path, 5, 0.0)
     held = lead_of_a_leak(tmp_path, "flow_scale")
     assert held < without - 5.0
+
+
+def test_a_held_rotor_is_pictured_in_the_report(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 5, {"leakage": LEAK})
+    without = diagnose(read_recording(tmp_path), seed=1)
+    assert b"Flow with the rotor held" not in report(without, as_json(without))["report.html"]
+    recordings.add_held_rotor(tmp_path, 5, leak_at(2.0e5))
+    found = diagnose(read_recording(tmp_path), seed=1)
+    assert b"Flow with the rotor held" in report(found, as_json(found))["report.html"]
+    picture = held_rotor(found, models(found))
+    assert picture.startswith(b"\x89PNG")
+    assert picture != held_rotor(found, models(found)[:1])
 
 
 def test_a_held_rotor_is_read_as_one_mean_of_its_flow(tmp_path: Path) -> None:

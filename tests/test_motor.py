@@ -62,6 +62,8 @@ def test_the_order_of_the_quantities_is_that_of_the_solvers():
     assert {name: names.index(name) for name in LAYOUT} == LAYOUT
     assert len(LAYOUT) == layout.N_SOLVER_PARAMETERS
     assert not set(names[: layout.N_SOLVER_PARAMETERS]) - set(LAYOUT)
+    # What effects add lies behind the quantities.
+    assert [len(names), len(names) + 1, len(names) + 2] == [layout.EXTRA_TORQUE, layout.HEAT_FACTOR, layout.N_VECTOR]
 
 
 def test_the_order_of_the_readings_is_that_of_the_solvers():

@@ -29,7 +29,7 @@ def frozen() -> dict[str, Any]:
 
 
 def thresholds() -> dict[str, Any]:
-    """Every constant of the modules of calibration.diagnosis, by module and name."""
+    """Every number, word and plain tuple that the modules of calibration.diagnosis set, by module and name."""
     package = importlib.import_module("calibration.diagnosis")
     found: dict[str, Any] = {}
     for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):

@@ -41,7 +41,7 @@ class Case:
     seconds : float
         Of the diagnosis [s].
     signatures : dict or None
-        ``D``, ``rho``, ``rival``, ``separable``: by the second rig.
+        ``D``, ``rho``, ``rival``, ``form``, ``separable``: by the second rig.
     again : dict or None
         The diagnosis with the recommended test added, where one was made.
     oracle_gain : float or None

@@ -1,13 +1,14 @@
-"""What physics a recording shows that the model leaves out, a file a step.
+"""What physics a recording shows that the model leaves out.
 
-blocks      the parts of a recording as arrays
-problem     every nuisance, and what the instruments would read
-linear      readings as one vector, and its whitening
-mode        the most probable point of a model, and its evidence
-signatures  what each effect, and a force of any shape, would do
-detect, locate, name, confirm, verdict, discover, next_test: the steps
-together    several recordings as one; unseen: a run that no fit has seen
-diagnose    all of them; document: the result as diagnosis/1
+The recording: `blocks`, `quantities`, `standing`, `gauge` (its parts as arrays), `problem` and `in_time` (what the
+instruments would read), `linear` and `noise` (readings as one vector, and its whitening).
+A model at its most probable point: `function`, `descent`, `mode`.
+What may be missing: `signatures` (of each effect), `forces`, `further_forces` and `coordinates` (of any shape).
+The steps: `base`, `detect`, `locate` (`balances`), `name` and `search` (`side_by_side`), `confirm`, `verdict`
+(`misread`, `abrupt`), `discover` and `correction` (`terms`, `straight`), `next_test` (`planned`, `information`).
+What is said of sizes: `f_overall` (`faint`), `sizes`.
+`diagnose` takes all steps, `document` is the result as diagnosis/1, `check` looks at a sweep that is not over,
+`together` makes one recording of several, `unseen` predicts a run that no fit has seen.
 """
 
 from calibration.diagnosis.diagnose import Diagnosis, diagnose, held_out_gain

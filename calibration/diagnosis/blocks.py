@@ -77,8 +77,6 @@ class RunInTime:
         Of the samples, from the file's start [s]; a reading is the mean since the sample before.
     speed : ndarray, shape (n,)
         Readings [rad/s]; nan where there is none, negative-free.
-    at_zero : ndarray of bool, shape (n,)
-        Readings of 0, which are censored.
     supply : tuple of Supply
         Spans of the line, by the gauge's mean over each.
     supply_sd : float
@@ -99,7 +97,6 @@ class RunInTime:
     file: str
     time: np.ndarray
     speed: np.ndarray
-    at_zero: np.ndarray
     supply: tuple[Supply, ...]
     supply_sd: float
     is_gauge: bool
@@ -300,7 +297,6 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
         file.file,
         time,
         speed.values / RPM,
-        (speed.values <= 0.0) | (speed.censor < 0),
         tuple(spans),
         noise / np.sqrt(max(fewest, 1)),
         gauge,

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis.detect import MISMATCH_P
 from calibration.diagnosis.diagnose import detect_mismatch
 from calibration.diagnosis.locate import Place, locate
 from calibration.measurement import OBSERVED, gather
 from rig.recording import Recording
 
 FEWEST = 6  # plateaus: offsets and scales of the instruments, f_overall, lap and f_r follow almost any fewer
-DIFFERS_P = 0.01
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Checked:
     @property
     def differs(self) -> bool:
         """Whether there is a difference worth acting on."""
-        return self.p_value is not None and self.p_value < DIFFERS_P
+        return self.p_value is not None and self.p_value < MISMATCH_P
 
 
 def check(recording: Recording, seed: int = 0) -> Checked:
@@ -68,7 +68,7 @@ def check(recording: Recording, seed: int = 0) -> Checked:
     detected = detect_mismatch(swept, np.random.default_rng(seed))
     found = detected.detection
     told = f"p = {found.p_value:.2g}{', extrapolated' if found.extrapolated else ''}"
-    if found.p_value >= DIFFERS_P:
+    if found.p_value >= MISMATCH_P:
         return Checked(found.p_value, [], f"the model explains {count} plateaus ({told})", count, found.extrapolated)
     places = locate(detected.comparison, detected.base, found, detected.free)
     where = places[0].sentence if places else "Where along the sweep, it cannot be told yet."

@@ -1,4 +1,4 @@
-"""Step 4: whether the named set predicts readings that it has not seen.
+"""Step 5: whether the named set predicts readings that it has not seen.
 
 Blocks are pressure levels (both directions together) and segments of the runs in time. In each fold the sets are
 weighed anew on the readings that are left and the best of them predicts those that are not, in the model made linear at

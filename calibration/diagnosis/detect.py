@@ -1,4 +1,4 @@
-"""Step 1: whether anything is missing. Its p-value is uniform where nothing is.
+"""Step 2: whether anything is missing. Its p-value is uniform where nothing is.
 
 The statistic is the smallest tail probability over the projected signatures of all effects (one-sided where an effect
 cannot be negative) and over the free-form forces. The noise scales are estimated beside all of these, so that a misfit
@@ -97,18 +97,13 @@ def detect(
     test = _Test(comparison, mode, found, free, difference)
     real = test(difference)
     noise, spread = test.noise(difference)
-    null = np.sort(
+    null = np.array(
         [
             test(_draw(comparison, mode, noise + spread * rng.standard_normal(noise.size), rng)).statistic
             for _ in range(draws)
         ]
     )
-    above = int(np.sum(null >= real.statistic))
-    p, beyond = (above + 0.5) / (draws + 1.0), False
-    cut = null[int((1.0 - TAIL) * draws)]
-    if real.statistic > cut:
-        scale = max(float(np.mean(null[null > cut] - cut)), 0.5)
-        p, beyond = TAIL * math.exp(-(real.statistic - cut) / scale), above == 0
+    p, beyond = rarity(real.statistic, null)
     if (loud := too_loud(real.u)) is not None:
         believed = SCALES.stop * float(ndtr(-math.log(loud[1]) / NOISE_SD))
         p, beyond = min(p, believed), beyond or believed < p
@@ -116,6 +111,25 @@ def detect(
     if pulled := name if believed < MISMATCH_P else "":
         p, beyond = min(p, believed), beyond or believed < p
     return replace(real, p_value=max(p, 1e-300), extrapolated=beyond, pulled=pulled)
+
+
+def rarity(statistic: float, null: np.ndarray) -> tuple[float, bool]:
+    """How often chance gives a statistic as large [-], and whether that lies beyond the draws of its law.
+
+    Parameters
+    ----------
+    statistic : float
+        A negative logarithm of a probability [-].
+    null : ndarray, shape (n,)
+        Draws of it where nothing is missing [-].
+    """
+    null = np.sort(null)
+    above = int(np.sum(null >= statistic))
+    cut = null[int((1.0 - TAIL) * null.size)]
+    if statistic <= cut:
+        return (above + 0.5) / (null.size + 1.0), False
+    scale = max(float(np.mean(null[null > cut] - cut)), 0.5)
+    return TAIL * math.exp(-(statistic - cut) / scale), above == 0
 
 
 def _pull(comparison: Comparison, mode: Mode) -> tuple[str, float]:

@@ -63,7 +63,8 @@ class Diagnosis:
     verdict : Verdict
         What is said.
     held_out : HeldOut or None
-        Cross-validation: of the set named, or of the smooth correction where no set explains the recording.
+        Cross-validation: of the set named, or of the smooth correction where no set explains the recording; or the
+        prediction of an unseen run.
     term : Term or None
         A law found from the data.
     next_tests : list of NextTest

@@ -18,7 +18,7 @@ import numpy as np
 from calibration.diagnosis import gauge, in_time
 from calibration.diagnosis.blocks import Blocks, blocks_of
 from calibration.diagnosis.standing import standing_flow
-from calibration.priors import PASCAL_PER_BAR, Unknown, at_ambient, column_of, unknowns
+from calibration.priors import PASCAL_PER_BAR, SHAPE_FACTOR, Unknown, at_ambient, column_of, unknowns
 from model import layout as at
 from model import steady as base_steady
 from model.effects import effects
@@ -33,7 +33,6 @@ from rig.recording import Recording, RecordingError
 
 SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
-SHAPE_FACTOR = 2.0  # one sd of a shape parameter's log-normal prior
 ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
 TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
 REST_ANGLES = 16  # at which it may have stood, for what its pulses do

@@ -1,4 +1,4 @@
-"""Step 5: what may be said. A wrong name costs more than an honest refusal, so every doubt leads away from a name."""
+"""What may be said. A wrong name costs more than an honest refusal, so every doubt leads away from a name."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Verdict(Generic[Candidate]):
     kind : str
         consistent, named, confounded or unresolved.
     chosen : Weighed or None
-        What the verdict rests on; None when consistent or unresolved.
+        What the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
     alternatives : tuple of tuple of str
         Sets that cannot be told from it.
     set_probability : float

@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.linear import RUN
+from calibration.diagnosis.linear import RUN, STANDING
 from calibration.diagnosis.verdict import RESIDUAL_P
+from calibration.priors import PASCAL_PER_BAR
 from calibration.report import diagnosis_numbers as numbers
 from calibration.report import diagnosis_sets as sets
 from calibration.report import style
-from calibration.report.diagnosis_numbers import Coordinate, Curve, Model
+from calibration.report.diagnosis_numbers import Q95, Coordinate, Curve, Model
 from calibration.report.diagnosis_sets import Interval
-from model.layout import RPM
+from model.layout import L_MIN, RPM
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BEFORE, AFTER = style.COLOURS[1], style.COLOURS[0]
 MARKERS = ((1.0, "^", "up"), (-1.0, "v", "down"), (0.0, "s", "direction not noted"))
-BANDS = ((numbers.Q95, "#DCE9F3"), (1.0, "#9CC6E2"))
+BANDS = ((Q95, "#DCE9F3"), (1.0, "#9CC6E2"))
 DECADES = 8.0  # odds beyond which a bar goes on no longer
 
 
@@ -70,6 +71,35 @@ def runs(found: Diagnosis, models: Sequence[Model]) -> bytes:
             for panel in axes[2 * (i // 2) : 2 * (i // 2) + 2, i % 2]:
                 panel.set_axis_off()
         axes[0, 0].legend(fontsize=7, loc="best")
+        return style.png(figure)
+
+
+def held_rotor(found: Diagnosis, models: Sequence[Model]) -> bytes:
+    """Flow with the rotor held, against pressure: read, and what the models say.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    models : sequence of Model
+        The base model, and the one that the verdict rests on.
+    """
+    standing = found.comparison.problem.blocks.standing
+    mine = np.flatnonzero(found.comparison.kind == STANDING)
+    rows = np.flatnonzero(np.isfinite(standing.pressure))
+    rows = rows[np.argsort(standing.pressure[rows])]
+    pressure, flow = standing.pressure[rows] / PASCAL_PER_BAR, standing.flow[rows] * L_MIN
+    with style.drawing(height_in=2.6) as (figure, panel):
+        panel.errorbar(
+            pressure, flow, Q95 * standing.sd[rows] * L_MIN, ecolor=style.INK, **style.MEASURED, label="read"
+        )
+        for model, colour, line in zip(models, _colours(found), ("--", "-"), strict=False):
+            said = flow - model.difference[mine[rows]] * L_MIN
+            panel.plot(pressure, said, color=colour, linestyle=line, marker="_", markersize=14, label=model.name)
+        panel.axhline(0.0, color=style.INK, linewidth=0.8)
+        panel.margins(x=0.1, y=0.15)
+        panel.legend(fontsize=7.5)
+        style.name_axes(panel, ("pressure reading", "bar"), ("flow, rotor held", "L/min"))
         return style.png(figure)
 
 

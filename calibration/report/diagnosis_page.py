@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
+
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.further_forces import unseen
 from calibration.diagnosis.misread import MISREAD
@@ -41,6 +43,8 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
         figures["whitened"] = draw.residuals(found, models, True)
     if found.comparison.problem.blocks.runs:
         figures["runs"] = draw.runs(found, models)
+    if np.isfinite(found.comparison.problem.blocks.standing.pressure).any():
+        figures["held"] = draw.held_rotor(found, models)
     if curves:
         figures["forces"] = draw.forces(curves)
     if len(found.candidates) > 1:

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.diagnosis.confirm import HeldOut
+from calibration.diagnosis.name import log_prior
 from calibration.diagnosis.unseen import SCHEME
 from calibration.rigs_coordinates import Coordinates
 from calibration.rigs_diagnosis.linear import Linear, linear
-from calibration.rigs_diagnosis.name import Candidate, log_prior
+from calibration.rigs_diagnosis.name import Candidate
 from calibration.rigs_diagnosis.places import LEVEL
 from calibration.rigs_fit import RigFit
 from calibration.rigs_noise import uncorrelated

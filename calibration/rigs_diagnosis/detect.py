@@ -16,13 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr
 
-from calibration.diagnosis.detect import log_tail
+from calibration.diagnosis.detect import log_tail, rarity
 from calibration.rigs_diagnosis.linear import Linear, Signature
 from calibration.rigs_diagnosis.places import Force
 from calibration.rigs_noise import CORRELATIONS, NOISE_SD, uncorrelated
 
 DRAWS = 300
-TAIL = 0.15  # share of the draws that the exponential tail is fitted to
 SHARE, SERIAL_SHARE = 4, 10  # readings for each direction that the noise is estimated beside; in time more are needed
 SMALL = 1e-9
 
@@ -89,13 +88,7 @@ def detect(
     drawn = []
     for array, (rho, scale) in zip(arrays, noise, strict=True):
         drawn.append(view.jacobian[array.index] @ z + scale * _correlated(rng, array.size, draws, rho))
-    null = np.sort([one.statistic for one, _ in test(drawn)])
-    above = int(np.sum(null >= real.statistic))
-    p, beyond = (above + 0.5) / (draws + 1.0), False
-    cut = null[int((1.0 - TAIL) * draws)]
-    if real.statistic > cut:
-        width = max(float(np.mean(null[null > cut] - cut)), 0.5)
-        p, beyond = TAIL * math.exp(-(real.statistic - cut) / width), above == 0
+    p, beyond = rarity(real.statistic, np.array([one.statistic for one, _ in test(drawn)]))
     return Detection(
         max(p, 1e-300),
         beyond,

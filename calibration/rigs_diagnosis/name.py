@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
+from calibration.diagnosis.name import BEYOND_SD, log_prior
 from calibration.rigs_diagnosis.linear import linear, signatures
 from calibration.rigs_fit import RigFit, fit_rig
 from calibration.rigs_noise import uncorrelated
@@ -22,8 +23,6 @@ from model.effects import effects
 SEEDS = 3  # single effects that pairs are grown from
 SCREEN = 1.5  # nats that a further effect has to promise
 WORTH = 3.0  # nats that a single effect gains before a pair is grown from it
-FURTHER = 10.0  # how much rarer each further effect is
-BEYOND_SD = 3.0  # of the declared size of a nuisance
 
 
 @dataclass(frozen=True)
@@ -123,17 +122,6 @@ def _better(problem: RigProblem, names: tuple[str, ...], start: RigFit) -> RigFi
     """The better of two searches: an effect that vanishes on the way takes its shape's gradient with it."""
     both = [fit_rig(problem, names), fit_rig(problem, names, start)]
     return max(both, key=lambda fit: fit.log_evidence)
-
-
-def log_prior(k: int, K: int) -> float:
-    """Logarithm of a set's prior: each further member ten times rarer, even over the sets of a size [-].
-
-    Parameters
-    ----------
-    k, K : int
-        Members, and effects that there are [-].
-    """
-    return float(-math.log(FURTHER) * max(k - 1, 0) - (gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1)))
 
 
 def refusal(problem: RigProblem, fit: RigFit) -> str:

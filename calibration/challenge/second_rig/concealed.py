@@ -27,7 +27,7 @@ class Concealed:
     id : str
         Of the effect.
     form : str
-        One of `FORMS` of the id.
+        The `USUAL` one of the id, or one of `sizes.OTHER_FORMS`.
     values : mapping of str to float
         Its sizes [SI].
     """
@@ -60,16 +60,6 @@ USUAL = {
 }
 LISTED = tuple(USUAL)
 TRANSIENT_ONLY = ("once_per_rev_torque", "speed_lag", "inertia")
-UNLISTED = (
-    "torque_above_a_speed",
-    "torque_in_a_speed_band",
-    "torque_from_a_moment_on",
-    "regulator_hysteresis",
-    "gauge_sawtooth",
-    "flow_float_sticks",
-    "flow_sawtooth",
-    "tachometer_slips_from_a_moment_on",
-)
 
 # Figures of the motor by id and form; what depends on the clock or the sweep's direction stands in `row_figures`.
 _FIGURES: dict[tuple[str, str], Callable[[Values], dict[str, float]]] = {

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.challenge.second_rig import bench
 from calibration.challenge.second_rig.bench import Rig
-from calibration.challenge.second_rig.concealed import USUAL
+from calibration.challenge.second_rig.concealed import TRANSIENT_ONLY, USUAL
 from calibration.challenge.second_rig.draws import ERRORS, WIDTHS
 from calibration.challenge.second_rig.instruments import misread
 from calibration.challenge.second_rig.sheets import NOISE, RESOLUTION, UNIT
@@ -58,6 +58,7 @@ FORMS: dict[str, tuple[tuple[str, dict[str, float]], ...]] = {
     "windage": tuple(("power", {"exponent": one}) for one in (1.7, 2.2, 2.5)),
     "load_friction": (("seal", {}),),
     "friction_warm_up": (("hyperbolic", {}), ("logistic", {})),
+    "once_per_rev_torque": (("two_harmonics", {}),),
     "inlet_throttling": (("orifice", {}), ("laminar", {})),
     "exhaust_back_pressure": (("orifice", {}), ("laminar", {})),
     "leakage": (("orifice", {}),),
@@ -65,7 +66,6 @@ FORMS: dict[str, tuple[tuple[str, dict[str, float]], ...]] = {
     "flow_density_correction": (("exponent", {"exponent": 0.4}), ("exponent", {"exponent": 0.6})),
     "speed_lag": (("moving_average", {}), ("delay", {})),
 }
-TRANSIENT = ("once_per_rev_torque", "speed_lag", "inertia")
 
 
 @dataclass(frozen=True)
@@ -290,7 +290,7 @@ class Whitened:
         """What a small effect changes, in every form that the rig knows of it."""
         y, found = self.readings(self.base), []
         for name, shapes, one_sided in PROBES:
-            if name in TRANSIENT and not self.asked.runs:
+            if name in TRANSIENT_ONLY and not self.asked.runs:
                 continue
             for form, besides in ((USUAL[name], {}), *FORMS.get(name, ())):
                 ones = (in_form(name, form, like | besides) for like in shapes)
