@@ -191,6 +191,25 @@ def test_a_rival_that_the_screen_at_the_base_model_does_not_see_is_refitted(tmp_
     assert search.modes[("flow_offset", "leakage")].log_evidence > best - 3.0
 
 
+@pytest.mark.parametrize(("promised", "count"), [(19.0, 0), (21.0, 2)])
+def test_what_promises_far_less_than_a_member_is_worth_is_not_refitted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, promised: float, count: int
+) -> None:
+    """Both members are worth 40 nats: half of that has to be in view."""
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 5, LEAK)))
+    base = base_of(comparison)
+    both = find(comparison, ("flow_offset", "leakage"), base)
+    search = Search(comparison, base)
+    search.modes[both.names] = replace(both, log_evidence=base.log_evidence + 80.0)
+    for name in both.names:
+        search.modes[(name,)] = replace(base, names=(name,), log_evidence=base.log_evidence + 40.0)
+    monkeypatch.setattr("calibration.diagnosis.search.screen", lambda *_, **__: [("windage", promised, {})])
+    tried: list[tuple[str, ...]] = []
+    monkeypatch.setattr(search, "_refit", lambda jobs: tried.extend(job.names for job in jobs))
+    search.swap()
+    assert len(tried) == count
+
+
 def test_near_a_point_a_run_is_what_it_is_with_every_pulse(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 2, {})
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 2, {})))

@@ -31,6 +31,9 @@ PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
 SWAPS = 4  # sets tried in the place of the best, one member changed
+# Not tried is what promises less than half of what the member is worth, and is this far behind it in nats: the linear
+# model is seldom off by more.
+HOPELESS_SHARE, HOPELESS = 0.5, 15.0
 AT_ONCE = 2  # sets refitted side by side
 
 Names = tuple[str, ...]
@@ -136,21 +139,25 @@ class Search:
         """Refit what may stand in the place of a member of the best set.
 
         Close to a good fit the linear model orders well: there each member is left out, and each other effect weighed
-        instead of it; the most promising that were not refitted yet are.
+        instead of it; the most promising that were not refitted yet are, if they come near what the member is worth.
         """
         best = self._best()
         if not best:
             return
         mode, problem = self.modes[best], self.comparison.problem
         found = self.signatures_at(best)
-        tried: list[tuple[float, _Job]] = []
+        tried: list[tuple[float, float, _Job]] = []
         for member in best:
             rest = {one: z for one, z in values_of(problem, mode).items() if one[0] != member}
+            without = self.modes.get(tuple(name for name in best if name != member))
+            worth = mode.log_evidence - without.log_evidence if without is not None else 0.0
+            least = min(HOPELESS_SHARE * worth, worth - HOPELESS)
             for name, gain, first in screen(self.comparison, mode, found, mode.u, -math.inf, without=member):
                 names = tuple(sorted({*best, name} - {member}))
                 if names not in self.modes:
-                    tried.append((gain, _Job(names, mode, {**rest, **first})))
-        self._refit([job for _, job in sorted(tried, key=lambda one: -one[0])[:SWAPS]])
+                    tried.append((gain, least, _Job(names, mode, {**rest, **first})))
+        promising = sorted(tried, key=lambda one: -one[0])[:SWAPS]
+        self._refit([job for gain, least, job in promising if gain >= least])
 
     def weighed(self) -> list[Candidate]:
         """All sets with their probabilities, the most probable first; the base model is among them."""
