@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PUBLISHED = ROOT / "logs" / "published_sweep"
 PRACTICE = ROOT.parent / "shared" / "practice"
 COMMAND = str(Path(sys.executable).parent / "spinbench")
-BRIEF = ("--effective-samples", "300")
+BRIEF = ("--effective-samples", "200")
 HEADER = "pressure_bar_abs,flow_l_min,speed_rpm\n"
 # Enough for intervals of 99 % and for sds to a few per cent.
 QUICK = Settings(seed=1, effective_samples=600, most_steps=2000, walkers=32, times_tau=12.0)
