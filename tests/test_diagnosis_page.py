@@ -107,6 +107,10 @@ def test_the_page_begins_with_the_verdict_its_size_and_what_is_excluded(leak, pa
     assert page.index('class="verdict"') < verdict < excluded < page.index("<h2>")
 
 
+def test_without_a_held_rotor_none_is_pictured(page):
+    assert "Flow with the rotor held" not in page
+
+
 def test_a_coefficient_is_told_as_what_it_does_at_the_highest_level(leak):
     line, ambient, temperature = 2.4e5, 1.01325e5, 293.15
     true = LEAK * (line**2 - ambient**2) * 287.05 * temperature / line * 60_000.0

@@ -58,7 +58,7 @@ def page(scored: Scored, book: Sequence[Mapping[str, Any]]) -> str:
             for which, title in (
                 ("main", "Concealed against said"),
                 ("other_form", "The same, where the effect has another form than the library's"),
-                ("near_nuisance", "The same, at most 4 declared standard deviations of a nuisance large"),
+                ("near_nuisance", "The same, where the effect is at most 4 declared standard deviations of a nuisance"),
             ):
                 if found["confusion"][which]["rows"]:
                     parts += [f"### {title}", as_markdown(tables.confusion(found, which, title))]

@@ -15,7 +15,7 @@ from model.effects import EffectParameter, effects
 # Share of a size that is not known (1 sd), for an effect's law is no more exact than the motor's. In the challenge's
 # sixth to tenth campaign, opened, 104 instead of 94 intervals of 112 held the size of what was rightly named then.
 LAW = 0.04
-STEP = 1e-3
+STEP = 1e-3  # in z, for the slope of a value
 
 
 @dataclass(frozen=True)

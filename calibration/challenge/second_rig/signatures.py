@@ -17,7 +17,7 @@ from calibration.challenge.second_rig.concealed import TRANSIENT_ONLY, USUAL
 from calibration.challenge.second_rig.draws import ERRORS, WIDTHS
 from calibration.challenge.second_rig.instruments import misread
 from calibration.challenge.second_rig.sheets import NOISE, RESOLUTION, UNIT
-from calibration.challenge.second_rig.sizes import in_form
+from calibration.challenge.second_rig.sizes import OTHER_FORMS, in_form
 from calibration.challenge.second_rig.slots import BAR, PULSE
 from rig.recording import Recording, RecordingFile
 
@@ -51,20 +51,11 @@ PROBES: tuple[tuple[str, tuple[dict[str, float], ...], bool], ...] = (
     ("speed_lag", ({"time_s": 0.01},), True),
     ("inertia", ({"share": 0.1},), False),
 )
-# Other forms that the rig knows of them, and what these have besides.
-FORMS: dict[str, tuple[tuple[str, dict[str, float]], ...]] = {
-    "coulomb_friction": tuple(("smoothed", {"width_rad_s": w}) for w in (1.0, 2.0, 4.0)),
-    "stribeck_friction": (("exponential", {}), ("lorentzian", {})),
-    "windage": tuple(("power", {"exponent": one}) for one in (1.7, 2.2, 2.5)),
-    "load_friction": (("seal", {}),),
-    "friction_warm_up": (("hyperbolic", {}), ("logistic", {})),
-    "once_per_rev_torque": (("two_harmonics", {}),),
-    "inlet_throttling": (("orifice", {}), ("laminar", {})),
-    "exhaust_back_pressure": (("orifice", {}), ("laminar", {})),
-    "leakage": (("orifice", {}),),
-    "wall_heat_exchange": (("wall", {}),),
-    "flow_density_correction": (("exponent", {"exponent": 0.4}), ("exponent", {"exponent": 0.6})),
-    "speed_lag": (("moving_average", {}), ("delay", {})),
+# What some other forms have besides the size of the usual one.
+BESIDES: dict[str, tuple[dict[str, float], ...]] = {
+    "smoothed": tuple({"width_rad_s": width} for width in (1.0, 2.0, 4.0)),
+    "power": tuple({"exponent": exponent} for exponent in (1.7, 2.2, 2.5)),
+    "exponent": tuple({"exponent": exponent} for exponent in (0.4, 0.6)),
 }
 
 
@@ -292,8 +283,9 @@ class Whitened:
         for name, shapes, one_sided in PROBES:
             if name in TRANSIENT_ONLY and not self.asked.runs:
                 continue
-            for form, besides in ((USUAL[name], {}), *FORMS.get(name, ())):
-                ones = (in_form(name, form, like | besides) for like in shapes)
+            others = (form for family in OTHER_FORMS.get(name, ()) for form in family)
+            for form in dict.fromkeys((USUAL[name], *others)):
+                ones = (in_form(name, form, like | besides) for besides in BESIDES.get(form, ({},)) for like in shapes)
                 columns = [self.readings(replace(self.base, effects=(one,))) - y for one in ones]
                 found.append(Probed(name, form, np.column_stack(columns), one_sided))
         return found
