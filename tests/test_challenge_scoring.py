@@ -138,6 +138,13 @@ def test_confounded_pairs_are_flagged_only_above_the_noise():
     assert found["named_all_the_same"]["hits"] == 1
 
 
+@pytest.mark.parametrize(("other", "hits"), [(["leakage"], 1), (["inertia", "windage"], 0)])
+def test_of_a_pair_one_alone_has_to_be_listed_where_that_is_the_rival(other, hits):
+    diagnosis = verdict("confounded", ["leakage", "windage"], [other])
+    pair = case("pair", ["leakage", "windage"], diagnosis, separable=False)
+    assert scoring.confounded([pair])["flagged_with_the_rival"]["hits"] == hits
+
+
 def test_a_further_test_can_resolve_rightly_or_wrongly():
     found = scoring.confounded([single(LISTED, again=NAMED), single(LISTED, again=OTHER), single(LISTED)])
     assert (found["followed_up"], found["resolved"]["hits"], found["resolved_wrongly"]["hits"]) == (2, 1, 1)
