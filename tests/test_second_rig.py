@@ -32,6 +32,7 @@ from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.draws import ERRORS, MAKE_UP, WIDTHS
 from calibration.challenge.second_rig.separable import _taken_up
 from calibration.challenge.second_rig.signatures import Whitened, asked_of
+from calibration.challenge.second_rig.small_torques import SmallTorques
 from rig.recording import read_recording
 
 PRESSURES = np.array([1.60, 1.70, 1.80, 1.83, 1.85, 1.95, 2.00]) * 1e5
@@ -535,15 +536,50 @@ class TestSeparable:
         assert (found["rival"], found["form"]) == ("leakage", "orifice")
 
     def test_of_two_effects_the_one_in_another_form_may_pass_for_both(self, tmp_path):
+        """A leak through a hole for a leak through a gap and an offset of the flow meter; whichever stands first."""
         both = conceal(
             case_of("none", transients=False),
-            effect("windage", drag_nm_s2=3e-4),
-            effect("coulomb_friction", torque_nm=0.2),
+            effect("flow_offset", offset_m3_s=3e-4),
+            effect("leakage", conductance_kg_s_pa2=5e-14),
         )
         make_recording(both, tmp_path)
         thinned(tmp_path)
         found = separable(both, tmp_path)
-        assert (found["rival"], found["form"], found["separable"]) == ("windage", "power", False)
+        assert found["D"] > 7.0
+        assert (found["rival"], found["form"], found["separable"]) == ("leakage", "orifice", False)
+
+    def test_the_nuisances_take_up_dry_friction_in_a_sweep_alone(self, tmp_path):
+        """No rival is tried then: it would not matter."""
+        faint = conceal(case_of("none", transients=False), effect("coulomb_friction", torque_nm=0.4))
+        make_recording(faint, tmp_path)
+        thinned(tmp_path)
+        found = separable(faint, tmp_path)
+        assert 0.0 < found["D"] < 7.0
+        assert (found["rho"], found["rival"], found["separable"]) == (None, None, False)
+
+    def test_a_small_torque_changes_plateaus_as_a_march_says(self):
+        """What swings once a turn changes none; what changes the gas is marched."""
+        rest = bench.Rig({"f_overall": 0.06})
+        near, own = SmallTorques(rest, ROWS), bench.plateaus(rest, ROWS)
+
+        def both_ways(one):
+            rig = replace(rest, effects=(one,))
+            return [(bench.plateaus(rig, ROWS, way).speed - own.speed) for way in (near, bench.marched)]
+
+        for one in (
+            effect("coulomb_friction", torque_nm=0.01),
+            effect("windage", drag_nm_s2=1e-5),
+            effect("friction_warm_up", share_cold=0.01, time_s=300.0),
+            effect("load_friction", "seal", torque_per_pressure_m3=1e-7),
+        ):
+            quick, whole = both_ways(one)
+            assert np.abs(whole).max() > 0.1
+            assert quick == pytest.approx(whole, rel=0.03, abs=0.005)
+        quick, whole = both_ways(effect("once_per_rev_torque", sine_nm=0.02, cosine_nm=0.0))
+        assert not quick.any()
+        assert whole == pytest.approx(np.zeros(whole.size), abs=0.01)
+        quick, whole = both_ways(effect("exhaust_back_pressure", rise_pa_s2_m6=2e8))
+        assert quick.tolist() == whole.tolist()
 
     def test_what_the_nuisances_take_up_is_not_seen_however_bent_their_line(self, tmp_path):
         """A friction that f_overall takes up wholly: along a straight line what is left of it is the line's bend."""
@@ -562,14 +598,6 @@ class TestSeparable:
 
         assert size(change, lines) > 5.0
         assert size(left, grown) < 0.5
-
-    def test_dry_friction_in_a_sweep_alone_is_like_a_gauge_s_offset(self, tmp_path):
-        case = conceal(case_of("none", transients=False), effect("coulomb_friction", torque_nm=0.1))
-        make_recording(case, tmp_path)
-        thinned(tmp_path)
-        found = separable(case, tmp_path)
-        assert not found["separable"]
-        assert found["rho"] > 0.9
 
     def test_where_nothing_is_concealed_there_is_nothing_to_part(self, tmp_path):
         assert not separable(case_of("none"), tmp_path)["separable"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,7 @@ from calibration.challenge.second_rig.slots import BAR, PULSE, R_AIR
 
 SAMPLE_S = 0.005  # between samples of a run in time
 CELL_S = 0.0005  # in which a run in time is kept before it is sampled
+Steady = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,33 @@ class Readings:
     speed: np.ndarray
 
 
-def plateaus(rig: Rig, asked: Plateaus, dt: float = marches.STEP_S) -> Readings:
+def figures_of(rig: Rig, asked: Plateaus) -> tuple[np.ndarray, np.ndarray]:
+    """Figures of the motor in each row, shape (n, k), and pressures that it gets [Pa]; see `concealed.row_figures`.
+
+    Parameters
+    ----------
+    rig : Rig
+        Motor and instruments.
+    asked : Plateaus
+        The rows.
+    """
+    return concealed.row_figures(rig.figures(), rig.effects, asked.clock, asked.way, asked.lines)
+
+
+def marched(rows: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Speed [rad/s], mass flow [kg/s] and gas torque [N m] of plateaus, shape (n, 3).
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, k)
+        Figures of the motor, a row a plateau, laid out as in `slots`.
+    lines : ndarray, shape (n,)
+        Pressure of the line [Pa].
+    """
+    return _plateaus(rows.tobytes(), lines.tobytes())
+
+
+def plateaus(rig: Rig, asked: Plateaus, steady: Steady = marched) -> Readings:
     """Readings of steady rows.
 
     Parameters
@@ -119,16 +146,16 @@ def plateaus(rig: Rig, asked: Plateaus, dt: float = marches.STEP_S) -> Readings:
         Motor and instruments.
     asked : Plateaus
         The rows.
-    dt : float
-        Step of the march [s].
+    steady : callable
+        What gives speed and mass flow of rows of figures at pressures of the line.
     """
-    rows, lines = concealed.row_figures(rig.figures(), rig.effects, asked.clock, asked.way, asked.lines)
+    rows, lines = figures_of(rig, asked)
     inlet_k = rows[:, motor.TIN]
     if asked.locked:
         leak = np.array([motor.leak_flow(row, line) for row, line in zip(rows, lines, strict=True)])
         found = np.column_stack([np.zeros(lines.size), leak])
     else:
-        found = _plateaus(rows.tobytes(), lines.tobytes(), dt)
+        found = steady(rows, lines)
     volume = found[:, 1] * R_AIR * inlet_k / lines
     follows = np.concatenate([[False], np.diff(asked.clock) < 120.0])
     flow = instruments.read_flow(rig.effects, volume, lines, float(inlet_k[0]), follows)
@@ -191,12 +218,12 @@ def run(
 
 
 @functools.lru_cache(maxsize=16)
-def _plateaus(rows: bytes, lines: bytes, dt: float) -> np.ndarray:
+def _plateaus(rows: bytes, lines: bytes) -> np.ndarray:
     """Marched plateaus; kept, because what changes an instrument alone leaves the motor as it was."""
     pressures = np.frombuffer(lines)
     asked = np.column_stack([pressures, np.frombuffer(rows).reshape(pressures.size, -1)])
     once, back = np.unique(asked, axis=0, return_inverse=True)
-    found = marches.steady(np.ascontiguousarray(once[:, 1:]), once[:, 0].copy(), dt)[back.reshape(-1)]
+    found = marches.steady(np.ascontiguousarray(once[:, 1:]), once[:, 0].copy())[back.reshape(-1)]
     found.flags.writeable = False
     return found
 

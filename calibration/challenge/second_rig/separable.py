@@ -10,6 +10,7 @@ one of two with probability Phi(D sqrt((1 - rho) / 2)).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,7 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     """Size and likeness of what is concealed, for the files of one recording.
 
     Of two effects each is weighed with the other one free, and the worse one counts. The other one in another form is a
-    rival too: it alone may pass for both.
+    rival too: it alone may pass for both. What is too small to be seen, or in no library, is not held against rivals.
 
     Parameters
     ----------
@@ -50,38 +51,90 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     -------
     dict
         ``D``, ``rho``, ``rival`` (the id that rho is with), ``form`` (its form) and ``separable``; D 0 where nothing is
-        concealed.
+        concealed, None for rho, rival and form where no rival was tried.
     """
+    found: dict[str, Any] = {"D": 0.0, "rho": None, "rival": None, "form": None, "separable": False}
     if not truth.effects:
-        return {"D": 0.0, "rho": 0.0, "rival": None, "form": None, "separable": False}
+        return found
     recording = read_recording(Path(folder))
     rig = truth.rig(recording.added_inertia_kg_m2)
     base = bench.without(rig, ())
     whitened = Whitened(asked_of(recording, truth.errors), base)
     everything = whitened.readings(rig)
     nuisances = whitened.nuisances()
+    rests = [bench.without(rig, [*rig.effects[:k], *rig.effects[k + 1 :]]) for k in range(len(rig.effects))]
+    changes = [everything - whitened.readings(rest) for rest in rests]
+    seen = []
+    for k, (rest, change) in enumerate(zip(rests, changes, strict=True)):
+        others = [np.empty((change.size, 0)), *(FREE * other for i, other in enumerate(changes) if i != k)]
+        seen.append(Seen(*_taken_up(whitened, everything, rest, change, nuisances, np.column_stack(others))))
+    found["D"] = min(one.D for one in seen)
+    if found["D"] < LEAST_D or truth.ids == ["unknown"]:
+        return found
     probed = whitened.effects()
     rows = whitened.rows() if "bad_reading" not in truth.ids else np.empty((everything.size, 0))
-    own = []
-    for k in range(len(rig.effects)):
-        others = tuple(other for i, other in enumerate(rig.effects) if i != k)
-        rest = bench.without(rig, others)
-        own.append((rest, everything - whitened.readings(rest)))
-    worst: dict[str, Any] = {}
-    for k, (rest, change) in enumerate(own):
-        free = np.column_stack([np.empty((change.size, 0)), *(FREE * c for i, (_, c) in enumerate(own) if i != k)])
-        rivals = [one for one in probed if one.id not in truth.ids]
-        for other in others:
-            same = (one for one in probed if one.id == other.id and one.form != other.form)
-            rivals += [replace(one, one_sided=False) for one in same]
-        found = _weighed(*_taken_up(whitened, everything, rest, change, nuisances, free), rivals, rows)
-        if not worst or found["probability"] < worst["probability"]:
-            worst = found | {"D": min(found["D"], worst.get("D", np.inf))}
-        else:
-            worst["D"] = min(found["D"], worst["D"])
-    probability = worst.pop("probability")
-    enough = worst["D"] >= LEAST_D and probability >= LEAST_PROBABILITY
-    return worst | {"separable": bool(enough and truth.ids != ["unknown"])}
+    nearest = []
+    for one, rest in zip(seen, rests, strict=True):
+        rivals = [rival for rival in probed if rival.id not in truth.ids]
+        for other in rest.effects:
+            same = (rival for rival in probed if rival.id == other.id and rival.form != other.form)
+            rivals += [replace(rival, one_sided=False) for rival in same]
+        nearest.append(one.nearest(rivals, rows))
+    worst = min(nearest, key=lambda like: like["probability"])
+    found["separable"] = bool(worst.pop("probability") >= LEAST_PROBABILITY)
+    return found | worst
+
+
+class Seen:
+    """A change of the readings as it is seen once the nuisances have taken up what they can.
+
+    Parameters
+    ----------
+    change : ndarray, shape (m,)
+        Of the readings [-].
+    nuisances : ndarray, shape (m, k)
+        What each of them changes per declared sd [-].
+    """
+
+    def __init__(self, change: np.ndarray, nuisances: np.ndarray) -> None:
+        self._lower = cholesky(np.eye(change.size) + nuisances @ nuisances.T, lower=True)
+        seen = self._seen(change)
+        self.D = float(np.linalg.norm(seen))
+        self._unit = seen / self.D if self.D > 0.0 else seen
+
+    def _seen(self, columns: np.ndarray) -> np.ndarray:
+        found: np.ndarray = solve_triangular(self._lower, columns, lower=True)
+        return found
+
+    def nearest(self, rivals: Sequence[Probed], rows: np.ndarray) -> dict[str, Any]:
+        """The likest of the rivals: ``rho``, ``rival``, ``form`` and the probability that a best fit prefers the truth.
+
+        Parameters
+        ----------
+        rivals : sequence of Probed
+            What other effects change.
+        rows : ndarray, shape (m, rows)
+            What one misread reading changes [-].
+        """
+        like = [(self._likeness(one.id, one.change, one.one_sided), one.id, one.form) for one in rivals]
+        if rows.size:
+            like.append((self._likeness("bad_reading", rows, False), "bad_reading", USUAL["bad_reading"]))
+        rho, rival, form = max(like)
+        rho = min(max(rho, 0.0), 1.0)
+        probability = float(ndtr(self.D * np.sqrt((1.0 - rho) / 2.0)))
+        return {"rho": rho, "rival": rival, "form": form, "probability": probability}
+
+    def _likeness(self, name: str, change: np.ndarray, one_sided: bool) -> float:
+        """Correlation with the best of an effect's shapes [-]."""
+        columns = self._seen(change)
+        size = np.linalg.norm(columns, axis=0)
+        columns = columns[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
+        if not columns.size:
+            return 0.0
+        if name == "once_per_rev_torque":  # sine and cosine: any phase
+            return float(np.linalg.norm(np.linalg.qr(columns)[0].T @ self._unit))
+        found = self._unit @ (columns / np.linalg.norm(columns, axis=0))
+        return float(found.max() if one_sided else np.abs(found).max())
 
 
 def _taken_up(
@@ -114,35 +167,3 @@ def _taken_up(
         if not nearer:
             break
     return e + N @ z, N
-
-
-def _weighed(change: np.ndarray, nuisances: np.ndarray, rivals: list[Probed], rows: np.ndarray) -> dict[str, Any]:
-    """D, rho and rival of one change of the readings."""
-    lower = cholesky(np.eye(change.size) + nuisances @ nuisances.T, lower=True)
-
-    def seen(columns: np.ndarray) -> np.ndarray:
-        found: np.ndarray = solve_triangular(lower, columns, lower=True)
-        return found
-
-    g = seen(change)
-    D = float(np.linalg.norm(g))
-    unit = g / D if D > 0.0 else g
-    like = [(_likeness(one.id, unit, seen(one.change), one.one_sided), one.id, one.form) for one in rivals]
-    if rows.size:
-        like.append((_likeness("bad_reading", unit, seen(rows), False), "bad_reading", USUAL["bad_reading"]))
-    rho, rival, form = max(like, default=(0.0, None, None))
-    rho = min(max(rho, 0.0), 1.0)
-    probability = float(ndtr(D * np.sqrt((1.0 - rho) / 2.0)))
-    return {"D": D, "rho": rho, "rival": rival, "form": form, "probability": probability}
-
-
-def _likeness(name: str, unit: np.ndarray, columns: np.ndarray, one_sided: bool) -> float:
-    """Correlation of a unit change with the best of an effect's shapes [-]."""
-    size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
-    if not columns.size:
-        return 0.0
-    if name == "once_per_rev_torque":  # sine and cosine: any phase
-        return float(np.linalg.norm(np.linalg.qr(columns)[0].T @ unit))
-    found = unit @ (columns / np.linalg.norm(columns, axis=0))
-    return float(found.max() if one_sided else np.abs(found).max())

@@ -19,9 +19,10 @@ from calibration.challenge.second_rig.instruments import misread
 from calibration.challenge.second_rig.sheets import NOISE, RESOLUTION, UNIT
 from calibration.challenge.second_rig.sizes import OTHER_FORMS, in_form
 from calibration.challenge.second_rig.slots import BAR, PULSE
+from calibration.challenge.second_rig.small_torques import SmallTorques
 from rig.recording import Recording, RecordingFile
 
-STEP_S = 2.5e-5  # of the march
+STEP_S = 2.5e-5  # of the march of a run
 SLOPE_PA = 2000.0  # over which slopes with the line's pressure are taken
 ANGLE_RAD = 0.02  # likewise with a run's angle
 FLAT = float(np.log(0.4 / 0.01) / np.sqrt(12.0))  # sd of ln f_overall, log-uniform from 0.01 to 0.4
@@ -169,11 +170,17 @@ class Whitened:
             self._kept.append(kept)
 
     def _row_slopes(self, rows: bench.Plateaus) -> np.ndarray:
-        here = bench.plateaus(self.base, rows, STEP_S)
-        more = bench.plateaus(self.base, replace(rows, lines=rows.lines + SLOPE_PA), STEP_S)
+        here = bench.plateaus(self.base, rows)
+        more = bench.plateaus(self.base, replace(rows, lines=rows.lines + SLOPE_PA))
         return np.column_stack([more.speed - here.speed, more.flow - here.flow]) / SLOPE_PA
 
-    def readings(self, rig: Rig, supply: Sequence[float] = (), angle: Sequence[float] = ()) -> np.ndarray:
+    def readings(
+        self,
+        rig: Rig,
+        supply: Sequence[float] = (),
+        angle: Sequence[float] = (),
+        plateaus: Sequence[bench.Steady] = (),
+    ) -> np.ndarray:
         """Whitened readings of a rig, shape (m,) [-].
 
         Parameters
@@ -182,10 +189,13 @@ class Whitened:
             The rig.
         supply, angle : sequence of float
             By run, how much the line's pressure [Pa] and the angle [rad] are changed; nothing when left out.
+        plateaus : sequence of callable
+            By file of steady rows, what gives its plateaus; marched when left out.
         """
         parts = []
-        for (rows, scale, first), slopes in zip(self.asked.steady, self._slopes, strict=True):
-            found = bench.plateaus(rig, rows, STEP_S)
+        steady = plateaus or [bench.marched] * len(self.asked.steady)
+        for (rows, scale, first), slopes, given in zip(self.asked.steady, self._slopes, steady, strict=True):
+            found = bench.plateaus(rig, rows, given)
             p, q, n = found.pressure, found.flow, found.speed
             if first:
                 p, q, n = (misread(rig.effects, c, x) for c, x in (("pressure", p), ("flow", q), ("speed", n)))
@@ -278,15 +288,16 @@ class Whitened:
         return found
 
     def effects(self) -> list[Probed]:
-        """What a small effect changes, in every form that the rig knows of it."""
+        """What a small effect changes, in every form that the rig knows of it; small torques to first order."""
         y, found = self.readings(self.base), []
+        near = [bench.marched if rows.locked else SmallTorques(self.base, rows) for rows, _, _ in self.asked.steady]
         for name, shapes, one_sided in PROBES:
             if name in TRANSIENT_ONLY and not self.asked.runs:
                 continue
             others = (form for family in OTHER_FORMS.get(name, ()) for form in family)
             for form in dict.fromkeys((USUAL[name], *others)):
                 ones = (in_form(name, form, like | besides) for besides in BESIDES.get(form, ({},)) for like in shapes)
-                columns = [self.readings(replace(self.base, effects=(one,))) - y for one in ones]
+                columns = [self.readings(replace(self.base, effects=(one,)), plateaus=near) - y for one in ones]
                 found.append(Probed(name, form, np.column_stack(columns), one_sided))
         return found
 
