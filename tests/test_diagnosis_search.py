@@ -262,7 +262,7 @@ def test_two_starts_end_at_the_same_evidence(tmp_path: Path) -> None:
     base = find(comparison, ())
     base = find(comparison, (), set_angles(comparison, base))
     ends = [find(comparison, ("coulomb_friction",), start).log_evidence for start in (base, None)]
-    assert abs(ends[0] - ends[1]) < 2.0
+    assert abs(ends[0] - ends[1]) < 0.5
 
 
 @pytest.mark.parametrize("kind", ["coast-down", "start from rest"])

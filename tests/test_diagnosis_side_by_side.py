@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,17 +63,32 @@ def test_sets_are_the_same_to_the_bit_side_by_side(tmp_path: Path) -> None:
     assert ends[0] == ends[1]
 
 
-def test_a_search_far_behind_ends_after_its_rough_stage(tmp_path: Path, monkeypatch) -> None:
+def test_a_search_far_behind_ends_early(tmp_path: Path, monkeypatch) -> None:
     recordings.sweep(tmp_path, 3, DRAG)
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
     base = base_of(comparison)
     right = find(comparison, ("windage",), base)
     stages = []
-    stage = descent._stage
-    monkeypatch.setattr(descent, "_stage", lambda *given: stages.append(given[-1]) or stage(*given))
-    ended = find(comparison, ("stribeck_friction",), base, best=cost_of(comparison, right))
-    assert right.log_evidence > ended.log_evidence + 30.0
-    assert stages == [descent.STAGES[0]]
-    again = find(comparison, ("windage",), base, best=cost_of(comparison, right))
+    stage = descent._with_pulses
+    monkeypatch.setattr(descent, "_with_pulses", lambda *given, **more: stages.append(more) or stage(*given, **more))
+    for ahead, count in ((200.0, 0), (70.0, 1), (0.0, 2)):
+        again = find(comparison, ("windage",), base, best=cost_of(comparison, right) - ahead)
+        assert len(stages) == count
+        stages.clear()
     assert np.array_equal(again.z, right.z)
-    assert stages[1:] == list(descent.STAGES)
+
+
+def test_what_is_close_behind_the_best_set_is_looked_for_from_its_point(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 3, DRAG)
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
+    base = base_of(comparison)
+    search = Search(comparison, base)
+    both = find(comparison, ("coulomb_friction", "windage"), base)
+    alone = find(comparison, ("windage",), both)
+    short = replace(alone, z=np.append(base.z, 0.0), log_evidence=both.log_evidence - 40.0)  # a search that ended early
+    far = replace(base, z=np.append(base.z, 0.0), names=("inertia",))
+    search.modes |= {both.names: both, alone.names: short, far.names: far}
+    search.again()
+    assert search.modes[("windage",)].log_evidence > alone.log_evidence - 0.5
+    assert search.modes[far.names] is far  # far behind, and no part of it
+    assert search.modes[both.names] is both

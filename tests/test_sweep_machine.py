@@ -73,6 +73,37 @@ def whole():
     return Walk().go()
 
 
+class Slow(Lab):
+    """A bench on which the flow meter's readings come in late, or from a moment on no more."""
+
+    def __init__(self, late_s=0.0, until_s=float("inf")):
+        super().__init__()
+        self.late_s, self.until_s, self.waiting = late_s, until_s, []
+
+    def read(self, role, name, value, scatter):
+        super().read(role, name, value, scatter)
+        if role == "flow":
+            self.waiting.append(self.readings[role].pop())
+            ready_ns = min(self.now_ns - self.late_s * NS, self.until_s * NS)
+            while self.waiting and self.waiting[0].time_ns <= ready_ns:
+                self.readings[role].append(self.waiting.pop(0))
+
+
+def test_a_mean_waits_for_the_last_readings_of_its_span():
+    walk = Walk(steps=[Step(1.3, "up", 1)], lab=Slow(late_s=0.4), zeros=()).go()
+    (plateau,) = walk.machine.plateaus
+    assert plateau.end_ns - plateau.start_ns == TABLE.dwell_s * NS
+    assert plateau.means["flow"].n == plateau.means["speed"].n >= 40
+
+
+def test_a_mean_does_not_wait_for_an_instrument_that_has_fallen_silent():
+    walk = Walk(steps=[Step(1.3, "up", 1)], lab=Slow(until_s=0.5), zeros=()).go()
+    (plateau,) = walk.machine.plateaus
+    assert plateau.end_ns - plateau.start_ns == TABLE.dwell_s * NS
+    assert plateau.means["flow"].n == 0
+    assert plateau.means["speed"].n >= 40
+
+
 def test_a_sweep_goes_through_its_states_in_order(whole):
     one = ["ramp", "settle", "dwell", "next"]
     assert whole.states == ["zero", "next", *one * 6, "vent", "zero", "done"]

@@ -1,7 +1,7 @@
-"""The search for a model's most probable point: Gauss-Newton, with runs in time by their mean torque.
+"""The search for a model's most probable point: Gauss-Newton, with runs in time first by their mean torque.
 
-Steps that do not lower the cost are shortened. With runs in time a search has rounds: what the pulses of the cylinders
-add is simulated, kept as a function of the shaft's angle while the search goes by the mean torque, and simulated anew.
+Steps that do not lower the cost are shortened. With runs in time what the pulses of the cylinders add is kept at first,
+as a function of the shaft's angle: that leads near from far away. Then derivatives are taken with every pulse.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ TRIES = 4  # of a step that does not lower the cost: as far as the parabola thro
 LONGEST, SHORTEST = 0.5, 0.1  # shares of that one between which it is held
 LEAST_GAIN = 0.005  # nats; a step that promises less is not tried shorter
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
-HOPELESS = 50.0  # nats behind the best set after the rough stage: nothing is made up for that
-MOST_ROUNDS = 8  # times that the pulses are simulated anew
+HOPELESS, ROUGHLY_HOPELESS = 50.0, 100.0  # nats behind the best set from which a search is not gone on with
+MOST_ROUNDS = 8  # times that derivatives with the pulses are taken
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
-STAGES = ((2.0, 0), (0.1, 2))  # nats that a round has to gain, and rounds that may gain less
+LEAST_ROUND = 0.05  # nats that a round with new derivatives has to gain
 TURNS = 0.3  # share of the speed read above which a level is taken to turn
 LOOSER, LOOSER_BY = 12, 0.25  # steps of the roller factor with which a level that stands is made to turn [-]
 EDGE = math.sqrt(3.0)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior
@@ -47,8 +47,7 @@ class _Point:
     u: np.ndarray
     D: np.ndarray
     predicted: Prediction
-    stale: bool = True
-    reached: float = math.inf  # lowest cost in the stage, the pulses of the round's start kept
+    reached: float = math.inf  # lowest cost so far, the pulses of the start kept
 
 
 def find(
@@ -68,11 +67,11 @@ def find(
         Effect ids.
     *starts : Mode or None
         Modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is given.
-        With runs in time the start that leads farthest in the first stage goes on.
+        With runs in time the start that leads farthest by the mean torque goes on.
     first : dict or None
         Starting values of effects' unknowns by (effect, parameter) [-].
     best : float
-        Cost of another set. With runs in time a search that its rough stage leaves far behind ends there [-].
+        Cost of another set. With runs in time a search that stays far behind ends early [-].
 
     Raises
     ------
@@ -87,28 +86,47 @@ def find(
         ends += [_trusting(f, comparison, *end, f) for end in ends if _some_bad(comparison, end)]
         ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
         return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
-    rough = [_stage(f, comparison, point, STAGES[0]) for point in begun]
+    rough = [_rough(f, comparison, point) for point in begun]
     here = min(rough, key=lambda point: point.cost)
-    if min(point.reached for point in rough) > best + HOPELESS and math.isfinite(here.cost):
-        return close(comparison, names, here.z, here.u, here.D, f(here.z))
-    for stage in STAGES[1:]:
-        here = _stage(f, comparison, replace(here, predicted=f(here.z)), stage)
-    here = _looked_at_again(f, comparison, here)
-    of = f.near(here.z)
-    D = f.derivatives(here.z, of(here.z), here.D, here.u, of)
-    z, u, D, _ = _descend(f, comparison, here.z, here.u, D, of(here.z), of, fresh=False, correlated=True)
-    of = f.near(z)
-    D = f.derivatives(z, of(z), D, u, of)
-    return close(comparison, names, z, u, D, f(z))
+    if min(point.reached for point in rough) <= best + ROUGHLY_HOPELESS or not math.isfinite(here.cost):
+        here = _with_pulses(f, comparison, here)
+        if here.cost <= best + HOPELESS:
+            for another in (_begun_otherwise, _looked_at_again):
+                tried = another(f, comparison, here)
+                if tried is not here:
+                    here = min(here, _with_pulses(f, comparison, tried), key=lambda point: point.cost)
+            here = _with_pulses(f, comparison, here, correlated=True)
+    return close(comparison, names, here.z, here.u, here.D, here.predicted)
+
+
+def _with_pulses(f: Function, comparison: Comparison, here: _Point, correlated: bool = False) -> _Point:
+    """The end of a search with runs in time: what the pulses add changes with every step, and so in the derivatives."""
+    z, u, D, predicted = here.z, here.u, here.D, here.predicted
+    cost = _cost(comparison, z, u, predicted)
+    for _ in range(MOST_ROUNDS):
+        z = _within_a_pulse(f, z)
+        D = f.derivatives(z, predicted, D, u, f)
+        z, u, D, predicted = _descend(f, comparison, z, u, D, predicted, f, fresh=False, correlated=correlated)
+        before, cost = cost, _cost(comparison, z, u, predicted)
+        if before - cost < LEAST_ROUND:
+            break
+    return _Point(cost, z, u, D, predicted)
+
+
+def _begun_otherwise(f: Function, comparison: Comparison, here: _Point) -> _Point:
+    """The point with the angles and the openings at which its runs begin at the best of a few, if that is better."""
+    z, _ = turned(f, comparison, here.z, here.u, here.predicted)
+    z = opened(f, comparison, z, here.u)
+    predicted = f(z)
+    cost, u = _at(comparison, z, here.u, predicted, here.D)
+    return _Point(cost, z, u, here.D, predicted) if cost < here.cost - LEAST_ROUND else here
 
 
 def _looked_at_again(f: Function, comparison: Comparison, here: _Point) -> _Point:
     """Where a search with runs in time ends up when no reading may be taken for bad at first, if that is better."""
     if not _some_bad(comparison, (here.z, here.u, here.D, here.predicted)):
         return here
-    of = f.near(here.z)
-    z, u, D, _ = _trusting(f, comparison, here.z, here.u, here.D, of(here.z), of)
-    predicted = f(z)
+    z, u, D, predicted = _trusting(f, comparison, here.z, here.u, here.D, here.predicted, f)
     cost, u = _at(comparison, z, u, predicted, D)
     return _Point(cost, z, u, D, predicted) if cost < here.cost else here
 
@@ -155,31 +173,20 @@ def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[
     raise ArithmeticError("no reading, however little of an effect there is")
 
 
-def _stage(f: Function, comparison: Comparison, here: _Point, stage: tuple[float, int]) -> _Point:
-    """Rounds of a search with runs in time: in each, what the pulses add is simulated anew and then kept."""
-    least_gain, patience = stage
+def _rough(f: Function, comparison: Comparison, here: _Point) -> _Point:
+    """The start of a search with runs in time: what the pulses add at its angles is kept."""
     z, predicted = turned(f, comparison, here.z, here.u, here.predicted)
     cost, u = _at(comparison, z, here.u, predicted, here.D)
-    best, D, stale, worse = _Point(cost, z, u, here.D, predicted, here.stale), here.D, here.stale, 0
-    reached = cost
-    for _ in range(MOST_ROUNDS):
-        z = _within_a_pulse(f, z)
-        of, before = f.near(z), z
-        z, u, D, there = _descend(f, comparison, z, u, D, of(z), of, stale)
-        reached = min(reached, _cost(comparison, z, u, there))
-        stale = _distance(comparison, D, predicted, u, z - before) > STALE
-        predicted = f(z)
-        cost, u = _at(comparison, z, u, predicted, D)
-        # What the pulses add has changed on the way, so a round may end higher than it began.
-        worse = worse + 1 if best.cost - cost < least_gain else 0
-        if worse > patience:
-            break
-        if cost < best.cost:
-            best = _Point(cost, z, u, D, predicted, stale)
-        elif patience:
-            z = f.along_valley(best.z, f.clip(best.z + 0.5 * (z - best.z)), best.predicted, D)
-            predicted = f(z)
-    return replace(best, reached=reached)
+    begun = _Point(cost, z, u, here.D, predicted)
+    z = _within_a_pulse(f, z)
+    of = f.near(z)
+    z, u, D, there = _descend(f, comparison, z, u, here.D, of(z), of)
+    reached = _cost(comparison, z, u, there)
+    predicted = f(z)
+    cost, u = _at(comparison, z, u, predicted, D)
+    # What the pulses add has changed on the way, so it may end higher than it began.
+    ended = _Point(cost, z, u, D, predicted)
+    return replace(min(begun, ended, key=lambda point: point.cost), reached=min(begun.cost, reached))
 
 
 def _within_a_pulse(f: Function, z: np.ndarray) -> np.ndarray:
@@ -286,12 +293,6 @@ def _trusting(
     finally:
         comparison.trusting = False
     return _descend(f, comparison, *end, of)
-
-
-def _distance(comparison: Comparison, D: np.ndarray, predicted: Prediction, u: np.ndarray, move: np.ndarray) -> float:
-    """Squared length of a move in posterior sds [-]."""
-    J = comparison.whitener(predicted, u)(D)
-    return float(np.sum((J @ move) ** 2) + move @ move)
 
 
 def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

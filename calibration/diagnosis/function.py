@@ -165,19 +165,6 @@ class Function:
         chosen = self.problem.chosen(self.names, z[self.k :])
         return self.problem.predict(z[: self.k], chosen, like, runs, pulses, smooth, around)
 
-    def smooth(self, z: np.ndarray) -> np.ndarray:
-        """Predictions with the runs in time by the mean torque, as a vector [SI], shape (n,).
-
-        Where two unknowns nearly make up for each other, their derivatives are two large numbers whose difference is
-        all that tells them apart: with the pulses it is lost in their phase. Without them it is kept.
-
-        Parameters
-        ----------
-        z : ndarray, shape (m,)
-            A point [-].
-        """
-        return self.comparison.raw(self(z, smooth=True))
-
     def near(self, there: np.ndarray) -> Predicts:
         """Predictions about a point: the mean torque's, and what the pulses add there, at the angle that is reached.
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.noise import SPREAD
+from calibration.diagnosis.noise import SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction, Problem
 from model.effects import effects
 
@@ -148,7 +148,9 @@ def minus_log_posterior(
 
 
 def cost_of(comparison: Comparison, mode: Mode) -> float:
-    """Minus the log posterior at a mode, up to a constant [-].
+    """Minus the log posterior at a mode's point, up to a constant, with noise that is not correlated [-].
+
+    That is how a search goes until its end: a correlation that passes a misfit for noise would make others hopeless.
 
     Parameters
     ----------
@@ -157,8 +159,12 @@ def cost_of(comparison: Comparison, mode: Mode) -> float:
     mode : Mode
         The mode.
     """
-    white = comparison.whitener(mode.prediction, mode.u)
-    return minus_log_posterior(mode.r, white.log_scale, mode.z, mode.u, comparison, found=True)
+    u = np.zeros_like(mode.u)
+    u[SCALES] = mode.u[SCALES]
+    u = suiting_noise(comparison, mode.prediction, u, mode.D, False)
+    white = comparison.whitener(mode.prediction, u)
+    r = white(comparison.read - comparison.raw(mode.prediction))
+    return minus_log_posterior(r, white.log_scale, mode.z, u, comparison, found=True)
 
 
 def robust_weights(r: np.ndarray, comparison: Comparison, found: bool = False) -> tuple[np.ndarray, np.ndarray]:

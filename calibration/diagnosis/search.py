@@ -4,7 +4,7 @@ With runs in time an effect that hides from the linear model is refitted whateve
 best of the others.
 
 Sets are refitted side by side, a few at a time; how many does not hang on the number of processes, so neither does the
-result. Of what is far behind the best set so far only the first, rough stage of the search is made.
+result. Of what is far behind the best set so far only the start of the search is made.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
 SWAPS = 4  # sets tried in the place of the best, one member changed
+CLOSE = 10.0  # nats behind the best set within which another is looked for from the best's point too
 # Not tried is what promises less than half of what the member is worth, and is this far behind it in nats: the linear
 # model is seldom off by more.
 HOPELESS_SHARE, HOPELESS = 0.5, 15.0
@@ -42,11 +43,12 @@ First = dict[tuple[str, str], float]  # values of effects' unknowns to start fro
 
 @dataclass(frozen=True)
 class _Job:
-    """A set to refit: from the mode of a smaller set and from the prior's middle."""
+    """A set to refit: from the mode of another set, and from the prior's middle if that is wanted."""
 
     names: Names
     near: Mode
     first: First = field(default_factory=dict)
+    from_the_middle: bool = True
 
 
 class Search:
@@ -134,6 +136,23 @@ class Search:
                     jobs.append(_Job(names, mode, {**values_of(self.comparison.problem, mode), **first}))
         self._refit(jobs)
         self.swap()
+        if self.modes[()].prediction.runs:
+            self.again()
+
+    def again(self) -> None:
+        """Refit from the best set's point its parts and what is close behind it: a search may end short of the best.
+
+        A second effect is not to be needed because the first alone was not followed as far.
+        """
+        best = self._best()
+        mode, values = self.modes[best], values_of(self.comparison.problem, self.modes[best])
+        jobs = []
+        for names, other in self.modes.items():
+            close = mode.log_evidence - other.log_evidence < CLOSE
+            if names and names != best and (close or set(names) < set(best)):
+                own = values_of(self.comparison.problem, other) | values
+                jobs.append(_Job(names, mode, {one: z for one, z in own.items() if one[0] in names}, False))
+        self._refit(jobs)
 
     def swap(self) -> None:
         """Refit what may stand in the place of a member of the best set.
@@ -186,16 +205,19 @@ class Search:
             best = cost_of(self.comparison, self.modes[self._best()])
             for job, mode in zip(
                 some,
-                self._side_by_side(_found, [(self.comparison, job.names, job.near, job.first, best) for job in some]),
+                self._side_by_side(_found, [(self.comparison, job, best) for job in some]),
                 strict=True,
             ):
-                if mode is not None:
+                before = self.modes.get(job.names)
+                if mode is not None and (before is None or mode.log_evidence > before.log_evidence):
                     self.modes[job.names] = mode
+                    self._signatures.pop(job.names, None)
 
 
-def _found(comparison: Comparison, names: Names, near: Mode, first: First, best: float) -> Mode | None:
+def _found(comparison: Comparison, job: _Job, best: float) -> Mode | None:
+    starts = (job.near, None) if job.from_the_middle else (job.near,)
     try:
-        return find(comparison, names, near, None, first=first, best=best)
+        return find(comparison, job.names, *starts, first=job.first, best=best)
     except ArithmeticError:  # nothing of it can be simulated
         return None
 

@@ -126,7 +126,7 @@ def answer(
     off = [-u.a / u.b if u.kind == "normal" else shape_z for u in unknown]
     z = np.append(mode.z, off)
     D = np.hstack([mode.D, np.zeros((mode.D.shape[0], len(unknown)))])
-    start, white = f.smooth(z), comparison.whitener(mode.prediction, mode.u)
+    start, white = comparison.raw(f(z)), comparison.whitener(mode.prediction, mode.u)
     whole = one.a != 0.0  # there or not: nothing in between is likely
     unit, probe = (one.a, 1.0) if whole else (one.b, PROBE)
     column, size = np.zeros(0), 0.0
@@ -134,7 +134,7 @@ def answer(
         straight = z.copy()
         straight[place] += probe * unit / one.b
         end = f.along_valley(z, straight, mode.prediction, D)
-        tried = np.nan_to_num((f.smooth(end) - start - D @ (end - straight)) / probe)
+        tried = np.nan_to_num((comparison.raw(f(end)) - start - D @ (end - straight)) / probe)
         before, size = size, float(np.linalg.norm(white(tried)))
         if column.size and size < FADES * before:
             break  # a law that has no slope at 0, as a lag shorter than a sample

@@ -26,4 +26,5 @@ EFFECT = Effect(
     parameters=(EffectParameter("time_s", "s", 0.0, 1.0, 0.03, text="time constant"),),
     lag=time_constant,
     transient_only=True,
+    hidden=True,  # by the moments at which a run begins and a line is vented; below a sample's duration it does nothing
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from rig.bench import SweepTable
 from rig.readings import NS, Reading
 from rig.sweep.orders import View
@@ -137,6 +139,22 @@ def mean(view: View, channel: str, start_ns: int, end_ns: int) -> Mean:
     """
     window = view.window(channel, start_ns, end_ns)
     return mean_of(window.time_s, window.value, window.censored, window.quality)
+
+
+def all_in(view: View, channels: Iterable[str], end_ns: int) -> bool:
+    """Whether every reading of channels before a time is in: each has a newer one, a failed one too.
+
+    Parameters
+    ----------
+    view : View
+        The bench.
+    channels : iterable of str
+        Full names or roles.
+    end_ns : int
+        Bench time [ns].
+    """
+    newest = [view.last(channel) for channel in channels]
+    return all(reading is not None and reading.time_ns > end_ns for reading in newest)
 
 
 def remarks(means: dict[str, Mean], level_bar_abs: float, view: View, ambient_bar: float) -> list[str]:

@@ -10,7 +10,7 @@ last pressure that it orders is none.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from rig.readings import NS
 from rig.sweep import judge
@@ -42,6 +42,7 @@ WRITE_EVERY_S = 0.2  # set-points of a ramp: a bus has other things to do
 LONGEST_STEP_S = 0.5  # whatever held the program up, no step of a ramp makes up for it
 JUDGE_EVERY_S = 0.25
 PA_IN_BAR = 1e5
+READINGS_TIMEOUT_S = 3.0  # for the last readings of a span to come in: slower than the slowest instrument
 VENT_TIMEOUT_S = 15.0
 VENT_AGAIN_S = 1.0  # the order to vent is repeated until the gauge says so
 
@@ -197,11 +198,12 @@ class SweepMachine:
                 return self.fail(now_ns, f"the line does not vent: {unquiet}")
             self._quiet_ns = now_ns
             return [Say(f"zero taken although {unquiet}", warning=True)] if unquiet else []
-        if (now_ns - self._quiet_ns) / NS < self.table.zero_s:
+        end_ns = self._quiet_ns + round(self.table.zero_s * NS)
+        if not self._is_over(end_ns, now_ns, view, self.course.zero_channels):
             return []
-        means = {name: judge.mean(view, name, self._quiet_ns, now_ns) for name in self.course.zero_channels}
+        means = {name: judge.mean(view, name, self._quiet_ns, end_ns) for name in self.course.zero_channels}
         vented = judge.is_vented(view, self.course.ambient_bar)
-        orders: list[Order] = [Zero(self._zero, self._quiet_ns, now_ns, means, vented)]
+        orders: list[Order] = [Zero(self._zero, self._quiet_ns, end_ns, means, vented)]
         if self._zero == "end" or not (self._tasks or "end" in self.course.zeros):
             return [*orders, *self._finish(now_ns, view)]
         return [*orders, *self._enter(State.NEXT, now_ns)]
@@ -294,14 +296,20 @@ class SweepMachine:
         return [*orders, *self._enter(State.DWELL, now_ns, settled=self._settled)]
 
     def _in_dwell(self, now_ns: int, view: View) -> list[Order]:
-        if (now_ns - self._entered_ns) / NS < self.table.dwell_s or not isinstance(self._task, Step):
+        end_ns = self._entered_ns + round(self.table.dwell_s * NS)
+        if not (isinstance(self._task, Step) and self._is_over(end_ns, now_ns, view, self.course.roles)):
             return []
-        means = {role: judge.mean(view, role, self._entered_ns, now_ns) for role in self.course.roles}
+        means = {role: judge.mean(view, role, self._entered_ns, end_ns) for role in self.course.roles}
         notes = [*self._notes, *judge.remarks(means, self._task.level_bar_abs, view, self.course.ambient_bar)]
         number = len(self.plateaus) + 1
-        taken = Plateau(number, self._task, self._entered_ns, now_ns, self._settled, means, "; ".join(notes))
+        taken = Plateau(number, self._task, self._entered_ns, end_ns, self._settled, means, "; ".join(notes))
         self.plateaus.append(taken)
         return [Record(taken), *self._enter(State.NEXT, now_ns)]
+
+    def _is_over(self, end_ns: int, now_ns: int, view: View, channels: Iterable[str]) -> bool:
+        """Whether a span has passed and its readings are in, as far as they come."""
+        late_s = (now_ns - end_ns) / NS
+        return late_s >= 0.0 and (late_s > READINGS_TIMEOUT_S or judge.all_in(view, channels, end_ns))
 
     def _in_capture(self, now_ns: int, view: View) -> list[Order]:
         if self._capturing is None:
