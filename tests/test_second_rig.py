@@ -31,7 +31,7 @@ from calibration.challenge.second_rig import (
 from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.draws import ERRORS, MAKE_UP, WIDTHS
 from calibration.challenge.second_rig.separable import _taken_up
-from calibration.challenge.second_rig.signatures import Whitened, asked_of
+from calibration.challenge.second_rig.signatures import STEP_S, Whitened, _later, asked_of
 from calibration.challenge.second_rig.small_torques import SmallTorques
 from rig.recording import read_recording
 
@@ -557,6 +557,16 @@ class TestSeparable:
         assert 0.0 < found["D"] < 7.0
         assert (found["rho"], found["rival"], found["separable"]) == (None, None, False)
 
+    @pytest.mark.parametrize("up", [True, False])
+    def test_a_later_supply_makes_all_that_follows_later(self, up):
+        rig, samples = bench.Rig({"f_overall": 0.0625}, {}, ()), np.arange(120)
+        opened = [samples >= first if up else samples < first for first in (20, 21)]
+        soon, late = (bench.run(rig, bench.Run(2e5, one, 0.0, 0.1), STEP_S, ripple=False).speed for one in opened)
+        assert np.abs(soon - late).max() > 2.0
+        fast = samples < (115 if up else 50)  # a coast-down's end depends on the angle
+        np.testing.assert_allclose(_later(soon, opened[0], bench.SAMPLE_S)[fast], late[fast], atol=0.05)
+        np.testing.assert_allclose(_later(soon, opened[0], 0.0), soon, atol=1e-9)
+
     def test_a_small_torque_changes_plateaus_as_a_march_says(self):
         """What swings once a turn changes none; what changes the gas is marched."""
         rest = bench.Rig({"f_overall": 0.06})
@@ -588,7 +598,7 @@ class TestSeparable:
         thinned(tmp_path)
         rest = case.rig()
         whitened = Whitened(asked_of(read_recording(tmp_path), case.errors), rest)
-        thicker = replace(rest, nuisances=rest.nuisances | {"f_overall": 1.25 * rest.nuisances["f_overall"]})
+        thicker = replace(rest, nuisances=rest.nuisances | {"f_overall": 1.5 * rest.nuisances["f_overall"]})
         everything = whitened.readings(thicker)
         change, lines = everything - whitened.readings(rest), whitened.nuisances()
         left, grown = _taken_up(whitened, everything, rest, change, lines, np.empty((change.size, 0)))

@@ -28,7 +28,7 @@ from rig.recording import read_recording
 LEAST_D = 7.0
 LEAST_PROBABILITY = 0.99
 FREE = 10.0  # another concealed effect is free within ten times its size
-STEPS = 12  # most that the nuisances go
+STEPS = 16  # most that the nuisances go
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step, tried in turn until one comes nearer
 SETTLED = 1e-3  # share of the distance that a step has to gain
 FARTHEST = 5.0  # declared sds that a nuisance may go
@@ -152,18 +152,23 @@ def _taken_up(
     """
     z, e = np.zeros(nuisances.shape[1] + free.shape[1]), change
     k, far, N = nuisances.shape[1], float(change @ change), np.column_stack([nuisances, free])
+    fresh = False
     for _ in range(STEPS):
         step, nearer = np.linalg.solve(np.eye(z.size) + N.T @ N, N.T @ e - z), False
         for share in SHARES:
             tried = z + share * step
-            tried[:k] = np.clip(tried[:k], -FARTHEST, FARTHEST)
+            tried[:k] = np.clip(whitened.wrapped(rest, tried[:k]), -FARTHEST, FARTHEST)
             there = everything - whitened.moved(rest, tried[:k]) - free @ tried[k:]
             distance = float(there @ there + tried @ tried)
             if distance < far:
                 nearer = distance < (1.0 - SETTLED) * far
                 z, e, far = tried, there, distance
-                N = np.column_stack([nuisances * whitened.grown(z[:k]), free])
+                N, fresh = np.column_stack([nuisances * whitened.grown(z[:k]), free]), False
                 break
-        if not nearer:
-            break
+        if nearer:
+            continue
+        if fresh or not whitened.asked.runs:
+            break  # where old lines lead nowhere, new ones may
+        nuisances = whitened.nuisances(rest, z[:k]) / whitened.grown(z[:k])
+        N, fresh = np.column_stack([nuisances * whitened.grown(z[:k]), free]), True
     return e + N @ z, N

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from calibration.challenge.second_rig import bench
 from calibration.challenge.second_rig.bench import Rig
@@ -25,6 +26,8 @@ from rig.recording import Recording, RecordingFile
 STEP_S = 2.5e-5  # of the march of a run
 SLOPE_PA = 2000.0  # over which slopes with the line's pressure are taken
 ANGLE_RAD = 0.02  # likewise with a run's angle
+MOMENT_S = 5e-4  # likewise with the moment at which its supply changes
+MOMENT_SD = bench.SAMPLE_S / np.sqrt(12.0)  # s; the samples say between which two that was
 FLAT = float(np.log(0.4 / 0.01) / np.sqrt(12.0))  # sd of ln f_overall, log-uniform from 0.01 to 0.4
 LEVEL_PA = 4000.0  # rows nearer than this are of one level
 SLOWEST = 20.0  # rad/s; below it a coast-down depends on the phase at which the supply was shut, and not linearly
@@ -179,6 +182,7 @@ class Whitened:
         rig: Rig,
         supply: Sequence[float] = (),
         angle: Sequence[float] = (),
+        late: Sequence[float] = (),
         plateaus: Sequence[bench.Steady] = (),
     ) -> np.ndarray:
         """Whitened readings of a rig, shape (m,) [-].
@@ -187,8 +191,9 @@ class Whitened:
         ----------
         rig : Rig
             The rig.
-        supply, angle : sequence of float
-            By run, how much the line's pressure [Pa] and the angle [rad] are changed; nothing when left out.
+        supply, angle, late : sequence of float
+            By run, how much the line's pressure [Pa], the angle [rad] and the supply's moment [s] are changed; nothing
+            when left out.
         plateaus : sequence of callable
             By file of steady rows, what gives its plateaus; marched when left out.
         """
@@ -208,21 +213,29 @@ class Whitened:
             turned = angle[k] if len(angle) else 0.0
             found = bench.run(rig, replace(one, line=one.line + more, angle=one.angle + turned), STEP_S, ripple=False)
             read = float(np.mean(found.pressure[one.opened])) - more
-            speed = (found.speed - self._run_slopes[k] * read)[self._kept[k]]
+            turning = _later(found.speed, one.opened, late[k]) if len(late) else found.speed
+            speed = (turning - self._run_slopes[k] * read)[self._kept[k]]
             parts.append(speed / _sd("speed", scale))
         return np.concatenate(parts)
 
-    def nuisances(self) -> np.ndarray:
-        """Change per declared sd of each nuisance at the base, shape (m, k) [-].
+    def nuisances(self, rig: Rig | None = None, z: np.ndarray | None = None) -> np.ndarray:
+        """Change per declared sd of each nuisance, shape (m, k) [-].
 
-        Figures of the motor come first, then the instruments' errors, then pressure and angle of each run.
+        Figures of the motor come first, then the instruments' errors, then pressure, angle and moment of each run.
+
+        Parameters
+        ----------
+        rig : Rig or None
+            The rig; None for the base.
+        z : ndarray, shape (k,), or None
+            By how many declared sds its nuisances are off already; nothing for None [-].
         """
-        y, steps = self.readings(self.base), self._steps()
+        rig, steps = rig or self.base, self._steps()
+        z = np.zeros(steps.size) if z is None else z
+        y = self.moved(rig, z)
+        ones = np.eye(steps.size)
         return np.column_stack(
-            [
-                (self.moved(self.base, step * one) - y) / step
-                for step, one in zip(steps, np.eye(steps.size), strict=True)
-            ]
+            [(self.moved(rig, z + step * one) - y) / step for step, one in zip(steps, ones, strict=True)]
         )
 
     def _steps(self) -> np.ndarray:
@@ -236,7 +249,9 @@ class Whitened:
             3.0 / width["inlet_k"],
             np.log(1.05) / width["inertia"],
         )
-        runs = [step for sd, turn in self._run_sds() for step in (SLOPE_PA / sd, ANGLE_RAD / turn)]
+        runs = [
+            step for sd, turn in self._run_sds() for step in (SLOPE_PA / sd, ANGLE_RAD / turn, MOMENT_S / MOMENT_SD)
+        ]
         return np.array([*motor, *np.ones(len(ERRORS)), *runs])
 
     def _run_sds(self) -> list[tuple[float, float]]:
@@ -271,9 +286,30 @@ class Whitened:
             name: rig.errors.get(name, 0.0) + sd * one for (name, sd), one in zip(ERRORS.items(), z[6:end], strict=True)
         }
         sds = self._run_sds()
-        supply = [sd * one for (sd, _), one in zip(sds, z[end::2], strict=True)]
-        angle = [turn * one for (_, turn), one in zip(sds, z[end + 1 :: 2], strict=True)]
-        return self.readings(replace(rig, nuisances=changed, errors=dict(rig.errors) | errors), supply, angle)
+        supply = [sd * one for (sd, _), one in zip(sds, z[end::3], strict=True)]
+        angle = [turn * one for (_, turn), one in zip(sds, z[end + 1 :: 3], strict=True)]
+        late = MOMENT_SD * z[end + 2 :: 3]
+        return self.readings(
+            replace(rig, nuisances=changed, errors=dict(rig.errors) | errors), supply, angle, list(late)
+        )
+
+    def wrapped(self, rig: Rig, z: np.ndarray) -> np.ndarray:
+        """The same nuisances with each run's angle counted from the nearest pulse, shape (k,) [-].
+
+        Where an effect follows the shaft, a pulse on is another angle: then nothing is taken off.
+
+        Parameters
+        ----------
+        rig : Rig
+            The rig.
+        z : ndarray, shape (k,)
+            In the order of `nuisances` [-].
+        """
+        if any(one.id == "once_per_rev_torque" for one in rig.effects):
+            return z
+        found, angles = z.copy(), slice(6 + len(ERRORS) + 1, None, 3)
+        found[angles] -= np.sqrt(12.0) * np.round(found[angles] / np.sqrt(12.0))
+        return found
 
     def grown(self, z: np.ndarray) -> np.ndarray:
         """By what a slope with each nuisance has grown at so many declared sds: a factor does as its value, shape (k,).
@@ -314,6 +350,21 @@ class Whitened:
                 return found
             before += n if rows.locked else 2 * n
         return np.empty((size, 0))
+
+
+def _later(speed: np.ndarray, opened: np.ndarray, late: float) -> np.ndarray:
+    """Mean speeds of samples when the supply of a run changes later, and so all that follows [rad/s]."""
+    changes = np.flatnonzero(np.diff(opened)) + 1
+    if not changes.size:
+        return speed
+    first = int(changes[0])
+    turned = np.concatenate([[0.0], np.cumsum(speed)]) * bench.SAMPLE_S
+    ends = np.arange(turned.size) * bench.SAMPLE_S
+    after = CubicSpline(ends[first:], turned[first:])
+    shifted = ends - late
+    before = np.interp(shifted, ends[: first + 1], turned[: first + 1]) + speed[0] * np.minimum(shifted, 0.0)
+    found: np.ndarray = np.diff(np.where(shifted > ends[first], after(shifted), before)) / bench.SAMPLE_S
+    return found
 
 
 def _white(p: np.ndarray, q: np.ndarray, n: np.ndarray, slopes: np.ndarray, scale: float, locked: bool) -> np.ndarray:
