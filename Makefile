@@ -12,7 +12,7 @@ RECORD_CASES ?= 1000
 RECORD_NULLS ?= 800
 SEED ?=
 
-.PHONY: help setup demo test lint bench sbc nulls evidence kills challenge record figures lock clean clean-cache
+.PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record figures lock clean clean-cache
 
 help:
 	@echo "make demo    install, sweep a virtual bench, replay and fit it; fit the published sweep; all in $(OUT)/demo"
@@ -51,13 +51,18 @@ demo: $(STAMP)
 	$(BIN)/spinbench fit $(DEMO)/recording -o $(DEMO)/virtual_fit --seed 1 --effective-samples 2000
 	$(BIN)/spinbench fit logs/published_sweep -o $(DEMO)/published_fit --seed 1 --compare --gauge-span-bar 6
 
+kernels: $(STAMP)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.kernels
+
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-test: lint
+# The two have a core each.
+test: $(STAMP)
+	@$(MAKE) --no-print-directory -j2 lint kernels
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 bench: $(STAMP)

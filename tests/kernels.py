@@ -1,0 +1,31 @@
+"""Compile the kernels that most tests wait for, beside lint: each process of a test run would compile them anew."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from calibration.diagnosis.base import base_of
+from calibration.diagnosis.function import Function
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.problem import Problem
+from model.effects import effects
+from tests import diagnosis_recordings as recordings
+
+
+def main() -> None:
+    """Solve one sweep with two runs in time: without effects, and with all of them."""
+    with tempfile.TemporaryDirectory() as folder:
+        recordings.sweep(Path(folder), 3, {})
+        recordings.add_spin_up(Path(folder), 3, {})
+        comparison = Comparison(Problem(recordings.add_coast_down(Path(folder), 3, {})))
+    base_of(comparison)
+    of = Function(comparison, tuple(effects()))
+    for smooth in (False, True):
+        of(np.zeros(of.k + len(comparison.problem.effect_unknowns(of.names))), smooth=smooth)
+
+
+if __name__ == "__main__":
+    main()
