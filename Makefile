@@ -8,8 +8,11 @@ DEMO := $(OUT)/demo
 
 CHALLENGE ?= $(OUT)/challenge
 RECORD ?= $(OUT)/record
-RECORD_CASES ?= 1000
-RECORD_NULLS ?= 800
+RECORD_KEPT ?= $(RECORD)/kept
+RECORD_PAGE ?= $(RECORD)/page
+RECORD_PARTS ?= mixed1 mixed2 nulls1 nulls2 nulls3 nulls4
+MIXED_CASES ?= 100
+NULLS_CASES ?= 240
 SEED ?=
 
 .PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record figures lock clean clean-cache
@@ -24,7 +27,7 @@ help:
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
 	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (long, resumable)"
-	@echo "make record  the full blind record and its page in docs/challenge (many hours, resumable)"
+	@echo "make record  the full blind record, in parts, and its page (hours, resumable)"
 	@echo "make figures the article's figures and results anew, in docs/figures and docs/reproduction.md"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"
@@ -88,12 +91,18 @@ challenge: $(STAMP)
 	$(BIN)/spinbench challenge run $(CHALLENGE)
 	$(BIN)/spinbench challenge score $(CHALLENGE) --page $(CHALLENGE)/page
 
+# In parts, each a campaign of its own, made, run and scored before the next; what is kept of one is small, and may be
+# moved to another machine. RECORD_KEPT=docs/challenge/record RECORD_PAGE=docs/challenge is the record of this repository.
 record: $(STAMP)
-	$(BIN)/spinbench challenge make $(RECORD)/mixed --cases $(RECORD_CASES) $(if $(SEED),--seed $(SEED))
-	$(BIN)/spinbench challenge make $(RECORD)/nulls --cases $(RECORD_NULLS) --only none $(if $(SEED),--seed 1$(SEED))
-	$(BIN)/spinbench challenge run $(RECORD)/mixed
-	$(BIN)/spinbench challenge run $(RECORD)/nulls
-	$(BIN)/spinbench challenge score $(RECORD)/mixed $(RECORD)/nulls --follow-ups --oracle --page docs/challenge
+	@set -e; for part in $(RECORD_PARTS); do \
+	  folder=$(RECORD)/record-$$part; \
+	  if test -e $(RECORD_KEPT)/record-$$part.json.gz; then echo "$$part is there"; continue; fi; \
+	  case $$part in nulls*) many="--cases $(NULLS_CASES) --only none";; *) many="--cases $(MIXED_CASES)";; esac; \
+	  $(BIN)/spinbench challenge make $$folder $$many; \
+	  $(BIN)/spinbench challenge run $$folder; \
+	  $(BIN)/spinbench challenge score $$folder --follow-ups --oracle --keep $(RECORD_KEPT); \
+	done
+	$(BIN)/spinbench challenge pool $(RECORD_PARTS:%=$(RECORD_KEPT)/record-%.json.gz) --page $(RECORD_PAGE)
 
 figures: $(STAMP)
 	$(BIN)/spinbench reproduce -o docs/figures --page docs/reproduction.md

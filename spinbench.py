@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from calibration.challenge.opening import Scored
     from calibration.sampling import Progress
     from model.motor import Motor
     from model.reproduction import Measured
@@ -118,6 +119,12 @@ SchedulerOption = Annotated[
     typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers are used instead."),
 ]
 CampaignArgument = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
+BookOption = Annotated[
+    Path | None, typer.Option("--ledger", metavar="FILE", help="The ledger; that of this repository if left out.")
+]
+PageOption = Annotated[
+    Path | None, typer.Option("--page", metavar="DIR", help="Write the result page with its figures and tables.")
+]
 KeyOption = Annotated[
     Path | None, typer.Option("--key", metavar="FILE", help="The seal's key; beside the seal if left out.")
 ]
@@ -896,30 +903,27 @@ def challenge_score(
     oracle: Annotated[
         bool, typer.Option("--oracle", help="Compute the held-out gain of the true set, where the diagnosis offers it.")
     ] = False,
-    page: Annotated[
-        Path | None, typer.Option("--page", metavar="DIR", help="Write the result page with its figures and tables.")
+    page: PageOption = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option("--keep", metavar="DIR", help="Keep each campaign, now open, as a file for `challenge pool`."),
     ] = None,
-    book: Annotated[
-        Path | None, typer.Option("--ledger", metavar="FILE", help="The ledger; that of this repository if left out.")
-    ] = None,
+    book: BookOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Open the seal, count hits, misses, refusals and false alarms, and enter the campaign into the ledger."""
-    from calibration.challenge import ledger, opening, tables
-    from calibration.challenge import page as pages
-    from calibration.report import files, simulation
+    from calibration.challenge import keeping, opening
+    from calibration.report import files
 
     place = _ledger(book)
     settings = opening.Settings(key, follow_ups, oracle, _workers(workers), scheduler)
     with _bars() as begin:
         scored = opening.score(campaigns, place, settings, begin)
-    if page is not None:
-        files.write_files(page, pages.files(scored, ledger.read_ledger(place)))
-        print(f"spinbench: the page is {page / pages.PAGE}", file=sys.stderr)
-    grids = [tables.goals(scored.summary), tables.outcomes(scored.summary), tables.by_signal(scored.summary)]
-    _deliver(simulation.json_bytes(scored.summary), [tables.as_rich(grid) for grid in grids], None, json_file, None)
+    if keep is not None:
+        files.write_files(keep, keeping.files(scored))
+    _tell_of_scores(scored, place, page, json_file)
     for problem in scored.problems[:10]:
         print(f"spinbench: {problem}", file=sys.stderr)
     for entry, added in zip(scored.entries, scored.added, strict=True):
@@ -927,12 +931,36 @@ def challenge_score(
         print(f"spinbench: {entry['campaign']} {words} {place}", file=sys.stderr)
 
 
-@challenge_app.command("ledger")
-def challenge_ledger(
-    book: Annotated[
-        Path | None, typer.Option("--ledger", metavar="FILE", help="The ledger; that of this repository if left out.")
-    ] = None,
+@challenge_app.command("pool")
+def challenge_pool(
+    kept: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Campaigns that `challenge score --keep` kept.")
+    ],
+    page: PageOption = None,
+    book: BookOption = None,
+    json_file: JsonOption = None,
 ) -> None:
+    """Count scored campaigns of one code together, each held against the ledger; nothing is run."""
+    from calibration.challenge import keeping
+
+    place = _ledger(book)
+    _tell_of_scores(keeping.read(kept, place), place, page, json_file)
+
+
+def _tell_of_scores(scored: Scored, book: Path, page: Path | None, json_file: Path | None) -> None:
+    from calibration.challenge import ledger, tables
+    from calibration.challenge import page as pages
+    from calibration.report import files, simulation
+
+    if page is not None:
+        files.write_files(page, pages.files(scored, ledger.read_ledger(book)))
+        print(f"spinbench: the page is {page / pages.PAGE}", file=sys.stderr)
+    grids = [tables.goals(scored.summary), tables.outcomes(scored.summary), tables.by_signal(scored.summary)]
+    _deliver(simulation.json_bytes(scored.summary), [tables.as_rich(grid) for grid in grids], None, json_file, None)
+
+
+@challenge_app.command("ledger")
+def challenge_ledger(book: BookOption = None) -> None:
     """Verify the chain of the ledger, and show every campaign that was ever scored; exit code 2 if it is broken."""
     from calibration.challenge import ledger, page, tables
 

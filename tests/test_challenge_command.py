@@ -43,7 +43,8 @@ def campaign(tmp_path_factory):
     ran = spinbench("challenge", "run", folder, "--workers", 2)
     shutil.move(away, folder / "sealed")
     book = folder.parent / "ledger.jsonl"
-    scored = spinbench("challenge", "score", folder, "--ledger", book, "--page", folder / "page", "--json", "-")
+    outputs = ("--page", folder / "page", "--keep", folder / "kept", "--json", "-")
+    scored = spinbench("challenge", "score", folder, "--ledger", book, *outputs)
     return folder, ran, scored, book
 
 
@@ -63,6 +64,18 @@ def test_its_score_is_published_and_in_the_ledger(campaign):
     assert {"result.md", "result.json", "cases.csv"} <= {path.name for path in (folder / "page").iterdir()}
     shown = spinbench("challenge", "ledger", "--ledger", book)
     assert "1 lines, the chain holds" in shown.stdout
+
+
+@pytest.mark.slow
+def test_what_was_kept_of_it_gives_the_same_page(campaign, tmp_path):
+    folder, _, scored, book = campaign
+    kept = folder / "kept" / "blind.json.gz"
+    pooled = spinbench("challenge", "pool", kept, "--ledger", book, "--page", tmp_path, "--json", "-")
+    assert json.loads(pooled.stdout) == json.loads(scored.stdout)
+    for name in ("result.md", "result.json", "cases.csv"):
+        assert (tmp_path / name).read_bytes() == (folder / "page" / name).read_bytes()
+    told = spinbench("challenge", "pool", kept, kept, "--ledger", book, code=2).stderr
+    assert "given twice" in told
 
 
 @pytest.mark.slow

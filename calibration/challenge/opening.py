@@ -51,28 +51,72 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Scored:
-    """Campaigns with their truths open.
+class Opened:
+    """One campaign with its truths open.
 
     Attributes
     ----------
+    entry : dict
+        What it tells the ledger.
+    sealed : dict
+        What was sealed: truths, seed and salt.
+    cases : list of Case
+        A case each.
+    """
+
+    entry: dict[str, Any]
+    sealed: dict[str, Any]
+    cases: list[Case]
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Campaigns with their truths open, counted together.
+
+    Attributes
+    ----------
+    opened : list of Opened
+        The campaigns.
     cases : list of Case
         Of all campaigns.
     summary : dict
         Of `scoring.summary`.
-    entries : list of dict
-        What each campaign tells the ledger.
     added : list of bool
         Whether the ledger did not have it before.
     problems : list of str
         What could not be computed, in words.
     """
 
+    opened: list[Opened]
     cases: list[Case]
     summary: dict[str, Any]
-    entries: list[dict[str, Any]]
     added: list[bool]
     problems: list[str]
+
+    @property
+    def entries(self) -> list[dict[str, Any]]:
+        """What each campaign tells the ledger."""
+        return [one.entry for one in self.opened]
+
+
+def together(opened: Sequence[Opened], added: Sequence[bool], problems: Sequence[str]) -> Scored:
+    """Campaigns counted together; of several, a case's name has the campaign's before it.
+
+    Parameters
+    ----------
+    opened : sequence of Opened
+        The campaigns.
+    added : sequence of bool
+        Whether the ledger did not have them before.
+    problems : sequence of str
+        What could not be computed, in words.
+    """
+    cases = [
+        case if len(opened) == 1 else replace(case, name=f"{one.entry['campaign']}/{case.name}")
+        for one in opened
+        for case in one.cases
+    ]
+    return Scored(list(opened), cases, scoring.summary(cases), list(added), list(problems))
 
 
 def score(
@@ -100,8 +144,7 @@ def score(
         When verdicts are missing, or the truths are not those that were committed to.
     """
     ledger.read_ledger(book)  # a broken chain is refused before anything is opened
-    everything: list[Case] = []
-    entries, added = [], []
+    opened, added = [], []
     problems: list[str] = []
     for folder in folders:
         campaign = layout.read_campaign(folder)
@@ -111,9 +154,8 @@ def score(
         cases = _cases(campaign, contents, ran.results, str(frozen["diagnosis_sha256"]), settings, tell, problems)
         entry = _entry(campaign, contents, frozen, ran.sha256, settings, scoring.summary(cases))
         added.append(ledger.append(book, entry) is not None)
-        entries.append(entry)
-        everything += cases if len(folders) == 1 else [_renamed(case, campaign.name) for case in cases]
-    return Scored(everything, scoring.summary(everything), entries, added, problems)
+        opened.append(Opened(entry, contents, cases))
+    return together(opened, added, problems)
 
 
 def _open(campaign: Campaign, frozen: dict[str, Any], key: Path | None) -> dict[str, Any]:
@@ -213,10 +255,6 @@ def _oracle_gain(argument: dict[str, Any]) -> dict[str, Any]:
     if computed is None:
         raise layout.ChallengeError("this worker's diagnosis offers no held_out_gain")
     return {"gain": float(computed(Path(argument["folder"]), sorted(argument["truth"]["ids"])))}
-
-
-def _renamed(case: Case, campaign: str) -> Case:
-    return replace(case, name=f"{campaign}/{case.name}")
 
 
 def _entry(

@@ -118,7 +118,7 @@ def _intro(scored: Scored) -> str:
     took = f"{found['core_hours']:.2f} core-hours" if found["core_hours"] >= 0.01 else "under a core-minute"
     times = f"; {seconds['median']:.1f} s a case (median), {seconds['longest']:.1f} s at most" if seconds else ""
     return (
-        "Made by `spinbench challenge score`; nothing on this page is typed in. "
+        "Made by `spinbench challenge`; nothing on this page is typed in. "
         "[How a campaign is made, sealed and scored](../challenge.md). Intervals are Clopper-Pearson, 95 %.\n\n"
         + "\n".join(lines)
         + "\n\n"

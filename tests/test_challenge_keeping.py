@@ -1,0 +1,107 @@
+"""Scored campaigns kept as files, and counted together from these."""
+
+from __future__ import annotations
+
+import gzip
+import json
+
+import pytest
+
+from calibration.challenge import keeping, layout, running
+from calibration.challenge.campaign import make
+from calibration.challenge.layout import ChallengeError
+from calibration.challenge.opening import Settings, score
+from calibration.report.files import write_files
+from tests import fake_rig
+
+PARTS = {"mixed": {"cases": 12, "seed": 5}, "nulls": {"cases": 3, "seed": 6, "only": "none"}}
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """Two campaigns with their verdicts."""
+    for name, options in PARTS.items():
+        make(tmp_path / name, maker=fake_rig.NAME, workers=0, **options)
+        running.run(tmp_path / name, 0, task=fake_rig.diagnose)
+    return [tmp_path / name for name in PARTS]
+
+
+@pytest.fixture
+def book(tmp_path):
+    return tmp_path / "ledger.jsonl"
+
+
+@pytest.fixture
+def kept(folders, book, tmp_path):
+    """Each scored by itself, and kept."""
+    settings = Settings(workers=0, follow_ups=True, task=fake_rig.diagnose)
+    for folder in folders:
+        write_files(tmp_path / "kept", keeping.files(score([folder], book, settings)))
+    return [tmp_path / "kept" / f"{name}.json.gz" for name in PARTS]
+
+
+def changed(place, change):
+    data = json.loads(gzip.decompress(place.read_bytes()))
+    change(data)
+    place.write_bytes(gzip.compress(layout.canonical(data)))
+
+
+def test_parts_counted_together_are_what_scoring_them_at_once_gives(folders, kept, book):
+    at_once = score(folders, book, Settings(workers=0, follow_ups=True, task=fake_rig.diagnose))
+    from_files = keeping.read(kept, book)
+    assert from_files.summary == at_once.summary
+    assert from_files.cases == at_once.cases
+    assert [one["campaign"] for one in from_files.entries] == list(PARTS)
+
+
+def test_one_part_keeps_its_cases_names(kept, book):
+    assert [case.name for case in keeping.read(kept[1:], book).cases] == ["case0000", "case0001", "case0002"]
+
+
+def one_verdict(data):
+    data["cases"][0]["diagnosis"]["verdict"] = "consistent"
+
+
+def one_truth(data):
+    data["sealed"]["truths"][0]["ids"] = ["leakage"]
+
+
+def one_case_less(data):
+    del data["cases"][-1]
+
+
+@pytest.mark.parametrize("change", [one_verdict, one_truth, one_case_less])
+def test_what_is_not_as_it_was_hashed_is_refused(kept, book, change):
+    changed(kept[0], change)
+    with pytest.raises(ChallengeError, match="restore it"):
+        keeping.read(kept, book)
+
+
+def test_a_damaged_file_is_refused(kept, book):
+    kept[0].write_bytes(kept[0].read_bytes()[:-20])
+    with pytest.raises(ChallengeError, match="damaged"):
+        keeping.read(kept, book)
+    kept[0].write_bytes(b"no gzip")
+    with pytest.raises(ChallengeError, match="challenge score --keep"):
+        keeping.read(kept, book)
+
+
+def test_a_missing_file_is_told(kept, book, tmp_path):
+    with pytest.raises(ChallengeError, match="No such file"):
+        keeping.read([tmp_path / "none.json.gz"], book)
+
+
+def test_a_campaign_that_the_ledger_does_not_have_is_refused(kept, tmp_path):
+    with pytest.raises(ChallengeError, match="score it there first"):
+        keeping.read(kept, tmp_path / "another.jsonl")
+
+
+def test_a_campaign_counts_once(kept, book):
+    with pytest.raises(ChallengeError, match="given twice"):
+        keeping.read([*kept, kept[0]], book)
+
+
+def test_verdicts_of_other_code_are_not_counted_with_them(kept, book):
+    changed(kept[1], lambda data: data["entry"].update(diagnosis_sha256="0" * 64))
+    with pytest.raises(ChallengeError, match="campaigns of one code"):
+        keeping.read(kept, book)
