@@ -10,9 +10,9 @@ CHALLENGE ?= $(OUT)/challenge
 RECORD ?= $(OUT)/record
 RECORD_KEPT ?= $(RECORD)/kept
 RECORD_PAGE ?= $(RECORD)/page
-RECORD_PARTS ?= mixed1 mixed2 nulls1 nulls2 nulls3 nulls4
+RECORD_PARTS ?= mixed01 nulls01 mixed02 nulls02 mixed03 nulls03 mixed04 nulls04 mixed05 mixed06 mixed07 mixed08 mixed09 mixed10
 MIXED_CASES ?= 100
-NULLS_CASES ?= 240
+NULLS_CASES ?= 200
 SEED ?=
 
 .PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record figures lock clean clean-cache
@@ -85,24 +85,28 @@ nulls: $(STAMP)
 evidence: $(STAMP)
 	$(BIN)/python -m calibration.evidence_check -o $(OUT)/evidence $(if $(EVERY),--nested-every $(EVERY)) $(if $(PAGE),--page $(PAGE))
 
-# Both go on where they were interrupted; another folder is another campaign, with a seed of its own unless SEED=N is given.
+# Goes on where it was interrupted; another folder is another campaign, with a seed of its own unless SEED=N is given.
 challenge: $(STAMP)
 	$(BIN)/spinbench challenge make $(CHALLENGE) --cases 200 --family development $(if $(SEED),--seed $(SEED))
 	$(BIN)/spinbench challenge run $(CHALLENGE)
 	$(BIN)/spinbench challenge score $(CHALLENGE) --page $(CHALLENGE)/page
 
 # In parts, each a campaign of its own, made, run and scored before the next; what is kept of one is small, and may be
-# moved to another machine. RECORD_KEPT=docs/challenge/record RECORD_PAGE=docs/challenge is the record of this repository.
+# moved to another machine, the ledger with it. RECORD_KEPT=docs/challenge/record RECORD_PAGE=docs/challenge is the
+# record of this repository. With SEED=N the parts have the seeds N + 1, N + 2, ...
 record: $(STAMP)
-	@set -e; for part in $(RECORD_PARTS); do \
-	  folder=$(RECORD)/record-$$part; \
-	  if test -e $(RECORD_KEPT)/record-$$part.json.gz; then echo "$$part is there"; continue; fi; \
-	  case $$part in nulls*) many="--cases $(NULLS_CASES) --only none";; *) many="--cases $(MIXED_CASES)";; esac; \
-	  $(BIN)/spinbench challenge make $$folder $$many; \
+	@set -e; part=0; for name in $(RECORD_PARTS); do \
+	  part=$$((part + 1)); folder=$(RECORD)/record-$$name; \
+	  if test -e $(RECORD_KEPT)/record-$$name.json.gz; then echo "$$name is there"; continue; fi; \
+	  if ls $(RECORD_KEPT)/*.json.gz > /dev/null 2>&1; then \
+	    $(BIN)/spinbench challenge pool $(RECORD_KEPT)/*.json.gz --same-code --json $(RECORD)/so_far.json; fi; \
+	  case $$name in nulls*) many="--cases $(NULLS_CASES) --only none";; *) many="--cases $(MIXED_CASES)";; esac; \
+	  seed="$(if $(SEED),--seed $$(($(SEED) + part)))"; \
+	  $(BIN)/spinbench challenge make $$folder $$many $$seed; \
 	  $(BIN)/spinbench challenge run $$folder; \
 	  $(BIN)/spinbench challenge score $$folder --follow-ups --oracle --keep $(RECORD_KEPT); \
+	  $(BIN)/spinbench challenge pool $(RECORD_KEPT)/*.json.gz --page $(RECORD_PAGE); \
 	done
-	$(BIN)/spinbench challenge pool $(RECORD_PARTS:%=$(RECORD_KEPT)/record-%.json.gz) --page $(RECORD_PAGE)
 
 figures: $(STAMP)
 	$(BIN)/spinbench reproduce -o docs/figures --page docs/reproduction.md

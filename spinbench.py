@@ -359,6 +359,8 @@ def diagnose(
     from calibration.report import diagnosis_page, diagnosis_table, diagnosis_words, files, simulation
     from calibration.rigs_problem import OF_KIND
 
+    if hold_out is not None and hold_out.resolve() in [folder.resolve() for folder in recording]:
+        raise typer.BadParameter(f"{hold_out} is to be held out and diagnosed: name a run that is not among the others")
     read = together([_recording(folder) for folder in recording])
     for words in read.warnings:
         print(f"spinbench: {words}", file=sys.stderr)
@@ -375,6 +377,8 @@ def diagnose(
             files.write_files(out, {diagnosis_page.JSON: data} | diagnosis_page.report(diagnosis, found))
     _deliver(data, diagnosis_table.table(found), None, json_file, None)
     print(diagnosis_words.sentence(found), file=sys.stderr)
+    if hold_out is not None and diagnosis.verdict.chosen is None:
+        print(f"spinbench: {hold_out} was not predicted: there is no set of effects to do it with", file=sys.stderr)
     print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
     if out is not None:
         print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
@@ -382,7 +386,7 @@ def diagnose(
 
 def _diagnose_rig(read: Recording, out: Path | None, json_file: Path | None, seed: int, hold_out: Path | None) -> None:
     """The diagnosis of a rig that is not this motor."""
-    from calibration.report import files, simulation
+    from calibration.report import diagnosis_words, files, simulation
     from calibration.rigs_diagnosis import as_json, look, words
     from calibration.rigs_diagnosis.picture import picture
 
@@ -396,6 +400,7 @@ def _diagnose_rig(read: Recording, out: Path | None, json_file: Path | None, see
             files.write_files(out, {"diagnosis.json": data, "diagnosis.png": picture(diagnosis)})
     _deliver(data, words.table(found), None, json_file, None)
     print(words.sentence(found), file=sys.stderr)
+    print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
     if out is not None:
         print(f"spinbench: the picture is {out / 'diagnosis.png'}", file=sys.stderr)
 
@@ -936,6 +941,9 @@ def challenge_pool(
     kept: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Campaigns that `challenge score --keep` kept.")
     ],
+    same_code: Annotated[
+        bool, typer.Option("--same-code", help="Refuse campaigns that were run or scored with other code than this.")
+    ] = False,
     page: PageOption = None,
     book: BookOption = None,
     json_file: JsonOption = None,
@@ -944,7 +952,10 @@ def challenge_pool(
     from calibration.challenge import keeping
 
     place = _ledger(book)
-    _tell_of_scores(keeping.read(kept, place), place, page, json_file)
+    scored = keeping.read(kept, place)
+    if same_code:
+        keeping.hold_against_this_code(scored)
+    _tell_of_scores(scored, place, page, json_file)
 
 
 def _tell_of_scores(scored: Scored, book: Path, page: Path | None, json_file: Path | None) -> None:

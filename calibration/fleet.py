@@ -165,9 +165,14 @@ def _write(
 
 
 def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
+    from calibration import rigs_diagnosis
     from calibration.diagnosis import as_json, diagnose
+    from calibration.rigs_problem import OF_KIND
 
-    return {"diagnosis": as_json(diagnose(read(Path(argument["folder"])), seed=argument["seed"]))}
+    recording, seed = read(Path(argument["folder"])), argument["seed"]
+    if not isinstance(recording.motor, str) and recording.motor.get("kind") in OF_KIND:
+        return {"diagnosis": rigs_diagnosis.as_json(rigs_diagnosis.look(recording, seed, lambda _: None))}
+    return {"diagnosis": as_json(diagnose(recording, seed=seed))}
 
 
 def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 EVERYTHING = ("calibration", "model", "configs", "rig/recording")
-NOT_THE_VERDICT = ("calibration/challenge/", "calibration/report/")  # what no fit and no verdict hangs on
+CHALLENGE = "calibration/challenge/"
+NOT_THE_VERDICT = (CHALLENGE, "calibration/report/")  # what no fit and no verdict hangs on
+SCORER = (CHALLENGE, "rig/recording/")
 
 
 @functools.cache
@@ -22,6 +24,12 @@ def code_sha256() -> str:
 def diagnosis_sha256() -> str:
     """Of those that a fit or a verdict hangs on: neither the challenge nor the reports."""
     return _hash([path for path in _sources() if not path.relative_to(ROOT).as_posix().startswith(NOT_THE_VERDICT)])
+
+
+@functools.cache
+def scorer_sha256() -> str:
+    """Of those that make and score a challenge."""
+    return _hash([path for path in _sources() if path.relative_to(ROOT).as_posix().startswith(SCORER)])
 
 
 def _sources() -> list[Path]:

@@ -5,6 +5,7 @@ A derivative with an unknown that does not reach a solver leaves the solver's ar
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 
@@ -12,7 +13,7 @@ import numpy as np
 
 
 class Recent:
-    """Results of one function.
+    """Results of one function; threads may ask at once.
 
     Parameters
     ----------
@@ -23,6 +24,7 @@ class Recent:
     def __init__(self, most: int) -> None:
         self._most = most
         self._kept: OrderedDict[Hashable, np.ndarray] = OrderedDict()
+        self._lock = threading.Lock()
 
     def __call__(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
         """A result, the caller's own copy.
@@ -34,11 +36,14 @@ class Recent:
         make : callable
             Makes it where it is not kept.
         """
-        found = self._kept.get(key)
-        if found is None:
-            found = self._kept[key] = make()
+        with self._lock:
+            found = self._kept.get(key)
+            if found is not None:
+                self._kept.move_to_end(key)
+                return found.copy()
+        made = make()
+        with self._lock:
+            self._kept[key] = made
             if len(self._kept) > self._most:
                 self._kept.popitem(last=False)
-        else:
-            self._kept.move_to_end(key)
-        return found.copy()
+        return made.copy()

@@ -9,7 +9,7 @@ import stat
 import pyarrow.parquet as pq
 import pytest
 
-from calibration.challenge import freezing, layout, page, running
+from calibration.challenge import freezing, layout, opening, page, running
 from calibration.challenge import ledger as ledgers
 from calibration.challenge.campaign import make
 from calibration.challenge.layout import ChallengeError, canonical, sha256
@@ -278,6 +278,17 @@ def test_confounded_cases_are_resolved_by_the_test_that_was_recommended(campaign
     assert with_it["followed_up"] == with_it["resolved"]["hits"] == with_it["truth_listed"] > 0
 
 
+def test_the_oracle_is_asked_where_one_or_two_effects_of_the_library_are_concealed(campaign, book, monkeypatch):
+    asked = []
+    monkeypatch.setattr(opening, "_oracle", lambda: lambda folder, ids: asked.append((folder.name, ids)) or 10.0)
+    ran(campaign)
+    found = scored(campaign, book, oracle=True)
+    told = {c.name: sorted(c.truth["ids"]) for c in found.cases if c.group in ("single", "pair")}
+    assert dict(asked) == told != {}
+    assert found.summary["held_out"]["cases"] == len(told)
+    assert found.summary["held_out"]["ratio"] == pytest.approx(0.9)  # 9 nats each by the verdict, 10 by the oracle
+
+
 def test_a_case_whose_signatures_cannot_be_computed_is_told(campaign, book, monkeypatch):
     def fails(truth, folder):
         raise ArithmeticError("no signature")
@@ -296,7 +307,9 @@ def test_several_campaigns_are_counted_together_and_entered_each(campaign, tmp_p
         ran(folder)
     found = score([campaign, tmp_path / "nulls"], book, Settings(workers=0))
     assert found.summary["cases"] == CASES + 3
-    assert [line["campaign"] for line in ledgers.read_ledger(book)] == ["blind", "nulls"]
+    lines = ledgers.read_ledger(book)
+    assert [line["campaign"] for line in ledgers.scored(lines)] == ["blind", "nulls"]
+    assert ["result" in line for line in lines] == [False, True, False, True]  # opened, scored, opened, scored
 
 
 def test_the_page_has_every_table_figure_and_line_of_the_ledger(campaign, book):
@@ -325,7 +338,8 @@ def test_a_campaign_enters_the_ledger_once(campaign, book):
     ran(campaign)
     first, second = scored(campaign, book), scored(campaign, book)
     assert (first.added, second.added) == ([True], [False])
-    (line,) = ledgers.read_ledger(book)
+    opened, line = ledgers.read_ledger(book)
+    assert (opened["campaign"], "seed" in opened) == ("blind", False)  # written before the seal was opened
     assert (line["seed"], line["family"], line["cases"]) == (5, "proof", CASES)
     assert line["truths_opened_before"] is False
 
@@ -337,7 +351,41 @@ def test_truths_that_were_opened_before_are_told_as_such(campaign, book):
     shutil.rmtree(campaign / "verdicts")
     running.run(campaign, 0, task=lambda argument: {"diagnosis": again})
     scored(campaign, book)
-    assert [line["truths_opened_before"] for line in ledgers.read_ledger(book)] == [False, True]
+    lines = ledgers.scored(ledgers.read_ledger(book))
+    assert [line["truths_opened_before"] for line in lines] == [False, True]
+
+
+def test_truths_drawn_anew_from_a_seed_that_was_opened_are_told_as_such(campaign, tmp_path, book):
+    made_at(tmp_path / "again")
+    for folder in (campaign, tmp_path / "again"):
+        ran(folder)
+        scored(folder, book)
+    lines = ledgers.scored(ledgers.read_ledger(book))
+    assert lines[0]["truth_sha256"] != lines[1]["truth_sha256"]
+    assert [line["truths_opened_before"] for line in lines] == [False, True]
+
+
+def test_a_campaign_that_was_opened_and_not_scored_to_the_end_shows(campaign, book, monkeypatch):
+    ran(campaign)
+    with monkeypatch.context() as context:
+        context.setattr(opening, "_cases", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            scored(campaign, book)
+    (line,) = ledgers.only_opened(ledgers.read_ledger(book))
+    assert line["campaign"] == "blind"
+    assert "opened, never scored" in page.ledger_grid(ledgers.read_ledger(book)).rows[0]
+    assert scored(campaign, book).entries[0]["campaign"] == "blind"
+    lines = ledgers.read_ledger(book)
+    assert ledgers.only_opened(lines) == [] and lines[-1]["truths_opened_before"] is False
+
+
+def test_what_it_was_run_with_goes_into_the_result(campaign, book):
+    ran(campaign)
+    found = scored(campaign, book)
+    frozen = running.read_frozen(layout.read_campaign(campaign))
+    made = json.loads(page.files(found, ledgers.read_ledger(book))["result.json"])["campaigns"][0]
+    assert made["thresholds"] == frozen["thresholds"] and made["commit"] == frozen["commit"]
+    assert made["frozen_sha256"] == sha256(canonical(frozen))
 
 
 ENTRY = {"truth_sha256": "a", "verdicts_sha256": "b", "follow_ups": False}

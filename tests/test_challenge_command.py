@@ -63,7 +63,7 @@ def test_its_score_is_published_and_in_the_ledger(campaign):
     assert json.loads(scored.stdout)["make_up"]["single"] == 1
     assert {"result.md", "result.json", "cases.csv"} <= {path.name for path in (folder / "page").iterdir()}
     shown = spinbench("challenge", "ledger", "--ledger", book)
-    assert "1 lines, the chain holds" in shown.stdout
+    assert "2 lines, the chain holds" in shown.stdout  # opened, and scored
 
 
 @pytest.mark.slow
@@ -76,6 +76,30 @@ def test_what_was_kept_of_it_gives_the_same_page(campaign, tmp_path):
         assert (tmp_path / name).read_bytes() == (folder / "page" / name).read_bytes()
     told = spinbench("challenge", "pool", kept, kept, "--ledger", book, code=2).stderr
     assert "given twice" in told
+
+
+SEED = 25  # a warm-up and nothing, both sweeps alone
+
+
+@pytest.mark.slow
+def test_a_campaign_of_the_second_rig_from_the_draw_to_the_record(tmp_path):
+    """Its verdicts are the same to the bit with the seal there and with it away, by one worker and by two."""
+    open_, shut, book, kept = (tmp_path / name for name in ("open", "shut", "ledger.jsonl", "kept"))
+    words = ("--cases", 2, "--seed", SEED, "--family", "development", "--key", tmp_path / "key")
+    spinbench("challenge", "make", open_ / "blind", *words)
+    shutil.copytree(open_, shut)
+    shutil.rmtree(shut / "blind" / "sealed")
+    with_it = spinbench("challenge", "run", open_ / "blind", "--workers", 2).stdout
+    without = spinbench("challenge", "run", shut / "blind", "--workers", 1).stdout
+    assert with_it.split(";")[-1] == without.split(";")[-1]  # SHA-256 of the verdicts
+    words = ("--key", tmp_path / "key", "--ledger", book, "--keep", kept, "--json", "-")
+    told = spinbench("challenge", "score", open_ / "blind", "--follow-ups", "--oracle", *words)
+    found = json.loads(told.stdout)
+    assert (found["make_up"]["single"], found["make_up"]["none"]) == (1, 1)
+    assert found["separable"]["not_computed"] == 0
+    assert found["held_out"]["cases"] == 1 and found["held_out"]["oracle_gain"] > 0.0
+    pooled = spinbench("challenge", "pool", kept / "blind.json.gz", "--same-code", "--ledger", book, "--json", "-")
+    assert json.loads(pooled.stdout) == found
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from calibration.challenge import keeping, layout, running
+from calibration.challenge import freezing, keeping, layout, running
 from calibration.challenge.campaign import make
 from calibration.challenge.layout import ChallengeError
 from calibration.challenge.opening import Settings, score
@@ -54,6 +54,15 @@ def test_parts_counted_together_are_what_scoring_them_at_once_gives(folders, kep
     assert [one["campaign"] for one in from_files.entries] == list(PARTS)
 
 
+def test_nulls_apart_count_among_nulls_and_not_in_the_shares_of_all(kept, book):
+    mixed, both = keeping.read(kept[:1], book).summary, keeping.read(kept, book).summary
+    assert both["nulls"]["all"]["false_names"]["n"] == mixed["nulls"]["all"]["false_names"]["n"] + 3
+    assert both["wrong_names"]["all"] == mixed["wrong_names"]["all"]
+    covered = both["coverage"]["f_overall"]
+    assert covered["all"] == mixed["coverage"]["f_overall"]["all"]
+    assert covered["with those of campaigns of one category"]["90"]["n"] == covered["all"]["90"]["n"] + 3
+
+
 def test_one_part_keeps_its_cases_names(kept, book):
     assert [case.name for case in keeping.read(kept[1:], book).cases] == ["case0000", "case0001", "case0002"]
 
@@ -70,7 +79,34 @@ def one_case_less(data):
     del data["cases"][-1]
 
 
-@pytest.mark.parametrize("change", [one_verdict, one_truth, one_case_less])
+def what_the_scorer_found(data):
+    data["cases"][0]["signatures"] = {"D": 99.0, "separable": True}
+
+
+def a_threshold(data):
+    data["frozen"]["thresholds"]["verdict.NAMED"] = 0.5
+
+
+def the_commit(data):
+    data["entry"]["commit"] = "0" * 40
+
+
+def the_code(data):
+    data["entry"]["diagnosis_sha256"] = "0" * 64
+
+
+def no_entry(data):
+    del data["entry"]
+
+
+def one_key_more(data):
+    data["cases"][0]["more"] = 1
+
+
+CHANGES = [one_verdict, one_truth, one_case_less, what_the_scorer_found, a_threshold, the_commit, the_code]
+
+
+@pytest.mark.parametrize("change", [*CHANGES, no_entry, one_key_more])
 def test_what_is_not_as_it_was_hashed_is_refused(kept, book, change):
     changed(kept[0], change)
     with pytest.raises(ChallengeError, match="restore it"):
@@ -101,7 +137,16 @@ def test_a_campaign_counts_once(kept, book):
         keeping.read([*kept, kept[0]], book)
 
 
-def test_verdicts_of_other_code_are_not_counted_with_them(kept, book):
-    changed(kept[1], lambda data: data["entry"].update(diagnosis_sha256="0" * 64))
+def test_verdicts_of_other_code_are_not_counted_with_them(kept, book, tmp_path, monkeypatch):
+    for module in (freezing, running):
+        monkeypatch.setattr(module, "diagnosis_sha256", lambda: "0" * 64)
+    make(tmp_path / "later", 3, seed=7, maker=fake_rig.NAME, workers=0)
+    running.run(tmp_path / "later", 0, task=fake_rig.diagnose)
+    settings = Settings(workers=0, follow_ups=True, task=fake_rig.diagnose)
+    write_files(tmp_path / "kept", keeping.files(score([tmp_path / "later"], book, settings)))
+    later = tmp_path / "kept" / "later.json.gz"
     with pytest.raises(ChallengeError, match="campaigns of one code"):
-        keeping.read(kept, book)
+        keeping.read([*kept, later], book)
+    with pytest.raises(ChallengeError, match="later has diagnosis_sha256 000000000000, and this code"):
+        keeping.hold_against_this_code(keeping.read([later], book))
+    keeping.hold_against_this_code(keeping.read(kept, book))

@@ -377,7 +377,7 @@ def test_an_unseen_run_speaks_for_the_effect_that_is_there(tmp_path: Path) -> No
     base, leak = find(comparison, ()), find(comparison, ("leakage",))
     unseen = recordings.sweep(tmp_path / "unseen", 7, LEAK)
     told = predict_unseen(comparison, base, leak, unseen)
-    assert told.gain > 0.0 and told.scheme == "unseen run unseen"
+    assert told.gain > told.gain_se > 0.0 and told.scheme == "unseen run unseen"
     assert told.after["flow_m3_s"] < told.before["flow_m3_s"]
     clean = predict_unseen(comparison, base, leak, recordings.sweep(tmp_path / "clean", 8, {}))
     assert clean.gain < told.gain

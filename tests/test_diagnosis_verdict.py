@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,12 @@ import pytest
 
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.base import base_of
+from calibration.diagnosis.confirm import cross_validate, fit_on, predict_held
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import _Test
 from calibration.diagnosis.forces import forces
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.name import log_prior
+from calibration.diagnosis.name import log_prior, refusal, weigh
 from calibration.diagnosis.noise import SCALES
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.signatures import signatures
@@ -183,6 +185,62 @@ def test_a_further_effect_is_named_only_where_the_smaller_set_clearly_fails(p_al
     found = judge(1e-9, [both, drag, base], {(): 1e-9, drag.names: p_alone, both.names: 0.3}, None)
     assert (found.kind, found.chosen) == (kind, both)
     assert found.alternatives == ((drag.names,) if kind == "confounded" else ())
+
+
+def test_beside_a_base_model_that_is_not_excluded_it_is_listed() -> None:
+    drag, base = Weighed(("windage",), 0.69), Weighed((), 0.3)
+    found = judge(0.005, [drag, base], {(): 0.005, drag.names: 0.4}, None)
+    assert (found.kind, found.chosen, found.alternatives) == ("confounded", drag, ((),))
+    document = {"verdict": "confounded", "mismatch": {"p_value": 0.005}, "effects": [{"id": "windage"}]}
+    said = sentence(document | {"alternatives": [[]]})
+    assert said.startswith("Something may be left out") and said.endswith("from nothing left out.")
+
+
+def test_a_set_that_was_not_tested_is_not_named() -> None:
+    """However probable: what it leaves was never looked at."""
+    base, drag, both = Weighed((), 0.0), Weighed(("windage",), 0.001), Weighed(("stribeck_friction", "windage"), 0.999)
+    found = judge(1e-9, [both, drag, base], {(): 1e-9, drag.names: 0.3}, None)
+    assert (found.kind, found.chosen, found.alternatives) == ("confounded", drag, (both.names,))
+
+
+@pytest.mark.parametrize(
+    ("names", "place", "value"),
+    [("flow_density_correction", 0, 0.5), ("once_per_rev_torque", 1, 2.0), ("once_per_rev_torque", 1, -2.0)],
+)
+def test_a_size_at_the_edge_of_what_is_believable_is_refused(leaking, names: str, place: int, value: float) -> None:
+    """At the lower edge too, and in either component of a torque once per turn."""
+    comparison = Comparison(Problem(leaking[0]))
+    k, (name, unknown) = len(comparison.problem.nuisances), comparison.problem.effect_unknowns((names,))[place]
+    found = find(comparison, ())
+    z = np.append(found.z, np.full(len(comparison.problem.effect_unknowns((names,))), 0.3))
+    z[k + place] = unknown.z(value)
+    said = refusal(comparison, replace(found, names=(name,), z=z))
+    assert said == f"{name}: {unknown.name} is at the bound of what is believable"
+
+
+def test_what_is_held_out_counts_in_every_model_whichever_takes_it_for_bad(leaking) -> None:
+    """A reading that one model alone gives up costs that model a bad reading's price, in whatever unit it is."""
+    comparison = Comparison(Problem(leaking[0]))
+    found = find(comparison, ("leakage",))
+    held = np.zeros(found.r.size, dtype=bool)
+    held[0] = True
+    given_up = replace(found, bad=np.where(held, 1.0, found.bad))
+    z, A, _ = fit_on(comparison, found, ~held)
+    good, bad = (predict_held(comparison, mode, z, A, held)[0] for mode in (found, given_up))
+    r, J = (found.r + found.J @ (found.z - z))[0], found.J[0]
+    spread = float(J @ np.linalg.solve(A, J))
+    wide, narrow = 100.0 + spread, 1.0 + spread
+    price = math.log(0.01 / 0.99) - 0.5 * math.log(wide / narrow) - 0.5 * r**2 * (1.0 / wide - 1.0 / narrow)
+    assert bad - good == pytest.approx(price, abs=1e-9)
+
+
+def test_every_fold_chooses_a_leak_that_is_there(leaking) -> None:
+    comparison = Comparison(Problem(leaking[0]))
+    modes = {names: find(comparison, names) for names in ((), ("leakage",), ("windage",))}
+    candidates = weigh(comparison, modes)
+    found = cross_validate(comparison, candidates, candidates[0].names)
+    assert found.same == found.folds
+    assert found.gain > 4.0
 
 
 def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_path: Path) -> None:

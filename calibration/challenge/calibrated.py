@@ -13,7 +13,7 @@ from calibration.challenge.judging import LISTED, LISTED_IN_LIBRARY, NONE, RIGHT
 LEAST_ORACLE_GAIN = 4.0  # below it a ratio of gains says nothing
 
 
-def coverage(cases: Sequence[Case]) -> dict[str, Any]:
+def coverage(cases: Sequence[Case], mixed: Sequence[Case] | None = None) -> dict[str, Any]:
     """How often the 50 and 90 % intervals of f_overall and of the effects' sizes hold the truth.
 
     Sizes are counted where the right set was named and its form is the library's. The 90 % interval is q05 to q95 as
@@ -23,10 +23,14 @@ def coverage(cases: Sequence[Case]) -> dict[str, Any]:
     ----------
     cases : sequence of Case
         All.
+    mixed : sequence of Case, optional
+        Those of them that are of a whole make-up; all when left out.
     """
+    mixed = cases if mixed is None else mixed
     after = [(c, c.diagnosis["f_overall_after"]) for c in cases if c.diagnosis and _of(c, "after")]
+    whole = {id(c) for c in mixed}
     parts: dict[str, list[tuple[Case, Mapping[str, float]]]] = {
-        "all": after,
+        "all": [one for one in after if id(one[0]) in whole],
         "nothing concealed": [one for one in after if one[0].group == NONE],
         "verdict right": [one for one in after if one[0].outcome == RIGHT and one[0].group != NONE],
         "truth listed": [one for one in after if one[0].outcome == LISTED],
@@ -34,6 +38,8 @@ def coverage(cases: Sequence[Case]) -> dict[str, Any]:
         "one effect": [one for one in after if one[0].group == SINGLE],
     }
     before = [(c, c.diagnosis["f_overall_before"]) for c in cases if c.diagnosis and _of(c, "before")]
+    if len(mixed) < len(cases):
+        parts["with those of campaigns of one category"] = after
     parts["before: the base model alone"] = [one for one in before if one[0].group != NONE]
     sizes = [pair for case in cases for pair in _sizes(case)]
     return {
@@ -73,7 +79,9 @@ def stated(cases: Sequence[Case]) -> dict[str, Any]:
     sets, effects = [], []
     for case in said:
         found: Mapping[str, Any] = case.diagnosis or {}
-        sets.append((found["set_probability"], bool(case.true_set) and said_set(found) == case.true_set))
+        said_of = said_set(found)
+        right = bool(said_of) and said_of in (case.true_set, case.named_by_contract)
+        sets.append((found["set_probability"], right))
         effects += [(effect["probability"], effect["id"] in case.true_set) for effect in found["effects"]]
     named = [one for one, case in zip(sets, said, strict=True) if case.verdict == "named"]
     return {

@@ -46,6 +46,8 @@ class Case:
         The diagnosis with the recommended test added, where one was made.
     oracle_gain : float or None
         Held-out gain of the true set, where it was computed [-].
+    apart : bool
+        Whether its campaign is of one category alone. It counts where that is asked for, not in the shares of all.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Case:
     signatures: dict[str, Any] | None = None
     again: dict[str, Any] | None = None
     oracle_gain: float | None = None
+    apart: bool = False
 
     @property
     def group(self) -> str:

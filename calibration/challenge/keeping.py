@@ -19,11 +19,12 @@ from calibration.challenge.judging import Case
 from calibration.challenge.layout import ChallengeError
 from calibration.challenge.opening import Opened, Scored
 from calibration.many import Result
+from calibration.sources import diagnosis_sha256, scorer_sha256
 
 FORMAT = "challenge-opened/1"
 SUFFIX = ".json.gz"
 OF_A_CASE = tuple(field.name for field in fields(Case) if field.name != "truth")  # the truths are in what was sealed
-SAME_CODE = ("diagnosis_sha256", "family")  # verdicts of other code, or on other draws, are another record
+SAME_CODE = ("diagnosis_sha256", "scorer_sha256", "family", "follow_ups", "oracle")  # other ones are another record
 
 
 def files(scored: Scored) -> dict[str, bytes]:
@@ -42,6 +43,7 @@ def _as_bytes(opened: Opened) -> bytes:
         "format": FORMAT,
         "entry": opened.entry,
         "sealed": opened.sealed,
+        "frozen": opened.frozen,
         "cases": [{name: getattr(case, name) for name in OF_A_CASE} for case in opened.cases],
     }
     return gzip.compress(layout.canonical(data), mtime=0)
@@ -76,6 +78,28 @@ def read(places: Sequence[Path], book: Path) -> Scored:
     return opening.together(opened, [False] * len(opened), [])
 
 
+def hold_against_this_code(scored: Scored) -> None:
+    """Refuse campaigns that were run or scored with other code than this: what it adds could not be counted with them.
+
+    Parameters
+    ----------
+    scored : Scored
+        Of `read`.
+
+    Raises
+    ------
+    ChallengeError
+        When a hash differs.
+    """
+    for key, here in (("diagnosis_sha256", diagnosis_sha256()), ("scorer_sha256", scorer_sha256())):
+        for entry in scored.entries:
+            if entry[key] != here:
+                raise ChallengeError(
+                    f"{entry['campaign']} has {key} {str(entry[key])[:12]}, and this code {here[:12]}; go back to the "
+                    f"commit {str(entry['commit'])[:8]}, or begin another record in another folder"
+                )
+
+
 def _read(place: Path, lines: Sequence[Mapping[str, Any]], book: Path) -> Opened:
     try:
         data = json.loads(gzip.decompress(place.read_bytes()))
@@ -87,13 +111,25 @@ def _read(place: Path, lines: Sequence[Mapping[str, Any]], book: Path) -> Opened
         data = None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise ChallengeError(f"{place}: damaged, or not of format {FORMAT}; restore it from its history")
-    entry, sealed = data["entry"], data["sealed"]
-    if len(data["cases"]) != len(sealed["truths"]):
-        raise ChallengeError(f"{place}: {len(data['cases'])} cases of {len(sealed['truths'])}; restore it")
-    cases = [Case(truth=truth, **one) for truth, one in zip(sealed["truths"], data["cases"], strict=True)]
-    said = running.verdicts_sha256([Result(c.name, {"diagnosis": c.diagnosis}, c.error, c.seconds) for c in cases])
-    if layout.sha256(layout.canonical(sealed)) != entry["truth_sha256"] or said != entry["verdicts_sha256"]:
-        raise ChallengeError(f"{place}: its truths or verdicts are not those that were hashed; restore it")
-    if not any(all(line.get(key) == entry[key] for key in ledger.SAME) for line in lines):
+    try:
+        entry, sealed, frozen = data["entry"], data["sealed"], data["frozen"]
+        cases = [Case(truth=truth, **one) for truth, one in zip(sealed["truths"], data["cases"], strict=True)]
+        hashes = {
+            "truth_sha256": layout.sha256(layout.canonical(sealed)),
+            "verdicts_sha256": running.verdicts_sha256(
+                [Result(c.name, {"diagnosis": c.diagnosis}, c.error, c.seconds) for c in cases]
+            ),
+            "frozen_sha256": opening.frozen_sha256(frozen),
+            "scoring_sha256": opening.scoring_sha256(cases),
+        }
+        other = [key.removesuffix("_sha256") for key, value in hashes.items() if value != entry[key]]
+    except (KeyError, TypeError, ValueError) as problem:
+        raise ChallengeError(f"{place}: damaged ({problem!r}); restore it from its history") from None
+    if other:
+        raise ChallengeError(f"{place}: its {' and '.join(other)} are not as they were hashed; restore it")
+    line = ledger.line_of(lines, entry)
+    if line is None:
         raise ChallengeError(f"{place}: the campaign {entry['campaign']} is not in {book}; score it there first")
-    return Opened(entry, sealed, cases)
+    if changed := [key for key in entry if line.get(key) != entry[key]]:
+        raise ChallengeError(f"{place}: its {', '.join(changed)} are not what {book} says; restore it")
+    return Opened(entry, sealed, frozen, cases)

@@ -1,11 +1,14 @@
-"""Every scored campaign, a line each, appended and never changed: each line carries the hash of the line before."""
+"""Every scored campaign, a line each, appended and never changed: each line carries the hash of the line before.
+
+A line is written before a seal is opened too: a campaign that was opened and not scored to the end shows.
+"""
 
 from __future__ import annotations
 
 import fcntl
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +16,10 @@ from calibration.challenge.layout import ChallengeError, canonical, sha256
 
 LEDGER = Path("docs") / "challenge" / "ledger.jsonl"
 FIRST = "0" * 64
-SAME = ("truth_sha256", "verdicts_sha256", "follow_ups")  # a campaign that agrees in these is in the ledger already
+# A campaign that agrees in these is in the ledger already: scored by the same code in the same way.
+SAME = ("truth_sha256", "verdicts_sha256", "follow_ups", "oracle", "scorer_sha256", "scoring_sha256")
+OPENING = ("truth_sha256", "verdicts_sha256")  # ... of the same verdicts
+DRAWN_FROM = ("family", "only", "seed")  # the same truths, whatever salt their hash has
 
 
 class LedgerError(ChallengeError):
@@ -50,22 +56,97 @@ def append(place: Path, entry: Mapping[str, Any]) -> dict[str, Any] | None:
     -------
     dict or None
         The line as written: with its number, the hash of the line before, and whether the ledger had seen these truths
-        before, in which case nothing of it was blind any more.
+        before, or others drawn from the same seed, in which case nothing of it was blind any more.
     """
+
+    def to_add(there: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+        if any(_same(line, entry, SAME) for line in there):
+            return None
+        return {"truths_opened_before": any(_opened(line, entry) for line in there), **entry}
+
+    return _append(place, to_add)
+
+
+def append_opening(place: Path, entry: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Tell that a seal is about to be opened; None when it has been told.
+
+    Parameters
+    ----------
+    place : Path
+        The ledger.
+    entry : mapping
+        What is known of the campaign before, with its ``truth_sha256`` and ``verdicts_sha256``.
+    """
+
+    def to_add(there: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+        return None if any(_same(line, entry, OPENING) for line in there) else dict(entry)
+
+    return _append(place, to_add)
+
+
+def scored(lines: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The lines with a result.
+
+    Parameters
+    ----------
+    lines : sequence of mapping
+        Of the ledger.
+    """
+    return [line for line in lines if "result" in line]
+
+
+def only_opened(lines: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The campaigns that were opened and have no result.
+
+    Parameters
+    ----------
+    lines : sequence of mapping
+        Of the ledger.
+    """
+    done = scored(lines)
+    return [line for line in lines if "result" not in line and not any(_same(line, one, OPENING) for one in done)]
+
+
+def _append(
+    place: Path, to_add: Callable[[Sequence[Mapping[str, Any]]], dict[str, Any] | None]
+) -> dict[str, Any] | None:
     place.parent.mkdir(parents=True, exist_ok=True)
     with place.open("a+b") as stream:
         fcntl.flock(stream, fcntl.LOCK_EX)  # two scorers at once would both follow the same line
         stream.seek(0)
         there = _chain(place, stream.read())
-        if any(all(line.get(key) == entry[key] for key in SAME) for line, _ in there):
+        more = to_add([line for line, _ in there])
+        if more is None:
             return None
-        seen = any(line["truth_sha256"] == entry["truth_sha256"] for line, _ in there)
-        previous = there[-1][1] if there else FIRST
-        line = {"number": len(there) + 1, "previous": previous, "truths_opened_before": seen, **entry}
+        line = {"number": len(there) + 1, "previous": there[-1][1] if there else FIRST, **more}
         stream.write(canonical(line) + b"\n")
         stream.flush()
         os.fsync(stream.fileno())
         return line
+
+
+def _opened(line: Mapping[str, Any], entry: Mapping[str, Any]) -> bool:
+    """Whether a line opened the truths of a campaign, but for the line that told of its own opening."""
+    if "result" not in line and _same(line, entry, OPENING):
+        return False
+    return _same(line, entry, ("truth_sha256",)) or ("result" in line and _same(line, entry, DRAWN_FROM))
+
+
+def line_of(lines: Sequence[Mapping[str, Any]], entry: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The line of a campaign that was scored in the same way; None where there is none.
+
+    Parameters
+    ----------
+    lines : sequence of mapping
+        Of the ledger.
+    entry : mapping
+        What is told of the campaign.
+    """
+    return next((line for line in lines if _same(line, entry, SAME)), None)
+
+
+def _same(line: Mapping[str, Any], entry: Mapping[str, Any], keys: Sequence[str]) -> bool:
+    return all(line.get(key) == entry.get(key) for key in keys)
 
 
 def _chain(place: Path, content: bytes) -> list[tuple[dict[str, Any], str]]:

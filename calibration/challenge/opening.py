@@ -5,18 +5,18 @@ from __future__ import annotations
 import datetime
 import functools
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from calibration.challenge import layout, ledger, running, scoring
 from calibration.challenge.campaign import truth_of
-from calibration.challenge.judging import LISTED, NONE, NOT_IN_LIBRARY, Case
+from calibration.challenge.judging import LISTED, LISTED_IN_LIBRARY, NONE, Case
 from calibration.challenge.layout import Campaign
 from calibration.challenge.sealing import SealError, open_seal
 from calibration.many import Item, Result, Task, Tell, run_many
-from calibration.sources import code_sha256
+from calibration.sources import code_sha256, scorer_sha256
 
 FOLDER = "scoring"
 Oracle = Callable[[Path, Sequence[str]], float]
@@ -60,12 +60,15 @@ class Opened:
         What it tells the ledger.
     sealed : dict
         What was sealed: truths, seed and salt.
+    frozen : dict
+        What was frozen before the first verdict: commit, hashes, thresholds, versions.
     cases : list of Case
         A case each.
     """
 
     entry: dict[str, Any]
     sealed: dict[str, Any]
+    frozen: dict[str, Any]
     cases: list[Case]
 
 
@@ -150,11 +153,13 @@ def score(
         campaign = layout.read_campaign(folder)
         ran = running.read_verdicts(campaign)
         frozen = running.read_frozen(campaign)
+        ledger.append_opening(book, _opening(campaign, frozen, ran.sha256))
         contents = _open(campaign, frozen, settings.key)
         cases = _cases(campaign, contents, ran.results, str(frozen["diagnosis_sha256"]), settings, tell, problems)
-        entry = _entry(campaign, contents, frozen, ran.sha256, settings, scoring.summary(cases))
+        entry = _entry(campaign, contents, frozen, ran.sha256, settings, cases)
         added.append(ledger.append(book, entry) is not None)
-        opened.append(Opened(entry, contents, cases))
+        line = ledger.line_of(ledger.read_ledger(book), entry) or entry
+        opened.append(Opened({key: line[key] for key in entry}, contents, frozen, cases))
     return together(opened, added, problems)
 
 
@@ -176,8 +181,9 @@ def _cases(
 ) -> list[Case]:
     """The cases of one campaign, with what is computed once their truths are open."""
     place, truths = campaign.folder / FOLDER, contents["truths"]
+    apart = bool(campaign.only)
     plain = [
-        Case(r.name, truth, (r.value or {}).get("diagnosis"), r.error, r.seconds)
+        Case(r.name, truth, (r.value or {}).get("diagnosis"), r.error, r.seconds, apart=apart)
         for r, truth in zip(results, truths, strict=True)
     ]
     arguments = {
@@ -194,7 +200,7 @@ def _cases(
         return {one.name: one.value for one in done}
 
     concealed = [case for case in plain if case.group != NONE]
-    listed = [case for case in concealed if case.group != NOT_IN_LIBRARY]
+    listed = [case for case in concealed if case.group in LISTED_IN_LIBRARY]
     code_now = code_sha256()
     signatures = each("signatures", functools.partial(_signatures, campaign.maker), concealed, code_now, lambda c: None)
     again: dict[str, Any] = {}
@@ -218,6 +224,7 @@ def _cases(
             signatures.get(case.name),
             (again.get(case.name) or {}).get("diagnosis"),
             (oracle.get(case.name) or {}).get("gain"),
+            apart,
         )
         for case in plain
     ]
@@ -257,15 +264,55 @@ def _oracle_gain(argument: dict[str, Any]) -> dict[str, Any]:
     return {"gain": float(computed(Path(argument["folder"]), sorted(argument["truth"]["ids"])))}
 
 
+def frozen_sha256(frozen: Mapping[str, Any]) -> str:
+    """Of what was frozen: thresholds, commit, hashes, versions.
+
+    Parameters
+    ----------
+    frozen : mapping
+        Contents of frozen.json.
+    """
+    return layout.sha256(layout.canonical(frozen))
+
+
+def scoring_sha256(cases: Sequence[Case]) -> str:
+    """Of what the scorer computed of each case, times left out.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+        All.
+    """
+    computed = [(case.name, case.signatures, case.again, case.oracle_gain) for case in cases]
+    return layout.sha256(layout.canonical(computed))
+
+
+def _opening(campaign: Campaign, frozen: Mapping[str, Any], verdicts: str) -> dict[str, Any]:
+    """What the ledger is told before the seal is opened."""
+    return {
+        "opened_utc": _now(),
+        "campaign": campaign.name,
+        "cases": campaign.cases,
+        "truth_sha256": campaign.truth_sha256,
+        "verdicts_sha256": verdicts,
+        "frozen_sha256": frozen_sha256(frozen),
+    }
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
 def _entry(
     campaign: Campaign,
     contents: dict[str, Any],
     frozen: dict[str, Any],
     verdicts: str,
     settings: Settings,
-    found: dict[str, Any],
+    cases: Sequence[Case],
 ) -> dict[str, Any]:
     """What the ledger keeps of a campaign."""
+    found = scoring.summary(cases)
     told = ("goal", "got", "ratio", "met")
     result = {
         "make_up": found["make_up"],
@@ -274,7 +321,7 @@ def _entry(
         "core_hours": round(found["core_hours"], 3),
     }
     return {
-        "scored_utc": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "scored_utc": _now(),
         "campaign": campaign.name,
         "family": campaign.family,
         "only": campaign.only,
@@ -282,8 +329,11 @@ def _entry(
         "cases": campaign.cases,
         "truth_sha256": campaign.truth_sha256,
         "verdicts_sha256": verdicts,
+        "frozen_sha256": frozen_sha256(frozen),
+        "scoring_sha256": scoring_sha256(cases),
         "follow_ups": settings.follow_ups,
+        "oracle": settings.oracle,
         **{key: frozen[key] for key in ("commit", "dirty", "code_sha256", "diagnosis_sha256", "versions")},
-        "scorer_code_sha256": code_sha256(),
+        "scorer_sha256": scorer_sha256(),
         "result": result,
     }

@@ -6,7 +6,8 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calibration.challenge import cases, figures, tables
+from calibration.challenge import cases, figures, ledger, tables
+from calibration.challenge.layout import canonical
 from calibration.challenge.opening import Scored
 from calibration.challenge.tables import Grid, as_markdown, cell_text
 
@@ -30,7 +31,9 @@ def files(scored: Scored, book: Sequence[Mapping[str, Any]]) -> dict[str, bytes]
     book : sequence of mapping
         All lines of the ledger.
     """
-    found = scored.summary | {"failures": cases.failures(scored.cases), "campaigns": scored.entries}
+    campaigns = [one.entry | {"thresholds": one.frozen["thresholds"]} for one in scored.opened]
+    campaigns = json.loads(canonical(campaigns))  # in one order, wherever they were read
+    found = scored.summary | {"failures": cases.failures(scored.cases), "campaigns": campaigns}
     data = json.dumps(found, indent=1).encode() + b"\n"
     return {PAGE: page(scored, book).encode(), SUMMARY: data, CASES: cases.as_csv(scored.cases)} | figures.pictures(
         found
@@ -77,7 +80,7 @@ def ledger_grid(book: Sequence[Mapping[str, Any]]) -> Grid:
         All lines of the ledger.
     """
     rows: list[tuple[str, ...]] = []
-    for line in book:
+    for line in ledger.scored(book):
         got = {goal["goal"]: goal for goal in line["result"]["goals"]}
         met = [goal["met"] for goal in got.values()]
         rows.append(
@@ -96,6 +99,10 @@ def ledger_grid(book: Sequence[Mapping[str, Any]]) -> Grid:
                 "opened before" if line["truths_opened_before"] else "blind",
             )
         )
+    for line in ledger.only_opened(book):
+        empty = ("",) * 3
+        cases_of = (str(line["cases"]), *empty, "opened, never scored", "", "opened")
+        rows.append((str(line["number"]), line["opened_utc"][:10], line["campaign"], "", "", *cases_of))
     header = ("no.", "scored", "campaign", "family", "seed", "cases", "commit", "code", "wrong names")
     return Grid("Ledger", (*header, "right set where separable", "goals", "truths"), rows)
 

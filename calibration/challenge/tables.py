@@ -187,7 +187,7 @@ def all_grids(found: Mapping[str, Any]) -> list[Grid]:
             accuracy,
         ),
         shares(
-            "Separable by the scorer's account",
+            f"Separable by the scorer's account ({separable['not_computed']} not computed)",
             [
                 ("separable, of one and two effects", separable["share"]),
                 ("right set where separable", separable["right_set"]),
@@ -222,8 +222,13 @@ def all_grids(found: Mapping[str, Any]) -> list[Grid]:
         Grid("Intervals that hold the truth", ("f_overall", "50 % interval", "90 % interval"), covered),
         *(
             _reliability(found["reliability"][key], title)
-            for key, title in (("sets", "Stated probability of sets"), ("effects", "Stated probability of effects"))
+            for key, title in (
+                ("sets", "Stated probability of sets"),
+                ("sets_named", "Stated probability of sets named"),
+                ("effects", "Stated probability of effects"),
+            )
         ),
+        _held_out(found["held_out"]),
     ]
 
 
@@ -286,6 +291,16 @@ def _goal(one: Mapping[str, Any]) -> tuple[str, ...]:
     if one["met"] == "met":
         certain = ", with its whole interval" if one["certain"] else ", its interval reaches beyond"
     return one["goal"], wanted, got, "not computed" if got == "not computed" else one["met"] + certain
+
+
+def _held_out(found: Mapping[str, Any]) -> Grid:
+    """The gain on held-out readings beside the oracle's, in log predictive density."""
+    title = f"Held-out gain against the oracle's: {found['cases']} cases"
+    shown = (("sum of gains, nats", "gain"), ("sum of the oracle's, nats", "oracle_gain"))
+    rows = [(words, f"{found[key]:.1f}") for words, key in shown]
+    ratios = (("ratio of the sums", "ratio"), ("median of the cases' ratios", "median_ratio"))
+    rows += [(words, f"{100.0 * found[key]:.1f} %") for words, key in ratios if found[key] is not None]
+    return Grid(title, ("of", "got"), rows if found["cases"] else [])
 
 
 def _sizes(counts: Mapping[str, int]) -> str:

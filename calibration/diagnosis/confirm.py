@@ -15,12 +15,13 @@ import numpy as np
 
 from calibration.diagnosis.blocks import levels
 from calibration.diagnosis.linear import RUN, Comparison
-from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.name import Candidate, log_prior
+from calibration.diagnosis.mode import BAD, BAD_WIDTH, Mode
+from calibration.diagnosis.name import Candidate
 
 SEGMENTS = 3  # of each run in time
 MOST_LEVELS = 6  # folds of plateaus
 SCHEME = "pressure levels and transient segments, selection repeated in each fold"
+LEAST_PROBABILITY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -68,16 +69,20 @@ def cross_validate(
         Whether the set is chosen anew in each fold; otherwise it is ``names`` in all.
     """
     blocks = folds_of(comparison)
-    K = len(comparison.problem.effects_that_could())
     base = next(c for c in found if not c.names)
     others = [c for c in found if not c.refused or not c.names]
+    # With nothing held out a set has the weight that it has in the whole recording: prior, doubt and bounds are in it.
+    beside = {
+        one.names: math.log(max(one.probability, LEAST_PROBABILITY)) - fit_on(comparison, one.mode, comparison.known)[2]
+        for one in others
+    }
     gains, same = [], 0
     errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
     for held in blocks:
         scored = []
         for one in others:
             z, A, evidence = fit_on(comparison, one.mode, ~held)
-            scored.append((evidence + log_prior(len(one.names), K), one, z, A))
+            scored.append((evidence + beside[one.names], one, z, A))
         _, best, z, A = max((s for s in scored if choose or s[1].names == names), key=lambda s: s[0])
         same += best.names == names
         z0, A0 = next((s[2], s[3]) for s in scored if s[1] is base)
@@ -167,15 +172,17 @@ def fit_on(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.nda
     evidence : float
         Natural logarithm [-].
     """
-    weight = used * (mode.bad < 0.5)
+    width, price = _as_read(mode)
+    weight = used / width
     J = mode.J * weight[:, None]
     r = (mode.r + mode.J @ mode.z) * weight
     A = J.T @ J + np.eye(mode.z.size)
     z = np.linalg.solve(A, J.T @ r)
     rest = r - J @ z
     white = comparison.whitener(mode.prediction, mode.u)
-    logs = float(np.sum(np.log(white.scale[used & comparison.known])))
-    evidence = -0.5 * float(rest @ rest + z @ z) - logs - 0.5 * float(np.linalg.slogdet(A)[1])
+    counted = used & comparison.known
+    logs = float(np.sum(price[counted] - np.log(white.scale[counted])))
+    evidence = -0.5 * float(rest @ rest + z @ z) + logs - 0.5 * float(np.linalg.slogdet(A)[1])
     return z, A, evidence
 
 
@@ -198,20 +205,26 @@ def predict_held(
     Returns
     -------
     density : float
-        Natural logarithm, up to a constant that all models share.
+        Natural logarithm, up to a constant that all models share: all readings held out count in each of them, those
+        that it takes for bad with a wide error and at the price of a bad one.
     error : ndarray
         Readings less predictions, those held out alone [SI].
     """
-    good = held & (mode.bad < 0.5)
-    r = (mode.r + mode.J @ (mode.z - z))[good]
-    J = mode.J[good]
+    width, price = _as_read(mode)
+    r = ((mode.r + mode.J @ (mode.z - z)) / width)[held]
+    J = (mode.J / width[:, None])[held]
     C = np.eye(r.size) + J @ np.linalg.solve(A, J.T)
     white = comparison.whitener(mode.prediction, mode.u)
-    scale = white.scale
     density = -0.5 * float(r @ np.linalg.solve(C, r)) - 0.5 * float(np.linalg.slogdet(C)[1])
-    density -= float(np.sum(np.log(scale[good])))
+    density += float(np.sum((price - np.log(white.scale))[held]))
     error = (comparison.read - comparison.raw(mode.prediction) + mode.D @ (mode.z - z))[held]
     return density, np.nan_to_num(error)
+
+
+def _as_read(mode: Mode) -> tuple[np.ndarray, np.ndarray]:
+    """Each reading's error in units of its noise, wide where a model takes it for bad, and the log of its price."""
+    bad = mode.bad >= 0.5
+    return np.where(bad, BAD_WIDTH, 1.0), np.where(bad, math.log(BAD / BAD_WIDTH), math.log(1.0 - BAD))
 
 
 def by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> dict[str, float]:

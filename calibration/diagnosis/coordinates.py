@@ -90,9 +90,9 @@ def same_coordinates(comparison: Comparison, mode: Mode, coordinate: str) -> tup
     """
     if comparison.problem.blocks.plateaus.size < 4 or coordinate not in UNITS:
         return ()
-    if comparison.problem.blocks.runs and coordinate == "speed":
-        return ()  # a run in time parts speed from pressure and flow
-    along = {name: one.plateaus for name, one in coordinates(comparison, mode).items() if name != "angle"}
+    # A run in time parts speed from pressure and flow.
+    parted = ("angle", "speed") if comparison.problem.blocks.runs else ("angle",)
+    along = {name: one.plateaus for name, one in coordinates(comparison, mode).items() if name not in parted}
     if coordinate not in along:
         return ()
     from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared

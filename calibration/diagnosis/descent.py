@@ -7,6 +7,7 @@ as a function of the shaft's angle: that leads near from far away. Then derivati
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction
+from calibration.diagnosis.threads import each
 from model.effects import effects
 
 LARGEST_MOVE = 6.0
@@ -329,11 +331,9 @@ def turned(
     """
     for place, run in f.angles.items():
         white = comparison.whitener(here, u)
-        best, start = _cost(comparison, z, u, here), float(z[place])
-        for move in ALL_ROUND:
-            tried = z.copy()
-            tried[place] = (start + move + EDGE) % (2.0 * EDGE) - EDGE
-            there = f(tried, here, (run,))
+        best = _cost(comparison, z, u, here)
+        angles = (float(z[place]) + ALL_ROUND + EDGE) % (2.0 * EDGE) - EDGE
+        for tried, there in each(functools.partial(_at_angle, f, z, here, place, run), angles):
             r = white(comparison.read - comparison.raw(there))
             cost = minus_log_posterior(r, white.log_scale, tried, u, comparison)
             if cost < best:
@@ -358,14 +358,36 @@ def opened(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) ->
     here = f(z)
     for place, (run, ways) in f.openings.items():
         best = _cost(comparison, z, u, here)
-        for opening in OPENINGS:
-            tried = z.copy()
-            tried[[place, *ways]] = opening, *np.zeros(len(ways))
-            tried, there = _started(f, comparison, tried, u, f(tried, here, (run,)), run, ways)
+        for tried, there in each(functools.partial(_at_opening, f, z, here, u, place, run, ways), OPENINGS):
             cost = _cost(comparison, tried, u, there)
             if cost < best:
                 best, z, here = cost, tried, there
     return z
+
+
+def _at_angle(
+    f: Function, z: np.ndarray, here: Prediction, place: int, run: int, angle: float
+) -> tuple[np.ndarray, Prediction]:
+    """A point with one of its angles elsewhere, and the prediction there."""
+    tried = z.copy()
+    tried[place] = angle
+    return tried, f(tried, here, (run,))
+
+
+def _at_opening(
+    f: Function,
+    z: np.ndarray,
+    here: Prediction,
+    u: np.ndarray,
+    place: int,
+    run: int,
+    ways: Sequence[int],
+    opening: float,
+) -> tuple[np.ndarray, Prediction]:
+    """A point with the opening of a run from rest elsewhere, its start at its best there, and the prediction."""
+    tried = z.copy()
+    tried[[place, *ways]] = opening, *np.zeros(len(ways))
+    return _started(f, f.comparison, tried, u, f(tried, here, (run,)), run, ways)
 
 
 def _started(

@@ -29,13 +29,23 @@ from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.search import Search
 from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
+from calibration.diagnosis.threads import threads
 from calibration.diagnosis.unseen import predict_unseen
-from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, SHARE, Verdict, judge, not_excluded
+from calibration.diagnosis.verdict import (
+    ERRORS,
+    MISMATCH_P,
+    RESIDUAL_P,
+    SHARE,
+    SUPERSET_ODDS,
+    Verdict,
+    judge,
+    not_excluded,
+)
 from calibration.step_clock import StepClock, Tell
 from model.effects import effects
 from rig.recording import Recording, read_recording
 
-TESTED = 3  # most sets whose residual is tested
+TESTED = 3  # sets whose residual is tested; more only where one of these passes
 RESIDUAL_DRAWS, MORE_DRAWS = 100, 400
 NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
@@ -126,7 +136,9 @@ class Detected:
     detection: Detection
 
 
-def detect_mismatch(recording: Recording, rng: np.random.Generator, tell: Tell = lambda _: None) -> Detected:
+def detect_mismatch(
+    recording: Recording, rng: np.random.Generator, tell: Tell = lambda _: None, workers: int = 1
+) -> Detected:
     """The first steps of a diagnosis: fit the base model, and test whether anything is missing.
 
     Parameters
@@ -137,10 +149,13 @@ def detect_mismatch(recording: Recording, rng: np.random.Generator, tell: Tell =
         For the null law.
     tell : callable
         Told the step that begins.
+    workers : int
+        Threads that simulate side by side; the result is the same [-].
     """
     tell("base model")
-    comparison = Comparison(Problem(recording))
-    base = base_of(comparison)
+    with threads(workers):
+        comparison = Comparison(Problem(recording))
+        base = base_of(comparison)
     tell("detect")
     found, free = signatures(comparison, base), forces(comparison, base)
     return Detected(comparison, base, found, free, detect(comparison, base, found, free, rng))
@@ -170,22 +185,24 @@ def diagnose(
     """
     in_time = any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
-        return _diagnose(recording, np.random.default_rng(seed), StepClock(tell), hold_out, side_by_side)
+        rng, clock = np.random.default_rng(seed), StepClock(tell)
+        first = detect_mismatch(recording, rng, clock, workers if in_time else 1)
+        return _diagnose(first, rng, clock, hold_out, side_by_side)
 
 
 def _diagnose(
-    recording: Recording,
+    first: Detected,
     rng: np.random.Generator,
     clock: StepClock,
     hold_out: Recording | None,
     side_by_side: SideBySide,
 ) -> Diagnosis:
-    first = detect_mismatch(recording, rng, clock)
     comparison, base, found, free = first.comparison, first.base, first.found, first.free
     detection = first.detection
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
     held_out, term, correction, beside, tests = None, None, None, None, []
+    best_names: tuple[str, ...] = ()
     search = Search(comparison, base, side_by_side, clock.tell)
     if detection.p_value >= MISMATCH_P:
         # What is too small to be seen may still be there, and f_overall with it would be another.
@@ -213,15 +230,19 @@ def _diagnose(
         if ranked and residual_p[ranked[0].names] >= RESIDUAL_P:
             ranked = [one for one in ranked if one.probability > SHARE * ranked[0].probability]
         _test_residuals(comparison, ranked, residual_p, rng, side_by_side)
+        _test_what_may_be_named(comparison, _namable(search), residual_p, rng, side_by_side)
         clock("confirm")
         best = next((c for c in candidates if residual_p.get(c.names, 0.0) >= RESIDUAL_P and c.names), None)
         if best is not None:
-            held_out = cross_validate(comparison, candidates, best.names)
+            best_names = best.names
+            held_out = cross_validate(comparison, candidates, best_names)
     verdict = judge(detection.p_value, candidates, residual_p, held_out)
+    if held_out is not None and verdict.chosen is not None and verdict.chosen.names != best_names:
+        held_out = cross_validate(comparison, candidates, verdict.chosen.names)  # it counts the folds that chose it
     if hold_out is not None and verdict.chosen is not None:
         clock("predict the unseen run")
         held_out = predict_unseen(comparison, base, verdict.chosen.mode, hold_out)
-        if verdict.kind == "named" and held_out.gain <= 0.0:
+        if verdict.kind == "named" and held_out.gain <= ERRORS * held_out.gain_se:
             words = f"{' and '.join(verdict.chosen.names)} does not predict the unseen run better"
             verdict = Verdict("unresolved", None, (), 0.0, words)
     # Of a model that does not fit, no reading can be said to be off.
@@ -332,6 +353,25 @@ def _test_residuals(
     seeds = [int(seed) for seed in rng.integers(2**62, size=len(untested))]
     found = side_by_side(_residual, [(comparison, one.mode, seed) for one, seed in zip(untested, seeds, strict=True)])
     residual_p.update({one.names: p for one, p in zip(untested, found, strict=True)})
+
+
+def _test_what_may_be_named(
+    comparison: Comparison,
+    namable: Sequence[Candidate],
+    residual_p: dict[tuple[str, ...], float],
+    rng: np.random.Generator,
+    side_by_side: SideBySide,
+) -> None:
+    """Where some set passes: test those more probable, and its parts that may suffice."""
+    if all(residual_p.get(one.names, 0.0) < RESIDUAL_P for one in namable):
+        return
+    for one in namable:
+        _test_residuals(comparison, [one], residual_p, rng, side_by_side)
+        if residual_p[one.names] >= RESIDUAL_P:
+            parts = [c for c in namable if set(c.names) < set(one.names)]
+            likely = [c for c in parts if one.probability < SUPERSET_ODDS * c.probability]
+            _test_residuals(comparison, likely, residual_p, rng, side_by_side)
+            return
 
 
 def _residual(comparison: Comparison, mode: Mode, seed: int) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from calibration.diagnosis.in_time import STARTS, Pulses, follows_angle
 from calibration.diagnosis.linear import FLOW, STANDING, Comparison
 from calibration.diagnosis.problem import SI_OF, Prediction
+from calibration.diagnosis.threads import each
 from model.effects import effects
 from model.effects.neighbourhood import Neighbourhood
 
@@ -217,7 +218,7 @@ class Function:
                 found = self._difference(z, i, differentiated, raw, max(NEAR / size, LEAST_STEP))
             return found
 
-        return np.nan_to_num(np.column_stack([column(i) for i in range(z.size)]))
+        return np.nan_to_num(np.column_stack(each(column, range(z.size))))
 
     def _difference(
         self, z: np.ndarray, i: int, of: Callable[[np.ndarray], np.ndarray], start: np.ndarray, step: float

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from calibration.diagnosis.blocks import RunInTime
+from calibration.diagnosis.threads import each
 from model import layout as at
 from model import steady as base_steady
 from model.effects import averaged, effects
@@ -294,7 +295,7 @@ class Start:
         self._time, wanted, count = plans[0].time, run.wanted, len(plans)
         step = float(run.time[1] - run.time[0])
         longer = np.append(self._time, self._time[-1] + step * np.arange(1, AFTER + 1))
-        runs = [replace(plan, time=longer).with_pulses(FINER) for plan in plans]
+        runs = each(lambda plan: replace(plan, time=longer).with_pulses(FINER), plans)
         fine = runs[0].time
         smooth = np.append(0.0, np.cumsum(replace(plans[0], time=fine).mean_speed()[1:] * np.diff(fine)))
         added = np.array([found.angle - found.angle[0] for found in runs]) - smooth

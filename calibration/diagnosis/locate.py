@@ -173,6 +173,7 @@ def _where(one: _Tested) -> tuple[float, float]:
 def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts_in: str, as_well: bool) -> Place:
     force = one.force
     balance = "sensor" if acts_in == "sensor" else force.balance
+    by_a_meter = "; by what is named, an instrument's error" if balance != force.balance else ""
     span = f"most between {where[0]:.3g} and {where[1]:.3g} {force.unit}"
     if force.balance == "sensor":
         verb = "would do as well" if as_well else "is seen"
@@ -183,7 +184,7 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
             along = f"in {force.file}, {span} after its start"
         elif force.coordinate == "angle":
             along = "along the shaft's angle: something comes with every turn"
-        sentence = f"The {NAMES[balance]} does not close {along} (seen in the {force.channel})."
+        sentence = f"The {NAMES[balance]} does not close {along} (seen in the {force.channel}{by_a_meter})."
     return Place(force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same)
 
 
@@ -231,6 +232,7 @@ def rows_as_places(bad: Sequence[tuple[str, int, str, float]]) -> list[Place]:
     bad : sequence of (str, int, str, float)
         File, row, channel and the probability that the reading is bad.
     """
+    # By Markov's inequality a Bayes factor of b has p < 1/b; the prior odds of a bad reading, 1 : 99, price 99 of them.
     return [_row_place(file, row, channel, 1.0 - probability) for file, row, channel, probability in bad]
 
 

@@ -245,6 +245,8 @@ def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | Non
 def refusal(comparison: Comparison, mode: Mode) -> str:
     """Why a set cannot be named: an amplitude at a bound, or a size that is its nuisance's own.
 
+    Of an effect whose size has two components, such as a sine and a cosine, both are amplitudes.
+
     Parameters
     ----------
     comparison : Comparison
@@ -258,9 +260,10 @@ def refusal(comparison: Comparison, mode: Mode) -> str:
         parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
         value = float(unknown.value(mode.z[k + i]))
         span = parameter.high - parameter.low
-        if parameter is effects()[name].amplitude and (
+        component = parameter.low == -parameter.high
+        if (parameter is effects()[name].amplitude or component) and (
             value >= parameter.high - AT_BOUND * span
-            or (parameter.low < 0 and value <= parameter.low + AT_BOUND * span)
+            or (parameter.low != 0.0 and value <= parameter.low + AT_BOUND * span)
         ):
             return f"{name}: {unknown.name} is at the bound of what is believable"
         if parameter is effects()[name].amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:

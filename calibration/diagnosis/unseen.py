@@ -10,13 +10,13 @@ import math
 
 import numpy as np
 
-from calibration.diagnosis.confirm import HeldOut, by_channel
+from calibration.diagnosis.confirm import HeldOut, by_channel, folds_of
 from calibration.diagnosis.descent import turned
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.problem import Prediction, Problem
-from rig.recording import Recording
+from rig.recording import Recording, RecordingError
 
 OF_THE_MOTOR = ("port_lap", "roller_friction", "f_overall", "inertia")
 SCHEME = "unseen run"
@@ -35,19 +35,31 @@ def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording
         The base model and the named set, fitted to it.
     unseen : Recording
         Another run of the same motor.
+
+    Raises
+    ------
+    RecordingError
+        When it is of another motor.
     """
+    if unseen.motor != seen.problem.recording.motor:
+        raise RecordingError(f"{unseen.folder}: of the motor {unseen.motor}, not {seen.problem.recording.motor}")
     there = Comparison(Problem(unseen, any_turn=True))
     found = {}
     for key, mode in (("before", base), ("after", chosen)):
         found[key] = _density(seen, mode, there)
-    gain = found["after"][0] - found["before"][0]
+    gains = found["after"][0] - found["before"][0]
     index = np.arange(there.read.size)
     rmse = {key: by_channel(there, index, found[key][1]) for key in found}
-    return HeldOut(1, 1, rmse["before"], rmse["after"], gain, 0.0, f"{SCHEME} {unseen.folder.name}")
+    blocks = [float(np.sum(gains[block])) for block in folds_of(there)]
+    se = float(np.std(blocks, ddof=1) * math.sqrt(len(blocks))) if len(blocks) > 1 else 0.0
+    return HeldOut(1, 1, rmse["before"], rmse["after"], float(np.sum(gains)), se, f"{SCHEME} {unseen.folder.name}")
 
 
-def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[float, np.ndarray]:
-    """Log density of a run's readings, and their errors [SI]; starting angles are looked for first."""
+def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarray, np.ndarray]:
+    """Log density of each of a run's readings given those before it, 0 where there is none, and their errors [SI].
+
+    Starting angles are looked for first.
+    """
     f = Function(there, mode.names)
     z, covariance = _prior(seen, mode, there)
     z, predicted = turned(f, there, z, mode.u, f(z))
@@ -82,9 +94,11 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[float, np
     error = there.read - there.raw(predicted) + D @ (z - start)
     known = there.known
     C = np.eye(int(known.sum())) + J[known] @ covariance @ J[known].T
-    density = -0.5 * float(r[known] @ np.linalg.solve(C, r[known])) - 0.5 * float(np.linalg.slogdet(C)[1])
-    density -= float(np.sum(np.log(white.scale[known]))) + 0.5 * known.sum() * math.log(2.0 * math.pi)
-    return float(density), np.nan_to_num(error)
+    L = np.linalg.cholesky(C)
+    apart = np.linalg.solve(L, r[known])
+    density = np.zeros(known.size)
+    density[known] = -0.5 * apart**2 - np.log(np.diag(L) * white.scale[known]) - 0.5 * math.log(2.0 * math.pi)
+    return density, np.nan_to_num(error)
 
 
 def _prior(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarray, np.ndarray]:

@@ -51,7 +51,7 @@ class Verdict(Generic[Candidate]):
     chosen : Weighed or None
         What the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
     alternatives : tuple of tuple of str
-        Sets that cannot be told from it.
+        Sets that cannot be told from it; the empty one is the base model.
     set_probability : float
         Of the chosen set, or of the base model [-].
     why : str
@@ -100,7 +100,8 @@ def judge(
         return Verdict("consistent", None, (), base.probability if base else 1.0, why)
     allowed = [c for c in found if not c.refused and c.names]
     passing = [c for c in allowed if residual_p.get(c.names, 1.0) >= RESIDUAL_P]  # a rival not tested may pass
-    if not any(c.names in residual_p for c in passing):
+    tested = [c for c in passing if c.names in residual_p]  # what is named has passed
+    if not tested:
         passing = []
     small = [c for c in found if c.names and c.refused.endswith("no larger than declared")]
     if small and small[0] is next((c for c in found if c.names), None) and not passing:
@@ -108,25 +109,18 @@ def judge(
     if not passing:
         return Verdict("unresolved", None, (), 0.0, "no set of listed effects explains what is left")
     if base is not None and base.probability > 1.0 - NAMED:
-        likely = [c for c in allowed if c.probability > SHARE]
         if base.probability > 0.5:
             return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
-        return Verdict(
-            "confounded",
-            passing[0],
-            tuple(c.names for c in likely if c is not passing[0]),
-            passing[0].probability,
-            "the base model is not excluded",
-        )
-    best = passing[0]
+        likely = [c for c in found if (c is base or c in allowed) and c.probability > SHARE and c is not tested[0]]
+        names, share = tuple(c.names for c in likely), tested[0].probability
+        return Verdict("confounded", tested[0], names, share, "the base model is not excluded")
+    best = tested[0]
     total = sum(c.probability for c in passing)
     share = best.probability / total
     blocked = [c for c in allowed if c.probability > best.probability]
     larger = [c for c in found if set(best.names) < set(c.names)]
     core = best if all(c.probability < SUPERSET_ODDS * best.probability for c in larger) else None
-    smaller = [
-        c for c in passing if set(c.names) < set(best.names) and best.probability < SUPERSET_ODDS * c.probability
-    ]
+    smaller = [c for c in tested if set(c.names) < set(best.names) and best.probability < SUPERSET_ODDS * c.probability]
     if smaller:  # the further members are not certain: what they add is left unsaid
         best = core = min(smaller, key=lambda c: (len(c.names), -c.probability))
         blocked = []

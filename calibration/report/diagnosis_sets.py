@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.linear import RUN
+from calibration.diagnosis.linear import RUN, STANDING, VENTED
 from calibration.diagnosis.misread import MISREAD
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.sizes import sizes_of
@@ -22,6 +22,10 @@ from model.effects import laws
 
 MOST_SHOWN = 6  # sets
 LEAST_ODDS = 1e-3  # of a set whose f_overall is shown
+BESIDE_ROWS = {
+    VENTED: "the gauge with the line vented",
+    STANDING: "the flow with the rotor at rest",
+}  # means over files
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,10 @@ def told_by(found: Diagnosis, rival: Candidate) -> tuple[str, float]:
     excess = np.where(good, theirs**2 - ours**2, 0.0)
     files: dict[str, float] = {}
     for kind, index, value in zip(comparison.kind, comparison.index, excess, strict=True):
-        name = blocks.plateaus.file[index] if kind < RUN else blocks.runs[kind - RUN].file
+        if kind in BESIDE_ROWS:
+            name = BESIDE_ROWS[kind]
+        else:
+            name = blocks.plateaus.file[index] if kind < RUN else blocks.runs[kind - RUN].file
         files[name] = files.get(name, 0.0) + float(value)
     total = sum(max(value, 0.0) for value in files.values())
     name = max(files, key=lambda key: files[key])

@@ -52,7 +52,8 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
         rivals = [titles(named), *(titles(names) for names in found["alternatives"][: MOST_ROWS - 1])]
         rest = len(found["alternatives"]) + 1 - len(rivals)
         more = f", nor from {rest} more" if rest else ""
-        return f"Something is left out ({chance}), and this recording cannot tell {' from '.join(rivals)}{more}."
+        certain = "may be" if [] in [list(names) for names in found["alternatives"]] else "is"
+        return f"Something {certain} left out ({chance}), and this recording cannot tell {' from '.join(rivals)}{more}."
     words = f"Something is left out ({chance}), and no effect in the list explains it."
     if found["located"]:
         words += f" {place_in_words(found['located'][0])}"

@@ -69,7 +69,6 @@ def as_json(found: RigDiagnosis) -> dict[str, Any]:
         ],
         "friction_unit": "N s/m" if found.problem.slides else "N m s",
         "why": verdict.why,
-        "seconds": found.seconds,
     }
     document["sentence"] = sentence(document)
     return document
