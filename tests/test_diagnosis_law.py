@@ -19,7 +19,7 @@ from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import detect
 from calibration.diagnosis.discover import STABLE, discover
 from calibration.diagnosis.forces import TorqueAnswer, forces, torque_column
-from calibration.diagnosis.further_forces import unseen
+from calibration.diagnosis.further_forces import not_observable
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate
 from calibration.diagnosis.mode import Mode, robust_weights
@@ -185,10 +185,10 @@ def test_a_place_in_a_run_names_its_file(coasted):
 
 
 def test_what_the_sampling_cannot_show_is_said(swept, coasted):
-    assert any(one.startswith("Shaft angle: every row is a mean") for one in unseen(*swept))
-    assert any(one.startswith("Pressure apart from speed and flow") for one in unseen(*swept))
-    assert not any(one.startswith("Shaft angle: every row") for one in unseen(*coasted))
-    assert not any(one.startswith("Sweep direction") for one in unseen(*swept))
+    assert any(one.startswith("Shaft angle: every row is a mean") for one in not_observable(*swept))
+    assert any(one.startswith("Pressure apart from speed and flow") for one in not_observable(*swept))
+    assert not any(one.startswith("Shaft angle: every row") for one in not_observable(*coasted))
+    assert not any(one.startswith("Sweep direction") for one in not_observable(*swept))
 
 
 def test_a_law_of_the_shafts_angle_is_looked_for_only_where_samples_resolve_it(swept, coasted):

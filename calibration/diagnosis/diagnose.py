@@ -26,6 +26,7 @@ from calibration.diagnosis.name import Candidate, evidence_p
 from calibration.diagnosis.next_test import NextTest, propose
 from calibration.diagnosis.noise import too_loud
 from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.resolves import Resolved, resolved
 from calibration.diagnosis.search import Search
 from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
@@ -89,6 +90,8 @@ class Diagnosis:
         The nuisances and their sd beside such a correction, whichever it is [-].
     misread : frozenset of tuple of str
         Sets named or listed beside which readings are misread.
+    resolved : list of Resolved
+        What the recording can tell of each effect.
     faint : dict
         For each set that f_overall is averaged over, the further effects that may be there unseen.
     """
@@ -109,6 +112,7 @@ class Diagnosis:
     beside: tuple[np.ndarray, np.ndarray] | None = None
     misread: frozenset[tuple[str, ...]] = frozenset()
     faint: dict[tuple[str, ...], list[Faint]] = field(default_factory=dict)
+    resolved: list[Resolved] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -315,6 +319,7 @@ def _diagnose(
         beside,
         misread,
         unseen,
+        resolved(first.comparison, first.base, first.detection.u, found),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
+from calibration.diagnosis.further_forces import not_observable
 from calibration.diagnosis.misread import MISREAD, by_chance
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.next_test import NextTest
@@ -67,6 +68,18 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
         ],
+        "resolves": [
+            {
+                "id": one.effect,
+                "parameter": one.parameter,
+                "seen_from": one.seen_from,
+                "told_from": one.told_from,
+                "nearest": one.nearest,
+                "rho": one.rho,
+            }
+            for one in found.resolved
+        ],
+        "not_observable": not_observable(found.comparison, found.base),
         "why": verdict.why,
     }
 

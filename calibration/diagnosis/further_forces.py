@@ -52,7 +52,7 @@ def force_along(one: Balance) -> Force:
     return Force(one.channel, one.balance, one.along.name, one.along.unit, columns, spans(edges))
 
 
-def unseen(comparison: Comparison, mode: Mode) -> list[str]:
+def not_observable(comparison: Comparison, mode: Mode) -> list[str]:
     """Coordinates along which this recording can show nothing, each in a sentence.
 
     Parameters

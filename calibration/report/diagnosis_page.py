@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.further_forces import unseen
+from calibration.diagnosis.further_forces import not_observable
 from calibration.diagnosis.misread import MISREAD
 from calibration.report import diagnosis_figures as draw
 from calibration.report import diagnosis_numbers as numbers
@@ -19,6 +19,8 @@ from calibration.report import diagnosis_sets as sets
 from calibration.report import diagnosis_words as words
 from calibration.report.fit_page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit_words import figure, probability, rounded
+from model.effects import effects
+from model.effects.effect import EffectParameter
 
 JSON = "diagnosis.json"
 CERTAIN = 1e6  # odds that are told no further
@@ -101,7 +103,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "used": _used(found),
         "suspects": _suspect_table(document),
         "places": _place_table(document),
-        "unseen": unseen(found.comparison, found.base),
+        "unseen": not_observable(found.comparison, found.base),
         "stability": words.stability_in_words(found.term.stability) if found.term else "",
         "law": words.law_in_words(document["term"]) if document["term"] else "",
         "candidates": _candidate_table(found),
@@ -110,6 +112,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "errors": _error_table(held_out) if held_out else None,
         "bias": sets.bias_in_words(document),
         "frictions": _friction_table(found, document),
+        "resolves": _resolve_table(found),
         "tests": _test_table(found, False),
         "apart": _test_table(found, True),
         "notes": list(dict.fromkeys([*problem.recording.warnings, *problem.blocks.measured.notes])),
@@ -233,6 +236,24 @@ def _friction_table(found: Diagnosis, document: Mapping[str, Any]) -> Grid:
         for one in sets.frictions(found, document)
     )
     return Grid(("f_overall", "mean ± sd", "5 %", "95 %"), rows)
+
+
+def _resolve_table(found: Diagnosis) -> Grid:
+    """What the recording can tell of each effect: from which size on it is seen, and told from its nearest rival."""
+
+    def told(size: float | None, parameter: EffectParameter) -> str:
+        return "-" if size is None else words.quantity(size, 0.0, parameter.unit, parameter.name)
+
+    rows = tuple(
+        (
+            words.titles([one.effect]),
+            told(one.seen_from, effects()[one.effect].amplitude),
+            told(one.told_from, effects()[one.effect].amplitude),
+            f"{words.titles([one.nearest])} ({one.rho:.2f})" if one.nearest else "",
+        )
+        for one in found.resolved
+    )
+    return Grid(("effect", "seen from", "named from", "most like it (correlation)"), rows)
 
 
 def _test_table(found: Diagnosis, apart: bool) -> Grid:
