@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,7 +80,19 @@ def test_the_bench_plans_runs_plateaus_a_reversed_sweep_and_a_zero(comparison):
     words = [plan.words for plan in planned(comparison)]
     for part in ("coast-down from", "flywheel", "spin-up to", "cold", "after an hour", "reversed sweep", "zero:"):
         assert any(part in one for one in words), part
-    assert any(one == "ten plateaus at 3.1 bar" for one in words)
+
+
+@pytest.mark.parametrize(("fastest_rpm", "level"), [(300.0, "3.1 bar"), (495.0, "2.6 bar"), (560.0, "")])
+def test_no_level_is_planned_at_which_the_motor_turns_faster_than_it_may(comparison, fastest_rpm, level):
+    """The article's motor is made for 600 rpm; without load its speed goes with the pressure above the ambient."""
+    other = copy.copy(comparison)
+    other.problem = copy.copy(comparison.problem)
+    plateaus = comparison.problem.blocks.plateaus
+    speed = plateaus.speed * fastest_rpm * (math.pi / 30.0) / np.nanmax(plateaus.speed)
+    other.problem.blocks = replace(comparison.problem.blocks, plateaus=replace(plateaus, speed=speed))
+    words = [plan.words for plan in planned(other) if plan.words.startswith("ten plateaus at")]
+    assert len(words) == (4 if level else 3)
+    assert not level or words[0] == f"ten plateaus at {level}"
 
 
 def test_a_flywheel_is_declared_in_the_planned_recording(comparison):

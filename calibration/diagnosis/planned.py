@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +22,8 @@ from rig.recording import Column, Recording, RecordingFile
 SAMPLE_S = 0.005  # of a run in time, where the recording has none
 NOISIER = 2.0  # a sample than a plateau, where the recording does not say
 SPIN_UP, COAST_DOWN = (10, 200), (20, 240)  # samples before the valve turns, and in all
-HIGHER = 1.3  # than the highest level so far
+HIGHER, LEAST_HIGHER = 1.3, 1.05  # than the highest level so far; where the motor's speed allows less, so much at least
+OF_THE_LIMIT = 0.95  # of the highest speed that the motor is made for
 PLATEAUS = 10
 FLYWHEEL = 3.0  # times the rotor's inertia
 LATER_S = 100.0  # after the recording's last reading
@@ -67,8 +69,9 @@ def planned(comparison: Comparison) -> list[Planned]:
         found.append(bench.plan(heavy, bench.run(middle, False, 1.0 + FLYWHEEL), FLYWHEEL))
         found.append(bench.plan(f"spin-up to {top:.1f} {unit}", bench.run(top, True)))
     later, cold, warm = bench.end + LATER_S, 0.0, bench.end + AN_HOUR_S
+    more = bench.higher()
     for words, pressure, start in (
-        (f"ten plateaus at {HIGHER * top:.1f} {unit}", HIGHER * top, later),
+        *([(f"ten plateaus at {more:.1f} {unit}", more, later)] if more >= LEAST_HIGHER * top else []),
         (f"ten plateaus at {low:.2f} {unit}", low, later),
         (f"ten plateaus at {middle:.1f} {unit}, cold", middle, cold),
         (f"ten plateaus at {middle:.1f} {unit}, after an hour's running", middle, warm),
@@ -94,11 +97,23 @@ class _Bench:
         groups = levels(plateaus)
         self.levels = [float(np.mean(plateaus.pressure[group])) / PASCAL_PER_BAR for group in groups]
         self.low, self.top = min(self.levels), max(self.levels)
+        self.speeds, self.speed_limit = plateaus.speed, comparison.problem.motor.si("speed_limit")
         self.end = float(np.nanmax([plateaus.time.max(), *(run.start_s + run.time[-1] for run in runs)]))
         self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
         self.sample = float(np.median(np.diff(runs[0].time))) if runs else SAMPLE_S
         self.noisier = runs[0].noise_scale if runs else NOISIER
         self.inertia = comparison.problem.motor.si("inertia") - self.seen.added_inertia_kg_m2
+
+    def higher(self) -> float:
+        """A level higher than the highest, at which the motor without load does not turn faster than it may.
+
+        Without load the speed goes about with the pressure above the ambient.
+        """
+        fastest = float(np.nanmax(np.append(self.speeds, 0.0)))
+        if fastest <= 0.0:
+            return HIGHER * self.top
+        allowed = OF_THE_LIMIT * self.speed_limit / fastest
+        return min(HIGHER * self.top, math.floor(10.0 * (self.ambient + allowed * (self.top - self.ambient))) / 10.0)
 
     def plan(self, words: str, file: RecordingFile, flywheel: float = 0.0) -> Planned:
         anchor = replace(self.steady(np.array([self.top]), 0.0), file=ANCHOR)

@@ -160,7 +160,8 @@ def quantity(mean: float, sd: float, unit: str, name: str = "") -> str:
         return f"{mean:.3g} {unit}".strip()
     power = math.floor(math.log10(size))
     if sd <= 0.0:
-        digits, _, small = f"{mean:.2g}".partition("e")
+        plain = f"{float(f'{mean:.2g}'):g}"
+        digits, _, small = (plain if 1e-4 <= size < 1e4 else f"{mean:.2g}").partition("e")
         return f"{digits}{f'·10{str(int(small)).translate(RAISED)}' if small else ''} {unit}".strip().replace("-", "−")
     if -3 <= power <= 4 and sd < 100.0:
         return f"{rounded(mean, sd)} ± {uncertainty(sd)} {unit}".strip()
