@@ -11,6 +11,7 @@ import pytest
 
 from calibration.diagnosis import as_json, descent, diagnose, together
 from calibration.diagnosis.base import base_of, set_angles
+from calibration.diagnosis.confirm import folds_of, summed_up
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import detect
 from calibration.diagnosis.forces import forces
@@ -381,6 +382,21 @@ def test_an_unseen_run_speaks_for_the_effect_that_is_there(tmp_path: Path) -> No
     assert told.after["flow_m3_s"] < told.before["flow_m3_s"]
     clean = predict_unseen(comparison, base, leak, recordings.sweep(tmp_path / "clean", 8, {}))
     assert clean.gain < told.gain
+
+
+def test_of_several_runs_each_is_held_out_whole(tmp_path: Path) -> None:
+    coasted = []
+    for i in range(3):
+        recordings.sweep(tmp_path / str(i), 5, {})
+        coasted.append(recordings.add_coast_down(tmp_path / str(i), 5, {}))
+    for count, parts in ((2, 6), (3, 3)):
+        comparison = Comparison(Problem(together(coasted[:count])))
+        of_runs = [mask for mask in folds_of(comparison) if np.any(comparison.kind[mask] >= RUN)]
+        assert len(of_runs) == parts
+        assert np.array_equal(np.sum(of_runs, axis=0) > 0, comparison.kind >= RUN)
+    errors = [comparison.read[mask] for mask in of_runs]
+    scheme = summed_up(comparison, of_runs, 0, [1.0, 2.0, 3.0], {"before": errors, "after": errors}).scheme
+    assert scheme == "pressure levels and whole runs, selection repeated in each fold"
 
 
 def test_recordings_of_one_bench_are_diagnosed_together(tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
 """Step 5: whether the named set predicts readings that it has not seen.
 
-Blocks are pressure levels (both directions together) and segments of the runs in time. In each fold the sets are
-weighed anew on the readings that are left and the best of them predicts those that are not, in the model made linear at
-each set's own most probable point.
+Blocks are pressure levels (both directions together) and segments of the runs in time, or whole runs where there are
+several. The levels of a fold lie apart, so that what goes with the running time has readings before and after. In each
+fold the sets are weighed anew on the readings that are left and the best of them predicts those that are not, in the
+model made linear at each set's own most probable point.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from calibration.diagnosis.mode import BAD, BAD_WIDTH, Mode
 from calibration.diagnosis.name import Candidate
 
 SEGMENTS = 3  # of each run in time
+SEVERAL = 3  # runs in time from which on each is held out whole
 MOST_LEVELS = 6  # folds of plateaus
-SCHEME = "pressure levels and transient segments, selection repeated in each fold"
+AGAIN = ", selection repeated in each fold"
 LEAST_PROBABILITY = 1e-300
 
 
@@ -48,7 +50,7 @@ class HeldOut:
     after: dict[str, float]
     gain: float
     gain_se: float
-    scheme: str = SCHEME
+    scheme: str
     size: dict[str, float] = field(default_factory=dict)
 
 
@@ -100,7 +102,7 @@ def summed_up(
     same: int,
     gains: Sequence[float],
     errors: dict[str, list[np.ndarray]],
-    scheme: str = SCHEME,
+    again: str = AGAIN,
 ) -> HeldOut:
     """What the folds say together.
 
@@ -116,12 +118,14 @@ def summed_up(
         In log predictive density, of each [-].
     errors : dict
         Of the readings held out in each, ``before`` and ``after`` [SI].
-    scheme : str
-        How they were held out.
+    again : str
+        What was done anew in each fold.
     """
     index = np.concatenate([np.flatnonzero(held) for held in folds])
     rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
     se = float(np.std(gains, ddof=1) * math.sqrt(len(gains))) if len(gains) > 1 else 0.0
+    parts = "whole runs" if len(comparison.problem.blocks.runs) >= SEVERAL else "transient segments"
+    scheme = f"pressure levels and {parts}{again}"
     return HeldOut(len(folds), same, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme)
 
 
@@ -142,9 +146,10 @@ def folds_of(comparison: Comparison) -> list[np.ndarray]:
             rows = np.concatenate(groups[i::count])
             mask = (comparison.kind < RUN) & np.isin(comparison.index, rows)
             found.append(mask & comparison.known)
-    for i in range(len(comparison.problem.blocks.runs)):
+    count = len(comparison.problem.blocks.runs)
+    for i in range(count):
         mine = np.flatnonzero(comparison.kind == RUN + i)
-        for part in np.array_split(mine, SEGMENTS):
+        for part in np.array_split(mine, 1 if count >= SEVERAL else SEGMENTS):
             mask = np.zeros(comparison.read.size, dtype=bool)
             mask[part] = True
             found.append(mask)

@@ -27,9 +27,7 @@ SIZES = (0.03, 0.1, 0.3)  # sd of a torque [N m], or of a flow as a share of the
 STEP = 1e-3  # of a standard normal unknown, for a derivative
 ROOT3 = math.sqrt(3.0)
 SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
-SCHEME = (
-    "pressure levels and transient segments; the correction's coordinate, length and size weighed anew in each fold"
-)
+AGAIN = "; the correction's coordinate, length and size weighed anew in each fold"
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ def hold_out(comparison: Comparison, mode: Mode, u: np.ndarray) -> HeldOut | Non
         gains.append(density - density0)
         errors["before"].append(error0)
         errors["after"].append(error)
-    return summed_up(comparison, folds, int(same), gains, errors, SCHEME)
+    return summed_up(comparison, folds, int(same), gains, errors, AGAIN)
 
 
 @dataclass(frozen=True)
