@@ -74,7 +74,8 @@ def test_an_effect_says_what_it_is_where_its_law_comes_from_and_what_it_looks_li
     module = importlib.import_module(f"model.effects.{name}")
     assert inspect.getdoc(module)
     assert len(effect.title) > 5 and len(effect.source) > 10
-    assert re.search(r"sweep|row", effect.signature)
+    assert "sweep: " in effect.signature
+    assert re.search(r"transients: |coast-down: |spin-up: ", effect.signature)
     assert effect.sentence.endswith(".")
 
 

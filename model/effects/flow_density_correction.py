@@ -30,8 +30,8 @@ EFFECT = Effect(
     acts_in="sensor",
     title="rotameter scale made for another gas density",
     sentence="The rotameter's scale was made for 1 atm and is read at the line's pressure ({share} of the correction).",
-    source="float of a variable-area meter: flow proportional to the root of the inverse density",
-    signature="sweep: flow too high, more so with pressure; speed untouched",
+    source="variable-area meter, flow as the root of the inverse density: VDI/VDE 3513, sheet 1",
+    signature="sweep: flow too high, more so with pressure; speed untouched; transients: nothing, they read no flow",
     parameters=(
         EffectParameter("share", "-", 0.5, 1.5, 0.2, text="share of the density correction left out", expected=1.0),
     ),

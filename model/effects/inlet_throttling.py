@@ -30,7 +30,7 @@ EFFECT = Effect(
     title="pressure loss ahead of the cylinders",
     sentence="Pressure is lost ahead of the cylinders, {loss_pa_s2_m6} times the square of the flow: a "
     "throttled inlet.",
-    source="loss of a fitting, dp = zeta rho/2 (Q/A)^2",
+    source="loss of a fitting, dp = zeta rho/2 (Q/A)^2: Idelchik, Handbook of Hydraulic Resistance",
     signature="sweep: speed and flow bend down at the highest levels; spin-up: slower at its end",
     parameters=(
         EffectParameter("loss_pa_s2_m6", "Pa s2/m6", 0.0, 2e10, 1.5e9, text="loss coefficient in air at 2 bar"),

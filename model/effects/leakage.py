@@ -39,7 +39,7 @@ EFFECT = Effect(
     "ambient pressure, growing with its power {exponent}: a leak.",
     source="isothermal laminar flow in a narrow gap: proportional to the difference of the squared pressures; a hole: "
     "Saint-Venant and Wantzel (1839), as a power of it",
-    signature="sweep: flow too high even at the lowest speeds, speed untouched",
+    signature="sweep: flow too high even at the lowest speeds, speed untouched; rotor held: flow; transients: nothing",
     parameters=(
         EffectParameter(
             "conductance_kg_s_pa2", "kg/(s Pa2)", 0.0, 3e-13, 2e-14, text="conductance, the line at twice the ambient"

@@ -21,7 +21,7 @@ EFFECT = Effect(
     acts_in="sensor",
     title="tachometer that averages",
     sentence="The tachometer follows the speed with a time constant of {time_s}.",
-    source="first-order filter",
+    source="first-order instrument: Doebelin, Measurement Systems, chapter 3",
     signature="sweep: nothing; transients: late, and rounded at their start",
     parameters=(EffectParameter("time_s", "s", 0.0, 1.0, 0.03, text="time constant"),),
     lag=time_constant,

@@ -27,7 +27,7 @@ EFFECT = Effect(
     acts_in="sensor",
     title="missed or double pulses of the tachometer",
     sentence="The tachometer reads {scale} of the speed too high (negative: low): missed or double pulses.",
-    source="pulse counting",
+    source="counted pulses over pulses a turn: a wrong number of marks, pulses missed or counted twice",
     signature="sweep: speed wrong in proportion while the flow stays; transients: the same factor throughout",
     parameters=(EffectParameter("scale", "-", -0.6, 1.2, 0.05, text="reading over true speed, less 1"),),
     reads={"speed": reads},
