@@ -12,6 +12,7 @@ import numpy as np
 from calibration.diagnosis import descent
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
+from calibration.diagnosis.diagnose import detect_mismatch
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import cost_of
 from calibration.diagnosis.problem import Problem
@@ -31,6 +32,7 @@ def test_a_motor_can_be_sent_to_another_process() -> None:
 
 def test_processes_answer_in_order_and_elsewhere() -> None:
     with SideBySide(2) as side_by_side:
+        side_by_side.begin()
         assert side_by_side(divmod, [(7, 2), (9, 4), (1, 1)]) == [(3, 1), (2, 1), (1, 0)]
         assert os.getpid() not in side_by_side(os.getpid, [(), ()])
     with SideBySide(1) as alone:
@@ -39,6 +41,7 @@ def test_processes_answer_in_order_and_elsewhere() -> None:
 
 def test_what_a_killed_process_was_to_do_is_done_all_the_same() -> None:
     with SideBySide(2) as side_by_side:
+        side_by_side.begin()
         assert side_by_side(_die_elsewhere, [(os.getpid(),), (os.getpid(),)]) == [os.getpid()] * 2
         assert side_by_side(os.getpid, [(), ()]) == [os.getpid()] * 2
 
@@ -49,6 +52,14 @@ def _die_elsewhere(home: int) -> int:
     return home
 
 
+def test_the_base_model_is_the_same_to_the_bit_in_threads(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 3, DRAG)
+    recording = recordings.add_coast_down(tmp_path, 3, DRAG)
+    alone, beside = (detect_mismatch(recording, np.random.default_rng(1), workers=count) for count in (1, 2))
+    assert np.array_equal(alone.base.z, beside.base.z) and np.array_equal(alone.base.D, beside.base.D)
+    assert alone.detection.p_value == beside.detection.p_value
+
+
 def test_sets_are_the_same_to_the_bit_side_by_side(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 3, DRAG)
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
@@ -56,6 +67,7 @@ def test_sets_are_the_same_to_the_bit_side_by_side(tmp_path: Path) -> None:
     found, ends = [one for one in signatures(comparison, base) if one.effect in ("windage", "leakage")], []
     for workers in (1, 2):
         with SideBySide(workers) as side_by_side:
+            side_by_side.begin()
             search = Search(comparison, base, side_by_side)
             search.singles(found, base.u, -np.inf)
         ends.append({names: (mode.log_evidence, mode.z.tobytes()) for names, mode in search.modes.items()})

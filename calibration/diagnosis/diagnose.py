@@ -190,7 +190,13 @@ def diagnose(
     in_time = any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
-        first = detect_mismatch(recording, rng, clock, workers if in_time else 1)
+
+        def tell_and_begin(step: str) -> None:
+            clock(step)
+            if step == "detect":  # the base model's threads have all cores to themselves
+                side_by_side.begin()
+
+        first = detect_mismatch(recording, rng, tell_and_begin, workers if in_time else 1)
         return _diagnose(first, rng, clock, hold_out, side_by_side)
 
 

@@ -19,7 +19,7 @@ Answer = TypeVar("Answer")
 class SideBySide:
     """A context manager whose value calls a function with several sets of arguments.
 
-    Its processes are started when it is entered, so that they have loaded what they need when there is work.
+    Its processes are started by `begin`, so that they have loaded what they need when there is work.
 
     Parameters
     ----------
@@ -33,14 +33,17 @@ class SideBySide:
         self._others: set[BaseProcess] = set()
 
     def __enter__(self) -> SideBySide:
-        if self._workers > 1:
+        return self
+
+    def begin(self) -> None:
+        """Start the processes."""
+        if self._workers > 1 and self._pool is None:
             with contextlib.suppress(OSError):  # no more processes: then all is done in this one
                 self._others = set(multiprocessing.active_children())
                 context = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(self._workers, context, initializer=begin_worker)
                 for _ in range(self._workers):
                     self._pool.submit(_load)
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
