@@ -15,7 +15,7 @@ MIXED_CASES ?= 100
 NULLS_CASES ?= 200
 SEED ?=
 
-.PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record figures lock clean clean-cache
+.PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record demonstration figures lock clean clean-cache
 
 help:
 	@echo "make demo    install, sweep a virtual bench, replay and fit it; fit the published sweep; all in $(OUT)/demo"
@@ -28,6 +28,7 @@ help:
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
 	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (long, resumable)"
 	@echo "make record  the full blind record, in parts, and its page (hours, resumable)"
+	@echo "make demonstration FILES=FOLDER   the demonstrations on public data of other rigs, whose files are in the folder"
 	@echo "make figures the article's figures and results anew, in docs/figures and docs/reproduction.md"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"
@@ -107,6 +108,12 @@ record: $(STAMP)
 	  $(BIN)/spinbench challenge score $$folder --follow-ups --oracle --keep $(RECORD_KEPT); \
 	  $(BIN)/spinbench challenge pool $(RECORD_KEPT)/*.json.gz --page $(RECORD_PAGE); \
 	done
+
+# NAME is emps, dexpand, cylinder, baseball, whiffle_ball, or all of which there are files in the folder FILES.
+NAME ?= all
+demonstration: $(STAMP)
+	@test -n "$(FILES)" || { echo "name the folder with the files: make demonstration FILES=FOLDER"; exit 2; }
+	$(BIN)/python scripts/demonstrate.py $(NAME) $(FILES) --out $(OUT)/demonstrations
 
 figures: $(STAMP)
 	$(BIN)/spinbench reproduce -o docs/figures --page docs/reproduction.md
