@@ -358,9 +358,10 @@ def diagnose(
     from calibration.diagnosis.together import together
     from calibration.report import diagnosis_page, diagnosis_table, diagnosis_words, files, simulation
     from calibration.rigs_problem import OF_KIND
+    from rig.recording import RecordingError
 
     if hold_out is not None and hold_out.resolve() in [folder.resolve() for folder in recording]:
-        raise typer.BadParameter(f"{hold_out} is to be held out and diagnosed: name a run that is not among the others")
+        raise RecordingError(f"{hold_out} is to be held out and diagnosed: name a run that is not among the others")
     read = together([_recording(folder) for folder in recording])
     for words in read.warnings:
         print(f"spinbench: {words}", file=sys.stderr)

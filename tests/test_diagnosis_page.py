@@ -304,5 +304,21 @@ def test_unusable_input_is_refused_in_a_line_and_nothing_is_written(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_what_is_held_out_may_not_be_diagnosed_too(tmp_path):
+    sweep(tmp_path / "recording", 11, {})
+    done = spinbench("diagnose", tmp_path / "recording", "--hold-out", tmp_path / "recording", "--json", "-")
+    assert done.returncode == 2 and done.stdout == ""
+    assert "is to be held out and diagnosed" in " ".join(done.stderr.split())
+
+
+def test_a_run_held_out_for_nothing_is_told(tmp_path):
+    """Nothing is named that could predict it."""
+    for seed, name in ((11, "recording"), (12, "unseen")):
+        sweep(tmp_path / name, seed, {})
+    done = spinbench("diagnose", tmp_path / "recording", "--hold-out", tmp_path / "unseen", "--json", "-")
+    assert json.loads(done.stdout)["verdict"] == "consistent"
+    assert f"{tmp_path / 'unseen'} was not predicted" in done.stderr
+
+
 def test_the_page_opens_in_a_browser(files, tmp_path):
     assert browser.has_print(browser.shown(files["report.html"], tmp_path))
