@@ -240,6 +240,22 @@ def test_a_free_form_force_is_near_nothing_where_nothing_is_left_out(clean):
         assert np.mean(np.abs(curve.mean) < 3.0 * curve.sd) >= 0.75
 
 
+def test_every_balance_and_every_instrument_is_pictured_along_what_it_could_hang_on(clean):
+    """Along pressure not: without load the sweep cannot tell that from speed."""
+    shown = [(one.quantity, one.unit, one.along.name, one.along.unit) for one in numbers.curves(clean)]
+    assert shown[:4] == [
+        ("torque", "N m", "speed", "rpm"),
+        ("flow", "L/min", "speed", "rpm"),
+        ("torque", "N m", "time", "min"),
+        ("flow", "L/min", "time", "min"),
+    ]
+    assert set(shown[4:]) == {
+        ("error", "kPa", "pressure", "bar"),
+        ("error", "L/min", "flow", "L/min"),
+        ("error", "rpm", "speed", "rpm"),
+    }
+
+
 def test_the_file_that_speaks_against_a_rival_is_the_only_one_there_is(leak):
     rival = next(c for c in leak.candidates if not c.names)
     assert diagnosis_sets.told_by(leak, rival) == (HOSTILE, 1.0)

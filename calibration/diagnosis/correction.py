@@ -95,7 +95,7 @@ def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correct
     return mean, np.sqrt(np.maximum(variance, 0.0))
 
 
-def corrections(comparison: Comparison, mode: Mode, u: np.ndarray) -> list[Correction]:
+def corrections(comparison: Comparison, mode: Mode, u: np.ndarray, meters: bool = False) -> list[Correction]:
     """The smooth torques and flows along each coordinate, one at a time, that of most evidence first.
 
     Parameters
@@ -106,10 +106,13 @@ def corrections(comparison: Comparison, mode: Mode, u: np.ndarray) -> list[Corre
         The base model.
     u : ndarray, shape (5,)
         The noise that the detection found [-].
+    meters : bool
+        Whether the instruments' errors, each along its own range, are given too [Pa], [m3/s] or [rad/s].
     """
     problem = straight(comparison, mode, u)
     every = np.ones(comparison.read.size, dtype=bool)
-    found = [_smoothed(_Fitted(problem, one, every)) for one in _of_balances(problem)]
+    listed = processes(problem) if meters else _of_balances(problem)
+    found = [_smoothed(_Fitted(problem, one, every)) for one in listed]
     return sorted(found, key=lambda one: -one.gain)
 
 

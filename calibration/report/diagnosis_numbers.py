@@ -9,13 +9,20 @@ import numpy as np
 from calibration.diagnosis.correction import Correction, corrections
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.linear import FLOW, SPEED
+from calibration.diagnosis.locate import METERS
 from calibration.diagnosis.mode import Mode
 from calibration.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, RPM
 
 UNITS = {"flow": ("L/min", L_MIN), "speed": ("rpm", RPM)}
 KINDS = {"flow": FLOW, "speed": SPEED}
-FAMILIAR = {"speed": ("rpm", RPM), "time": ("min", 1.0 / 60.0), "pressure": ("bar", 1.0 / PASCAL_PER_BAR)}
+FAMILIAR = {
+    "speed": ("rpm", RPM),
+    "time": ("min", 1.0 / 60.0),
+    "pressure": ("bar", 1.0 / PASCAL_PER_BAR),
+    "flow": ("L/min", L_MIN),
+}
+ERRORS = {"pressure": ("kPa", 1e-3), "flow": ("L/min", L_MIN), "speed": ("rpm", RPM)}  # of each channel's instrument
 Q95 = 1.6448536269514722  # of a standard normal
 SAME = 1e-9
 
@@ -58,12 +65,12 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Curve:
-    """A smooth torque or flow with its uncertainty.
+    """A smooth torque, flow or error of an instrument with its uncertainty.
 
     Attributes
     ----------
     title, quantity, unit : str
-        What it is, torque or flow, and its unit.
+        What it is: torque, flow or error, and its unit.
     along : Coordinate
         Where it is known [own unit].
     mean, sd : ndarray, shape (k,)
@@ -148,20 +155,26 @@ def noise(found: Diagnosis, channel: str) -> float:
 
 
 def curves(found: Diagnosis) -> list[Curve]:
-    """The torque and the flow that would close the balances, smooth, everything else free with its prior.
+    """The torque and the flow that would close the balances, and the instruments' errors, smooth; one at a time.
 
-    Along speed and time; that which an unresolved verdict predicts with comes first, whatever it is along.
+    Everything else is free with its prior. Along speed, time and pressure, an error along its instrument's own range;
+    that which an unresolved verdict predicts with comes first.
 
     Parameters
     ----------
     found : Diagnosis
         The diagnosis.
     """
-    smooth = corrections(found.comparison, found.base, found.detection.u)
-    order = {("torque", "speed"): 0, ("mass", "speed"): 1, ("torque", "time"): 2, ("mass", "time"): 3}
+    smooth = corrections(found.comparison, found.base, found.detection.u, meters=True)
+    order = ["speed", "time", "pressure", "flow"]
     shown = sorted(
-        (one for one in smooth if (one.balance, one.coordinate) in order or _is(one, found.correction)),
-        key=lambda one: -1 if _is(one, found.correction) else order[one.balance, one.coordinate],
+        smooth,
+        key=lambda one: (
+            not _is(one, found.correction),
+            one.balance == "sensor",
+            order.index(one.coordinate),
+            one.balance != "torque",
+        ),
     )
     return [_curve(found, one) for one in shown]
 
@@ -171,18 +184,22 @@ def _is(one: Correction, other: Correction | None) -> bool:
 
 
 def _curve(found: Diagnosis, one: Correction) -> Curve:
-    torque = one.balance == "torque"
+    title, quantity, shown, size = {
+        "torque": ("braking torque that the model lacks", "torque", "N m", 1.0),
+        "mass": ("flow that the model lacks", "flow", "L/min", L_MIN),
+        "sensor": (f"what the {METERS[one.channel]} reads too much", "error", *ERRORS[one.channel]),
+    }[one.balance]
     unit, factor = FAMILIAR[one.coordinate]
     spans = tuple(
         (place.where[0] * factor, place.where[1] * factor)
         for place in found.places
-        if place.coordinate == one.coordinate and place.channel == one.channel
+        if (place.coordinate, place.channel) == (one.coordinate, one.channel)
+        and place.sentence.startswith("An error of") == (one.balance == "sensor")
     )
-    size = 1.0 if torque else L_MIN
     return Curve(
-        f"{'braking torque' if torque else 'flow'} that the model lacks",
-        "torque" if torque else "flow",
-        "N m" if torque else "L/min",
+        title,
+        quantity,
+        shown,
         Coordinate(one.coordinate, unit, one.at * factor),
         size * one.mean,
         size * one.sd,
