@@ -388,8 +388,7 @@ def diagnose(
 def _diagnose_rig(read: Recording, out: Path | None, json_file: Path | None, seed: int, hold_out: Path | None) -> None:
     """The diagnosis of a rig that is not this motor."""
     from calibration.report import diagnosis_words, files, simulation
-    from calibration.rigs_diagnosis import as_json, look, words
-    from calibration.rigs_diagnosis.picture import picture
+    from calibration.rigs_diagnosis import as_json, look, page, words
 
     unseen = None if hold_out is None else _recording(hold_out)
     with _diagnosing() as tell:
@@ -398,12 +397,12 @@ def _diagnose_rig(read: Recording, out: Path | None, json_file: Path | None, see
         data = simulation.json_bytes(found)
         if out is not None:
             tell("report")
-            files.write_files(out, {"diagnosis.json": data, "diagnosis.png": picture(diagnosis)})
+            files.write_files(out, {"diagnosis.json": data} | page.report(diagnosis, found))
     _deliver(data, words.table(found), None, json_file, None)
     print(words.sentence(found), file=sys.stderr)
     print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
     if out is not None:
-        print(f"spinbench: the picture is {out / 'diagnosis.png'}", file=sys.stderr)
+        print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
 
 
 # Percent done when each step of a diagnosis begins, by its first words; what is told in between goes on from there.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,7 +15,8 @@ import numpy as np
 import pytest
 
 import tests.rig_recordings as rigs
-from calibration.rigs_diagnosis import diagnose_rig, look
+from calibration.rigs_diagnosis import as_json, diagnose_rig, look
+from calibration.rigs_diagnosis.page import report
 from calibration.rigs_diagnosis.picture import picture
 from calibration.rigs_diagnosis.words import sentence, table
 from calibration.rigs_fit import fit_rig
@@ -186,13 +188,32 @@ def spinbench(*words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def test_the_page_has_what_was_found_and_escapes_what_is_foreign(dry_axis: Recording) -> None:
+    foreign = replace(dry_axis, folder=Path("/<b>axis"), warnings=("<script>alert(1)</script>",))
+    found = look(foreign, 1, lambda _: None)
+    text = report(found, as_json(found))["report.html"].decode()
+    assert "<script>" not in text and "<b>" not in text
+    for words in (
+        "dry friction",
+        "N s/m",
+        "held-out readings",
+        "drive_offset",
+        "Candidates",
+        "base model: nothing left out",
+    ):
+        assert words in text
+
+
 def test_the_command_line_diagnoses_a_rig_written_out_in_its_recording(tmp_path: Path) -> None:
     write_recording(rigs.machine(draw(1)), tmp_path / "machine")
     done = spinbench("diagnose", str(tmp_path / "machine"), "--json", str(tmp_path / "out.json"), "-o", str(tmp_path))
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "out.json").read_text())
     assert (found["format"], found["verdict"]) == ("diagnosis/1", "consistent")
-    assert (tmp_path / "diagnosis.png").stat().st_size > 1000
+    assert (tmp_path / "report.png").stat().st_size > 1000
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert found["why"] in page and "data:image/png;base64," in page and "http" not in page
+    assert re.search(r"base model \d+\.\d s.* s in all", done.stderr)
     assert found["sentence"] in done.stderr
 
 

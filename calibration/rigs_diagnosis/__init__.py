@@ -4,7 +4,7 @@ linear      a fitted model made linear: unknowns, effects, forces of any shape
 places      the free-form forces, and where along what they act
 detect, name, confirm, verdict, next_test: the steps
 diagnose    all of them
-document    the result as diagnosis/1; words, picture: for people
+document    the result as diagnosis/1; words, picture, page: for people
 """
 
 from __future__ import annotations

@@ -83,23 +83,50 @@ def table(document: Mapping[str, Any]) -> Table:
         made.add_row("or", titles(names))
     for place in document["located"][:MOST_ROWS]:
         made.add_row("where", place["sentence"])
-    held_out = document["improvement"]["held_out"]
-    if held_out:
-        for key, before in held_out["rmse_before"].items():
-            unit, factor = UNITS[key]
-            after, size = held_out["rmse_after"][key], held_out["rms_of_readings"][key]
-            shares = f": from {before / size:.1%} to {after / size:.1%} of the readings" if before < size else ""
-            errors = f"{before * factor:.3g} to {after * factor:.3g} {unit}"
-            made.add_row(f"held out, {held_out['scheme']}", f"error from {errors}{shares}")
-        gain = f"{held_out['elpd_gain']:.1f} ± {held_out['elpd_gain_se']:.1f}"
-        made.add_row("", f"log score gained {gain} over {held_out['folds']} block(s)")
-    unit = document["friction_unit"]
-    for key, words in (("f_overall_before", "viscous friction, base"), ("f_overall_after", "viscous friction, after")):
-        if document[key]:
-            made.add_row(words, f"{document[key]['mean']:.4g} ± {document[key]['sd']:.2g} {unit}")
+    for i, said in enumerate(held_out_in_words(document)):
+        made.add_row(f"held out, {document['improvement']['held_out']['scheme']}" if i == 0 else "", said)
+    for words, said in friction_in_words(document):
+        made.add_row(words, said)
     for test in document["next_tests"][:MOST_ROWS]:
         made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
     return made
+
+
+def held_out_in_words(document: Mapping[str, Any]) -> list[str]:
+    """The errors on held-out readings by channel, and the gain; nothing where none were held out.
+
+    Parameters
+    ----------
+    document : mapping
+        A diagnosis/1 of another rig.
+    """
+    held_out = document["improvement"]["held_out"]
+    if not held_out:
+        return []
+    said = []
+    for key, before in held_out["rmse_before"].items():
+        unit, factor = UNITS[key]
+        after, size = held_out["rmse_after"][key], held_out["rms_of_readings"][key]
+        shares = f": from {before / size:.1%} to {after / size:.1%} of the readings" if before < size else ""
+        said.append(f"error from {before * factor:.3g} to {after * factor:.3g} {unit}{shares}")
+    gain = f"{held_out['elpd_gain']:.1f} ± {held_out['elpd_gain_se']:.1f}"
+    return [*said, f"log score gained {gain} over {held_out['folds']} block(s)"]
+
+
+def friction_in_words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Viscous friction of the base model and after, with their names.
+
+    Parameters
+    ----------
+    document : mapping
+        A diagnosis/1 of another rig.
+    """
+    named = (("f_overall_before", "viscous friction, base"), ("f_overall_after", "viscous friction, after"))
+    return [
+        (words, f"{document[key]['mean']:.4g} ± {document[key]['sd']:.2g} {document['friction_unit']}")
+        for key, words in named
+        if document[key]
+    ]
 
 
 def _effect(effect: Mapping[str, Any]) -> str:
