@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibration.priors import PASCAL_PER_BAR, Unknown
-from calibration.rigs_readings import TO_SI, Flat, Readings, noise_sd
+from calibration.rigs_readings import SI_UNITS, TO_SI, Flat, Readings, noise_sd
 from calibration.rigs_table import RigTable, Seen, instrument, transients
 from model.effects.laws import Chosen
 from model.rigs.driven_axis import LOAD_AREA, Blocks, blocks_of, drive
@@ -90,7 +90,7 @@ def _zeros_of_runs(table: RigTable, files: Files, of_drive: str, area: float | N
     if len(files) < 2 or zero <= 0.0:
         return []
     why = "the zeros of a run, beside those of the recording"
-    return [Unknown(f"{file.file}.drive_offset", "SI", "normal", 0.0, zero, why) for file, _ in files]
+    return [Unknown(f"{file.file}.drive_offset", SI_UNITS[of_drive], "normal", 0.0, zero, why) for file, _ in files]
 
 
 def _sizes(files: Files, readings: Sequence[Readings]) -> Sizes:

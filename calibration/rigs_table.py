@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
-from calibration.rigs_readings import TO_SI, Flat, Readings
+from calibration.rigs_readings import SI_UNITS, TO_SI, Flat, Readings
 from model.rigs.driven_axis import Blocks
 from model.rigs.state import AMBIENT_PA, ROOM_K, Sizes
 from rig.recording import Recording, RecordingFile
@@ -129,5 +129,5 @@ def instrument(recording: Recording, channel: str, column: str) -> list[Unknown]
     """
     figures = recording.channels[column]
     why = f"recording, channels.{column}"
-    both = (("offset", figures.bias_sd * TO_SI[column], "SI"), ("scale", figures.scale_sd, "1"))
+    both = (("offset", figures.bias_sd * TO_SI[column], SI_UNITS[column]), ("scale", figures.scale_sd, "1"))
     return [Unknown(f"{channel}_{what}", unit, "normal", 0.0, sd, why) for what, sd, unit in both if sd > 0.0]
