@@ -116,6 +116,13 @@ def test_a_leak_is_named_with_its_size(leaking) -> None:
         assert abs(said["mean"] - LEAK) < 5.0 * said["sd"] + 0.1 * LEAK
 
 
+def test_no_probability_is_stated_higher_than_such_verdicts_came_true(leaking) -> None:
+    _, found = leaking
+    assert found["set_probability"] <= 0.85
+    assert all(effect["probability"] <= 0.95 for effect in found["effects"])
+    assert found["effects"][0]["probability"] >= found["set_probability"]
+
+
 def test_the_document_has_the_promised_form(leaking) -> None:
     again = json.loads(json.dumps(leaking[1], allow_nan=False))
     assert set(again) >= KEYS

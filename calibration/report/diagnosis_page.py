@@ -132,9 +132,13 @@ def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
     said = f"If nothing were left out, a mismatch as large would come by chance in {chance} of all cases{beyond}."
     if document["verdict"] == "unresolved":
         return said
-    share = probability(document["set_probability"]).replace("> ", "above ")
+    share = probability(found.verdict.set_probability).replace("> ", "above ")
     this = "the first of these sets" if document["verdict"] == "confounded" else "this set"
-    return f"{said} The probability of {this}, of all that were weighed, is {share}."
+    known = probability(document["set_probability"])
+    return (
+        f"{said} The probability of {this} is {share} among all that were weighed, and {known} as sets have turned out "
+        "to be whole in blind tests."
+    )
 
 
 def _excluded(found: Diagnosis, document: Mapping[str, Any]) -> str:
