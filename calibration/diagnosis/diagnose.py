@@ -402,7 +402,7 @@ def _rivals(candidates: list[Candidate], verdict: Verdict[Candidate]) -> list[Ca
         likely = not_excluded(candidates)
         return [*(c for c in candidates if not c.names), *likely] if likely else []
     if verdict.chosen is None:
-        return [c for c in candidates if c.names][:3]
+        return sorted((c for c in candidates if c.names), key=lambda c: bool(c.refused))[:3]  # most probable first
     listed = set(verdict.alternatives)
     return [verdict.chosen, *(c for c in candidates if c.names in listed)]
 

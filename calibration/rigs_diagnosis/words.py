@@ -35,7 +35,8 @@ def sentence(document: Mapping[str, Any]) -> str:
         words = f"Left out of the model ({chance}): {', '.join(_effect(one) for one in document['effects'])}."
     else:
         rivals = "; or ".join(titles(names) for names in [named, *document["alternatives"][:MOST_ROWS]])
-        words = f"Something is left out ({chance}), and this recording cannot tell: {rivals}."
+        certain = "may be" if [] in [list(names) for names in document["alternatives"]] else "is"
+        words = f"Something {certain} left out ({chance}), and this recording cannot tell: {rivals}."
     left = document["left"]
     if left and left["p_value"] < LEFT_P:
         share = f"{left['share_of_mismatch']:.1%} of the mismatch"
@@ -62,7 +63,7 @@ def titles(names: list[str]) -> str:
     names : list of str
         Effect ids.
     """
-    return " with ".join(effects()[name].title for name in names)
+    return " with ".join(effects()[name].title for name in names) or "nothing left out"
 
 
 def table(document: Mapping[str, Any]) -> Table:
