@@ -37,7 +37,7 @@ def torques(
     P_in : float
         Pressure of the line [Pa]; that of the ambient where it is vented.
     omega : ndarray, shape (n,)
-        Speeds above 0 [rad/s].
+        Speeds above 0 [rad/s], increasing; where the heat cannot be solved for, the next one stands in.
     out : ndarray, shape (n, 3)
         Filled: torque of the gas less roller friction [N m], mass flow through the inlet [kg/s], and roller torque per
         unit of f_r [N m]. Viscous friction and the extra torque are not in it.
@@ -62,8 +62,8 @@ def torques(
     P_s, P_d = P_in - parameters[at.DP_IN], P_a + parameters[at.DP_OUT]
     net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, 0.0, f_r, table, steps)
     lost = heat_cycle.friction_below_ambient(P_s, P_a, gamma, V_high, f_r, readings, node)
-    T = parameters[at.T_IN] * min(P_d / P_s, 1.0) ** (1.0 - 1.0 / gamma)
-    m_in = 0.0
+    T_first = parameters[at.T_IN] * min(P_d / P_s, 1.0) ** (1.0 - 1.0 / gamma)
+    T, m_in = T_first, 0.0
     for i in range(omega.size):
         held[:] = omega[i]
         for _ in range(MOST_PASSES):
@@ -72,9 +72,18 @@ def torques(
             )
             settled = abs(after - T) <= TOLERANCE * T
             T = after
-            if settled:
+            if settled or not np.isfinite(T):
                 break
+        if not np.isfinite(T):  # so much heat at so little speed that the passes run away
+            T = T_first
+            stage[:] = 0.0
+            out[i, NET] = np.nan
+            continue
         out[i, NET] = net - lost + np.sum(work) / at.PULSE
         out[i, MASS_FLOW] = m_in / at.PULSE * omega[i]
         out[i, LOAD] = (gas_torque - net + lost) / max(f_r, 1e-9)
+    for i in range(omega.size - 2, -1, -1):  # there the gas has the wall's temperature, as at the next speed
+        if not np.isfinite(out[i, NET]):
+            out[i] = out[i + 1]
+            out[i, MASS_FLOW] *= omega[i] / omega[i + 1]
     return pulse.gain(table, pulse.GAS_S, pulse.ROLL_S, f_r), pulse.gain(table, pulse.GAS_D, pulse.ROLL_D, f_r)

@@ -126,3 +126,17 @@ def test_the_rotor_stops_and_does_not_turn_back() -> None:
     dry = {"coulomb_friction": {"torque_nm": 0.3}}
     found = averaged.speeds(MOTOR.vector(), READINGS, supply, time, 40.0, dry)
     assert found[-1] == 0.0 and found.min() == 0.0 and np.all(np.diff(found) <= 1e-9)
+
+
+def test_much_heat_at_little_speed_spoils_no_other_speed() -> None:
+    """The passes over the cycle run away there; a diagnosis of a coast-down ended in an error."""
+    parameters = changed(at.HEAT_FACTOR, 10.0)
+    speeds, out = np.array([0.3, 0.64, 2.2, 6.5, 20.0, 32.0]), np.empty((6, torque_only.N_OUT))
+    gas = gas_state(parameters, 1.8e5, READINGS)
+    torque_only.torques(parameters, READINGS, gas, 1.8e5, speeds, out)
+    alone = np.empty((1, torque_only.N_OUT))
+    torque_only.torques(parameters, READINGS, gas, 1.8e5, speeds[-1:], alone)
+    assert np.all(np.isfinite(out))
+    assert out[-1] == pytest.approx(alone[0], rel=1e-6)
+    assert np.all(np.diff(out[:, torque_only.MASS_FLOW]) > 0.0)
+    assert np.all(np.isfinite(run(changed(at.HEAT_FACTOR, 10.0), 40.0, {}, False)))

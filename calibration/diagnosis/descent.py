@@ -182,7 +182,10 @@ def _rough(f: Function, comparison: Comparison, here: _Point) -> _Point:
     begun = _Point(cost, z, u, here.D, predicted)
     z = _within_a_pulse(f, z)
     of = f.near(z)
-    z, u, D, there = _descend(f, comparison, z, u, here.D, of(z), of)
+    there = of(z)
+    if not np.all(np.isfinite(comparison.raw(there)[comparison.known])):
+        return replace(begun, reached=begun.cost)  # the mean torque says nothing here, the pulses do
+    z, u, D, there = _descend(f, comparison, z, u, here.D, there, of)
     reached = _cost(comparison, z, u, there)
     predicted = f(z)
     cost, u = _at(comparison, z, u, predicted, D)
