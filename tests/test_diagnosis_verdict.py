@@ -13,7 +13,7 @@ import pytest
 
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.base import base_of
-from calibration.diagnosis.confirm import cross_validate, fit_on, predict_held
+from calibration.diagnosis.confirm import HeldOut, cross_validate, fit_on, predict_held
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import _Test
 from calibration.diagnosis.forces import forces
@@ -201,6 +201,14 @@ def test_beside_a_base_model_that_is_not_excluded_it_is_listed() -> None:
     document = {"verdict": "confounded", "mismatch": {"p_value": 0.005}, "effects": [{"id": "windage"}]}
     said = sentence(document | {"alternatives": [[]]})
     assert said.startswith("Something may be left out") and said.endswith("from nothing left out.")
+
+
+@pytest.mark.parametrize(("gain", "kind"), [(-3.0, "named"), (-5.0, "unresolved")])
+def test_an_instrument_far_off_need_not_predict_better_than_one_that_is_pulled(gain: float, kind: str) -> None:
+    """Differences below 4 decide nothing, whatever few folds say of their error."""
+    base, heavy = Weighed((), 0.0), Weighed(("inertia",), 0.999)
+    held_out = HeldOut(12, 12, {}, {}, gain, 1.5, "")
+    assert judge(1e-9, [heavy, base], {(): 1e-9, heavy.names: 0.3}, held_out).kind == kind
 
 
 def test_a_set_that_was_not_tested_is_not_named() -> None:

@@ -131,7 +131,7 @@ def judge(
     gained = held_out is None or held_out.gain > max(LEAST_GAIN, ERRORS * held_out.gain_se)
     if held_out is not None and all(name in effects() and effects()[name].nuisance for name in best.names):
         # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
-        gained = held_out.gain > -ERRORS * held_out.gain_se
+        gained = held_out.gain > -max(LEAST_GAIN, ERRORS * held_out.gain_se)
     rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]
     # The model itself is not perfect to the last digit: a further member must be needed by more than a hair.
     rivals += [c for c in allowed if set(c.names) < set(best.names) and c not in passing and _nearly(c, residual_p)]
