@@ -373,6 +373,22 @@ def test_a_vented_gauge_that_reads_right_is_consistent(tmp_path: Path) -> None:
     assert as_json(diagnose(with_zero(tmp_path, 1.0135), 1))["verdict"] == "consistent"
 
 
+def test_what_pulls_a_nuisance_is_handed_over_to_the_effect_that_has_its_form(tmp_path: Path) -> None:
+    """An inertia 0.9 too large is a nuisance pulled by six sds and a share of it: the two multiply to the same."""
+    heavy = {"inertia": {"share": 0.9}}
+    recordings.sweep(tmp_path, 5, heavy)
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 5, heavy)))
+    place, k = comparison.problem.place("inertia"), len(comparison.problem.nuisances)
+    assert place is not None
+    base = base_of(comparison)
+    assert abs(base.z[place]) > descent.PULLED
+    found = find(comparison, ("inertia",), base)
+    nuisance, (_, unknown) = comparison.problem.nuisances[place], comparison.problem.effect_unknowns(("inertia",))[0]
+    factors = float(nuisance.value(found.z[place]) / nuisance.value(0.0)), 1.0 + float(unknown.value(found.z[k]))
+    assert factors[0] * factors[1] == pytest.approx(1.9, rel=0.05)
+    assert abs(found.z[place]) < 2.0 and factors[1] > 1.6
+
+
 def test_an_unseen_run_speaks_for_the_effect_that_is_there(tmp_path: Path) -> None:
     comparison = Comparison(Problem(recordings.sweep(tmp_path / "seen", 6, LEAK)))
     base, leak = find(comparison, ()), find(comparison, ("leakage",))

@@ -18,7 +18,7 @@ from calibration.diagnosis.function import Function, Predicts
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
-from calibration.diagnosis.problem import Prediction
+from calibration.diagnosis.problem import SI_OF, Prediction
 from calibration.diagnosis.threads import each
 from model.effects import effects
 
@@ -33,6 +33,7 @@ HOPELESS, ROUGHLY_HOPELESS = 50.0, 100.0  # nats behind the best set from which 
 MOST_ROUNDS = 8  # times that derivatives with the pulses are taken
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 LEAST_ROUND = 0.05  # nats that a round with new derivatives has to gain
+PULLED = 3.0  # sds from which a nuisance is handed over to the effect that has its form
 TURNS = 0.3  # share of the speed read above which a level is taken to turn
 LOOSER, LOOSER_BY = 12, 0.25  # steps of the roller factor with which a level that stands is made to turn [-]
 EDGE = math.sqrt(3.0)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior
@@ -82,16 +83,17 @@ def find(
     """
     problem = comparison.problem
     f = Function(comparison, names)
-    begun = _begun(comparison, f, starts or (None,), first or {})
+    begun, plain = _begun(comparison, f, starts or (None,), first or {})
     if not problem.blocks.runs:
         ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
         ends += [_trusting(f, comparison, *end, f) for end in ends if _some_bad(comparison, end)]
         ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
         return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
     rough = [_rough(f, comparison, point) for point in begun]
-    here = min(rough, key=lambda point: point.cost)
+    # What was handed over goes on beside the rest: the rough start says little of which ends lower.
+    here, *other = [min(some, key=lambda point: point.cost) for some in (rough[:plain], rough[plain:]) if some]
     if min(point.reached for point in rough) <= best + ROUGHLY_HOPELESS or not math.isfinite(here.cost):
-        here = _with_pulses(f, comparison, here)
+        here = min((_with_pulses(f, comparison, point) for point in (here, *other)), key=lambda point: point.cost)
         if here.cost <= best + HOPELESS:
             for another in (_begun_otherwise, _looked_at_again):
                 tried = another(f, comparison, here)
@@ -135,8 +137,11 @@ def _looked_at_again(f: Function, comparison: Comparison, here: _Point) -> _Poin
 
 def _begun(
     comparison: Comparison, f: Function, starts: Sequence[Mode | None], first: dict[tuple[str, str], float]
-) -> list[_Point]:
-    """The points to start from; a start at which the model gives no reading is left out where another does."""
+) -> tuple[list[_Point], int]:
+    """The points to start from, and how many of them hand nothing over.
+
+    A start at which the model gives no reading is left out where another does.
+    """
     found = []
     for start in starts:
         with contextlib.suppress(ArithmeticError):
@@ -144,7 +149,33 @@ def _begun(
     if not found:
         what = " and ".join(f.names) or "nothing added"
         raise ArithmeticError(f"the model with {what} gives no reading to start from")
-    return found
+    handed = [other for point in found if (other := _handed_over(comparison, f, point)) is not None]
+    return [*found, *handed], len(found)
+
+
+def _handed_over(comparison: Comparison, f: Function, point: _Point) -> _Point | None:
+    """A point with what a nuisance is pulled by handed over to the effect that has its form; None where none is.
+
+    The two multiply or add up to the same: along that ridge, which may be curved, a search creeps.
+    """
+    problem, z = comparison.problem, point.z.copy()
+    for i, (name, unknown) in enumerate(problem.effect_unknowns(f.names), start=f.k):
+        effect = effects()[name]
+        place = problem.place(effect.nuisance) if effect.nuisance and unknown.name == effect.amplitude.name else None
+        if place is None or abs(z[place]) < PULLED:
+            continue
+        nuisance = problem.nuisances[place]
+        pulled, usual = (float(one) for one in nuisance.value(np.array([z[place], 0.0])))
+        in_si = SI_OF[nuisance.name.partition("_")[0]] if nuisance.name.endswith("_offset") else 1.0
+        z[i] = unknown.z(pulled / usual - 1.0 if effect.factors else (pulled - usual) * in_si)
+        z[place] = 0.0
+    if np.array_equal(z, point.z):
+        return None
+    z = f.clip(z)
+    predicted = f(z)
+    if not np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
+        return None
+    return _Point(math.inf, z, point.u, point.D, predicted)
 
 
 def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[tuple[str, str], float]) -> _Point:
