@@ -172,7 +172,10 @@ def _handed_over(comparison: Comparison, f: Function, point: _Point) -> _Point |
     if np.array_equal(z, point.z):
         return None
     z = f.clip(z)
-    predicted = f(z)
+    try:
+        predicted = f(z)
+    except ArithmeticError:
+        return None
     if not np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
         return None
     return _Point(math.inf, z, point.u, point.D, predicted)
