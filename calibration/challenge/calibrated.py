@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from calibration.challenge.intervals import half_width_50, reliability, share
-from calibration.challenge.judging import LISTED, LISTED_IN_LIBRARY, NONE, RIGHT, SINGLE, Case, said_set
+from calibration.challenge.judging import LISTED, LISTED_IN_LIBRARY, NONE, RIGHT, SINGLE, Case, mixed, said_set
 
 LEAST_ORACLE_GAIN = 4.0  # below it a ratio of gains says nothing
 
 
-def coverage(cases: Sequence[Case], mixed: Sequence[Case] | None = None) -> dict[str, Any]:
+def coverage(cases: Sequence[Case]) -> dict[str, Any]:
     """How often the 50 and 90 % intervals of f_overall and of the effects' sizes hold the truth.
 
     Sizes are counted where the right set was named and its form is the library's. The 90 % interval is q05 to q95 as
@@ -23,14 +23,13 @@ def coverage(cases: Sequence[Case], mixed: Sequence[Case] | None = None) -> dict
     ----------
     cases : sequence of Case
         All.
-    mixed : sequence of Case, optional
-        Those of them that are of a whole make-up; all when left out.
     """
-    mixed = cases if mixed is None else mixed
-    after = [(c, c.diagnosis["f_overall_after"]) for c in cases if c.diagnosis and _of(c, "after")]
-    whole = {id(c) for c in mixed}
+    after, of_all = (
+        [(c, c.diagnosis["f_overall_after"]) for c in some if c.diagnosis and _of(c, "after")]
+        for some in (cases, mixed(cases))
+    )
     parts: dict[str, list[tuple[Case, Mapping[str, float]]]] = {
-        "all": [one for one in after if id(one[0]) in whole],
+        "all": of_all,
         "nothing concealed": [one for one in after if one[0].group == NONE],
         "verdict right": [one for one in after if one[0].outcome == RIGHT and one[0].group != NONE],
         "truth listed": [one for one in after if one[0].outcome == LISTED],
@@ -38,7 +37,7 @@ def coverage(cases: Sequence[Case], mixed: Sequence[Case] | None = None) -> dict
         "one effect": [one for one in after if one[0].group == SINGLE],
     }
     before = [(c, c.diagnosis["f_overall_before"]) for c in cases if c.diagnosis and _of(c, "before")]
-    if len(mixed) < len(cases):
+    if len(of_all) < len(after):
         parts["with those of campaigns of one category"] = after
     parts["before: the base model alone"] = [one for one in before if one[0].group != NONE]
     sizes = [pair for case in cases for pair in _sizes(case)]

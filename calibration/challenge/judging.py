@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -117,6 +117,17 @@ class Case:
     def separable(self) -> bool:
         """Whether the recording can tell it from every rival, by the scorer's account."""
         return bool(self.signatures and self.signatures.get("separable"))
+
+
+def mixed(cases: Sequence[Case]) -> list[Case]:
+    """Cases of campaigns with the whole make-up, for the shares of all; all of them where there are no such.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+        Any.
+    """
+    return [case for case in cases if not case.apart] or list(cases)
 
 
 def said_set(diagnosis: Mapping[str, Any]) -> frozenset[str]:

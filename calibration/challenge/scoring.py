@@ -43,8 +43,6 @@ def summary(cases: Sequence[Case]) -> dict[str, Any]:
         All of them; none is dropped.
     """
     by_group = {group: [case for case in cases if case.group == group] for group in GROUPS}
-    # A thousand nulls more would make any share of all look well.
-    mixed = [case for case in cases if not case.apart] or cases
     found: dict[str, Any] = {
         "cases": len(cases),
         "make_up": {group: len(mine) for group, mine in by_group.items()},
@@ -59,12 +57,12 @@ def summary(cases: Sequence[Case]) -> dict[str, Any]:
         "by_signal": by_signal([c for group in LISTED_IN_LIBRARY for c in by_group[group]]),
         "nulls": nulls(by_group[NONE]),
         "near": near(by_group[NEAR]),
-        "wrong_names": {"all": share(c.outcome == WRONG for c in mixed)}
+        "wrong_names": {"all": share(c.outcome == WRONG for c in judging.mixed(cases))}
         | {group: share(c.outcome == WRONG for c in mine) for group, mine in by_group.items() if mine},
         "not_in_library": not_in_library(by_group[NOT_IN_LIBRARY]),
         "located": {group: located(mine) for group, mine in by_group.items() if mine and group != NONE},
         "confounded": confounded(cases),
-        "coverage": coverage(cases, mixed),
+        "coverage": coverage(cases),
         "held_out": held_out(cases),
         "reliability": stated(cases),
         "core_hours": sum(case.seconds for case in cases) / 3600.0,

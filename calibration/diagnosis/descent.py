@@ -18,7 +18,7 @@ from calibration.diagnosis.function import Function, Predicts
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
-from calibration.diagnosis.problem import SI_OF, Prediction
+from calibration.diagnosis.problem import Prediction, in_si
 from calibration.diagnosis.threads import each
 from model.effects import effects
 
@@ -166,8 +166,7 @@ def _handed_over(comparison: Comparison, f: Function, point: _Point) -> _Point |
             continue
         nuisance = problem.nuisances[place]
         pulled, usual = (float(one) for one in nuisance.value(np.array([z[place], 0.0])))
-        in_si = SI_OF[nuisance.name.partition("_")[0]] if nuisance.name.endswith("_offset") else 1.0
-        z[i] = unknown.z(pulled / usual - 1.0 if effect.factors else (pulled - usual) * in_si)
+        z[i] = unknown.z(pulled / usual - 1.0 if effect.factors else (pulled - usual) * in_si(nuisance.name))
         z[place] = 0.0
     if np.array_equal(z, point.z):
         return None
@@ -176,7 +175,7 @@ def _handed_over(comparison: Comparison, f: Function, point: _Point) -> _Point |
         predicted = f(z)
     except ArithmeticError:
         return None
-    if not np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
+    if not comparison.is_told(predicted):
         return None
     return _Point(math.inf, z, point.u, point.D, predicted)
 
@@ -203,7 +202,7 @@ def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[
     z = f.clip(z)
     for _ in range(HALVINGS):
         predicted = f(z)
-        if np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
+        if comparison.is_told(predicted):
             return _Point(math.inf, z, u, D, predicted)
         z[amplitudes] *= 0.5  # the motor may stall with as much of an effect
     raise ArithmeticError("no reading, however little of an effect there is")
@@ -217,7 +216,7 @@ def _rough(f: Function, comparison: Comparison, here: _Point) -> _Point:
     z = _within_a_pulse(f, z)
     of = f.near(z)
     there = of(z)
-    if not np.all(np.isfinite(comparison.raw(there)[comparison.known])):
+    if not comparison.is_told(there):
         return replace(begun, reached=begun.cost)  # the mean torque says nothing here, the pulses do
     z, u, D, there = _descend(f, comparison, z, u, here.D, there, of)
     reached = _cost(comparison, z, u, there)
@@ -243,7 +242,7 @@ def _at(
     comparison: Comparison, z: np.ndarray, u: np.ndarray, predicted: Prediction, D: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """The cost of a point, and the noise that suits it."""
-    if not np.all(np.isfinite(comparison.raw(predicted)[comparison.known])):
+    if not comparison.is_told(predicted):
         return math.inf, u
     u = suiting_noise(comparison, predicted, u, D, False)
     return _cost(comparison, z, u, predicted), u
@@ -467,7 +466,7 @@ def _step(
         move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
         tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
         found, rise = of(tried), math.inf
-        if np.all(np.isfinite(comparison.raw(found)[comparison.known])):
+        if comparison.is_told(found):
             rise = _cost(comparison, tried, u, found) - before
             if rise <= 1e-6:
                 return tried, found

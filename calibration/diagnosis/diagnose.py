@@ -212,7 +212,7 @@ def _diagnose(
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
     held_out, term, correction, beside, tests = None, None, None, None, []
-    best_names: tuple[str, ...] = ()
+    best: Candidate | None = None
     search = Search(comparison, base, side_by_side, clock.tell)
     if detection.p_value >= MISMATCH_P:
         # What is too small to be seen may still be there, and f_overall with it would be another.
@@ -244,10 +244,9 @@ def _diagnose(
         clock("confirm")
         best = next((c for c in candidates if residual_p.get(c.names, 0.0) >= RESIDUAL_P and c.names), None)
         if best is not None:
-            best_names = best.names
-            held_out = cross_validate(comparison, candidates, best_names)
+            held_out = cross_validate(comparison, candidates, best.names)
     verdict = judge(detection.p_value, candidates, residual_p, held_out)
-    if held_out is not None and verdict.chosen is not None and verdict.chosen.names != best_names:
+    if best is not None and verdict.chosen is not None and verdict.chosen.names != best.names:
         held_out = cross_validate(comparison, candidates, verdict.chosen.names)  # it counts the folds that chose it
     if hold_out is not None and verdict.chosen is not None:
         clock("predict the unseen run")

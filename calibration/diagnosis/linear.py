@@ -132,6 +132,16 @@ class Comparison:
         runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
         return np.concatenate([predicted.flow, predicted.speed, *runs, predicted.vented, predicted.standing])
 
+    def is_told(self, predicted: Prediction) -> bool:
+        """Whether a prediction has a value for every reading that there is.
+
+        Parameters
+        ----------
+        predicted : Prediction
+            Of the problem.
+        """
+        return bool(np.all(np.isfinite(self.raw(predicted)[self.known])))
+
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
         """The map at a prediction, whose slopes say what the gauge's noise does.
 

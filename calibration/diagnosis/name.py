@@ -18,7 +18,7 @@ from scipy.special import gammaln, log_ndtr, logsumexp
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.noise import too_loud
-from calibration.diagnosis.problem import SI_OF, Problem
+from calibration.diagnosis.problem import Problem, in_si
 from calibration.diagnosis.signatures import Signature, log_gain, project
 from model.effects import effects
 
@@ -233,7 +233,7 @@ def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | Non
     if nuisance is None:
         return (effect.amplitude.scale / 0.5, None) if name == "wall_heat_exchange" else None
     unknown = problem.nuisances[nuisance]
-    unit = unknown.b * (SI_OF[declared.partition("_")[0]] if declared.endswith("_offset") else 1.0)
+    unit = unknown.b * in_si(declared)
     if unknown.kind == "lognormal":
         center = unknown.a if name != "inertia" else 1.0
         unit = center * math.log(unknown.b)

@@ -45,6 +45,17 @@ ByFile = dict[str, float]
 Split = tuple[np.ndarray, dict[str, tuple[float, float]], ByFile, ByFile, dict[str, np.ndarray], ByFile, ByFile]
 
 
+def in_si(nuisance: str) -> float:
+    """What a nuisance's value is multiplied by to be SI: an instrument's offset is in the channel's own unit [-].
+
+    Parameters
+    ----------
+    nuisance : str
+        Its name.
+    """
+    return SI_OF[nuisance.partition("_")[0]] if nuisance.endswith("_offset") else 1.0
+
+
 @dataclass(frozen=True)
 class Prediction:
     """What the model says at a point.

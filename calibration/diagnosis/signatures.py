@@ -11,7 +11,7 @@ from scipy.special import log_ndtr
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.problem import SI_OF
+from calibration.diagnosis.problem import in_si
 from model.effects.effect import Effect
 
 PROBE = 0.1  # amplitude at which a signature is taken, in ordinary sizes of the effect, at most
@@ -87,7 +87,7 @@ def _of_the_nuisance(comparison: Comparison, mode: Mode, effect: Effect) -> np.n
     if one.kind == "lognormal":  # an effect is a share of the inertia, or adds to the roller factor
         size = scale if effect.factors else scale / float(one.value(mode.z[i]))
         return mode.D[:, i] * size / math.log(one.b)
-    unit = one.b * (SI_OF[one.name.partition("_")[0]] if one.name.endswith("_offset") else 1.0)
+    unit = one.b * in_si(one.name)
     return mode.D[:, i] * scale / unit
 
 

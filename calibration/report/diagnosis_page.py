@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.further_forces import not_observable
 from calibration.diagnosis.misread import MISREAD
 from calibration.report import diagnosis_figures as draw
 from calibration.report import diagnosis_numbers as numbers
@@ -19,6 +18,7 @@ from calibration.report import diagnosis_sets as sets
 from calibration.report import diagnosis_words as words
 from calibration.report.fit_page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit_words import figure, probability, rounded
+from calibration.report.render import render
 from model.effects import effects
 from model.effects.effect import EffectParameter
 
@@ -69,16 +69,7 @@ def page(filled: Mapping[str, Any]) -> bytes:
     filled : mapping
         `context` with the figures.
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("calibration.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("diagnosis.html.j2").render(filled).encode()
+    return render("diagnosis.html.j2", filled)
 
 
 def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
@@ -103,7 +94,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "used": _used(found),
         "suspects": _suspect_table(document),
         "places": _place_table(document),
-        "unseen": not_observable(found.comparison, found.base),
+        "unseen": document["not_observable"],
         "stability": words.stability_in_words(found.term.stability) if found.term else "",
         "law": words.law_in_words(document["term"]) if document["term"] else "",
         "candidates": _candidate_table(found),

@@ -14,6 +14,7 @@ from calibration.report import fit_figures, fit_words
 from calibration.report import fit_numbers as numbers
 from calibration.report.fit_numbers import TARGET
 from calibration.report.fit_words import figure, probability, rounded, uncertainty, with_unit
+from calibration.report.render import render
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -77,16 +78,7 @@ def remarks(found: Fit) -> list[str]:
 
 def page(filled: dict[str, Any]) -> bytes:
     """The page, every text in it escaped; ``filled`` is `context` with the figures."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("calibration.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("fit.html.j2").render(filled).encode()
+    return render("fit.html.j2", filled)
 
 
 def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from calibration.report.fit_page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit_words import probability
+from calibration.report.render import render
 from calibration.rigs_diagnosis import words
 from calibration.rigs_diagnosis.diagnose import RigDiagnosis
 from calibration.rigs_diagnosis.picture import picture
@@ -28,19 +29,10 @@ def report(found: RigDiagnosis, document: Mapping[str, Any]) -> dict[str, bytes]
     document : mapping
         Its diagnosis/1.
     """
-    import jinja2
-
     drawn = picture(found)
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("calibration.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     inline = f"data:image/png;base64,{base64.b64encode(drawn).decode()}"
     filled = context(found, document) | {"picture": inline}
-    return {HTML: environment.get_template("rig_diagnosis.html.j2").render(filled).encode(), PNG: drawn}
+    return {HTML: render("rig_diagnosis.html.j2", filled), PNG: drawn}
 
 
 def context(found: RigDiagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
