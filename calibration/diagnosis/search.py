@@ -19,6 +19,7 @@ from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, cost_of
 from calibration.diagnosis.name import WORTH, Candidate, screen, weigh
+from calibration.diagnosis.noise import too_loud
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
@@ -136,8 +137,8 @@ class Search:
                     jobs.append(_Job(names, mode, {**values_of(self.comparison.problem, mode), **first}))
         self._refit(jobs)
         self.swap()
-        if self.modes[()].prediction.runs:
-            self.again()
+        if self.modes[()].prediction.runs and not too_loud(self.modes[self._best()].u):
+            self.again()  # where the best leaves too much to noise, its parts leave more
 
     def again(self) -> None:
         """Refit from the best set's point its parts and what is close behind it: a search may end short of the best.

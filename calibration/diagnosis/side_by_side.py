@@ -11,6 +11,7 @@ from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import Any, TypeVar
 
+from calibration.diagnosis.threads import threads
 from calibration.processes import begin_worker
 
 Answer = TypeVar("Answer")
@@ -74,7 +75,8 @@ class SideBySide:
             except (BrokenProcessPool, OSError):  # a worker was killed, for want of memory perhaps
                 self._pool.shutdown(wait=False, cancel_futures=True)
                 self._pool = None
-        return [function(*each) for each in arguments]
+        with threads(self._workers if self._pool is not None else 1):  # one alone has all the cores
+            return [function(*each) for each in arguments]
 
 
 def _load() -> None:
