@@ -10,9 +10,9 @@ CHALLENGE ?= $(OUT)/challenge
 RECORD ?= $(OUT)/record
 RECORD_KEPT ?= $(RECORD)/kept
 RECORD_PAGE ?= $(RECORD)/page
-RECORD_PARTS ?= mixed01 nulls01 mixed02 nulls02 mixed03 nulls03 mixed04 nulls04 mixed05 mixed06 mixed07 mixed08 mixed09 mixed10
+RECORD_PARTS ?= mixed01 nulls01 mixed02 nulls02 mixed03 nulls03 mixed04 nulls04
 MIXED_CASES ?= 100
-NULLS_CASES ?= 200
+NULLS_CASES ?= 230
 SEED ?=
 
 .PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record demonstration figures lock clean clean-cache

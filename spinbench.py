@@ -378,7 +378,8 @@ def diagnose(
             files.write_files(out, {diagnosis_page.JSON: data} | diagnosis_page.report(diagnosis, found))
     _deliver(data, diagnosis_table.table(found), None, json_file, None)
     print(diagnosis_words.sentence(found), file=sys.stderr)
-    if hold_out is not None and diagnosis.verdict.chosen is None:
+    held_out = found["improvement"]["held_out"]
+    if hold_out is not None and not (held_out and diagnosis_words.is_unseen(held_out)):
         print(f"spinbench: {hold_out} was not predicted: there is no set of effects to do it with", file=sys.stderr)
     print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
     if out is not None:

@@ -55,6 +55,28 @@ def test_the_same_seed_makes_the_same_recordings(campaign, tmp_path):
     assert files_in(campaign / "recordings") == files_in(tmp_path / "other" / "recordings")
 
 
+def test_a_recording_that_is_lost_is_made_anew(campaign):
+    ran(campaign)
+    before = files_in(campaign / "recordings")
+    shutil.rmtree(campaign / "recordings" / "case0001")
+    (campaign / "recordings.sha256").write_text("no hash\n")
+    with pytest.raises(ChallengeError, match="with the same arguments writes it anew"):
+        ran(campaign)
+    made_at(campaign)
+    assert files_in(campaign / "recordings") == before
+
+
+def test_recordings_of_another_rig_are_not_gone_on_with(campaign, monkeypatch):
+    made = []
+    monkeypatch.setattr("calibration.challenge.campaign.scorer_sha256", lambda: "0" * 64)
+    monkeypatch.setattr(
+        fake_rig, "make_recording", lambda truth, folder, make=fake_rig.make_recording: made.append(make(truth, folder))
+    )
+    made_at(campaign)
+    made_at(campaign)
+    assert len(made) == CASES
+
+
 def test_another_seed_makes_others(campaign, tmp_path):
     made_at(tmp_path / "other", seed=6)
     assert files_in(campaign / "recordings") != files_in(tmp_path / "other" / "recordings")
@@ -302,7 +324,7 @@ def test_a_case_whose_signatures_cannot_be_computed_is_told(campaign, book, monk
 
 
 def test_several_campaigns_are_counted_together_and_entered_each(campaign, tmp_path, book):
-    made_at(tmp_path / "nulls", only="none", cases=3)
+    made_at(tmp_path / "nulls", only="none", cases=3, seed=6)
     for folder in (campaign, tmp_path / "nulls"):
         ran(folder)
     found = score([campaign, tmp_path / "nulls"], book, Settings(workers=0))
@@ -310,6 +332,41 @@ def test_several_campaigns_are_counted_together_and_entered_each(campaign, tmp_p
     lines = ledgers.read_ledger(book)
     assert [line["campaign"] for line in ledgers.scored(lines)] == ["blind", "nulls"]
     assert ["result" in line for line in lines] == [False, True, False, True]  # opened, scored, opened, scored
+
+
+def test_a_campaign_is_counted_once(campaign, tmp_path, book):
+    """Nor are nulls beside the campaign whose seed they share: they are its own."""
+    made_at(tmp_path / "nulls", only="none", cases=3)
+    made_at(tmp_path / "more" / "blind", seed=6)
+    for folder in (campaign, tmp_path / "nulls", tmp_path / "more" / "blind"):
+        ran(folder)
+    for other, words in (
+        ("blind", "has its truth_sha256"),
+        ("more/blind", "has its name"),
+        ("nulls", "or the same seed"),
+    ):
+        with pytest.raises(ChallengeError, match=words):
+            score([campaign, tmp_path / other], book, Settings(workers=0))
+
+
+@pytest.mark.parametrize("asked", ["follow_ups", "oracle"])
+def test_what_another_diagnosis_says_is_not_added(campaign, book, monkeypatch, asked):
+    ran(campaign)
+    monkeypatch.setattr(opening, "diagnosis_sha256", lambda: "0" * 64)
+    with pytest.raises(ChallengeError, match="this is 000000000000: go back to the commit"):
+        scored(campaign, book, **{asked: True})
+    assert ledgers.read_ledger(book) == []  # nothing was opened
+    assert scored(campaign, book).added == [True]
+
+
+def test_only_tests_of_this_bench_are_made(campaign, book, monkeypatch):
+    ran(campaign)
+    for place in (campaign / "verdicts").glob("*.json"):
+        data = json.loads(place.read_text())
+        for test in data["value"]["diagnosis"]["next_tests"]:
+            test["needs"] = "a drive"
+        place.write_text(json.dumps(data))
+    assert scored(campaign, book, follow_ups=True).summary["confounded"]["followed_up"] == 0
 
 
 def test_the_page_has_every_table_figure_and_line_of_the_ledger(campaign, book):
@@ -363,6 +420,14 @@ def test_truths_drawn_anew_from_a_seed_that_was_opened_are_told_as_such(campaign
     lines = ledgers.scored(ledgers.read_ledger(book))
     assert lines[0]["truth_sha256"] != lines[1]["truth_sha256"]
     assert [line["truths_opened_before"] for line in lines] == [False, True]
+
+
+def test_nulls_of_a_seed_that_was_opened_are_told_as_such(campaign, tmp_path, book):
+    made_at(tmp_path / "nulls", only="none", cases=3)
+    for folder in (campaign, tmp_path / "nulls"):
+        ran(folder)
+        scored(folder, book)
+    assert [line["truths_opened_before"] for line in ledgers.scored(ledgers.read_ledger(book))] == [False, True]
 
 
 def test_a_campaign_that_was_opened_and_not_scored_to_the_end_shows(campaign, book, monkeypatch):

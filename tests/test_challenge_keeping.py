@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from calibration.challenge import freezing, keeping, layout, running
+from calibration.challenge import freezing, keeping, layout, opening, running
 from calibration.challenge.campaign import make
 from calibration.challenge.layout import ChallengeError
 from calibration.challenge.opening import Settings, score
@@ -95,6 +95,15 @@ def the_code(data):
     data["entry"]["diagnosis_sha256"] = "0" * 64
 
 
+def that_it_stands_apart(data):
+    for case in data["cases"]:
+        case["apart"] = True
+
+
+def how_long_it_took(data):
+    data["cases"][0]["seconds"] += 3600.0
+
+
 def no_entry(data):
     del data["entry"]
 
@@ -103,7 +112,10 @@ def one_key_more(data):
     data["cases"][0]["more"] = 1
 
 
-CHANGES = [one_verdict, one_truth, one_case_less, what_the_scorer_found, a_threshold, the_commit, the_code]
+CHANGES = [
+    *(one_verdict, one_truth, one_case_less, what_the_scorer_found, a_threshold, the_commit, the_code),
+    *(that_it_stands_apart, how_long_it_took),
+]
 
 
 @pytest.mark.parametrize("change", [*CHANGES, no_entry, one_key_more])
@@ -133,12 +145,12 @@ def test_a_campaign_that_the_ledger_does_not_have_is_refused(kept, tmp_path):
 
 
 def test_a_campaign_counts_once(kept, book):
-    with pytest.raises(ChallengeError, match="given twice"):
+    with pytest.raises(ChallengeError, match="a case counts once"):
         keeping.read([*kept, kept[0]], book)
 
 
 def test_verdicts_of_other_code_are_not_counted_with_them(kept, book, tmp_path, monkeypatch):
-    for module in (freezing, running):
+    for module in (freezing, running, opening):
         monkeypatch.setattr(module, "diagnosis_sha256", lambda: "0" * 64)
     make(tmp_path / "later", 3, seed=7, maker=fake_rig.NAME, workers=0)
     running.run(tmp_path / "later", 0, task=fake_rig.diagnose)

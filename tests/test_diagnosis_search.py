@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, descent, diagnose, together
 from calibration.diagnosis.base import base_of, set_angles
+from calibration.diagnosis.carried import carried
 from calibration.diagnosis.confirm import folds_of, summed_up
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import detect
@@ -409,6 +411,8 @@ def test_a_diagnosis_proves_what_it_names_on_an_unseen_run(tmp_path: Path) -> No
     # A run without the leak speaks against it: then nothing is named.
     against = as_json(diagnose(seen, 1, hold_out=recordings.sweep(tmp_path / "clean", 8, {})))
     assert against["verdict"] == "unresolved" and "does not predict the unseen run better" in against["why"]
+    held_out = against["improvement"]["held_out"]  # what decided it is kept
+    assert held_out["scheme"] == "unseen run clean" and held_out["elpd_gain"] <= held_out["elpd_gain_se"]
 
 
 def test_a_run_of_another_motor_is_not_predicted(tmp_path: Path) -> None:
@@ -416,6 +420,45 @@ def test_a_run_of_another_motor_is_not_predicted(tmp_path: Path) -> None:
     base, other = find(comparison, ()), replace(recordings.sweep(tmp_path / "unseen", 7, LEAK), motor="another")
     with pytest.raises(RecordingError, match="of the motor another, not ptm3600"):
         predict_unseen(comparison, base, base, other)
+    told: list[str] = []
+    with pytest.raises(RecordingError, match="of the motor another, not ptm3600"):
+        diagnose(comparison.problem.recording, 1, told.append, hold_out=other)
+    assert told == []  # before anything is fitted
+
+
+def test_errors_on_an_unseen_run_are_of_the_readings_that_there_are(tmp_path: Path) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path / "seen", 6, {})))
+    base = find(comparison, ())
+    unseen = recordings.sweep(tmp_path / "unseen", 7, LEAK)
+    place = tmp_path / "unseen" / "sweep.csv"
+    head, *rows = place.read_text().splitlines()
+    flow = head.split(",").index("flow_l_min")
+    empty = [
+        ",".join("" if i == flow and k % 2 else cell for i, cell in enumerate(row.split(",")))
+        for k, row in enumerate(rows)
+    ]
+    place.write_text("\n".join([head, *empty]) + "\n")
+    whole, half = (predict_unseen(comparison, base, base, one) for one in (unseen, read_recording(tmp_path / "unseen")))
+    assert half.before["flow_m3_s"] == pytest.approx(whole.before["flow_m3_s"], rel=0.35)
+
+
+@pytest.mark.parametrize("added", [0.0, 0.015, -0.002])
+def test_with_another_flywheel_the_rotor_keeps_its_inertia(tmp_path: Path, added: float) -> None:
+    recordings.sweep(tmp_path, 5, {})
+    seen = Problem(replace(recordings.add_coast_down(tmp_path, 5, {}), added_inertia_kg_m2=0.003))
+    there = Problem(replace(seen.recording, added_inertia_kg_m2=0.003 + added))
+    place = seen.place("inertia")
+    assert place is not None
+    z = np.zeros(len(seen.nuisances))
+    z[place] = 1.3
+    mode: Any = SimpleNamespace(z=z, covariance=np.diag(np.full(z.size, 0.04)))
+    found, covariance, new = carried(seen, mode, there)
+    J = seen.nuisances[place].value(z[place])
+    assert there.nuisances[place].value(found[place]) == pytest.approx(J + added)
+    assert not new.any() and np.array_equal(np.delete(found, place), np.delete(z, place))
+    sd = np.sqrt(covariance[place, place])
+    after, before = there.nuisances[place].value(found[place] + sd), seen.nuisances[place].value(1.3 + 0.2)
+    assert after - J - added == pytest.approx(before - J, rel=0.02)  # as much in kg m2
 
 
 def test_of_several_runs_each_is_held_out_whole(tmp_path: Path) -> None:

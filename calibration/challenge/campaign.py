@@ -13,6 +13,7 @@ from calibration.challenge.layout import CAMPAIGN, HASHES, SECOND_RIG, Campaign,
 from calibration.challenge.sealing import is_sealed, open_seal, seal
 from calibration.many import Item, Tell, run_many
 from calibration.report.files import write_file
+from calibration.sources import scorer_sha256
 
 SEED_BITS = 53  # a seed that no one chose; whole in every reader of JSON
 MOST_DRAWS = 1000  # truths looked at for one of the category asked for
@@ -68,11 +69,15 @@ def make(
         digest = seal(out, contents, key)
     truths = contents["truths"]
     campaign = Campaign(out, contents["name"], family, maker, only, cases, digest)
+    mark, making = f"{digest}/{scorer_sha256()}", out / "making"  # of one rig, however often it was interrupted
     items = [
-        Item(name, {"truth": truth, "folder": str(campaign.recordings / name)}, digest)
+        Item(name, {"truth": truth, "folder": str(campaign.recordings / name)}, mark)
         for name, truth in zip(campaign.names, truths, strict=True)
     ]
-    made = run_many(functools.partial(_make_one, maker), items, out / "making", workers, None, tell)
+    for name in campaign.names:
+        if not (campaign.recordings / name).is_dir():  # lost since: not done after all
+            (making / f"{name}.json").unlink(missing_ok=True)
+    made = run_many(functools.partial(_make_one, maker), items, making, workers, None, tell)
     failed = [result for result in made if result.error]
     if failed:
         raise ChallengeError(

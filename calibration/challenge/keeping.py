@@ -23,7 +23,8 @@ from calibration.sources import diagnosis_sha256, scorer_sha256
 
 FORMAT = "challenge-opened/1"
 SUFFIX = ".json.gz"
-OF_A_CASE = tuple(field.name for field in fields(Case) if field.name != "truth")  # the truths are in what was sealed
+# The truths are in what was sealed; whether a case stands apart follows from its campaign.
+OF_A_CASE = tuple(field.name for field in fields(Case) if field.name not in ("truth", "apart"))
 SAME_CODE = ("diagnosis_sha256", "scorer_sha256", "family", "follow_ups", "oracle")  # other ones are another record
 
 
@@ -73,8 +74,7 @@ def read(places: Sequence[Path], book: Path) -> Scored:
                     f"{place}: its {key} ({str(one.entry[key])[:12]}) is not that of {places[0]} "
                     f"({str(opened[0].entry[key])[:12]}); count campaigns of one code and family together"
                 )
-        if sum(other.entry["truth_sha256"] == one.entry["truth_sha256"] for other in opened) > 1:
-            raise ChallengeError(f"{place}: this campaign is given twice; a case counts once")
+        opening.refuse_twice(one.entry, [other.entry for other in opened if other is not one], place)
     return opening.together(opened, [False] * len(opened), [])
 
 
@@ -113,7 +113,12 @@ def _read(place: Path, lines: Sequence[Mapping[str, Any]], book: Path) -> Opened
         raise ChallengeError(f"{place}: damaged, or not of format {FORMAT}; restore it from its history")
     try:
         entry, sealed, frozen = data["entry"], data["sealed"], data["frozen"]
-        cases = [Case(truth=truth, **one) for truth, one in zip(sealed["truths"], data["cases"], strict=True)]
+        if any(set(one) != set(OF_A_CASE) for one in data["cases"]):
+            raise ValueError("a case has other fields")
+        cases = [
+            Case(truth=truth, apart=bool(entry["only"]), **one)
+            for truth, one in zip(sealed["truths"], data["cases"], strict=True)
+        ]
         hashes = {
             "truth_sha256": layout.sha256(layout.canonical(sealed)),
             "verdicts_sha256": running.verdicts_sha256(
@@ -123,6 +128,8 @@ def _read(place: Path, lines: Sequence[Mapping[str, Any]], book: Path) -> Opened
             "scoring_sha256": opening.scoring_sha256(cases),
         }
         other = [key.removesuffix("_sha256") for key, value in hashes.items() if value != entry[key]]
+        if not other and layout.plain(opening.result_of(cases)) != entry["result"]:
+            other = ["result"]  # errors and times are in no hash
     except (KeyError, TypeError, ValueError) as problem:
         raise ChallengeError(f"{place}: damaged ({problem!r}); restore it from its history") from None
     if other:

@@ -19,7 +19,7 @@ FIRST = "0" * 64
 # A campaign that agrees in these is in the ledger already: scored by the same code in the same way.
 SAME = ("truth_sha256", "verdicts_sha256", "follow_ups", "oracle", "scorer_sha256", "scoring_sha256")
 OPENING = ("truth_sha256", "verdicts_sha256")  # ... of the same verdicts
-DRAWN_FROM = ("family", "only", "seed")  # the same truths, whatever salt their hash has
+DRAWN_FROM = ("family", "seed")  # the same truths, whatever salt their hash has and whichever of them were kept
 
 
 class LedgerError(ChallengeError):

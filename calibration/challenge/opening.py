@@ -16,7 +16,7 @@ from calibration.challenge.judging import LISTED, LISTED_IN_LIBRARY, NONE, Case
 from calibration.challenge.layout import Campaign
 from calibration.challenge.sealing import SealError, open_seal
 from calibration.many import Item, Result, Task, Tell, run_many
-from calibration.sources import code_sha256, scorer_sha256
+from calibration.sources import code_sha256, diagnosis_sha256, scorer_sha256
 
 FOLDER = "scoring"
 Oracle = Callable[[Path, Sequence[str]], float]
@@ -147,20 +147,37 @@ def score(
         When verdicts are missing, or the truths are not those that were committed to.
     """
     ledger.read_ledger(book)  # a broken chain is refused before anything is opened
-    opened, added = [], []
+    campaigns = [layout.read_campaign(folder) for folder in folders]
+    for key in ("truth_sha256", "name"):
+        told = [getattr(campaign, key) for campaign in campaigns]
+        if twice := [c for c in campaigns if told.count(getattr(c, key)) > 1]:
+            raise layout.ChallengeError(f"{twice[-1].folder}: another of these campaigns has its {key}; give each once")
+    opened: list[Opened] = []
+    added: list[bool] = []
     problems: list[str] = []
-    for folder in folders:
-        campaign = layout.read_campaign(folder)
+    for campaign in campaigns:
         ran = running.read_verdicts(campaign)
         frozen = running.read_frozen(campaign)
+        _hold_code(campaign, frozen, settings)
         ledger.append_opening(book, _opening(campaign, frozen, ran.sha256))
         contents = _open(campaign, frozen, settings.key)
         cases = _cases(campaign, contents, ran.results, str(frozen["diagnosis_sha256"]), settings, tell, problems)
         entry = _entry(campaign, contents, frozen, ran.sha256, settings, cases)
         added.append(ledger.append(book, entry) is not None)
+        refuse_twice(entry, [one.entry for one in opened], campaign.folder)
         line = ledger.line_of(ledger.read_ledger(book), entry) or entry
         opened.append(Opened({key: line[key] for key in entry}, contents, frozen, cases))
     return together(opened, added, problems)
+
+
+def _hold_code(campaign: Campaign, frozen: Mapping[str, Any], settings: Settings) -> None:
+    """Refuse to add what another diagnosis says to the verdicts of this one."""
+    if (settings.follow_ups or settings.oracle) and frozen["diagnosis_sha256"] != diagnosis_sha256():
+        raise layout.ChallengeError(
+            f"{campaign.folder} was run with the diagnosis {str(frozen['diagnosis_sha256'])[:12]}, and this is "
+            f"{diagnosis_sha256()[:12]}: go back to the commit {str(frozen['commit'])[:8]} for follow-ups and oracle, "
+            "or score without them"
+        )
 
 
 def _open(campaign: Campaign, frozen: dict[str, Any], key: Path | None) -> dict[str, Any]:
@@ -205,10 +222,11 @@ def _cases(
     signatures = each("signatures", functools.partial(_signatures, campaign.maker), concealed, code_now, lambda c: None)
     again: dict[str, Any] = {}
     if settings.follow_ups:
-        chosen = [case for case in plain if case.outcome == LISTED and (case.diagnosis or {}).get("next_tests")]
+        chosen = [case for case in plain if case.outcome == LISTED and _of_this_bench(case)]
         follow = functools.partial(_follow_up, campaign.maker, settings.task or running.diagnose_case)
         folder = place / "with_the_test"
-        again = each("follow_ups", follow, chosen, code, lambda c: _next_test(c, code, folder))
+        mark = f"{code}/{scorer_sha256()}"
+        again = each("follow_ups", follow, chosen, mark, lambda c: _next_test(c, code, folder))
     oracle: dict[str, Any] = {}
     if settings.oracle and _oracle() is None:
         problems.append("the oracle's gain was not computed: the diagnosis offers no held_out_gain(folder, ids)")
@@ -237,7 +255,12 @@ def _signatures(maker: str, argument: dict[str, Any]) -> dict[str, Any]:
 
 
 def _next_test(case: Case, code: str, folder: Path) -> dict[str, Any]:
-    return {"test": (case.diagnosis or {})["next_tests"][0], "code": code, "folder": str(folder / case.name)}
+    return {"test": _of_this_bench(case)[0], "code": code, "folder": str(folder / case.name)}
+
+
+def _of_this_bench(case: Case) -> list[dict[str, Any]]:
+    """The tests recommended that need no other instrument: the rig has only its own."""
+    return [test for test in (case.diagnosis or {}).get("next_tests", []) if not test.get("needs")]
 
 
 def _follow_up(maker: str, task: Task, argument: dict[str, Any]) -> dict[str, Any]:
@@ -312,14 +335,6 @@ def _entry(
     cases: Sequence[Case],
 ) -> dict[str, Any]:
     """What the ledger keeps of a campaign."""
-    found = scoring.summary(cases)
-    told = ("goal", "got", "ratio", "met")
-    result = {
-        "make_up": found["make_up"],
-        "outcomes": found["outcomes"],
-        "goals": [{key: goal[key] for key in told if key in goal} for goal in found["goals"]],
-        "core_hours": round(found["core_hours"], 3),
-    }
     return {
         "scored_utc": _now(),
         "campaign": campaign.name,
@@ -335,5 +350,50 @@ def _entry(
         "oracle": settings.oracle,
         **{key: frozen[key] for key in ("commit", "dirty", "code_sha256", "diagnosis_sha256", "versions")},
         "scorer_sha256": scorer_sha256(),
-        "result": result,
+        "result": result_of(cases),
     }
+
+
+def result_of(cases: Sequence[Case]) -> dict[str, Any]:
+    """What the ledger keeps of the counts of one campaign.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+        All.
+    """
+    found = scoring.summary(cases)
+    told = ("goal", "got", "ratio", "met")
+    return {
+        "make_up": found["make_up"],
+        "outcomes": found["outcomes"],
+        "goals": [{key: goal[key] for key in told if key in goal} for goal in found["goals"]],
+        "core_hours": round(found["core_hours"], 3),
+    }
+
+
+def refuse_twice(entry: Mapping[str, Any], others: Sequence[Mapping[str, Any]], place: Path) -> None:
+    """Refuse a campaign some of whose cases others have: a case counts once.
+
+    Parameters
+    ----------
+    entry : mapping
+        What is told of the campaign.
+    others : sequence of mapping
+        The same of the others.
+    place : Path
+        Where it is.
+
+    Raises
+    ------
+    ChallengeError
+        When another has its truths, or truths drawn from the same seed that may be the same.
+    """
+    for other in others:
+        drawn = all(entry[key] == other[key] for key in ledger.DRAWN_FROM)
+        if entry["truth_sha256"] == other["truth_sha256"] or (
+            drawn and (entry["only"] == other["only"] or not entry["only"] or not other["only"])
+        ):
+            raise layout.ChallengeError(
+                f"{place}: {entry['campaign']} has cases of {other['campaign']}, or the same seed; a case counts once"
+            )

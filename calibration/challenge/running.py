@@ -143,8 +143,7 @@ def items_of(campaign: Campaign, code: str | None = None) -> list[Item]:
         Hash of the diagnosis' sources; of those here when left out.
     """
     code = diagnosis_sha256() if code is None else code
-    lines = (campaign.folder / HASHES).read_text(encoding="utf-8").splitlines()
-    told = {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
+    told = _told(campaign.folder / HASHES)
     items = []
     for index, name in enumerate(campaign.names):
         folder = campaign.recordings / name
@@ -158,6 +157,17 @@ def items_of(campaign: Campaign, code: str | None = None) -> list[Item]:
         argument = {"folder": str(folder.resolve()), "seed": seed, "code": code}
         items.append(Item(name, argument, f"{told[name]}/{seed}/{code}"))
     return items
+
+
+def _told(place: Path) -> dict[str, str]:
+    """The hash of each recording by its name, as they were written when all were made."""
+    try:
+        lines = place.read_text(encoding="utf-8").splitlines()
+        return {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
+    except (OSError, ValueError):
+        raise ChallengeError(
+            f"{place} is missing or damaged; `spinbench challenge make` with the same arguments writes it anew"
+        ) from None
 
 
 def diagnose_case(argument: dict[str, Any]) -> dict[str, Any]:

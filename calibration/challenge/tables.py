@@ -288,7 +288,7 @@ def _goal(one: Mapping[str, Any]) -> tuple[str, ...]:
         percent(one["got"]) if one["got"] else "not computed" if one["ratio"] is None else f"{100 * one['ratio']:.1f} %"
     )
     certain = ""
-    if one["met"] == "met":
+    if one["met"] == "met" and one["certain"] is not None:
         certain = ", with its whole interval" if one["certain"] else ", its interval reaches beyond"
     return one["goal"], wanted, got, "not computed" if got == "not computed" else one["met"] + certain
 

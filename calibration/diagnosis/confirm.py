@@ -124,8 +124,9 @@ def summed_up(
     index = np.concatenate([np.flatnonzero(held) for held in folds])
     rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
     se = float(np.std(gains, ddof=1) * math.sqrt(len(gains))) if len(gains) > 1 else 0.0
-    parts = "whole runs" if len(comparison.problem.blocks.runs) >= SEVERAL else "transient segments"
-    scheme = f"pressure levels and {parts}{again}"
+    runs = len(comparison.problem.blocks.runs)
+    parts = " and whole runs" if runs >= SEVERAL else " and transient segments" if runs else ""
+    scheme = f"pressure levels{parts}{again}"
     return HeldOut(len(folds), same, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme)
 
 

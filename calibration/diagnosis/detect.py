@@ -2,12 +2,13 @@
 
 The statistic is the smallest tail probability over the projected signatures of all effects (one-sided where an effect
 cannot be negative) and over the free-form forces. The noise scales are estimated beside all of these, so that a misfit
-does not pass for noise; its correlations are those that the base model has. The law under the null is drawn: nuisances,
-noise and its correlations anew each time, in the model made linear at its most probable point. The noise drawn is as
-loud as what all forces leave over, by the restricted likelihood: scales drawn anew from their prior make the law that
-of recordings louder than this one, and the test too careful. So a loudness that is not believable is a mismatch of its
-own: something that no force is fine enough to follow. So is a nuisance pulled farther than its prior believes: what can
-take up a whole misfit leaves nothing to see. Beyond the draws the tail is exponential, and marked.
+does not pass for noise; its correlations are those that suit the base model. The law under the null is drawn:
+nuisances, noise, its scales and its correlations anew each time, in the model made linear at its most probable point.
+The scales drawn are as probable as what all forces leave over makes them, by the restricted likelihood: drawn anew from
+their prior they make the law that of recordings louder than this one, and the test too careful. What the test takes
+from a recording it takes from each draw. So a loudness that is not believable is a mismatch of its own: something that
+no force is fine enough to follow. So is a nuisance pulled farther than its prior believes: what can take up a whole
+misfit leaves nothing to see. Beyond the draws the tail is exponential, and marked.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ TAIL = 0.15  # share of the draws that the exponential tail is fitted to
 MISMATCH_P = 0.01  # below it something is missing
 PASSES = 3
 LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still
+CORRELATION_PASSES = 3  # of the correlations, from those of the law or of the mode
 BAD_ROW = 0.5  # readings that are more probably bad than this are left aside
 
 
@@ -95,14 +97,13 @@ def detect(
     """
     difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction) + mode.D @ mode.z)
     test = _Test(comparison, mode, found, free, difference)
-    real = test(difference)
+    real = test(difference, mode.u)
     noise, spread = test.noise(difference)
-    null = np.array(
-        [
-            test(_draw(comparison, mode, noise + spread * rng.standard_normal(noise.size), rng)).statistic
-            for _ in range(draws)
-        ]
-    )
+    null = np.empty(draws)
+    for i in range(draws):
+        u = noise + spread * rng.standard_normal(noise.size)
+        drawn = _draw(comparison, mode, u, rng)
+        null[i] = test(drawn, test.correlations(drawn, noise)).statistic
     p, beyond = rarity(real.statistic, null)
     if (loud := too_loud(real.u)) is not None:
         believed = SCALES.stop * float(ndtr(-math.log(loud[1]) / NOISE_SD))
@@ -160,33 +161,45 @@ class _Test:
         self.all = np.column_stack([mode.D, self.S, F * (FREE / size)])
         keep = np.any(self.all != 0.0, axis=0)
         self.all = self.all[:, keep]
-        # Correlations as the base model has them: beside the forces they would be anyone's guess.
-        self.u = np.where(np.arange(SPREAD.size) < SCALES.stop, 0.0, mode.u)
+        self.correlated = bool(np.any(comparison.noise.free[SCALES.stop :]))
 
     def _fit(self, columns: np.ndarray, difference: np.ndarray, u: np.ndarray) -> np.ndarray:
         white = self.comparison.whitener(self.mode.prediction, u)
         X, y = white(columns) * self.good[:, None], white(difference) * self.good
         return np.linalg.solve(X.T @ X + np.eye(X.shape[1]), X.T @ y)
 
-    def noise(self, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The noise that the law is drawn with, and how far each draw's is from it [-], shape (5,) each.
+    def correlations(self, difference: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """A draw's noise as the search for a mode finds it; beside the forces correlations would be anyone's guess."""
+        if not self.correlated:
+            return u
+        for _ in range(CORRELATION_PASSES):
+            left = difference - self.mode.D @ self._fit(self.mode.D, difference, u)
+            u = u + self.comparison.noise_step(left, self.mode.prediction, u, self.good, self.mode.D)[0]
+        return u
 
-        Its scales are those beside all forces, what they take up of it allowed for, and are the same in each draw. Its
-        correlations are known as well as the readings tell: the test takes those of the base model in each draw.
+    def noise(self, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and spread of the noise that the law is drawn with [-], shape (5,) each.
+
+        Its scales are those beside all forces, what they take up of it allowed for. A scale's law is skew: its
+        logarithm's mean lies above the most probable one by the variance, as that of a chi-squared's does.
         """
-        u, mode = self.u.copy(), self.mode
+        u, mode = _of_declared_size(self.mode.u), self.mode
         for _ in range(LOUDNESS_PASSES):
             left = difference - self.all @ self._fit(self.all, difference, u)
             u[SCALES] += self.comparison.noise_step(left, mode.prediction, u, self.good, self.all)[0][SCALES]
+        left = difference - self.all @ self._fit(self.all, difference, u)
+        of_scales = self.comparison.noise_step(left, mode.prediction, u, self.good, self.all)[1]
         left = difference - mode.D @ mode.z
-        information = np.diag(self.comparison.noise_step(left, mode.prediction, mode.u, self.good, mode.D)[1])
+        of_correlations = self.comparison.noise_step(left, mode.prediction, mode.u, self.good, mode.D)[1]
+        information = np.concatenate([np.diag(of_scales)[SCALES], np.diag(of_correlations)[SCALES.stop :]])
         spread = np.where(self.comparison.noise.free, 1.0 / np.sqrt(information), 0.0)
-        spread[SCALES] = 0.0
+        u[SCALES] += spread[SCALES] ** 2
         return u, spread
 
-    def __call__(self, difference: np.ndarray) -> Detection:
+    def __call__(self, difference: np.ndarray, noise: np.ndarray) -> Detection:
+        """What the test makes of differences whose noise is correlated as given; its scales are estimated."""
         comparison, mode = self.comparison, self.mode
-        u = self.u.copy()
+        u = _of_declared_size(noise)
         good = self.good
         for _ in range(PASSES):
             left = difference - self.all @ self._fit(self.all, difference, u)
@@ -215,6 +228,11 @@ class _Test:
             force_scores.append(b / np.sqrt(np.maximum(np.diag(P), 1e-12)))
         log_p += force_log_p
         return Detection(1.0, False, -min(log_p), u, scores, np.array(force_log_p), force_scores)
+
+
+def _of_declared_size(u: np.ndarray) -> np.ndarray:
+    """A noise with its scales as declared and its own correlations."""
+    return np.where(np.arange(SPREAD.size) < SCALES.stop, 0.0, u)
 
 
 def log_tail(Q: float, k: int) -> float:

@@ -31,7 +31,7 @@ from calibration.diagnosis.search import Search
 from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
 from calibration.diagnosis.threads import threads
-from calibration.diagnosis.unseen import predict_unseen
+from calibration.diagnosis.unseen import predict_unseen, refuse_another_motor
 from calibration.diagnosis.verdict import (
     ERRORS,
     MISMATCH_P,
@@ -39,12 +39,13 @@ from calibration.diagnosis.verdict import (
     SHARE,
     SUPERSET_ODDS,
     Verdict,
+    is_small,
     judge,
     not_excluded,
 )
 from calibration.step_clock import StepClock, Tell
 from model.effects import effects
-from rig.recording import Recording, read_recording
+from rig.recording import Recording, RecordingError, read_recording
 
 TESTED = 3  # sets whose residual is tested; more only where one of these passes
 RESIDUAL_DRAWS, MORE_DRAWS = 100, 400
@@ -155,11 +156,21 @@ def detect_mismatch(
         Told the step that begins.
     workers : int
         Threads that simulate side by side; the result is the same [-].
+
+    Raises
+    ------
+    RecordingError
+        When the motor's model gives no reading of it at all.
     """
     tell("base model")
     with threads(workers):
         comparison = Comparison(Problem(recording))
-        base = base_of(comparison)
+        try:
+            base = base_of(comparison)
+        except ArithmeticError as problem:
+            raise RecordingError(
+                f"{recording.folder}: {problem}; are the pressures absolute or gauge as declared, and is it this motor?"
+            ) from None
     tell("detect")
     found, free = signatures(comparison, base), forces(comparison, base)
     return Detected(comparison, base, found, free, detect(comparison, base, found, free, rng))
@@ -186,7 +197,14 @@ def diagnose(
         A run that nothing here has seen, to be predicted once a set is named.
     workers : int
         Processes that refit sets side by side, of a recording with runs in time; the result is the same [-].
+
+    Raises
+    ------
+    RecordingError
+        When the run held out is of another motor.
     """
+    if hold_out is not None:
+        refuse_another_motor(recording, hold_out)
     in_time = any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
@@ -229,6 +247,7 @@ def _diagnose(
         clock("name")
         if len(search.modes) == 1:
             search.singles(found, detection.u, every=bool(detection.pulled))
+        base = search.modes[()]  # with runs in time refitted from where the best effect led
         clock("test what is left")
         _test_residuals(comparison, _namable(search)[:1], residual_p, rng, side_by_side)
         clock("name")
@@ -241,16 +260,22 @@ def _diagnose(
             ranked = [one for one in ranked if one.probability > SHARE * ranked[0].probability]
         _test_residuals(comparison, ranked, residual_p, rng, side_by_side)
         _test_what_may_be_named(comparison, _namable(search), residual_p, rng, side_by_side)
+        likeliest = [one for one in candidates if one.names][:1]
+        _test_residuals(comparison, [one for one in likeliest if is_small(one)], residual_p, rng, side_by_side)
         clock("confirm")
-        best = next((c for c in candidates if residual_p.get(c.names, 0.0) >= RESIDUAL_P and c.names), None)
+        passing = (c for c in candidates if c.names and not c.refused)
+        best = next((c for c in passing if residual_p.get(c.names, 0.0) >= RESIDUAL_P), None)
         if best is not None:
             held_out = cross_validate(comparison, candidates, best.names)
     verdict = judge(detection.p_value, candidates, residual_p, held_out)
     if best is not None and verdict.chosen is not None and verdict.chosen.names != best.names:
         held_out = cross_validate(comparison, candidates, verdict.chosen.names)  # it counts the folds that chose it
+    if verdict.kind == "consistent":
+        held_out = None  # it was of a set that is not said
+    unseen_run: HeldOut | None = None
     if hold_out is not None and verdict.chosen is not None:
         clock("predict the unseen run")
-        held_out = predict_unseen(comparison, base, verdict.chosen.mode, hold_out)
+        held_out = unseen_run = predict_unseen(comparison, base, verdict.chosen.mode, hold_out)
         if verdict.kind == "named" and held_out.gain <= ERRORS * held_out.gain_se:
             words = f"{' and '.join(verdict.chosen.names)} does not predict the unseen run better"
             verdict = Verdict("unresolved", None, (), 0.0, words)
@@ -295,7 +320,7 @@ def _diagnose(
         smooth = corrections(comparison, base, detection.u)
         correction, beside = (smooth[0], nuisances_beside(comparison, base, smooth)) if smooth else (None, None)
         term = discover(comparison, base, detection.u, rng, correction.balance) if correction else None
-        held_out = hold_out_smooth(comparison, base, detection.u)
+        held_out = unseen_run or hold_out_smooth(comparison, base, detection.u)
     rivals = _rivals(candidates, verdict)
     if rivals:
         clock("next test")

@@ -26,6 +26,7 @@ WORTH = 1.0  # nats in the linear model below which nothing is refitted; far fro
 BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
 DOUBT = 2.0  # nats by which the evidence may be wrong with runs in time: the less probable sets get their benefit
+NO_LARGER = "is no larger than declared"  # how a set is refused whose size is its nuisance's own
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
 
 
@@ -273,5 +274,5 @@ def refusal(comparison: Comparison, mode: Mode) -> str:
     for name in mode.names:
         found = total_size(problem, mode, name)
         if found is not None and abs(found[0]) < BEYOND_SD:
-            return f"{name} is no larger than declared"
+            return f"{name} {NO_LARGER}"
     return ""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.diagnosis.blocks import levels
+from calibration.diagnosis.carried import carried
 from calibration.diagnosis.function import Function, Predicts
 from calibration.diagnosis.information import Expected
 from calibration.diagnosis.linear import RUN, Comparison
@@ -174,14 +175,14 @@ def expected_readings(plan: Planned, seen: Problem, rivals: Sequence[Candidate])
         The rivals.
     """
     there = Comparison(Problem(plan.recording, any_turn=True))
-    first = _carried(seen, rivals[0], there)[0]
+    first = carried(seen, rivals[0].mode, there.problem)[0]
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
         likely = _mean(there, rivals[0].names)(first)
         there = Comparison(Problem(_with_speeds(plan.recording, likely.runs[0]), any_turn=True))
     common = None
     found = []
     for one in rivals:
-        z, covariance, new = _carried(seen, one, there)
+        z, covariance, new = carried(seen, one.mode, there.problem)
         mean = _mean(there, one.names)
         here = mean(z)
         f = Function(there, one.names)
@@ -210,26 +211,3 @@ def _with_speeds(recording: Recording, speed: np.ndarray) -> Recording:
     held = run.columns[name]
     shown = np.where(held.values > 0.0, np.maximum(np.nan_to_num(speed) * RPM, 0.1), 0.0)
     return replace(recording, files=(anchor, replace(run, columns={**run.columns, name: Column(shown, held.censor)})))
-
-
-def _carried(seen: Problem, one: Candidate, there: Comparison) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Point and covariance of a test's unknowns as the recording leaves them [-], and which of them are new."""
-    k = len(seen.nuisances)
-    old = {unknown.name: i for i, unknown in enumerate(seen.nuisances)}
-    effects = one.mode.z.size - k
-    nuisances = there.problem.nuisances
-    size = len(nuisances) + effects
-    z, covariance, new = np.zeros(size), np.eye(size), np.ones(size, dtype=bool)
-    pairs = [(old[unknown.name], i) for i, unknown in enumerate(nuisances) if unknown.name in old]
-    pairs += [(k + i, len(nuisances) + i) for i in range(effects)]
-    of_old, of_new = (np.array(side) for side in zip(*pairs, strict=True))
-    scale = np.ones(of_new.size)
-    z[of_new], new[of_new] = one.mode.z[of_old], False
-    J = next((i for i, unknown in enumerate(nuisances) if unknown.name == "inertia"), None)
-    added = there.problem.recording.added_inertia_kg_m2 - seen.recording.added_inertia_kg_m2
-    if J is not None and added > 0.0:  # the flywheel's own inertia is known
-        rotor = float(seen.nuisances[old["inertia"]].value(one.mode.z[old["inertia"]]))
-        z[J] = float(nuisances[J].z(rotor + added))
-        scale[of_new == J] = rotor / (rotor + added)
-    covariance[np.ix_(of_new, of_new)] = one.mode.covariance[np.ix_(of_old, of_old)] * np.outer(scale, scale)
-    return z, covariance, new

@@ -74,9 +74,9 @@ def resolved(comparison: Comparison, mode: Mode, u: np.ndarray, found: Sequence[
     size = np.sqrt(np.maximum(np.diag(P), 0.0))
     made = []
     for name in dict.fromkeys(one.effect for one in found):
-        mine = [i for i, one in enumerate(found) if one.effect == name]
-        i = mine[len(mine) // 2]  # its shape as it is expected
         amplitude = effects()[name].amplitude
+        mine = [i for i, one in enumerate(found) if next(iter(one.unknowns)) == (name, amplitude.name)]
+        i = mine[len(mine) // 2]  # its shape as it is expected
         unit = (amplitude.expected or amplitude.scale) / (size[i] or math.inf)  # of a size with D = 1
         nearest, rho = _nearest(found, i, P, size)
         wanted = max(TOLD, float(ndtri(SURE)) / math.sqrt(max(1.0 - rho, LEAST_APART) / 2.0))

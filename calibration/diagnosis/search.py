@@ -9,6 +9,7 @@ result. Of what is far behind the best set so far only the start of the search i
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -106,8 +107,9 @@ class Search:
             self._tell("refit the base model again")
             best = self._best()
             if best:
-                again = find(comparison, (), self.modes[best])
-                self.modes[()] = max(base, again, key=lambda mode: mode.log_evidence)
+                with contextlib.suppress(ArithmeticError):  # no reading from there
+                    again = find(comparison, (), self.modes[best])
+                    self.modes[()] = max(base, again, key=lambda mode: mode.log_evidence)
                 if self.modes[()] is not base:
                     del self._signatures[()]
 

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from calibration.diagnosis.carried import carried
 from calibration.diagnosis.confirm import HeldOut, by_channel, folds_of
 from calibration.diagnosis.descent import turned
 from calibration.diagnosis.function import Function
@@ -41,18 +42,34 @@ def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording
     RecordingError
         When it is of another motor.
     """
-    if unseen.motor != seen.problem.recording.motor:
-        raise RecordingError(f"{unseen.folder}: of the motor {unseen.motor}, not {seen.problem.recording.motor}")
+    refuse_another_motor(seen.problem.recording, unseen)
     there = Comparison(Problem(unseen, any_turn=True))
     found = {}
     for key, mode in (("before", base), ("after", chosen)):
         found[key] = _density(seen, mode, there)
     gains = found["after"][0] - found["before"][0]
-    index = np.arange(there.read.size)
-    rmse = {key: by_channel(there, index, found[key][1]) for key in found}
+    index = np.flatnonzero(there.known)
+    rmse = {key: by_channel(there, index, found[key][1][index]) for key in found}
     blocks = [float(np.sum(gains[block])) for block in folds_of(there)]
     se = float(np.std(blocks, ddof=1) * math.sqrt(len(blocks))) if len(blocks) > 1 else 0.0
     return HeldOut(1, 1, rmse["before"], rmse["after"], float(np.sum(gains)), se, f"{SCHEME} {unseen.folder.name}")
+
+
+def refuse_another_motor(seen: Recording, unseen: Recording) -> None:
+    """Refuse a run of another motor, of which nothing can be predicted.
+
+    Parameters
+    ----------
+    seen, unseen : Recording
+        The recording that is diagnosed, and the run held out.
+
+    Raises
+    ------
+    RecordingError
+        When their motors differ.
+    """
+    if unseen.motor != seen.motor:
+        raise RecordingError(f"{unseen.folder}: of the motor {unseen.motor}, not {seen.motor}")
 
 
 def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarray, np.ndarray]:
@@ -61,7 +78,7 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarra
     Starting angles are looked for first.
     """
     f = Function(there, mode.names)
-    z, covariance = _prior(seen, mode, there)
+    z, covariance, _ = carried(seen.problem, mode, there.problem, OF_THE_MOTOR)
     z, predicted = turned(f, there, z, mode.u, f(z))
     precision = np.linalg.inv(covariance)
     start, D = z, np.zeros((there.read.size, z.size))
@@ -99,18 +116,3 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarra
     density = np.zeros(known.size)
     density[known] = -0.5 * apart**2 - np.log(np.diag(L) * white.scale[known]) - 0.5 * math.log(2.0 * math.pi)
     return density, np.nan_to_num(error)
-
-
-def _prior(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance of the run's unknowns before it is looked at [-]."""
-    old = [u.name for u in seen.problem.nuisances]
-    new = [u.name for u in there.problem.nuisances]
-    effects = len(seen.problem.effect_unknowns(mode.names))
-    places = [(old.index(name), new.index(name)) for name in OF_THE_MOTOR if name in old and name in new]
-    places += [(len(old) + i, len(new) + i) for i in range(effects)]
-    of_old, of_new = (np.array(side) for side in zip(*places, strict=True))
-    z = np.zeros(len(new) + effects)
-    covariance = np.eye(z.size)
-    z[of_new] = mode.z[of_old]
-    covariance[np.ix_(of_new, of_new)] = mode.covariance[np.ix_(of_old, of_old)]
-    return z, covariance

@@ -8,6 +8,7 @@ from typing import Generic, Protocol, TypeVar
 
 from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.detect import MISMATCH_P
+from calibration.diagnosis.name import NO_LARGER
 from model.effects import effects
 
 RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
@@ -76,6 +77,18 @@ def not_excluded(found: Sequence[Candidate]) -> list[Candidate]:
     return [c for c in found if c.names and not c.refused and c.probability > UNSETTLED]
 
 
+def is_small(candidate: Weighed) -> bool:
+    """Whether all that a set says is that instruments have errors as large as declared.
+
+    Parameters
+    ----------
+    candidate : Weighed
+        A set.
+    """
+    of_instruments = all(name in effects() and effects()[name].nuisance for name in candidate.names)
+    return bool(candidate.names) and of_instruments and candidate.refused.endswith(NO_LARGER)
+
+
 def judge(
     p_value: float, found: Sequence[Candidate], residual_p: dict[tuple[str, ...], float], held_out: HeldOut | None
 ) -> Verdict[Candidate]:
@@ -91,6 +104,11 @@ def judge(
         p-value of the residual of each set tested [-].
     held_out : HeldOut or None
         Cross-validation of the best set.
+
+    Returns
+    -------
+    Verdict
+        Where an instrument's error as large as declared explains the recording, its `set_probability` is of that.
     """
     base = next((c for c in found if not c.names), None)
     if p_value >= MISMATCH_P:
@@ -103,8 +121,13 @@ def judge(
     tested = [c for c in passing if c.names in residual_p]  # what is named has passed
     if not tested:
         passing = []
-    small = [c for c in found if c.names and c.refused.endswith("no larger than declared")]
-    if small and small[0] is next((c for c in found if c.names), None) and not passing:
+    small = [c for c in found if is_small(c)]
+    if (
+        small
+        and small[0] is next((c for c in found if c.names), None)
+        and not passing
+        and residual_p.get(small[0].names, 0.0) >= RESIDUAL_P
+    ):
         return Verdict("consistent", None, (), small[0].probability, "an instrument's error, no larger than declared")
     if not passing:
         return Verdict("unresolved", None, (), 0.0, "no set of listed effects explains what is left")
@@ -133,6 +156,8 @@ def judge(
         # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
         gained = held_out.gain > -max(LEAST_GAIN, ERRORS * held_out.gain_se)
     rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]
+    if share < NAMED and not rivals:  # none of them is likely, and all together they are
+        rivals = [c for c in passing if c is not best]
     # The model itself is not perfect to the last digit: a further member must be needed by more than a hair.
     rivals += [c for c in allowed if set(c.names) < set(best.names) and c not in passing and _nearly(c, residual_p)]
     if share >= NAMED and gained and not blocked and not rivals:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.diagnosis.confirm import HeldOut
 from calibration.diagnosis.next_test import NextTest
-from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict
+from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict, is_small
 from calibration.rigs_diagnosis.confirm import cross_validate, unseen
 from calibration.rigs_diagnosis.detect import DRAWS, Detection, detect
 from calibration.rigs_diagnosis.linear import forces, linear, signatures
@@ -132,9 +132,13 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
             residual_p[one.names], left[one.names] = _residual(problem, one, detection, rng)
             if not passes and (residual_p[one.names] >= RESIDUAL_P or left[one.names] < MOSTLY):
                 passes = one.probability
+        likeliest = next((c for c in candidates if c.names), None)
+        if likeliest is not None and is_small(likeliest):
+            residual_p[likeliest.names], left[likeliest.names] = _residual(problem, likeliest, detection, rng)
         clock("confirm")
         passing = {names: 1.0 if left.get(names, 1.0) < MOSTLY else p for names, p in residual_p.items()}
-        best = next((c for c in candidates if c.names and passing.get(c.names, 0.0) >= RESIDUAL_P), None)
+        allowed = (c for c in candidates if c.names and not c.refused)
+        best = next((c for c in allowed if passing.get(c.names, 0.0) >= RESIDUAL_P), None)
         if best is not None:
             found = _confirm(problem, candidates, best, other)
         verdict = weigh(detection.p_value, candidates, passing, found)

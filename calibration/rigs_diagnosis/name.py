@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from calibration.diagnosis.name import BEYOND_SD, log_prior
+from calibration.diagnosis.name import BEYOND_SD, NO_LARGER, log_prior
 from calibration.rigs_diagnosis.linear import linear, signatures
 from calibration.rigs_fit import RigFit, fit_rig
 from calibration.rigs_noise import uncorrelated
@@ -146,7 +146,7 @@ def refusal(problem: RigProblem, fit: RigFit) -> str:
             instrument = fit.estimates.get(nuisance)
             size = fit.estimates[label].mean + (instrument.mean if instrument is not None else 0.0)
             if abs(size) < BEYOND_SD * sd:
-                return f"{name} is no larger than declared"
+                return f"{name} {NO_LARGER}"
     return ""
 
 

@@ -175,7 +175,7 @@ def _totals(effects: list[Concealed], nuisances: Mapping[str, float], errors: Ma
             error = effect.id.replace("gauge_", "")
             found[effect.id] = ((1.0 + v["scale"]) * (1.0 + errors[error]) - 1.0) / ERRORS[error]
         elif effect.id == "load_friction":
-            extra = v.get("roller_factor", v.get("torque_per_pressure_m3", 0.0) / 7e-5)
+            extra = v.get("roller_factor", v.get("torque_per_pressure_m3", 0.0) / sizes.SEAL_PER_ROLLER_M3)
             ratio = (nuisances["roller_factor"] + extra) / DEFAULTS["roller_factor"]
             found[effect.id] = float(np.log(ratio) / WIDTHS["declared"]["roller_factor"])
         elif effect.id == "inertia":

@@ -64,7 +64,7 @@ def follow_up(truth: Truth, test: str | Mapping[str, Any], folder: Path) -> None
     words = (str(test["test"]) if isinstance(test, Mapping) else str(test))[:200].lower()
     inertia = FLYWHEEL_KG_M2 if "flywheel" in words else 0.0
     files = _files(truth, inertia, "with a flywheel" if inertia else "")
-    files.append(_further(truth, words, inertia, len(files)))
+    files.append(_further(truth, words, inertia))
     _write(folder, files, inertia)
 
 
@@ -78,9 +78,9 @@ def _files(truth: Truth, inertia: float, session: str) -> list[File]:
     return files
 
 
-def _further(truth: Truth, words: str, inertia: float, number: int) -> File:
+def _further(truth: Truth, words: str, inertia: float) -> File:
     """The test that was asked for."""
-    start = 0.0 if "cold" in words else LATER_S + 200.0 * max(number - 3, 0)
+    start = 0.0 if "cold" in words else LATER_S
     said = re.search(r"(\d+(?:\.\d+)?)\s*bar", words)
     default = 1.15 if "low" in words else 2.6 if "high" in words else RUN_BAR
     level = float(np.clip(float(said[1]) if said else default, *LIMITS_BAR))

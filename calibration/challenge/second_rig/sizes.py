@@ -16,6 +16,7 @@ from calibration.challenge.second_rig.concealed import USUAL, Concealed
 FAMILIES = ("development", "proof")
 TOP_RAD_S = 62.0  # above the fastest plateau
 SWEEP_S = 1000.0  # duration of the sweep
+SEAL_PER_ROLLER_M3 = 7e-5  # torque per pressure of seals that take as much as a unit of the roller factor
 
 # (low, high) of each family; drawn evenly in the logarithm. The signs of sensors' errors are drawn too.
 Range = tuple[float, float]
@@ -192,7 +193,7 @@ def in_form(name: str, form: str, like: Mapping[str, float]) -> Concealed:
             "torque_at_40_nm": like["drag_nm_s2"] * 1600.0,
             "exponent": like["exponent"],
         },
-        ("load_friction", "seal"): lambda: {"torque_per_pressure_m3": 7e-5 * like["roller_factor"]},
+        ("load_friction", "seal"): lambda: {"torque_per_pressure_m3": SEAL_PER_ROLLER_M3 * like["roller_factor"]},
         ("once_per_rev_torque", "two_harmonics"): lambda: {
             **like,
             "second_nm": 0.4 * float(np.hypot(like["sine_nm"], like["cosine_nm"])),
