@@ -343,7 +343,7 @@ def test_a_campaign_is_counted_once(campaign, tmp_path, book):
     for other, words in (
         ("blind", "has its truth_sha256"),
         ("more/blind", "has its name"),
-        ("nulls", "or the same seed"),
+        ("nulls", "from the seed of blind"),
     ):
         with pytest.raises(ChallengeError, match=words):
             score([campaign, tmp_path / other], book, Settings(workers=0))

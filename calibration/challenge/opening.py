@@ -390,10 +390,10 @@ def refuse_twice(entry: Mapping[str, Any], others: Sequence[Mapping[str, Any]], 
         When another has its truths, or truths drawn from the same seed that may be the same.
     """
     for other in others:
-        drawn = all(entry[key] == other[key] for key in ledger.DRAWN_FROM)
-        if entry["truth_sha256"] == other["truth_sha256"] or (
-            drawn and (entry["only"] == other["only"] or not entry["only"] or not other["only"])
-        ):
+        if entry["truth_sha256"] == other["truth_sha256"]:
+            raise layout.ChallengeError(f"{place}: this campaign is given twice; a case counts once")
+        overlap = entry["only"] == other["only"] or not entry["only"] or not other["only"]
+        if overlap and all(entry[key] == other[key] for key in ledger.DRAWN_FROM):
             raise layout.ChallengeError(
-                f"{place}: {entry['campaign']} has cases of {other['campaign']}, or the same seed; a case counts once"
+                f"{place}: {entry['campaign']} is drawn from the seed of {other['campaign']}; a case counts once"
             )
