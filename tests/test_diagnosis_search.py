@@ -434,12 +434,12 @@ def test_errors_on_an_unseen_run_are_of_the_readings_that_there_are(tmp_path: Pa
     head, *rows = place.read_text().splitlines()
     flow = head.split(",").index("flow_l_min")
     empty = [
-        ",".join("" if i == flow and k % 2 else cell for i, cell in enumerate(row.split(",")))
+        ",".join("" if i == flow and k % 4 else cell for i, cell in enumerate(row.split(",")))
         for k, row in enumerate(rows)
     ]
     place.write_text("\n".join([head, *empty]) + "\n")
-    whole, half = (predict_unseen(comparison, base, base, one) for one in (unseen, read_recording(tmp_path / "unseen")))
-    assert half.before["flow_m3_s"] == pytest.approx(whole.before["flow_m3_s"], rel=0.35)
+    whole, some = (predict_unseen(comparison, base, base, one) for one in (unseen, read_recording(tmp_path / "unseen")))
+    assert some.before["flow_m3_s"] == pytest.approx(whole.before["flow_m3_s"], rel=0.35)  # shared by all rows: half
 
 
 @pytest.mark.parametrize("added", [0.0, 0.015, -0.002])

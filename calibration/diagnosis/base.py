@@ -22,7 +22,7 @@ def base_of(comparison: Comparison) -> Mode:
     comparison : Comparison
         The recording; its problem's angles and its swing are changed.
     """
-    base = find(comparison, ())
+    base = find(comparison, (), roughly=True)
     misread = _standing_out(comparison, base)
     if misread.any():
         comparison.noise.leave_alone(misread)

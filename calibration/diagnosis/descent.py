@@ -59,6 +59,7 @@ def find(
     *starts: Mode | None,
     first: dict[tuple[str, str], float] | None = None,
     best: float = math.inf,
+    roughly: bool = False,
 ) -> Mode:
     """The most probable point of the base model with a set of effects.
 
@@ -75,6 +76,9 @@ def find(
         Starting values of effects' unknowns by (effect, parameter) [-].
     best : float
         Cost of another set. With runs in time a search that stays far behind ends early [-].
+    roughly : bool
+        Whether a search with runs in time only begins another one: readings taken for bad are not looked at again, and
+        the noise stays uncorrelated.
 
     Raises
     ------
@@ -95,11 +99,12 @@ def find(
     if min(point.reached for point in rough) <= best + ROUGHLY_HOPELESS or not math.isfinite(here.cost):
         here = min((_with_pulses(f, comparison, point) for point in (here, *other)), key=lambda point: point.cost)
         if here.cost <= best + HOPELESS:
-            for another in (_begun_otherwise, _looked_at_again):
+            for another in (_begun_otherwise,) if roughly else (_begun_otherwise, _looked_at_again):
                 tried = another(f, comparison, here)
                 if tried is not here:
                     here = min(here, _with_pulses(f, comparison, tried), key=lambda point: point.cost)
-            here = _with_pulses(f, comparison, here, correlated=True)
+            if not roughly:
+                here = _with_pulses(f, comparison, here, correlated=True)
     return close(comparison, names, here.z, here.u, here.D, here.predicted)
 
 

@@ -32,7 +32,7 @@ TAIL = 0.15  # share of the draws that the exponential tail is fitted to
 MISMATCH_P = 0.01  # below it something is missing
 PASSES = 3
 LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still
-CORRELATION_PASSES = 3  # of the correlations, from those of the law or of the mode
+CORRELATION_PASSES = 3  # of the correlations, from those of the law
 BAD_ROW = 0.5  # readings that are more probably bad than this are left aside
 
 

@@ -99,7 +99,7 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarra
         for share in SHARES:
             tried = f.clip(f.advance(z, share * move))
             found = of(tried)
-            if np.all(np.isfinite(there.raw(found)[there.known])) and cost(tried, found) <= cost(z, predicted):
+            if there.is_told(found) and cost(tried, found) <= cost(z, predicted):
                 z, predicted = tried, found
                 break
         else:

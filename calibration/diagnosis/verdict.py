@@ -121,15 +121,11 @@ def judge(
     tested = [c for c in passing if c.names in residual_p]  # what is named has passed
     if not tested:
         passing = []
-    small = [c for c in found if is_small(c)]
-    if (
-        small
-        and small[0] is next((c for c in found if c.names), None)
-        and not passing
-        and residual_p.get(small[0].names, 0.0) >= RESIDUAL_P
-    ):
-        return Verdict("consistent", None, (), small[0].probability, "an instrument's error, no larger than declared")
     if not passing:
+        likeliest = next((c for c in found if c.names), None)
+        if likeliest and is_small(likeliest) and residual_p.get(likeliest.names, 0.0) >= RESIDUAL_P:
+            why = "an instrument's error, no larger than declared"
+            return Verdict("consistent", None, (), likeliest.probability, why)
         return Verdict("unresolved", None, (), 0.0, "no set of listed effects explains what is left")
     if base is not None and base.probability > 1.0 - NAMED:
         if base.probability > 0.5:
