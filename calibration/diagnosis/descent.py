@@ -77,8 +77,7 @@ def find(
     best : float
         Cost of another set. With runs in time a search that stays far behind ends early [-].
     roughly : bool
-        Whether a search with runs in time only begins another one: readings taken for bad are not looked at again, and
-        the noise stays uncorrelated.
+        Whether a search with runs in time only begins another one: readings taken for bad are not looked at again.
 
     Raises
     ------
@@ -103,8 +102,7 @@ def find(
                 tried = another(f, comparison, here)
                 if tried is not here:
                     here = min(here, _with_pulses(f, comparison, tried), key=lambda point: point.cost)
-            if not roughly:
-                here = _with_pulses(f, comparison, here, correlated=True)
+            here = _with_pulses(f, comparison, here, correlated=True)
     return close(comparison, names, here.z, here.u, here.D, here.predicted)
 
 
