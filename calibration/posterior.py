@@ -149,7 +149,7 @@ def thinned(flat: np.ndarray, most: int = DRAWS_FOR_ROWS) -> np.ndarray:
 
 
 def as_json(posterior: Posterior) -> dict[str, Any]:
-    """The contract's posterior/1.
+    """As posterior/1.
 
     Parameters
     ----------

@@ -217,7 +217,7 @@ def test_stated_probabilities_are_held_against_whole_sets_and_single_effects():
     assert found["effects"]["brier"] == pytest.approx((0.03**2 + 0.1**2) / 2)
 
 
-def test_a_set_that_is_right_by_the_contract_came_true():
+def test_a_set_that_is_right_by_the_format_came_true():
     """Of two effects the one within three sds is the nuisance at work: that the other is named alone is right."""
     leak = verdict("named", ["leakage"], probability=0.9)
     truth = {"total_sds": {"flow_offset": 2.0}}

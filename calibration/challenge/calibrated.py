@@ -79,7 +79,7 @@ def stated(cases: Sequence[Case]) -> dict[str, Any]:
     for case in said:
         found: Mapping[str, Any] = case.diagnosis or {}
         said_of = said_set(found)
-        right = bool(said_of) and said_of in (case.true_set, case.named_by_contract)
+        right = bool(said_of) and said_of in (case.true_set, case.named_by_format)
         sets.append((found["set_probability"], right))
         effects += [(effect["probability"], effect["id"] in case.true_set) for effect in found["effects"]]
     named = [one for one, case in zip(sets, said, strict=True) if case.verdict == "named"]

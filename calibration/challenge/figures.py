@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from calibration.challenge.goals import COVERED
 from calibration.report import style
 
 CONFUSION, SIGNAL, RELIABILITY, COVERAGE = "confusion.png", "signal.png", "reliability.png", "coverage.png"
@@ -104,7 +105,7 @@ def covered(found: Mapping[str, Any]) -> bytes:
     parts = [*found["f_overall"].items(), ("an effect's size", found["effect_size"])]
     parts = [(name, one) for name, one in parts if one["90"]["n"]]
     with style.drawing(height_in=1.2 + 0.32 * max(len(parts), 2)) as (figure, axes):
-        axes.axvspan(0.87, 0.93, color=style.SHADE)
+        axes.axvspan(*COVERED, color=style.SHADE)
         axes.axvline(0.5, color=style.FAINT, linewidth=0.8)
         for i, level in enumerate(("50", "90")):
             for y, (_, one) in enumerate(parts):

@@ -63,7 +63,7 @@ class Case:
     @property
     def group(self) -> str:
         """The make-up's part that it is counted in; sizes about those of a nuisance are apart."""
-        near = self.truth.get("near_nuisance") or self.named_by_contract != self.true_set
+        near = self.truth.get("near_nuisance") or self.named_by_format != self.true_set
         return NEAR if near else str(self.truth["category"])
 
     @property
@@ -72,7 +72,7 @@ class Case:
         return frozenset(self.truth["ids"]) if self.truth["category"] in (SINGLE, PAIR, OTHER_FORM) else frozenset()
 
     @property
-    def named_by_contract(self) -> frozenset[str]:
+    def named_by_format(self) -> frozenset[str]:
         """The same without what is, nuisance included, within three declared sds: that is the nuisance at work."""
         sds = self.truth.get("total_sds") or {}
         return frozenset(one for one in self.true_set if abs(sds.get(one, BEYOND_SD)) >= BEYOND_SD)
@@ -93,7 +93,7 @@ class Case:
         return self.outcome_of(self.diagnosis)
 
     def outcome_of(self, diagnosis: Mapping[str, Any] | None) -> str:
-        """What any diagnosis of this case is worth: right by the contract, or by what is at work.
+        """What any diagnosis of this case is worth: right by diagnosis/1, or by what is at work.
 
         Parameters
         ----------
@@ -101,11 +101,11 @@ class Case:
             A diagnosis/1.
         """
         full = outcome(self.truth["category"], self.true_set, diagnosis)
-        if self.named_by_contract == self.true_set or full in (RIGHT, WRONG, FAILED):
+        if self.named_by_format == self.true_set or full in (RIGHT, WRONG, FAILED):
             return full
-        category = self.truth["category"] if self.named_by_contract else NONE
-        by_contract = outcome(category, self.named_by_contract, diagnosis)
-        return by_contract if by_contract in (RIGHT, LISTED) else full
+        category = self.truth["category"] if self.named_by_format else NONE
+        by_format = outcome(category, self.named_by_format, diagnosis)
+        return by_format if by_format in (RIGHT, LISTED) else full
 
     @property
     def size(self) -> float | None:

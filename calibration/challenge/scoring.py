@@ -177,8 +177,8 @@ def near(cases: Sequence[Case]) -> dict[str, Any]:
         Near a nuisance.
     """
     parts = {
-        "beyond three sds": [c for c in cases if c.named_by_contract == c.true_set],
-        "something within three sds": [c for c in cases if c.named_by_contract != c.true_set],
+        "beyond three sds": [c for c in cases if c.named_by_format == c.true_set],
+        "something within three sds": [c for c in cases if c.named_by_format != c.true_set],
     }
     return {
         name: {

@@ -308,10 +308,7 @@ def _sizes(counts: Mapping[str, int]) -> str:
 
 
 def _reliability(found: Mapping[str, Any], title: str) -> Grid:
-    rows = [
-        (f"{b['from']:.1f} to {b['to']:.1f}", f"{b['stated']:.3f}", percent({**b, "share": b["share"]}))
-        for b in found["bins"]
-    ]
+    rows = [(f"{b['from']:.1f} to {b['to']:.1f}", f"{b['stated']:.3f}", percent(b)) for b in found["bins"]]
     if found["n"]:
         title += f": Brier score {found['brier']:.3f}, expected calibration error {found['ece']:.3f}"
     return Grid(title, ("stated between", "stated on average", "came true"), rows)

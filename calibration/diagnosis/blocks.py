@@ -344,20 +344,18 @@ def _spans(time: np.ndarray, pressure: np.ndarray, opened: np.ndarray, step: flo
     return spans, fewest
 
 
-def levels(plateaus: Plateaus, tolerance_pa: float = LEVEL_PA) -> list[np.ndarray]:
+def levels(plateaus: Plateaus) -> list[np.ndarray]:
     """Indices of the plateaus at each pressure level, both directions together.
 
     Parameters
     ----------
     plateaus : Plateaus
         The rows.
-    tolerance_pa : float
-        Gap that parts two levels [Pa].
     """
-    return _apart(np.arange(plateaus.size), plateaus.pressure, tolerance_pa)
+    return _apart(np.arange(plateaus.size), plateaus.pressure)
 
 
-def _apart(rows: np.ndarray, pressure: np.ndarray, tolerance_pa: float = LEVEL_PA) -> list[np.ndarray]:
+def _apart(rows: np.ndarray, pressure: np.ndarray) -> list[np.ndarray]:
     """Rows by pressure level."""
     order = rows[np.argsort(pressure[rows])]
-    return list(np.split(order, np.flatnonzero(np.diff(pressure[order]) > tolerance_pa) + 1))
+    return list(np.split(order, np.flatnonzero(np.diff(pressure[order]) > LEVEL_PA) + 1))

@@ -18,6 +18,7 @@ from calibration.diagnosis.blocks import levels
 from calibration.diagnosis.linear import RUN, Comparison
 from calibration.diagnosis.mode import BAD, BAD_WIDTH, Mode
 from calibration.diagnosis.name import Candidate
+from calibration.diagnosis.straight import GOOD
 
 SEGMENTS = 3  # of each run in time
 SEVERAL = 3  # runs in time from which on each is held out whole
@@ -229,7 +230,7 @@ def predict_held(
 
 def _as_read(mode: Mode) -> tuple[np.ndarray, np.ndarray]:
     """Each reading's error in units of its noise, wide where a model takes it for bad, and the log of its price."""
-    bad = mode.bad >= 0.5
+    bad = mode.bad >= GOOD
     return np.where(bad, BAD_WIDTH, 1.0), np.where(bad, math.log(BAD / BAD_WIDTH), math.log(1.0 - BAD))
 
 

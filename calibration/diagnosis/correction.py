@@ -23,7 +23,7 @@ from calibration.diagnosis.straight import Straight, freed, straight
 
 KNOTS = 31  # places at which the curve is known; straight between them
 LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the kernel, in shares of the coordinate's span
-SIZES = (0.03, 0.1, 0.3)  # sd of a torque [N m], or of a flow as a share of the middle flow
+SIZES = (0.03, 0.1, 0.3)  # sd, in units of a balance's own scale
 STEP = 1e-3  # of a standard normal unknown, for a derivative
 ROOT3 = math.sqrt(3.0)
 SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
@@ -41,7 +41,7 @@ class Correction:
     at : ndarray, shape (k,)
         Where it is known [own unit].
     mean, sd : ndarray, shape (k,)
-        The curve [N m] or [m3/s]: a torque that brakes, a flow beyond the model's.
+        The curve: a torque that brakes [N m], a flow beyond the model's [m3/s], or an instrument's error [SI].
     gain : float
         Log evidence over no correction, lengths and sizes averaged over [-].
     column : ndarray, shape (m,)
@@ -49,7 +49,7 @@ class Correction:
     z, z_sd : ndarray, shape (n,)
         The nuisances beside it, and their sd [-].
     size : float
-        The sd that its prior has, sizes weighed by their evidence [N m] or [m3/s].
+        The sd that its prior has, sizes weighed by their evidence [as the curve].
     """
 
     channel: str

@@ -8,7 +8,7 @@ The scales drawn are as probable as what all forces leave over makes them, by th
 their prior they make the law that of recordings louder than this one, and the test too careful. What the test takes
 from a recording it takes from each draw. So a loudness that is not believable is a mismatch of its own: something that
 no force is fine enough to follow. So is a nuisance pulled farther than its prior believes: what can take up a whole
-misfit leaves nothing to see. Beyond the draws the tail is exponential, and marked.
+misfit leaves nothing to see. The rarest share of the law is taken as exponential; what lies beyond all draws is marked.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD, too_loud
 from calibration.diagnosis.signatures import Signature, project
-from calibration.diagnosis.straight import FREE
+from calibration.diagnosis.straight import FREE, GOOD
 
 DRAWS = 200
 TAIL = 0.15  # share of the draws that the exponential tail is fitted to
@@ -33,7 +33,6 @@ MISMATCH_P = 0.01  # below it something is missing
 PASSES = 3
 LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still
 CORRELATION_PASSES = 3  # of the correlations, from those of the law
-BAD_ROW = 0.5  # readings that are more probably bad than this are left aside
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def detect(
         Of the null law [-].
     """
     difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction) + mode.D @ mode.z)
-    test = _Test(comparison, mode, found, free, difference)
+    test = _Test(comparison, mode, found, free)
     real = test(difference, mode.u)
     noise, spread = test.noise(difference)
     null = np.empty(draws)
@@ -147,10 +146,9 @@ class _Test:
         mode: Mode,
         found: Sequence[Signature],
         free: Sequence[Force],
-        difference: np.ndarray,
     ) -> None:
         self.comparison, self.mode = comparison, mode
-        good = mode.bad < BAD_ROW
+        good = mode.bad < GOOD
         self.good = good.astype(float)
         self.S = np.column_stack([s.column for s in found]) if found else np.zeros((good.size, 0))
         self.one_sided = np.array([s.one_sided for s in found], dtype=bool)

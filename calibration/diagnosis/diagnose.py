@@ -194,14 +194,14 @@ def diagnose(
     tell : callable
         Told the step that begins.
     hold_out : Recording or None
-        A run that nothing here has seen, to be predicted once a set is named.
+        A run that nothing here has seen, to be predicted once a set is named or listed.
     workers : int
         Processes that refit sets side by side, of a recording with runs in time; the result is the same [-].
 
     Raises
     ------
     RecordingError
-        When the run held out is of another motor.
+        When the run held out is of another motor, or the motor's model gives no reading of the recording at all.
     """
     if hold_out is not None:
         refuse_another_motor(recording, hold_out)

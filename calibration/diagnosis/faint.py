@@ -17,6 +17,7 @@ from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import BEYOND_SD, declared_size
 from calibration.diagnosis.signatures import Signature, log_gain, project
+from calibration.diagnosis.straight import straight
 
 DRAWS = 4000
 FEWEST = 40  # draws that are possible; with fewer the effect is next to impossible
@@ -59,14 +60,13 @@ def faint(comparison: Comparison, mode: Mode, found: Sequence[Signature], rng: n
     f = problem.place("f_overall")
     if f is None:
         return []
-    white = comparison.whitener(mode.prediction, mode.u)
-    good = (mode.bad < 0.5).astype(float)
-    J = white(mode.D) * good[:, None]
+    here = straight(comparison, mode, mode.u)
+    J = here.J
     A_inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
-    r = project(J, good * white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z))
+    r = project(J, here.y)
     of_shapes: dict[str, list[tuple[float, np.ndarray]]] = {}
     for one in found:
-        g = white(one.column) * good
+        g = here.white(one.column) * here.good
         g_perp = project(J, g)
         gain, mean = log_gain(replace(one, one_sided=False), g, g_perp, r)
         sd = (float(g @ g_perp) + one.sd**-2) ** -0.5

@@ -43,7 +43,7 @@ class Force:
 
 
 def forces(comparison: Comparison, mode: Mode) -> list[Force]:
-    """Free-form forces: a torque along speed and time, a flow along speed and time, and the difference of directions.
+    """Free-form forces: torques and flows along speed and time, the difference of directions, each run along its time.
 
     Parameters
     ----------

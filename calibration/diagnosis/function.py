@@ -191,8 +191,7 @@ class Function:
         u : ndarray, shape (5,)
             The noise, to size the steps [-].
         of : callable
-            Differentiated: `near` a point, or this function where there are no runs in time. Effects that follow the
-            angle have their pulses simulated in any case.
+            Differentiated: this function; `near` a point, where what the pulses add is kept; or the mean torque alone.
         """
         raw, white = self.comparison.raw(here), self.comparison.whitener(here, u)
         around = self.problem.neighbourhood(z[: self.k], self.problem.chosen(self.names, z[self.k :]), here)

@@ -2,8 +2,8 @@
 
 The vector holds the plateaus' flows, then their speeds, then the samples of each run in time, then what is read beside
 them: the gauge with the line vented, the flow meter while the rotor stands. The gauge's noise moves flow and speed of a
-plateau together; the map takes that out, so a whitened residual is standard normal where the model is right. Readings
-that are missing are 0 in it.
+plateau together; the map takes that out, so a whitened residual is standard normal where the model is right. A reading
+that is missing is 0 once whitened.
 
 The phase of the cylinders' pulses in a run in time hangs on everything that came before. So the shaft's angle at a
 sample is known to no better than the pulses swing it, and a speed reading, which is a difference of two angles, has a

@@ -20,6 +20,7 @@ from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.noise import too_loud
 from calibration.diagnosis.problem import Problem, in_si
 from calibration.diagnosis.signatures import Signature, log_gain, project
+from calibration.diagnosis.straight import GOOD
 from model.effects import effects
 
 WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
@@ -103,7 +104,7 @@ def screen(
         Effect, log evidence that it adds [-], and its unknowns to start from [-]; the most promising first.
     """
     white = comparison.whitener(mode.prediction, u)
-    good = (mode.bad < 0.5).astype(float)
+    good = (mode.bad < GOOD).astype(float)
     J = white(mode.D) * good[:, None]
     z, members = mode.z.copy(), comparison.problem.effect_unknowns(mode.names)
     for place, (name, unknown) in enumerate(members, mode.z.size - len(members)):
@@ -176,12 +177,9 @@ def beyond(problem: Problem, mode: Mode, name: str) -> float:
         return 0.0
     mean, sd, prior_sd, one_sided = found
     after = [float(log_ndtr((mean - BEYOND_SD) / sd))]
-    before = [float(log_ndtr(-BEYOND_SD / prior_sd))]
     if not one_sided:
         after.append(float(log_ndtr((-BEYOND_SD - mean) / sd)))
-        before.append(before[0])
-    else:
-        before.append(before[0])
+    before = [float(log_ndtr(-BEYOND_SD / prior_sd))] * 2  # of one that cannot be negative: of both halves in one
     return float(logsumexp(after) - logsumexp(before))
 
 

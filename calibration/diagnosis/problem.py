@@ -1,9 +1,9 @@
-"""A recording against the model as one vector: what was read less what is predicted, each in units of its noise.
+"""What the instruments would read at a point: the unknowns of a recording, and the model's predictions of its readings.
 
-The unknowns are standard normal numbers z, as in the fit: every nuisance first (f_overall, lap, roller
-friction, ambient, offsets and scales of the instruments, and for each run in time the angle that it starts at),
-then the parameters of the effects in question. The gauge's own noise is integrated out: it moves speed and flow
-of a plateau together.
+The unknowns are standard normal numbers z, as in the fit: every nuisance first (f_overall, lap, roller friction,
+inertia, ambient, offsets and scales of the instruments; for each run in time the error of its supply, the moments at
+which air enters and leaves, and where the shaft stood), then the parameters of the effects in question. How far
+readings are from predictions, in units of their noise, is for `calibration.diagnosis.linear` to say.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ UNSETTLED = 0.005  # of the line's pressure: by so much a coast-down may begin o
 LATE_SD = 0.003  # s; by so much the air leaves or enters a line later than its valve moves, or the samples say
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
 
-# The motor's parameters, each channel's offset and scale, and by file: error of the supply, angle, and start.
+# The motor's parameters, each channel's offset and scale, and by file: error of the supply, angle, start, vent, turn.
 ByFile = dict[str, float]
 Split = tuple[np.ndarray, dict[str, tuple[float, float]], ByFile, ByFile, dict[str, np.ndarray], ByFile, ByFile]
 
@@ -311,7 +311,7 @@ class Problem:
         return Neighbourhood(here.state, rows, self._readings, true, self._gas, chosen, self.blocks.plateaus.time)
 
     def split(self, z: np.ndarray) -> Split:
-        """The nuisances' values: the motor's parameters, each channel's errors, and each run's supply and angle.
+        """The nuisances' values: the motor's parameters, each channel's errors, and what is each run's own.
 
         Parameters
         ----------

@@ -17,6 +17,7 @@ from scipy.special import ndtri
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.signatures import Signature, project
+from calibration.diagnosis.straight import straight
 from model.effects import effects
 
 SEEN = 5.0  # D from which an effect is seen
@@ -67,10 +68,9 @@ def resolved(comparison: Comparison, mode: Mode, u: np.ndarray, found: Sequence[
     found : sequence of Signature
         Of all effects, at the base model.
     """
-    white = comparison.whitener(mode.prediction, u)
-    good = (mode.bad < 0.5).astype(float)
-    G = white(np.column_stack([one.column for one in found])) * good[:, None] if found else np.zeros((good.size, 0))
-    P = G.T @ project(white(mode.D) * good[:, None], G)
+    here = straight(comparison, mode, u)
+    G = here.columns(np.column_stack([one.column for one in found])) if found else np.zeros((here.good.size, 0))
+    P = G.T @ project(here.J, G)
     size = np.sqrt(np.maximum(np.diag(P), 0.0))
     made = []
     for name in dict.fromkeys(one.effect for one in found):

@@ -79,11 +79,10 @@ def signatures(comparison: Comparison, mode: Mode) -> list[Signature]:
 
 def _of_the_nuisance(comparison: Comparison, mode: Mode, effect: Effect) -> np.ndarray | None:
     """The signature of an effect that has the form of a nuisance: that nuisance's own derivative, in its unit [SI]."""
-    nuisances = comparison.problem.nuisances
-    i = next((i for i, u in enumerate(nuisances) if effect.nuisance and u.name == effect.nuisance), None)
+    i = comparison.problem.place(effect.nuisance) if effect.nuisance else None
     if i is None:
         return None
-    one, scale = nuisances[i], effect.amplitude.scale
+    one, scale = comparison.problem.nuisances[i], effect.amplitude.scale
     if one.kind == "lognormal":  # an effect is a share of the inertia, or adds to the roller factor
         size = scale if effect.factors else scale / float(one.value(mode.z[i]))
         return mode.D[:, i] * size / math.log(one.b)

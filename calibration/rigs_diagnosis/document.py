@@ -52,8 +52,8 @@ def as_json(found: RigDiagnosis) -> dict[str, Any]:
         "alternatives": [list(names) for names in verdict.alternatives],
         "term": None,
         "improvement": {"held_out": held_out_as_json(found.held_out)},
-        "f_overall_before": _friction(found, [found.candidates_of(())]),
-        "f_overall_after": _friction(found, _weighed(found)),
+        "f_overall_before": _friction([found.candidates_of(())]),
+        "f_overall_after": _friction(_weighed(found)),
         "next_tests": next_tests_as_json(found.next_tests),
         "suspect_rows": [],
         "left": _left(found),
@@ -146,7 +146,7 @@ def _weighed(found: RigDiagnosis) -> list[Candidate]:
     return [c for c in found.candidates if c.names in kept]
 
 
-def _friction(found: RigDiagnosis, weighed: list[Candidate]) -> dict[str, float] | None:
+def _friction(weighed: list[Candidate]) -> dict[str, float] | None:
     """The viscous coefficient averaged over sets [N m s], of a slide [N s/m]."""
     parts = [
         (c.probability, c.fit.estimates["viscous_friction"]) for c in weighed if "viscous_friction" in c.fit.estimates

@@ -10,7 +10,7 @@ concealed, instruments  effects: their laws on the motor, and on what is read
 bench       what the instruments would read without noise
 sizes, draws, truth    what a case conceals
 sheets, recordings     recording/1, and a further test
-signatures, separable  what a recording can tell apart
+signatures, small_torques, separable  what a recording can tell apart
 """
 
 from calibration.challenge.second_rig.draws import draw

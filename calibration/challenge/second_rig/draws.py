@@ -24,7 +24,7 @@ BEYOND = 2.5  # sds at which draws of nuisances are cut
 NEAR_SDS = 4.0
 TURNS_PA, SLOW_RAD_S = 1.5e5, 5.0  # line and speed at which a case has to have torque to spare
 
-# One sd of each nuisance: as the twelve practice recordings have them, and as recordings and motor declare them.
+# One sd of each nuisance: narrow ones to practise on, and those that recordings and motor declare.
 WIDTHS = {
     "practice": {"lap": np.radians(0.5), "roller_factor": 0.1, "ambient_pa": 150.0, "inertia": 0.03, "inlet_k": 0.1},
     "declared": {
