@@ -15,7 +15,8 @@ from calibration.diagnosis.base import base_of, set_angles
 from calibration.diagnosis.carried import carried
 from calibration.diagnosis.confirm import folds_of, summed_up
 from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import detect
+from calibration.diagnosis.detect import MISMATCH_P, detect
+from calibration.diagnosis.diagnose import detect_mismatch
 from calibration.diagnosis.forces import forces
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.in_time import Plan, Pulses
@@ -498,6 +499,22 @@ def test_a_level_that_was_seen_to_turn_is_not_given_up_as_standing() -> None:
         base = base_of(Comparison(Problem(nothing)))
         assert np.all(base.bad < 0.5)
         assert np.sum(base.r**2) < 80.0  # of 52 readings
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(1400052, id="beside a level that stands, with a reading that is noise"),
+        pytest.param(1400988, id="held by the lap, whatever the roller friction"),
+    ],
+)
+def test_a_search_that_ends_with_a_turning_level_at_rest_makes_it_turn(seed: int) -> None:
+    """Nulls that were called mismatches: the search had ended 1400 nats short, and the speed seemed all noise."""
+    draw, test = (np.random.default_rng(one) for one in np.random.SeedSequence((seed, 0, 0)).spawn(2))
+    nothing, _ = null_recording("declared", False, draw)
+    first = detect_mismatch(nothing, test)
+    assert np.sum(first.base.r**2) < 80.0  # of 52 readings
+    assert first.detection.p_value > MISMATCH_P
 
 
 class _TurnsBack(Plan):

@@ -294,7 +294,7 @@ def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_p
         comparison = Comparison(Problem(read_recording(tmp_path)))
         base = base_of(comparison)
         difference = np.nan_to_num(comparison.read - comparison.raw(base.prediction) + base.D @ base.z)
-        test = _Test(comparison, base, signatures(comparison, base), forces(comparison, base), difference)
+        test = _Test(comparison, base, signatures(comparison, base), forces(comparison, base))
         noise, spread = test.noise(difference)
         loud.append(noise[SCALES])
         assert np.all(spread[:4] > 0.05) and np.all(spread < 0.35) and spread[4] == 0.0  # there are no runs

@@ -35,7 +35,9 @@ STALE = 25.0  # squared length of a step, in posterior sds, after which derivati
 LEAST_ROUND = 0.05  # nats that a round with new derivatives has to gain
 PULLED = 3.0  # sds from which a nuisance is handed over to the effect that has its form
 TURNS = 0.3  # share of the speed read above which a level is taken to turn
-LOOSER, LOOSER_BY = 12, 0.25  # steps of the roller factor with which a level that stands is made to turn [-]
+NOT_NOISE = 5.0  # sds of noise, or digits, above which a speed is not that of a rotor at rest
+LOOSENS = ("roller_friction", "port_lap")  # what keeps a level standing
+LOOSER, LOOSER_BY = 24, 0.25  # steps of it with which a level that stands is made to turn [-]
 EDGE = math.sqrt(3.0)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that there is
 OPENINGS = (-2.0, -1.0, 0.0, 1.0, 2.0, 3.0)  # of a run from rest, tried likewise, in sds of their prior
@@ -288,20 +290,39 @@ def _descend(
     return z, u, D, predicted
 
 
-def _turning(f: Function, comparison: Comparison, z: np.ndarray, predicted: Prediction, D: np.ndarray) -> np.ndarray:
-    """The point with the roller factor lowered until each level that was seen to turn does; else the point itself."""
-    place = [unknown.name for unknown in comparison.problem.nuisances].index("roller_friction")
-    read = np.nan_to_num(comparison.read[comparison.n : 2 * comparison.n])
-    seen = read > 0.0
-    tried = z.copy()
-    for _ in range(LOOSER):
+def _turning(
+    f: Function, comparison: Comparison, z: np.ndarray, predicted: Prediction, D: np.ndarray
+) -> list[np.ndarray]:
+    """Points at which each level that was seen to turn does: with less roller friction, or with less lap.
+
+    The point itself where they turn already, or where neither helps.
+    """
+    names = [unknown.name for unknown in comparison.problem.nuisances]
+    speeds = slice(comparison.n, 2 * comparison.n)
+    known, read = comparison.known[speeds], np.nan_to_num(comparison.read[speeds])
+    problem, friction = comparison.problem, names.index("f_overall")
+    seen = read > NOT_NOISE * max(problem.noise["speed"], problem.resolution["speed"])
+
+    def turns(tried: np.ndarray) -> bool:
         speed = f(tried, predicted, ()).speed[seen]
-        if np.all(np.isfinite(speed)) and np.all(speed > TURNS * read[seen]):
-            return tried
-        tried = tried.copy()
-        tried[place] -= LOOSER_BY
-        tried = f.along_valley(z, f.clip(tried), predicted, D)
-    return z
+        return bool(np.all(np.isfinite(speed)) and np.all(speed > TURNS * read[seen]))
+
+    if turns(z):
+        return [z]
+    found, g = [], D[speeds, friction][known]
+    for place in (names.index(name) for name in LOOSENS):
+        # f_overall goes up with it, so that the other levels stay where they are.
+        instead = float(g @ D[speeds, place][known]) / max(float(g @ g), 1e-30)
+        tried = z.copy()
+        for _ in range(LOOSER):
+            tried = tried.copy()
+            tried[place] -= LOOSER_BY
+            tried[friction] += instead * LOOSER_BY
+            tried = f.along_valley(z, f.clip(tried), predicted, D)
+            if turns(tried):
+                found.append(tried)
+                break
+    return found or [z]
 
 
 End = tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]
@@ -327,13 +348,15 @@ def _trusting(
     Close to a stall the speed hangs so steeply on everything that a level given up for bad pulls no more, though a
     little way on it would fit.
     """
-    comparison.trusting = True
-    try:
-        z = _turning(f, comparison, z, predicted, D)
-        end = _descend(f, comparison, z, u, D, of(z), of)
-    finally:
-        comparison.trusting = False
-    return _descend(f, comparison, *end, of)
+    ends = []
+    for begun in _turning(f, comparison, z, predicted, D):
+        comparison.trusting = True
+        try:
+            end = _descend(f, comparison, begun, u, D, of(begun), of)
+        finally:
+            comparison.trusting = False
+        ends.append(_descend(f, comparison, *end, of))
+    return min(ends, key=lambda end: _cost(comparison, end[0], end[1], end[3]))
 
 
 def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
