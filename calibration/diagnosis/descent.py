@@ -29,7 +29,7 @@ TRIES = 4  # of a step that does not lower the cost: as far as the parabola thro
 LONGEST, SHORTEST = 0.5, 0.1  # shares of that one between which it is held
 LEAST_GAIN = 0.005  # nats; a step that promises less is not tried shorter
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
-HOPELESS, ROUGHLY_HOPELESS = 50.0, 100.0  # nats behind the best set from which a search is not gone on with
+HOPELESS, ROUGHLY_HOPELESS = 70.0, 120.0  # nats behind the best set's end from which a search is not gone on with
 MOST_ROUNDS = 8  # times that derivatives with the pulses are taken
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 LEAST_ROUND = 0.05  # nats that a round with new derivatives has to gain
@@ -94,17 +94,20 @@ def find(
         ends += [_trusting(f, comparison, *end, f) for end in ends if _some_bad(comparison, end)]
         ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
         return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
-    rough = [_rough(f, comparison, point) for point in begun]
-    # What was handed over goes on beside the rest: the rough start says little of which ends lower.
-    here, *other = [min(some, key=lambda point: point.cost) for some in (rough[:plain], rough[plain:]) if some]
-    if min(point.reached for point in rough) <= best + ROUGHLY_HOPELESS or not math.isfinite(here.cost):
-        here = min((_with_pulses(f, comparison, point) for point in (here, *other)), key=lambda point: point.cost)
-        if here.cost <= best + HOPELESS:
-            for another in (_begun_otherwise,) if roughly else (_begun_otherwise, _looked_at_again):
-                tried = another(f, comparison, here)
-                if tried is not here:
-                    here = min(here, _with_pulses(f, comparison, tried), key=lambda point: point.cost)
-            here = _with_pulses(f, comparison, here, correlated=True)
+    with comparison.on_its_way():
+        rough = [_rough(f, comparison, point) for point in begun]
+        # What was handed over goes on beside the rest: the rough start says little of which ends lower.
+        here, *other = [min(some, key=lambda point: point.cost) for some in (rough[:plain], rough[plain:]) if some]
+        hopeless = min(point.reached for point in rough) > best + ROUGHLY_HOPELESS and math.isfinite(here.cost)
+        if not hopeless:
+            here = min((_with_pulses(f, comparison, point) for point in (here, *other)), key=lambda point: point.cost)
+            hopeless = here.cost > best + HOPELESS
+        for another in () if hopeless else (_begun_otherwise,) if roughly else (_begun_otherwise, _looked_at_again):
+            tried = another(f, comparison, here)
+            if tried is not here:
+                here = min(here, _with_pulses(f, comparison, tried), key=lambda point: point.cost)
+    if not hopeless:
+        here = _with_pulses(f, comparison, here, correlated=True)
     return close(comparison, names, here.z, here.u, here.D, here.predicted)
 
 

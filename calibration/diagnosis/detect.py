@@ -259,10 +259,10 @@ def _draw(comparison: Comparison, mode: Mode, u: np.ndarray, rng: np.random.Gene
     out[2 * n : end] += comparison.noise.draw_samples(u, rng)
     out[n:end] += problem.resolution["speed"] * (rng.random(end - n) - 0.5)
     out[end:] += comparison.noise.beside * rng.standard_normal(out.size - end)
-    swing = comparison.swing
-    angle = swing * rng.standard_normal(end - 2 * n)
+    sd = comparison.angle_sd
+    angle = sd * rng.standard_normal(end - 2 * n)
     first = np.flatnonzero(comparison.noise.first)
     before = np.roll(angle, 1)
-    before[first] = swing[first] * rng.standard_normal(first.size)
+    before[first] = sd[first] * rng.standard_normal(first.size)
     out[2 * n : end] += (angle - before) / comparison.step
     return np.where(comparison.known, out, 0.0)

@@ -5,14 +5,17 @@ them: the gauge with the line vented, the flow meter while the rotor stands. The
 plateau together; the map takes that out, so a whitened residual is standard normal where the model is right. A reading
 that is missing is 0 once whitened.
 
-The phase of the cylinders' pulses in a run in time hangs on everything that came before. So the shaft's angle at a
-sample is known to no better than the pulses swing it, and a speed reading, which is a difference of two angles, has a
-part of noise that its neighbours take back: what the readings say on average over a pulse stays as sharp as it is.
+The phase of the cylinders' pulses in a run in time hangs on everything that came before, and no model has their form
+exactly. So the shaft's angle at a sample is known to no better than a share of what the pulses swing it, and a speed
+reading, which is a difference of two angles, has a part of noise that its neighbours take back: what the readings say
+on average over a pulse stays as sharp as it is. While a search is on its way the phase is left to chance wholly: it
+would end in one of many places otherwise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from copy import copy
 
 import numpy as np
@@ -22,6 +25,7 @@ from calibration.diagnosis.noise import Noise, Whitener
 from calibration.diagnosis.problem import Prediction, Problem
 
 STANDING, VENTED, FLOW, SPEED, RUN = -2, -1, 0, 1, 2  # kinds of entries; run i is RUN + i
+PHASE = 0.3  # share of the pulses' swing to which the shaft's angle is known
 
 
 class Comparison:
@@ -47,8 +51,7 @@ class Comparison:
     end : int
         Where the runs' samples end and the readings beside them begin [-].
     swing : ndarray, shape (end - 2 n,)
-        How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad]: to so much is it
-        known.
+        How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
     trusting : bool
         Whether no reading may be taken for bad.
     """
@@ -57,6 +60,7 @@ class Comparison:
         self.problem = problem
         plateaus = problem.blocks.plateaus
         self.used = tuple(run.used for run in problem.blocks.runs)
+        self.sizes = tuple(int(used.sum()) for used in self.used)
         n = plateaus.size
         runs = problem.blocks.runs
         self.read = np.concatenate(
@@ -78,11 +82,12 @@ class Comparison:
         self.n = n
         self.swing = np.zeros(self.end - 2 * n)
         self.trusting = False
+        self._shares = np.repeat([1.0 if run.from_rest else PHASE for run in problem.blocks.runs], self.sizes)
+        self._on_its_way = False
         self.step = np.concatenate(
             [np.full(int(used.sum()), _step(run.time)) for run, used in zip(runs, self.used, strict=True)]
             or [np.zeros(0)]
         )
-        self.sizes = tuple(int(used.sum()) for used in self.used)
         known = np.flatnonzero(self.known)
         self.of_a_kind = tuple(known[self.kind[known] == kind] for kind in np.unique(self.kind[known]))
         rows = levels(plateaus) if n else []
@@ -90,6 +95,23 @@ class Comparison:
         self.again = tuple(spot for spot in spots if spot.size > 1)
         self.noise = Noise(problem, self.known, self.sizes, self.step)
         self.see_pulses(np.zeros(len(problem.nuisances)))
+
+    @property
+    def angle_sd(self) -> np.ndarray:
+        """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,).
+
+        The angle at which a rotor stood is not known: after a start from rest it is left to chance wholly.
+        """
+        return self.swing if self._on_its_way else self._shares * self.swing
+
+    @contextlib.contextmanager
+    def on_its_way(self) -> Iterator[None]:
+        """A search that is on its way: the pulses' phase is left to chance wholly."""
+        self._on_its_way = True
+        try:
+            yield
+        finally:
+            self._on_its_way = False
 
     def see_pulses(self, z: np.ndarray) -> None:
         """Take the swing of the pulses anew, from simulations at a point of the base model.
@@ -152,7 +174,7 @@ class Comparison:
         u : ndarray, shape (5,)
             The noise, as in `calibration.diagnosis.noise` [-].
         """
-        return self.noise.whitener(u, _slopes(predicted), self.swing)
+        return self.noise.whitener(u, _slopes(predicted), self.angle_sd)
 
     def noise_step(
         self,
@@ -187,7 +209,7 @@ class Comparison:
         information : ndarray, shape (5, 5)
             With the prior's [-].
         """
-        return self.noise.step_of(difference, u, _slopes(predicted), self.swing, weight, columns, correlated)
+        return self.noise.step_of(difference, u, _slopes(predicted), self.angle_sd, weight, columns, correlated)
 
 
 def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:
