@@ -142,11 +142,12 @@ def test_f_overall_beside_a_torque_that_nobody_knows_holds_what_the_coast_down_c
         np.testing.assert_allclose(nuisances_beside(*of, [one])[1], one.z_sd)
 
 
-def test_what_f_overall_can_do_is_no_correction(coasted):
-    # Ten times the noise of the speed; at twenty the first-order answer of a coast-down, by which it is added, is off
-    # by several: the pulses are followed too closely.
-    best = corrections(*dragged(coasted, lambda omega: 5e-4 * omega), U)[0]
-    assert best.gain < 5.0
+def test_what_f_overall_can_do_is_no_correction(swept):
+    comparison, base = dragged(swept, lambda omega: 2e-2 * omega)
+    assert corrections(comparison, base, U)[0].gain < 0.0
+    held = base.D.copy()
+    held[:, [unknown.name for unknown in comparison.problem.nuisances].index("f_overall")] = 0.0
+    assert corrections(comparison, replace(base, D=held), U)[0].gain > 100.0  # without f_overall it is one
 
 
 def test_a_drag_along_speed_is_not_said_to_be_along_time_too(coasted):

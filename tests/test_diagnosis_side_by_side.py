@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.diagnosis import descent
+from calibration.diagnosis import search as search_module
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.diagnose import detect_mismatch
@@ -73,6 +74,21 @@ def test_sets_are_the_same_to_the_bit_side_by_side(tmp_path: Path) -> None:
         ends.append({names: (mode.log_evidence, mode.z.tobytes()) for names, mode in search.modes.items()})
     assert len(ends[0]) > 2
     assert ends[0] == ends[1]
+
+
+def test_where_every_effect_is_tried_the_rough_start_orders_them(tmp_path: Path, monkeypatch) -> None:
+    recordings.sweep(tmp_path, 3, DRAG)
+    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
+    base = base_of(comparison)
+    found = [one for one in signatures(comparison, base) if one.effect in ("windage", "leakage", "speed_lag")]
+    right = find(comparison, ("windage",), base, None)
+    worst_first = [(one.effect, 0.0, {}) for one in sorted(found, key=lambda one: one.effect == "windage")]
+    monkeypatch.setattr(search_module, "screen", lambda *_, **__: worst_first)
+    monkeypatch.setattr(search_module, "SINGLES_WITH_RUNS", 1)
+    search = Search(comparison, base)
+    search.singles(found, base.u, every=True)
+    assert set(search.modes) == {(), ("windage",), ("speed_lag",)}  # the best, and the one that hides
+    assert np.array_equal(search.modes["windage",].z, right.z)
 
 
 def test_a_search_far_behind_ends_early(tmp_path: Path, monkeypatch) -> None:

@@ -55,6 +55,23 @@ class _Point:
     reached: float = math.inf  # lowest cost so far, the pulses of the start kept
 
 
+@dataclass(frozen=True)
+class Outset:
+    """Where a search with runs in time is after its rough start.
+
+    Attributes
+    ----------
+    reached : float
+        Lowest cost, the pulses of the start kept [-].
+    plain, handed_over : tuple of _Point
+        Points from which it may go on, without and with a nuisance's pull handed over to an effect.
+    """
+
+    reached: float
+    plain: tuple[_Point, ...]
+    handed_over: tuple[_Point, ...]
+
+
 def find(
     comparison: Comparison,
     names: Sequence[str],
@@ -62,6 +79,7 @@ def find(
     first: dict[tuple[str, str], float] | None = None,
     best: float = math.inf,
     roughly: bool = False,
+    outset: Outset | None = None,
 ) -> Mode:
     """The most probable point of the base model with a set of effects.
 
@@ -80,25 +98,26 @@ def find(
         Cost of another set. With runs in time a search that stays far behind ends early [-].
     roughly : bool
         Whether a search with runs in time only begins another one: readings taken for bad are not looked at again.
+    outset : Outset or None
+        The rough start, if it is made already; starts and first are not looked at then.
 
     Raises
     ------
     ArithmeticError
         When the model gives no reading at any start.
     """
-    problem = comparison.problem
     f = Function(comparison, names)
-    begun, plain = _begun(comparison, f, starts or (None,), first or {})
-    if not problem.blocks.runs:
+    if not comparison.problem.blocks.runs:
+        begun, _ = _begun(comparison, f, starts or (None,), first or {})
         ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
         ends += [_trusting(f, comparison, *end, f) for end in ends if _some_bad(comparison, end)]
         ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
         return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
+    outset = outset or set_out(comparison, names, *starts, first=first)
     with comparison.on_its_way():
-        rough = [_rough(f, comparison, point) for point in begun]
         # What was handed over goes on beside the rest: the rough start says little of which ends lower.
-        here, *other = [min(some, key=lambda point: point.cost) for some in (rough[:plain], rough[plain:]) if some]
-        hopeless = min(point.reached for point in rough) > best + ROUGHLY_HOPELESS and math.isfinite(here.cost)
+        here, *other = [min(some, key=lambda point: point.cost) for some in (outset.plain, outset.handed_over) if some]
+        hopeless = outset.reached > best + ROUGHLY_HOPELESS and math.isfinite(here.cost)
         if not hopeless:
             here = min((_with_pulses(f, comparison, point) for point in (here, *other)), key=lambda point: point.cost)
             hopeless = here.cost > best + HOPELESS
@@ -109,6 +128,37 @@ def find(
     if not hopeless:
         here = _with_pulses(f, comparison, here, correlated=True)
     return close(comparison, names, here.z, here.u, here.D, here.predicted)
+
+
+def set_out(
+    comparison: Comparison,
+    names: Sequence[str],
+    *starts: Mode | None,
+    first: dict[tuple[str, str], float] | None = None,
+) -> Outset:
+    """The rough start of a search with runs in time.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    names : sequence of str
+        Effect ids.
+    *starts : Mode or None
+        As of `find`.
+    first : dict or None
+        As of `find`.
+
+    Raises
+    ------
+    ArithmeticError
+        When the model gives no reading at any start.
+    """
+    f = Function(comparison, names)
+    begun, plain = _begun(comparison, f, starts or (None,), first or {})
+    with comparison.on_its_way():
+        rough = [_rough(f, comparison, point) for point in begun]
+    return Outset(min(point.reached for point in rough), tuple(rough[:plain]), tuple(rough[plain:]))
 
 
 def _with_pulses(f: Function, comparison: Comparison, here: _Point, correlated: bool = False) -> _Point:
@@ -355,10 +405,10 @@ def _trusting(
     for begun in _turning(f, comparison, z, predicted, D):
         comparison.trusting = True
         try:
-            end = _descend(f, comparison, begun, u, D, of(begun), of)
+            end = _descend(f, comparison, begun, u, D, of(begun), of, fresh=begun is not z)
         finally:
             comparison.trusting = False
-        ends.append(_descend(f, comparison, *end, of))
+        ends.append(_descend(f, comparison, *end, of, fresh=False))
     return min(ends, key=lambda end: _cost(comparison, end[0], end[1], end[3]))
 
 
