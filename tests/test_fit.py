@@ -28,7 +28,7 @@ COMMAND = str(Path(sys.executable).parent / "spinbench")
 BRIEF = ("--effective-samples", "200")
 HEADER = "pressure_bar_abs,flow_l_min,speed_rpm\n"
 # Enough for intervals of 99 % and for sds to a few per cent.
-QUICK = Settings(seed=1, effective_samples=600, most_steps=2000, walkers=32, times_tau=12.0)
+QUICK = Settings(seed=1, effective_samples=300, most_steps=2000, walkers=32, times_tau=10.0)
 
 
 def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
