@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -272,7 +272,9 @@ def sensitivity(
 
 @app.command()
 def fit(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder, or a run's.")],
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder, or a run as RUN elsewhere.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", metavar="DIR", help="Report, posterior and chain; a killed fit goes on."),
@@ -295,6 +297,7 @@ def fit(
     effects: Annotated[
         str, typer.Option(metavar="ID,ID", help="Effects that the model holds too; their sizes become unknowns.")
     ] = "",
+    logs: LogsOption = LOGS,
 ) -> None:
     """Fit f_overall and what it hangs on to a recording; exit code 3 if the sampler does not converge."""
     from calibration import fit as fits
@@ -302,7 +305,7 @@ def fit(
     from calibration.report import files, fit_page, simulation
     from calibration.sampling import Settings
 
-    read = _recording(recording)
+    read = _recording(_folder(recording, logs))
     for words in read.warnings:
         print(f"spinbench: {words}", file=sys.stderr)
     settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
@@ -331,7 +334,8 @@ def fit(
 @app.command()
 def diagnose(
     recording: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs'; several as one.")
+        list[Path],
+        typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several as one."),
     ],
     out: Annotated[
         Path | None,
@@ -351,6 +355,7 @@ def diagnose(
             help="Processes, of no influence on the result; when left out two, if there are as many cores.",
         ),
     ] = None,
+    logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
     from calibration.diagnosis.diagnose import diagnose as look
@@ -360,9 +365,11 @@ def diagnose(
     from calibration.rigs_problem import OF_KIND
     from rig.recording import RecordingError
 
-    if hold_out is not None and hold_out.resolve() in [folder.resolve() for folder in recording]:
+    folders = [_folder(named, logs) for named in recording]
+    hold_out = None if hold_out is None else _folder(hold_out, logs)
+    if hold_out is not None and hold_out.resolve() in [folder.resolve() for folder in folders]:
         raise RecordingError(f"{hold_out} is to be held out and diagnosed: name a run that is not among the others")
-    read = together([_recording(folder) for folder in recording])
+    read = together([_recording(folder) for folder in folders])
     for words in read.warnings:
         print(f"spinbench: {words}", file=sys.stderr)
     if not isinstance(read.motor, str) and read.motor.get("kind") in OF_KIND:
@@ -1029,7 +1036,7 @@ def many_fit(
 
 
 def _tell_of_many(
-    header: tuple[str, ...], shown: list[tuple[str, ...]], rows: list[dict[str, Any]], place: Path
+    header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[dict[str, Any]], place: Path
 ) -> None:
     """The table on the terminal, what failed on standard error."""
     from rich.markup import escape
@@ -1071,6 +1078,20 @@ def _run(name: str, logs: Path) -> Run:
     from rig.runlog.listing import find_run
 
     return read_run(find_run(name, logs))
+
+
+def _folder(named: Path, logs: Path) -> Path:
+    """A recording's folder; what is no path that exists may be a run, by its name, the beginning of one, or `last`."""
+    from rig.recording import RecordingError
+    from rig.runlog.folder import RunError
+    from rig.runlog.listing import find_run
+
+    if named.exists() or len(named.parts) != 1:
+        return named
+    try:
+        return find_run(named, logs)
+    except RunError as error:
+        raise RecordingError(f"there is no folder '{named}', and {error}") from error
 
 
 def _recording(path: Path) -> Recording:

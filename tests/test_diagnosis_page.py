@@ -24,6 +24,7 @@ from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_words
 from rig.recording import read_recording
 from tests import browser
 from tests.diagnosis_recordings import sweep
+from tests.synthetic_runs import write_sweep
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -325,6 +326,18 @@ def test_what_is_held_out_may_not_be_diagnosed_too(tmp_path):
     done = spinbench("diagnose", tmp_path / "recording", "--hold-out", tmp_path / "recording", "--json", "-")
     assert done.returncode == 2 and done.stdout == ""
     assert "is to be held out and diagnosed" in " ".join(done.stderr.split())
+
+
+def test_a_run_is_named_as_elsewhere(tmp_path):
+    """By the beginning of its name and as the last: the same folder, so it may not be held out too."""
+    folder = write_sweep(tmp_path, captures=False)
+    again = spinbench("diagnose", folder.name[:20], "--hold-out", "last", "--logs", tmp_path, "--json", "-")
+    assert again.returncode == 2
+    assert f"{folder.name} is to be held out and diagnosed" in " ".join(again.stderr.split())
+    for command in ("fit", "diagnose"):
+        missing = spinbench(command, "nothing", "--logs", tmp_path)
+        assert missing.returncode == 2 and missing.stdout == ""
+        assert "there is no folder 'nothing', and no run in" in " ".join(missing.stderr.split())
 
 
 def test_a_run_held_out_for_nothing_is_told(tmp_path):

@@ -19,10 +19,17 @@ if TYPE_CHECKING:
 class Measured(Protocol):
     """What a run measured: `rig.replay.channels.Measured`."""
 
-    speed_time_s: np.ndarray
-    speed_rad_s: np.ndarray
-    flow_time_s: np.ndarray
-    flow_m3_s: np.ndarray
+    @property
+    def speed_time_s(self) -> np.ndarray: ...
+
+    @property
+    def speed_rad_s(self) -> np.ndarray: ...
+
+    @property
+    def flow_time_s(self) -> np.ndarray: ...
+
+    @property
+    def flow_m3_s(self) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
