@@ -153,7 +153,7 @@ def main() -> None:
         code = exit_code(error)
         if code is None:
             raise
-        for line in _in_words(error).splitlines():
+        for line in (*_in_words(error).splitlines(), *getattr(error, "__notes__", ())):
             print(f"spinbench: {line}", file=sys.stderr)
         sys.exit(code)
 
@@ -305,6 +305,7 @@ def fit(
     from calibration.report import files, fit_page, simulation
     from calibration.sampling import Settings
 
+    _check_places(out, json_file)
     read = _recording(_folder(recording, logs))
     for words in read.warnings:
         print(f"spinbench: {words}", file=sys.stderr)
@@ -312,10 +313,13 @@ def fit(
     channels = ("pressure", "speed") if speed_only else fits.ALL_CHANNELS
     changes = assignments or []
     held = [name.strip() for name in effects.split(",") if name.strip()]
+    planned = fits.variants(read, channels, compare, gauge_span_bar)
     with _sampling_progress("fit") as progress:
         found = fits.fit(read, settings, changes, channels, out / "chain" if out else None, progress, held)
+    if out is not None and planned:  # one of them may not converge
+        files.write_files(out, {"posterior.json": simulation.json_bytes(posterior.as_json(found.posterior))})
     variants = []
-    for name, changed, used in fits.variants(read, channels, compare, gauge_span_bar):
+    for name, changed, used in planned:
         with _sampling_progress(name) as progress:
             still = with_effects.seen(held, used)
             again = fits.fit(changed, fits.brief(settings), changes, used, None, progress, still)
@@ -365,17 +369,21 @@ def diagnose(
     from calibration.rigs_problem import OF_KIND
     from rig.recording import RecordingError
 
+    _check_places(out, json_file)
     folders = [_folder(named, logs) for named in recording]
     hold_out = None if hold_out is None else _folder(hold_out, logs)
     if hold_out is not None and hold_out.resolve() in [folder.resolve() for folder in folders]:
         raise RecordingError(f"{hold_out} is to be held out and diagnosed: name a run that is not among the others")
-    read = together([_recording(folder) for folder in folders])
-    for words in read.warnings:
-        print(f"spinbench: {words}", file=sys.stderr)
-    if not isinstance(read.motor, str) and read.motor.get("kind") in OF_KIND:
-        _diagnose_rig(read, out, json_file, seed, hold_out)
-        return
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        raise RecordingError("a recording is given twice: its readings would count twice")
+    parts = [_recording(folder) for folder in folders]
     unseen = None if hold_out is None else _recording(hold_out)
+    for words in (words for part in (*parts, unseen) if part is not None for words in part.warnings):
+        print(f"spinbench: {words}", file=sys.stderr)
+    read = together(parts)
+    if not isinstance(read.motor, str) and read.motor.get("kind") in OF_KIND:
+        _diagnose_rig(read, out, json_file, seed, unseen)
+        return
     with _diagnosing() as tell:
         diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1))
         found = as_json(diagnosis)
@@ -393,12 +401,13 @@ def diagnose(
         print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
 
 
-def _diagnose_rig(read: Recording, out: Path | None, json_file: Path | None, seed: int, hold_out: Path | None) -> None:
+def _diagnose_rig(
+    read: Recording, out: Path | None, json_file: Path | None, seed: int, unseen: Recording | None
+) -> None:
     """The diagnosis of a rig that is not this motor."""
     from calibration.report import diagnosis_words, files, simulation
     from calibration.rigs_diagnosis import as_json, look, page, words
 
-    unseen = None if hold_out is None else _recording(hold_out)
     with _diagnosing() as tell:
         diagnosis = look(read, seed, tell, unseen)
         found = as_json(diagnosis)
@@ -583,7 +592,7 @@ def _take(
 
     from calibration.beside import Beside
     from rig.bench import bench_path, read_bench
-    from rig.running import take
+    from rig.running import UNVENTED, take
     from rig.terminal import Terminal, somebody_is_there
 
     place = bench_path(path)
@@ -599,7 +608,7 @@ def _take(
         folder, outcome = take(place, given, course, wanted)
     print(f"{folder}: {outcome.outcome}{f', {outcome.reason}' if outcome.reason else ''}")
     if not outcome.vented:
-        print("spinbench: the line is NOT known to be without pressure: close the supply", file=sys.stderr)
+        print(f"spinbench: {UNVENTED}", file=sys.stderr)
     if outcome.outcome != "finished":
         raise typer.Exit(RUN_FAILED)
 
@@ -666,7 +675,10 @@ def sheet(
             text = entered.read_text(encoding="utf-8")
         except UnicodeDecodeError:
             raise SheetError(f"{entered}: not UTF-8 text; save it as UTF-8") from None
-        print(enter(read, text, room, logs, operator))
+        try:
+            print(enter(read, text, room, logs, operator))
+        except SheetError as error:
+            raise SheetError("\n".join(f"{entered}: {line}" for line in str(error).splitlines())) from None
 
 
 @app.command()
@@ -743,8 +755,13 @@ def replay(
     bench = mended_bench(read, mended, FOLDER / "instruments") if mended else bench_of_run(read)
     with contextlib.ExitStack() as kept:
         writer = kept.enter_context(writer_for(read, bench, logs)) if save else None
-        with _counting(f"replay of {read.name}", read.exchange_count) as tell:
-            found = play(read, bench, writer, real_time, lambda done, exchange: tell(done))
+        try:
+            with _counting(f"replay of {read.name}", read.exchange_count) as tell:
+                found = play(read, bench, writer, real_time, lambda done, exchange: tell(done))
+        except Exception as error:
+            if writer is not None:
+                writer.end("failed", f"replay of {read.name}: {error}")
+            raise
         if writer is not None:
             retake_plateaus(read, writer)
             writer.end("finished", f"replay of {read.name}")
@@ -757,7 +774,7 @@ def replay(
         print(f"spinbench: {found.tail} more rows than the log: it was killed between its files", file=sys.stderr)
     if with_model:
         _against_model(read, out)
-    if not found.same and not (mended or save):
+    if not found.same and not mended:
         raise typer.Exit(RUN_FAILED)
 
 
@@ -784,6 +801,7 @@ def _against_model(run: Run, out: Path | None) -> None:
 @runs_app.command("list")
 def list_all(logs: LogsOption = LOGS) -> None:
     """List the runs."""
+    from rich.markup import escape
     from rich.table import Table
 
     from rig.runlog.listing import list_runs
@@ -795,7 +813,8 @@ def list_all(logs: LogsOption = LOGS) -> None:
     table = Table("run", "kind", "bench", "started (UTC)", "outcome", "rows", "plateaus")
     for row in found:
         bench = f"{row.bench} (virtual)" if row.simulated else row.bench
-        table.add_row(row.name, row.kind, bench, row.utc_start, row.outcome, str(row.rows), str(row.plateaus))
+        cells = (row.name, row.kind, bench, row.utc_start, row.outcome, str(row.rows), str(row.plateaus))
+        table.add_row(*map(escape, cells))
     _print(table)
 
 
@@ -858,7 +877,7 @@ def import_data(
     mapping: Annotated[Path, typer.Option("--mapping", metavar="FILE", help="What their columns are, units and all.")],
     logs: LogsOption = LOGS,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Of another rig: the recording to make.")
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="A recording to make of it, in place of a run.")
     ] = None,
 ) -> None:
     """Import data taken elsewhere, as a run; of a rig that is not this motor, as a recording."""
@@ -868,7 +887,7 @@ def import_data(
     read = read_mapping(mapping)
     if not isinstance(read.file.motor, str) and out is None:
         raise typer.BadParameter(f"{mapping} is of another rig: name the recording to make with -o")
-    print(import_files(files, read, logs if out is None else out))
+    print(import_files(files, read, logs if out is None else out, as_recording=out is not None))
 
 
 @challenge_app.command("make")
@@ -1080,6 +1099,13 @@ def _run(name: str, logs: Path) -> Run:
     return read_run(find_run(name, logs))
 
 
+def _check_places(out: Path | None, json_file: Path | None) -> None:
+    """Whether results could be written, before the work that they come of."""
+    from calibration.report import files
+
+    files.check_places(out, None if json_file is None or str(json_file) == "-" else json_file)
+
+
 def _folder(named: Path, logs: Path) -> Path:
     """A recording's folder; what is no path that exists may be a run, by its name, the beginning of one, or `last`."""
     from rig.recording import RecordingError
@@ -1114,10 +1140,11 @@ def _recording(path: Path) -> Recording:
 def _counting(name: str, total: int) -> Iterator[Callable[[int], None]]:
     """A bar on standard error, for what can be counted."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress as Bar
 
     with Bar(console=Console(stderr=True)) as bar:
-        task = bar.add_task(name, total=max(total, 1))
+        task = bar.add_task(escape(name), total=max(total, 1))
         yield lambda done: bar.update(task, completed=done)
 
 

@@ -26,7 +26,6 @@ from rig.instruments.instrument import ChannelFile, Instrument, InstrumentFile, 
 FORMAT = "bench/1"
 BENCH_SOURCE = "bench.toml"
 FOLDER = configs.FOLDER / "benches"
-MODBUS_ADDRESSES = (1, 247)
 
 Positive = Annotated[float, pydantic.Field(gt=0.0)]
 NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
@@ -235,7 +234,7 @@ def bench_path(path: Path) -> Path:
         What was typed.
     """
     path = Path(path)
-    return FOLDER / f"{path.name}.toml" if not path.suffix and not path.exists() else path
+    return FOLDER / f"{path.name}.toml" if not path.suffix and not path.is_file() else path
 
 
 def instrument_source(instrument: str) -> str:
@@ -327,6 +326,12 @@ def _address_mistakes(file: BenchFile) -> list[str]:
 
 def _role_mistakes(bench: Bench) -> list[str]:
     mistakes = []
+    drivers: dict[str, Any] = {}
+    for device in bench.file.devices:
+        try:
+            drivers[device] = bench.build(device)
+        except ConfigError as error:
+            mistakes += str(error).splitlines()
     for role, name in bench.file.roles:
         if name is None:
             continue
@@ -334,7 +339,9 @@ def _role_mistakes(bench: Bench) -> list[str]:
         if device not in bench.file.devices:
             mistakes.append(f"roles.{role}: there is no device '{device}' ({', '.join(bench.file.devices)})")
             continue
-        driver: Any = bench.build(device)
+        if device not in drivers:
+            continue
+        driver = drivers[device]
         if role == "regulator":
             if not hasattr(driver, "write"):
                 mistakes.append(f"roles.regulator: '{device}' takes no set-point")

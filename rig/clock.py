@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import time
 
-from rig.readings import NS
-
 
 class Clock:
     """A monotonic clock that runs at `rate` times real time.
@@ -41,16 +39,6 @@ class Clock:
         passed = real_ns - self.start_ns
         return passed if self.rate == 1.0 else int(passed * self.rate)
 
-    def utc_ns(self, bench_ns: int) -> int:
-        """UTC since 1970 at a time of the bench, on a bench that runs at real time [ns].
-
-        Parameters
-        ----------
-        bench_ns : int
-            Time of the bench [ns].
-        """
-        return self.utc_start_ns + bench_ns
-
     def real_s(self, bench_s: float) -> float:
         """Real seconds that a span of the bench's time takes [s].
 
@@ -71,13 +59,3 @@ class Clock:
         """
         if bench_s > 0.0:
             time.sleep(self.real_s(bench_s))
-
-    def sleep_until(self, bench_ns: int) -> None:
-        """Wait until a time of the bench.
-
-        Parameters
-        ----------
-        bench_ns : int
-            Time of the bench [ns].
-        """
-        self.sleep((bench_ns - self.now_ns()) / NS)

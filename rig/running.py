@@ -24,7 +24,7 @@ from rig.interlock.limits import Limits
 from rig.interlock.stop import Stop
 from rig.interlock.watchdog import Plan as WatchdogPlan
 from rig.interlock.watchdog import Watchdog
-from rig.lines import Port
+from rig.lines import LineError, Port
 from rig.lines.keyboard import KeyboardPort
 from rig.lines.opening import port_of
 from rig.readings import NS
@@ -45,6 +45,7 @@ from rig.sweep.sheet_entry import enter_sheet, read_sheet
 BAR = 1e5
 ATTENDED_S = 30.0  # real time without a look at the limits after which the watchdog takes the sweep for hung
 DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
+UNVENTED = "the line is NOT known to be without pressure: close the supply"
 
 
 def nobody(plateau: Plateau) -> None:
@@ -255,10 +256,9 @@ class _Run:
                 outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, tell))
         except BaseException as error:
             outcome = Outcome("failed", f"{type(error).__name__}: {error}", False, [], [])
+            error.add_note(self._seal(writer, outcome, begin_ns, watchdog))
             raise
-        finally:
-            minutes = (self.place.clock.now_ns() - begin_ns) / NS / 60.0
-            self._seal(writer, outcome, minutes, watchdog)
+        self._seal(writer, outcome, begin_ns, watchdog)
         return writer.folder, outcome
 
     def _note(self, kind: str, **details: Any) -> None:
@@ -326,11 +326,13 @@ class _Run:
             taken,
         )
 
-    def _seal(self, writer: RunWriter, outcome: Outcome, minutes: float, watchdog: Watchdog | None) -> None:
+    def _seal(self, writer: RunWriter, outcome: Outcome, begin_ns: int, watchdog: Watchdog | None) -> str:
         """Statistics, last readings, end record; a failure of the run log is told once the run is closed.
 
-        A line that is not known to be vented is left to the watchdog, which tries on by itself.
+        A line that is not known to be vented is left to the watchdog, which tries on by itself. What is known of the
+        line is returned in words, and goes with every error.
         """
+        minutes = (self.place.clock.now_ns() - begin_ns) / NS / 60.0
         statistics = self.acquisition.statistics()
         self.acquisition.event("statistics", None, **statistics)
         failure: RecorderError | None = None
@@ -339,18 +341,34 @@ class _Run:
         except RecorderError as error:
             failure = error
             outcome = replace(outcome, outcome="failed", reason=str(error))
-        if watchdog is not None:
-            watchdog.release() if outcome.vented else watchdog.hand_over()
-        ask = self.wanted.ask if outcome.outcome == "finished" else None
-        room: Any = at_end(self.ambient, minutes, ask).record()
+        line = "the line is without pressure" if outcome.vented else UNVENTED
+        if watchdog is not None and outcome.vented:
+            watchdog.release()
+        elif watchdog is not None and watchdog.hand_over():
+            line = f"{UNVENTED}; the regulator reads back zero"
+        room: Any = self._room_at_end(minutes, outcome.outcome == "finished").record()
         kind: Any = outcome.outcome
         try:
             writer.end(kind, outcome.reason, room, statistics, outcome.vented)
         except RunError as error:
-            vented = "vented" if outcome.vented else "NOT known to be vented"
-            raise RecorderError(f"{failure or error}; the line is {vented}; the run counts as killed") from error
+            failure = RecorderError(f"{failure or error}; the run counts as killed")
         if failure is not None:
+            failure.add_note(line)
             raise failure
+        return line
+
+    def _room_at_end(self, minutes: float, ask: bool) -> Ambient:
+        """The room once more; as at the start where nobody says, for no answer may keep a run from being sealed."""
+        if not ask or self.wanted.ask is None:
+            return at_end(self.ambient, minutes)
+        try:
+            with self.stop.interrupting():
+                if self.conversation is not None:
+                    self.conversation.resume()  # its port was closed with the other lines
+                return at_end(self.ambient, minutes, self.wanted.ask)
+        except (AmbientError, LineError, StoppedError, KeyboardInterrupt):
+            self.wanted.progress.say("the room's figures at the end were not told; those of the start stand", True)
+            return at_end(self.ambient, minutes)
 
 
 def enter(bench: Bench, text: str, ambient: Ambient, root: Path, operator: str = "") -> Path:

@@ -133,7 +133,7 @@ class LabAcquisition:
         self.dead_regulator = False
         self.before = {}  # a function of this, called once at the event of that name
 
-    def command(self, device, action, argument=None, wait_s=5.0):
+    def command(self, device, action, argument=None, wait_s=5.0, take_back=True):
         self.commands.append((device, action, argument))
         if action == "write":
             if self.dead_regulator:

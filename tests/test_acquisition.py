@@ -1,13 +1,14 @@
 """The acquisition over the virtual bench's real bytes: what is logged, what a fault does, and how a line comes back."""
 
 import functools
+import threading
 import time
 
 import pytest
 
-from rig.acquisition import Acquisition, RecorderError
+from rig.acquisition import Acquisition, RecorderError, actions
 from rig.instruments.instrument import IdentityError
-from rig.lines import LineError
+from rig.lines import LineError, NoReplyError
 from rig.readings import Quality
 from rig.virtual.launch import port_for
 from tests.virtual_benches import MODBUS, bench, serving
@@ -197,3 +198,44 @@ def test_a_listener_that_fails_is_dropped_and_the_run_goes_on(acquiring, tmp_pat
         wait_until(lambda: any(kind == "listener failed" for kind, _ in sink.events))
         count = len(sink.exchanges)
         wait_until(lambda: len(sink.exchanges) > count + 5)
+
+
+def test_a_command_that_was_not_begun_in_time_is_never_done_unless_it_is_to_stand(acquiring, tmp_path, monkeypatch):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, _ = acquiring(served)
+        worker = acquisition.workers["bus"]
+        gate = threading.Event()
+        done = []
+        perform = actions.perform
+
+        def slow(line, device, driver, action, argument=None):
+            gate.wait(10.0)
+            done.append((action, argument))
+            return perform(line, device, driver, action, argument)
+
+        monkeypatch.setattr(actions, "perform", slow)
+        time.sleep(0.3)  # the line's thread waits in a poll by now
+        with pytest.raises(NoReplyError, match="not done within"):
+            acquisition.command("dac", "write", 2.0, 0.1)
+        with pytest.raises(NoReplyError, match="not done within"):
+            acquisition.command("dac", "write", 0.0, 0.1, take_back=False)
+        gate.set()
+        wait_until(lambda: ("write", 0.0) in done)
+        assert ("write", 2.0) not in done
+        assert worker.failure is None
+
+
+def test_whatever_fails_while_a_line_is_mended_ends_the_run_in_words(acquiring, tmp_path, monkeypatch):
+    with serving(bench(MODBUS), tmp_path) as served:
+        acquisition, _ = acquiring(served)
+        wait_until(lambda: acquisition.window("pressure", 1e6).size > 3)
+
+        def broken(line):
+            raise RuntimeError("what nobody thought of")
+
+        monkeypatch.setattr(actions, "open_line", broken)
+        served.ask(do="unplug", line="bus")
+        wait_until(lambda: acquisition.workers["bus"].failure is not None)
+        assert acquisition.workers["bus"].is_alive()
+        with pytest.raises(RuntimeError, match="what nobody thought of"):
+            acquisition.check()

@@ -328,6 +328,13 @@ def test_what_is_held_out_may_not_be_diagnosed_too(tmp_path):
     assert "is to be held out and diagnosed" in " ".join(done.stderr.split())
 
 
+def test_a_recording_given_twice_is_refused(tmp_path):
+    sweep(tmp_path / "recording", 11, {})
+    done = spinbench("diagnose", tmp_path / "recording", tmp_path / "recording")
+    assert done.returncode == 2 and done.stdout == ""
+    assert "a recording is given twice" in done.stderr
+
+
 def test_a_run_is_named_as_elsewhere(tmp_path):
     """By the beginning of its name and as the last: the same folder, so it may not be held out too."""
     folder = write_sweep(tmp_path, captures=False)
@@ -344,9 +351,23 @@ def test_a_run_held_out_for_nothing_is_told(tmp_path):
     """Nothing is named that could predict it."""
     for seed, name in ((11, "recording"), (12, "unseen")):
         sweep(tmp_path / name, seed, {})
+    table = (tmp_path / "unseen" / "sweep.csv").read_text().splitlines()
+    more = [table[0] + ",humour", *(line + ",1" for line in table[1:])]
+    (tmp_path / "unseen" / "sweep.csv").write_text("\n".join(more) + "\n")
     done = spinbench("diagnose", tmp_path / "recording", "--hold-out", tmp_path / "unseen", "--json", "-")
     assert json.loads(done.stdout)["verdict"] == "consistent"
     assert f"{tmp_path / 'unseen'} was not predicted" in done.stderr
+    assert "humour" in done.stderr
+
+
+def test_a_place_where_nothing_can_be_written_is_told_before_the_work(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    for options in (["-o", tmp_path / "file"], ["-o", tmp_path / "file" / "out"], ["--json", tmp_path]):
+        done = spinbench("diagnose", tmp_path / "recording", *options)
+        assert done.returncode == 2
+        assert f"{options[1] if options[0] == '--json' else tmp_path / 'file'}: " in done.stderr
+        assert "recording/1" not in done.stderr  # nothing was read
+    assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_the_page_opens_in_a_browser(files, tmp_path):

@@ -127,3 +127,8 @@ def test_on_a_fast_clock_a_pause_of_the_machine_is_no_lost_signal():
     limits.trip(View(speed(300.0), pressure(2.0)), 0, True)
     assert limits.trip(View(speed(300.0), pressure(2.0)), 50 * NS, True) is None  # 2.5 s of the wall
     assert limits.trip(View(speed(300.0), pressure(2.0)), 70 * NS, True)
+
+
+def test_a_speed_beyond_a_scale_whose_end_is_not_known_trips_at_once():
+    view = View(speed(None, quality=Quality.OVER_RANGE), pressure(2.0))
+    assert "speed beyond the scale of tach.speed_rpm, limit 600 rpm" in Limits(SAFETY, ROLES).trip(view, 0, True)

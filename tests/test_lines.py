@@ -5,14 +5,17 @@ import pty
 import random
 import select
 import socket
+import termios
 import threading
 import time
 import tty
 
 import pytest
+import serial
 
 from rig.clock import Clock
 from rig.lines import BadReplyError, Line, LostError, NoReplyError, Timing, modbus
+from rig.lines import serial as lines_serial
 from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort
 from rig.readings import Quality
@@ -324,3 +327,34 @@ def test_writes_are_confirmed_or_refused(on_line):
     assert modbus.exchange(line, "rtu", many)[0] == ()
     with pytest.raises(BadReplyError, match="confirms another write"):
         modbus.exchange(line, "rtu", modbus.Request(1, modbus.WRITE_ONE, 5, 1, (7,)))
+
+
+def test_a_terminal_that_fails_while_it_is_opened_is_lost(on_line, monkeypatch):
+    """pyserial lets the error of termios through, which is none of the system's."""
+
+    def gone(*arguments, **options):
+        raise termios.error(5, "Input/output error")
+
+    monkeypatch.setattr(serial, "Serial", gone)
+    with pytest.raises(LostError, match=r"cannot be opened: .*Input/output error"):
+        SerialPort("/dev/ttyUSB0", Clock()).open()
+
+
+def test_a_name_that_no_host_can_have_is_told():
+    with pytest.raises(LostError, match=r"a\.\.b:502 does not take a connection"):
+        TcpPort("a..b", 502, Clock()).open()
+
+
+def test_a_device_that_takes_nothing_is_lost(monkeypatch):
+    monkeypatch.setattr(lines_serial, "WRITE_S", 0.2)
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    port = SerialPort(os.ttyname(slave), Clock())
+    try:
+        port.open()
+        with pytest.raises(LostError, match="writing failed"):
+            port.write(bytes(1_000_000))
+    finally:
+        port.close()
+        os.close(master)
+        os.close(slave)

@@ -321,7 +321,9 @@ def test_files_and_the_mapping_s_entries_have_to_fit(put, tmp_path):
 def test_columns_of_other_rigs_are_no_run_of_the_motor(put, tmp_path):
     text = re.sub(r"\[motor\][^\[]*", "", AXIS).replace("licence", 'motor = "ptm3600"\nlicence')
     mapping = read_mapping(put("slide.toml", text))
-    with pytest.raises(RunError, match=r"force_n, velocity_m_s: of other rigs; give the rig as a table \[motor\]"):
+    with pytest.raises(
+        RunError, match=r"force_n, velocity_m_s: not in a run of this motor; .* give it as a table \[motor\]"
+    ):
         import_files([put("slide.txt", SLIDE)], mapping, tmp_path / "runs")
 
 
@@ -349,3 +351,50 @@ def test_the_public_data_sets_become_recordings(name, tmp_path):
     recording = read_recording(folder)
     values = recording.files[0].columns[column].values
     assert np.nanmax(values) == pytest.approx(highest, rel=0.01)
+
+
+TIMED = """
+[columns.time_s]
+column = "t"
+unit = "s"
+[columns.pressure_bar_abs]
+column = "p"
+unit = "bar abs"
+[columns.speed_rpm]
+column = "n"
+unit = "rpm"
+"""
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("0;2;300\n1;2;200\n;2;150\n3;2;100", "line 4: time_s is empty"),
+        ("0;2;300\n\n1;2;200\n1;2;150", "line 5: time_s does not increase from the row before"),
+        ("0;2;300\n2;2;200\n1;2;150", "line 4: time_s does not increase"),
+        ("0;2;300\n1000000000000;2;200", "line 3: time_s is 1e.12 s; is its unit right"),
+        ("0;2;-300\n1;2;-200", "line 2: speed_rpm is -300 rpm; .* factor = -1"),
+    ],
+)
+def test_a_run_in_time_whose_rows_have_no_order_is_refused(imported, tmp_path, rows, words):
+    head = HEAD.replace('"steady"', '"transient"')
+    with pytest.raises(RunError, match=words):
+        imported(f"t;p;n\n{rows}\n", head, TIMED)
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_cell_is_found_by_its_line_whatever_is_empty_before_it(imported):
+    with pytest.raises(RunError, match="line 5, column 'n': 'x' is not a number"):
+        imported("t;p;n\n0;2;300\n\n\n1;2;x\n", HEAD, TIMED)
+
+
+def test_data_of_the_motor_become_a_recording_where_one_is_asked_for(put, tmp_path):
+    """With columns that no run has."""
+    text = HEAD.replace('"ptm3600"', '"ptm3600"\n[ambient]\npressure_bar_abs = 1.013', 1)
+    text = text.replace('kind = "steady"\n', "").replace("licence", 'kind = "steady"\nlicence')
+    mapping = read_mapping(put("locked.toml", text + TIMED + '[columns.rotor_locked]\ncolumn = "l"\nunit = "0/1"\n'))
+    csv = put("data.csv", "t;p;n;l\n0;2;394;0\n1;2;0;1\n")
+    with pytest.raises(RunError, match="rotor_locked: not in a run of this motor; make a recording of it with -o"):
+        import_files([csv], mapping, tmp_path / "runs")
+    made = read_recording(import_files([csv], mapping, tmp_path / "new" / "recording", as_recording=True))
+    assert list(made.files[0].columns["rotor_locked"].values) == [0.0, 1.0]

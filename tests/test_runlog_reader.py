@@ -4,6 +4,8 @@ import hashlib
 import json
 import os
 import shutil
+import subprocess
+import sys
 
 import pytest
 from hypothesis import given
@@ -294,3 +296,14 @@ def test_the_summary_shows_plateaus_faults_and_the_end(tmp_path):
     for words in ("394.", "not settled; drifting", "line lost", "unplugged", "aborted: stopped by the operator"):
         assert words in text
     assert "NOT known to be vented" in text
+
+
+def test_the_list_shows_names_as_they_are(tmp_path):
+    """What looks like markup of the terminal's is text."""
+    with RunWriter.create(tmp_path, start_of(bench="[/b] lab [old]")) as writer:
+        writer.end("finished")
+    program = "import spinbench; spinbench.main()"
+    command = [sys.executable, "-c", program, "runs", "list", "--logs", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "[/b] lab" in done.stdout and "[old]" in done.stdout

@@ -1,5 +1,6 @@
 """The run log, written and read back: every reading to the bit, whatever happens to the program that writes it."""
 
+import errno
 import fcntl
 import itertools
 import json
@@ -15,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from rig.readings import NS, Event, Exchange, Quality
-from rig.runlog import RunError, RunWriter, read_run, verify
+from rig.runlog import RunError, RunWriter, lines, read_run, verify
 from rig.runlog.folder import Lock, is_locked
 from rig.runlog.listing import list_runs
 from tests.synthetic_runs import UTC_START_NS, poll, reading, start_of, write_sweep
@@ -298,3 +299,41 @@ def test_a_lock_ends_with_its_process(tmp_path):
     assert is_locked(folder)
     os.close(handle)
     assert not is_locked(folder)
+
+
+def test_the_end_waits_for_what_is_on_its_way_to_the_disk(tmp_path, monkeypatch):
+    """A disk that fails late: the run is not sealed as finished before it is known."""
+    fsync, under_way = os.fsync, threading.Event()
+
+    def slow(handle):
+        if threading.current_thread().name == "run log":
+            under_way.set()
+            time.sleep(0.5)
+            raise OSError(errno.EIO, "Input/output error")
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", slow)
+    with RunWriter.create(tmp_path, start_of(), sync_s=0.05) as writer:
+        writer.exchange(poll("tach", {"speed_rpm": 1.0}, 1))
+        assert under_way.wait(5.0)
+        end = writer.end("finished")
+    assert end.outcome == "failed"
+    assert end.reason.count("the disk does not keep it") == 1
+
+
+def test_a_run_that_is_being_written_can_be_read_at_any_moment(tmp_path, monkeypatch):
+    """Between two looks at a file it may have grown, and its last line be half there."""
+    with RunWriter.create(tmp_path, start_of()) as writer:
+        for number in range(3):
+            writer.exchange(poll("tach", {"speed_rpm": 1.0}, number + 1))
+        whole = [line for _, line in lines.whole_lines(writer.folder / "samples.csv")]
+        opened = lines.open_plain
+
+        def growing(path, limit):
+            stream = opened(path, limit)
+            with path.open("ab") as more:
+                more.write(b"a line that is half th")
+            return stream
+
+        monkeypatch.setattr(lines, "open_plain", growing)
+        assert [line for _, line in lines.whole_lines(writer.folder / "samples.csv")] == whole

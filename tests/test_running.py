@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from rig import running
-from rig.bench import FOLDER
+from rig.bench import FOLDER, bench_path
 from rig.clock import Clock
 from rig.lines.opening import port_of
 from rig.recording import read_recording
@@ -401,6 +401,53 @@ def test_ctrl_c_at_a_question_about_the_room_ends_the_command_in_words(by_hand, 
     assert not (tmp_path / "logs").exists()
 
 
+BY_HAND = [
+    ("Ambient pressure", "1013"),
+    ("Room temperature", "20"),
+    ("Relative humidity", "50"),
+    ("separated by spaces: ", "1.01 <10 0"),
+    ("set 1.240 bar abs", "1.24 14 78"),
+    ("pressure now?", "1.25"),
+    ("set 1.340 bar abs", "skip"),
+    ("closed, and the line vented?", "y"),
+    ("separated by spaces: ", "1.01 <10 0"),
+]
+
+
+@pytest.mark.parametrize(
+    ("answers", "pressure_bar_abs", "temperature_c"),
+    [
+        ([("as at the start", "1014"), ("as at the start", "21"), ("as at the start", "")], 1.014, 21.0),
+        ([("as at the start", "1014"), ("as at the start", signal.SIGINT)], 1.013, 20.0),
+        ([("as at the start", "\x04")], 1.013, 20.0),
+        ([("as at the start", "x")] * 5, 1.013, 20.0),
+    ],
+    ids=["answered", "Ctrl-C", "end of input", "five times unusable"],
+)
+def test_a_room_that_was_asked_for_is_asked_for_again_and_the_run_is_sealed_whatever_the_answer(
+    by_hand, tmp_path, answers, pressure_bar_abs, temperature_c
+):
+    screen, code = at_terminal(["sweep", by_hand, "--logs", tmp_path / "logs", *DAY], [*BY_HAND, *answers])
+    assert code == 0, screen
+    assert "Traceback" not in screen
+    found = read_run(only_run(tmp_path / "logs"))
+    assert (found.state, found.end.vented, len(found.plateaus)) == ("finished", True, 1)
+    room = found.end.ambient_end
+    assert (room.pressure_bar_abs, room.temperature_c) == pytest.approx((pressure_bar_abs, temperature_c))
+
+
+def test_ctrl_c_at_the_last_question_of_a_bench_with_a_regulator_seals_the_run(bench, tmp_path):
+    path = tmp_path / "asked.toml"
+    text = re.sub(r"(?m)^(pressure_bar_abs = 1|temperature_c|relative_humidity).*$", "", bench.read_text())
+    path.write_text(text.replace(f"[{LOW}, {HIGH}]", f"[{LOW}]"))
+    begin = [("Ambient pressure", "1013"), ("Room temperature", "20"), ("Relative humidity", "50")]
+    script = [*begin, ("as at the start", "1014"), ("as at the start", signal.SIGINT)]
+    screen, code = at_terminal(["sweep", path, "--no-check", "--logs", tmp_path / "logs", *DAY], script)
+    assert code == 0, screen
+    end = read_run(only_run(tmp_path / "logs")).end
+    assert (end.outcome, end.vented, end.ambient_end.pressure_bar_abs) == ("finished", True, pytest.approx(1.013))
+
+
 # A sheet that was filled in on paper.
 
 
@@ -456,5 +503,74 @@ def test_every_mistake_on_a_sheet_is_told_with_its_row_and_there_is_no_run(by_ha
     )
     result = run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY)
     assert result.returncode == 2
-    assert [line.partition(": ")[2][:6] for line in told(result)] == ["row 1:", "row 3:"]
+    assert [line.removeprefix(f"spinbench: {path}: ")[:6] for line in told(result)] == ["row 1:", "row 3:"]
     assert not (tmp_path / "logs").exists()
+
+
+def test_a_quotation_mark_that_is_not_closed_swallows_no_rows_of_a_sheet(by_hand, sheet, tmp_path):
+    readings = [("14:00", "1.01", "<10", "0"), ("14:05", "1.24", "14", "78"), ("14:08", "1.34", "22", "120")]
+    path = filled(sheet, tmp_path / "sheet.csv", [*readings, ("14:12", "1.01", "<10", "0")])
+    row = path.read_text().splitlines()[2]
+    path.write_text(path.read_text().replace(row, row[: row.rindex(",")] + ',"loose belt'))
+    result = run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY)
+    assert result.returncode == 2
+    assert all(str(path) in line and "quotation mark" in line for line in told(result))
+    assert not (tmp_path / "logs").exists()
+
+
+def test_a_sheet_is_not_held_against_a_model_that_its_few_readings_cannot_drive(by_hand, sheet, tmp_path):
+    blank = [("", ""), ("", "")]
+    path = filled(sheet, tmp_path / "sheet.csv", [("14:00", "1.01", "<10", "0"), *blank, ("", "")])
+    assert run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY).returncode == 0
+    result = run("replay", "last", "--with-model", "--logs", tmp_path / "logs")
+    assert result.returncode == 2
+    assert "the pressure was read 1 times" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_path):
+    taken = run("capture", bench, "--kind", "zero", "--logs", tmp_path / "logs", *DAY)
+    assert taken.returncode == 0, taken.stderr
+    result = run("replay", "last", "--with-model", "--logs", tmp_path / "logs", "-o", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    assert "speed" in result.stdout and "flow" not in result.stdout
+    assert (tmp_path / "out" / "replay.png").is_file()
+
+
+def test_a_log_that_cannot_be_written_ends_with_what_is_known_of_the_line(bench, tmp_path):
+    """The kernel's limit on a file's size stands in for a full disk."""
+    limit = 60_000
+    program = (
+        f"import resource, spinbench; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); spinbench.main()"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", program, "sweep", str(bench), "--no-check", "--logs", str(tmp_path / "logs"), *DAY],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        cwd=Path(PROGRAM[1]).parent,
+    )
+    assert result.returncode == 4, result.stderr
+    assert "the run log cannot be written" in result.stderr
+    assert "NOT known to be without pressure: close the supply; the regulator reads back zero" in result.stderr
+    end = read_run(only_run(tmp_path / "logs")).end
+    assert (end.outcome, end.vented) == ("failed", False)
+    assert end.reason.count("File too large") == 1
+
+
+def test_all_mistakes_that_a_bench_file_makes_with_its_instruments_are_told(bench, tmp_path):
+    path = tmp_path / "two.toml"
+    text = re.sub(r"(?m)^unit_id = .*$", "", bench.read_text(), count=1)
+    path.write_text(re.sub(r"(?m)^channel = .*$", "", text, count=1))
+    result = run("doctor", path)
+    assert result.returncode == 2
+    lines = told(result)
+    assert len(lines) == 2
+    assert all(str(path) in line for line in lines)
+
+
+def test_a_folder_called_as_a_bench_does_not_hide_it(tmp_path, monkeypatch):
+    (tmp_path / "virtual").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert bench_path(Path("virtual")) == FOLDER / "virtual.toml"

@@ -3,10 +3,39 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+
+
+def check_places(folder: Path | None, file: Path | None = None) -> None:
+    """Whether results could be written, before the work that they come of.
+
+    Parameters
+    ----------
+    folder : Path or None
+        To be made, or to be written into.
+    file : Path or None
+        A further file.
+
+    Raises
+    ------
+    OSError
+        When something else is there, or the place is not open to this user.
+    """
+    if file is not None and file.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
+    for place in (folder, None if file is None else file.parent):
+        if place is None:
+            continue
+        there = place.absolute()
+        while not there.exists() and there != there.parent:
+            there = there.parent
+        code = errno.ENOTDIR if not there.is_dir() else 0 if os.access(there, os.W_OK | os.X_OK) else errno.EACCES
+        if code:
+            raise OSError(code, os.strerror(code), str(there))
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
@@ -29,6 +58,8 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
         beside = [(_write_beside(folder, content, stack), folder / name) for name, content in files.items()]
+        for _, place in beside:
+            check_places(None, place)
         for temporary, place in beside:
             temporary.replace(place)
 

@@ -65,6 +65,11 @@ def compare(measured: Measured, simulated: Simulated) -> list[Residuals]:
         Of the run.
     simulated : Simulated
         Of `model.replayed.drive`.
+
+    Returns
+    -------
+    list of Residuals
+        Of the channels with anything to compare.
     """
     found = []
     for name, unit, factor, time_s, values, modelled in (
@@ -76,6 +81,8 @@ def compare(measured: Measured, simulated: Simulated) -> list[Residuals]:
             continue
         at = np.interp(time_s[inside], simulated.time_s, modelled)
         known = np.isfinite(at)
+        if not known.any():  # the flow of a vented line
+            continue
         found.append(Residuals(name, unit, time_s[inside][known], values[inside][known] * factor, at[known] * factor))
     return found
 

@@ -116,7 +116,14 @@ class Acquisition:
             worker.stop()
         self.recorder.finish()
 
-    def command(self, device: str, action: str, argument: float | None = None, wait_s: float = 5.0) -> Exchange:
+    def command(
+        self,
+        device: str,
+        action: str,
+        argument: float | None = None,
+        wait_s: float = 5.0,
+        take_back: bool = True,
+    ) -> Exchange:
         """Have a device do something, and wait until it is done.
 
         Parameters
@@ -129,6 +136,8 @@ class Acquisition:
             Set-point of a write, in the actuator's unit [own unit].
         wait_s : float
             Longest wait, in real time [s].
+        take_back : bool
+            Whether what was not begun by then is not done any more.
 
         Returns
         -------
@@ -146,6 +155,8 @@ class Acquisition:
         try:
             return done.result(wait_s)
         except concurrent.futures.TimeoutError:
+            if take_back:
+                done.cancel()
             raise NoReplyError(f"{device}: '{action}' was not done within {wait_s:g} s; its line is busy") from None
 
     def event(self, kind: str, time_ns: int | None = None, **details: Any) -> None:
@@ -230,16 +241,6 @@ class Acquisition:
         for worker in self.workers.values():
             if worker.failure is not None:
                 raise worker.failure
-
-    def role_channel(self, role: str) -> str | None:
-        """The full name of the channel that plays a role, the derived flow included; None when no channel does.
-
-        Parameters
-        ----------
-        role : str
-            ``pressure``, ``flow``, ``speed`` or ``temperature``.
-        """
-        return self._names[role]
 
     def _role_name(self, role: str) -> str | None:
         from rig.acquisition.derived import CHANNEL, DEVICE

@@ -69,18 +69,6 @@ class Channels:
             kept = self._readings.get(name)
             return kept[-1] if kept else None
 
-    def last_usable(self, name: str) -> Reading | None:
-        """The newest reading of a channel that has a value; None where there is none.
-
-        Parameters
-        ----------
-        name : str
-            ``device.channel``.
-        """
-        with self._lock:
-            kept = self._readings.get(name, ())
-            return next((reading for reading in reversed(kept) if reading.usable), None)
-
     def window(self, name: str, start_ns: int, end_ns: int | None = None) -> Window:
         """The usable readings of a channel from a time on.
 

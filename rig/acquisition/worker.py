@@ -185,17 +185,21 @@ class Worker(threading.Thread):
             device.due_ns = now_ns
         while not self._stopping.is_set():
             try:
-                self._work()
-            except LostError as error:
-                self._mend(error)
-            except actions.FAULTS:
-                pass  # of a command, whose caller has been told
+                self._turn()
             except Exception as error:
                 self.failure = self.failure or error
 
     def statistics(self) -> dict[str, dict[str, Any]]:
         """How the polling of each device goes: rates asked and achieved [1/s], jitter and latency [ms], counts [-]."""
         return {name: _statistics(device) for name, device in self.devices.items() if device.period_ns is not None}
+
+    def _turn(self) -> None:
+        try:
+            self._work()
+        except LostError as error:
+            self._mend(error)
+        except actions.FAULTS:
+            pass  # of a command, whose caller has been told
 
     def _work(self) -> None:
         """One command, one poll, or a wait for either."""
@@ -218,6 +222,8 @@ class Worker(threading.Thread):
             self._poll(name)
 
     def _carry_out(self, command: _Command) -> None:
+        if not command.done.set_running_or_notify_cancel():  # taken back: its caller waits no longer
+            return
         device = self.devices[command.device]
         try:
             if not device.identified:  # after a reopening another device may be there: nothing is ordered of it
@@ -326,9 +332,11 @@ class Worker(threading.Thread):
     def _refuse_commands(self, error: Exception) -> None:
         while True:
             try:
-                self._commands.get_nowait().done.set_exception(error)
+                done = self._commands.get_nowait().done
             except queue.Empty:
                 return
+            if done.set_running_or_notify_cancel():
+                done.set_exception(error)
 
 
 def _statistics(device: Device) -> dict[str, Any]:

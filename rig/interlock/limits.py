@@ -79,8 +79,12 @@ class Limits:
     @staticmethod
     def _beyond(reading: Reading | None, what: str, limit: float, unit: str, zero: float) -> str | None:
         """A value above the limit, or above its instrument's scale: then nobody knows how far."""
-        if reading is None or reading.value is None:
+        if reading is None:
             return None
+        if reading.value is None:
+            if reading.quality is not Quality.OVER_RANGE or reading.censored < 0:
+                return None
+            return f"{what} beyond the scale of {reading.name}, limit {limit:g} {unit}"
         value = reading.value + zero
         if reading.quality is Quality.OVER_RANGE and reading.censored >= 0:
             return f"{what} beyond the scale of {reading.name}: {value:.6g} {unit} or more, limit {limit:g} {unit}"

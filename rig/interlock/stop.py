@@ -7,9 +7,10 @@ its own time-outs. Nothing here takes a lock that the interrupted thread might h
 from __future__ import annotations
 
 import collections
+import contextlib
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -38,6 +39,16 @@ class Stop:
         self._first = threading.Lock()  # only ever tried, never waited for
         self._before: dict[int, Any] = {}
         self.by = ""
+        self._interrupts = False
+
+    @contextlib.contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """While entered a signal raises KeyboardInterrupt too: for a question to a person that may be left open."""
+        self._interrupts = True
+        try:
+            yield
+        finally:
+            self._interrupts = False
 
     @property
     def asked(self) -> int:
@@ -77,6 +88,8 @@ class Stop:
             who = signal.Signals(number).name
             self._polite.append(who)
             self._tell(who)
+        if self._interrupts:
+            raise KeyboardInterrupt
 
     def _tell(self, who: str) -> None:
         if self._first.acquire(blocking=False):

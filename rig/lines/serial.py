@@ -9,11 +9,21 @@ import sys
 
 import serial
 
+try:
+    from termios import error as TermiosError  # noqa: N812  pyserial lets it through; it is no OSError
+except ImportError:  # Windows
+
+    class TermiosError(Exception):  # type: ignore[no-redef]
+        """There is no terminal to fail."""
+
+
 from rig.clock import Clock
 from rig.lines.port import LostError
 from rig.readings import NS
 
 BITS = {"N": 1, "E": 2, "O": 2}  # start bit and parity bit of one byte
+WRITE_S = 5.0  # real time after which a device that takes nothing counts as lost
+FAULTS = (serial.SerialException, OSError, TermiosError)
 
 
 class SerialPort:
@@ -64,19 +74,20 @@ class SerialPort:
                 parity=self.parity,
                 stopbits=self.stop_bits,
                 timeout=0,
+                write_timeout=WRITE_S,
                 exclusive=self.exclusive or None,
             )
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (*FAULTS, ValueError) as error:
             raise LostError(f"{self.path} cannot be opened: {_why(error)}") from None
         with contextlib.suppress(Exception):  # a pty or a port without the setting
             self._serial.set_low_latency_mode(True)
-        with contextlib.suppress(serial.SerialException, OSError):
+        with contextlib.suppress(*FAULTS):
             self._serial.reset_input_buffer()
 
     def close(self) -> None:
         """Close the port."""
         if self._serial is not None:
-            with contextlib.suppress(serial.SerialException, OSError):
+            with contextlib.suppress(*FAULTS):
                 self._serial.close()
             self._serial = None
 
@@ -92,7 +103,7 @@ class SerialPort:
         time_ns = self.clock.now_ns()
         try:
             port.write(data)
-        except (serial.SerialException, OSError) as error:
+        except FAULTS as error:
             raise LostError(f"{self.path}: writing failed: {_why(error)}") from None
         return time_ns
 
@@ -108,7 +119,7 @@ class SerialPort:
         wait_s = max(0.0, self.clock.real_s((until_ns - self.clock.now_ns()) / NS))
         try:
             data = _read_posix(port, wait_s) if sys.platform != "win32" else _read_windows(port, wait_s)
-        except (serial.SerialException, OSError, TypeError) as error:  # TypeError: closed while reading
+        except (*FAULTS, TypeError) as error:  # TypeError: closed while reading
             raise LostError(f"{self.path}: reading failed: {_why(error)}") from None
         return self.clock.now_ns(), data
 

@@ -36,7 +36,7 @@ class TcpPort:
         try:
             self._socket = socket.create_connection((self.host, self.port), timeout=CONNECT_S)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # UnicodeError: a name that no host can have
             raise LostError(
                 f"{self.host}:{self.port} does not take a connection ({error}): is the device on, its address right, "
                 "and no other program connected to it?"

@@ -50,7 +50,7 @@ def channels_of(run: Run) -> Measured:
     Raises
     ------
     RunError
-        When it has no pressure or no speed.
+        When it has no pressure or no speed, or too short a record of the pressure.
     """
     names = quantity_channels(run)
     pressure = next((name for name in ("pressure_bar_abs", "pressure_bar_gauge") if name in names), None)
@@ -60,6 +60,11 @@ def channels_of(run: Run) -> Measured:
     if pressure.endswith("_gauge"):
         added = run.start.ambient.pressure_bar_abs or 1.01325
     P = _all(run, names[pressure])
+    if P.time_ns.size < 2 or (P.time_ns[-1] - P.time_ns[0]) / NS < 2.0 * STEP_S:
+        raise RunError(
+            f"{run.folder}: the pressure was read {P.time_ns.size} times within less than {2.0 * STEP_S:g} s; a model "
+            "needs a record of it to be driven with"
+        )
     n = _all(run, names["speed_rpm"])
     q = _all(run, names["flow_l_min"]) if "flow_l_min" in names else None
     nothing = np.empty(0)

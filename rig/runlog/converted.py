@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +20,8 @@ from rig.runlog.units import unit_of
 
 ZERO_C = 273.15
 DAY_S = 86_400.0
+MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
+MOST_BACKWARDS_RPM = 30.0  # farther below 0 no tachometer's zero wanders
 _NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)
 _CLOCK = re.compile(r"\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:\.[0-9]+)?)\s*", re.ASCII)
 _SIGN = {"": 0, "<": -1, ">": 1}
@@ -92,7 +94,31 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
             column = converted.columns[name]
             censor = column.censor if source.factor > 0.0 else -column.censor
             converted.columns[name] = Column(column.values * source.factor, censor)
+    if isinstance(mapping.motor, str):
+        _check(entry, converted, [table.lines[row] for row in rows], table.place)
     return _thinned(mapping, converted, table.place)
+
+
+def _check(entry: FileTable, converted: Converted, lines: Sequence[int], place: str) -> None:
+    """What no run of this motor can hold: the times order its rows, and its speed has no sign."""
+    time = converted.columns.get("time_s")
+    if time is not None:
+        if np.isnan(time.values).any():
+            raise RunError(f"{place}, line {lines[int(np.isnan(time.values).argmax())]}: time_s is empty")
+        far = np.abs(time.values + entry.start_s) > MOST_S
+        if far.any():
+            at = int(far.argmax())
+            raise RunError(f"{place}, line {lines[at]}: time_s is {time.values[at]:g} s; is its unit right?")
+        back = np.diff(time.values) <= 0.0
+        if entry.kind != "steady" and back.any():
+            raise RunError(
+                f"{place}, line {lines[int(back.argmax()) + 1]}: time_s does not increase from the row before"
+            )
+    speed = converted.columns.get("speed_rpm")
+    if speed is not None and (speed.values < -MOST_BACKWARDS_RPM).any():
+        at = int((speed.values < -MOST_BACKWARDS_RPM).argmax())
+        text = f"speed_rpm is {speed.values[at]:g} rpm; if it is counted the other way round, give factor = -1"
+        raise RunError(f"{place}, line {lines[at]}: {text}")
 
 
 def _taken(cells: Cells, rows: list[int]) -> list[str | float]:
@@ -144,7 +170,7 @@ def _column(
     for index, cell in enumerate(cells):
         found = read(cell if cell is not None else "")
         if found is None:
-            place = f"{table.place}, line {table.first_line + rows[index]}, column '{shown(str(source.column))}'"
+            place = f"{table.place}, line {table.lines[rows[index]]}, column '{shown(str(source.column))}'"
             expected = "a number" if unit.quantity != "time of day" else f"a time ({source.unit})"
             raise RunError(f"{place}: '{shown(str(cell))}' is not {expected}, decimals with '{decimal}'")
         values[index], censor[index] = found
@@ -186,7 +212,7 @@ def _directions(source: ColumnTable, table: Table, rows: list[int]) -> NDArray[n
     for row, cell in zip(rows, _taken(table.column(source.column or 0), rows), strict=True):
         word = words.get(str(cell).strip(), "") if str(cell).strip() else "-"
         if word not in ("up", "down", "-"):
-            place = f"{table.place}, line {table.first_line + row}, column '{shown(str(source.column))}'"
+            place = f"{table.place}, line {table.lines[row]}, column '{shown(str(source.column))}'"
             raise RunError(f"{place}: '{shown(str(cell))}' is neither up nor down; say it in words = {{..}}")
         found.append(word.strip("-"))
     return np.array(found, dtype="<U4")

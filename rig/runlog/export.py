@@ -60,6 +60,7 @@ def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exporte
         When the folder cannot be made.
     """
     exported = recording_of(run, unsettled)
+    Path(folder).parent.mkdir(parents=True, exist_ok=True)
     write_recording(exported.recording, Path(folder))
     text = "\n".join([f"exported from the run {run.name}", *exported.notes]) + "\n"
     write_whole(Path(folder) / NOTES, text.encode("utf-8"))

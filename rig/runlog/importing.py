@@ -38,7 +38,7 @@ UNITS = {
 ROLES = {"flow": "flow_l_min", "speed": "speed_rpm", "temperature": "inlet_temperature_c"}
 
 
-def import_files(files: Sequence[Path], mapping: Mapping, target: Path) -> Path:
+def import_files(files: Sequence[Path], mapping: Mapping, target: Path, as_recording: bool = False) -> Path:
     """Import files: as a run in the folder of runs or, when the mapping holds another rig's motor, as a recording.
 
     Parameters
@@ -48,14 +48,17 @@ def import_files(files: Sequence[Path], mapping: Mapping, target: Path) -> Path:
     mapping : Mapping
         From `read_mapping`.
     target : Path
-        Where runs are kept; of another rig, the recording's folder to make.
+        Where runs are kept, or the recording's folder to make.
+    as_recording : bool
+        Whether data of a motor by name become a recording too.
 
     Returns
     -------
     Path
         The run's folder, or the recording's.
     """
-    return (import_table if isinstance(mapping.file.motor, str) else import_recording)(files, mapping, target)
+    is_run = isinstance(mapping.file.motor, str) and not as_recording
+    return (import_table if is_run else import_recording)(files, mapping, target)
 
 
 def import_table(files: Sequence[Path], mapping: Mapping, root: Path) -> Path:
@@ -84,7 +87,10 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path) -> Path:
     columns = {name for part in parts for name in part.columns}
     foreign = sorted(columns - {"time_s", *UNITS})
     if foreign:
-        raise RunError(f"{mapping.path}: {', '.join(foreign)}: of other rigs; give the rig as a table [motor]")
+        raise RunError(
+            f"{mapping.path}: {', '.join(foreign)}: not in a run of this motor; make a recording of it with -o, or, "
+            "of another rig, give it as a table [motor]"
+        )
     start = _start(mapping, columns)
     with RunWriter.create(Path(root), start, wire=False) as writer:
         for path in sorted({path for path, _ in _entries(files, mapping)}):
@@ -131,6 +137,7 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path) -> P
         )
         for name, part in zip(named, parts, strict=True)
     )
+    Path(folder).parent.mkdir(parents=True, exist_ok=True)
     write_recording(Recording(Path(folder), mapping.file.motor, ambient, channels, recorded), Path(folder))
     paths = sorted({path for path, _ in _entries(files, mapping)})
     lines = [mapping.file.title, f"source: {mapping.file.source}", f"licence: {mapping.file.licence}"]
@@ -219,7 +226,7 @@ def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
 def _write_part(writer: RunWriter, part: Converted, plateaus: int) -> int:
     """The rows of one file; returned is the number of plateaus written so far."""
     times = part.columns["time_s"].values if "time_s" in part.columns else np.zeros(part.rows)
-    times_ns = np.round((np.nan_to_num(times) + part.entry.start_s) * NS).astype(np.int64).tolist()
+    times_ns = np.round((times + part.entry.start_s) * NS).astype(np.int64).tolist()
     for row, time_ns in enumerate(times_ns):
         readings = _readings(part, row, time_ns)
         writer.exchange(Exchange(DEVICE, DEVICE, "import", None, (), readings))
@@ -241,7 +248,8 @@ def _readings(part: Converted, row: int, time_ns: int) -> tuple[Reading, ...]:
         value, censored = float(column.values[row]), int(column.censor[row])
         if name == "time_s" or math.isnan(value):
             continue
-        raw = part.cells.get(name, [""] * (row + 1))[row]
+        cells = part.cells.get(name)
+        raw = cells[row] if cells else ""
         readings.append(
             Reading(
                 DEVICE, name, value, UNITS[name], Quality.UNVERIFIED, time_ns, time_ns, time_ns, 0, raw, "", censored

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from rig.runlog.folder import MAX_FILE_BYTES, RunError, open_plain
 
@@ -23,20 +24,26 @@ def torn_bytes(path: Path) -> int:
         The file.
     """
     with open_plain(path, MAX_FILE_BYTES) as stream:
-        size = stream.seek(0, 2)
-        end, only_zeros = size, True
-        while end > 0:
-            start = max(0, end - BLOCK_BYTES)
-            stream.seek(start)
-            block = stream.read(end - start)
-            if only_zeros:
-                block = block.rstrip(b"\0")
-                only_zeros = not block
-            newline = block.rfind(b"\n")
-            if newline >= 0:
-                return size - (start + newline + 1)
-            end = start
-        return size
+        size, whole = _sizes(stream)
+    return size - whole
+
+
+def _sizes(stream: BinaryIO) -> tuple[int, int]:
+    """What a file holds, and how much of it is whole lines [bytes]; somebody may be writing on."""
+    size = end = stream.seek(0, 2)
+    only_zeros = True
+    while end > 0:
+        start = max(0, end - BLOCK_BYTES)
+        stream.seek(start)
+        block = stream.read(end - start)
+        if only_zeros:
+            block = block.rstrip(b"\0")
+            only_zeros = not block
+        newline = block.rfind(b"\n")
+        if newline >= 0:
+            return size, start + newline + 1
+        end = start
+    return size, 0
 
 
 def whole_lines(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -54,9 +61,10 @@ def whole_lines(path: Path) -> Iterator[tuple[int, bytes]]:
     """
     if not path.exists() and not path.is_symlink():
         return
-    left = path.lstat().st_size - torn_bytes(path)
     number = 0
     with open_plain(path, MAX_FILE_BYTES) as stream:
+        _, left = _sizes(stream)
+        stream.seek(0)
         while left > 0:
             line = stream.readline(min(left, MAX_LINE_BYTES))
             left -= len(line)

@@ -145,7 +145,7 @@ def read_mapping(path: Path) -> Mapping:
         When a column or a unit is wrong; a line for each.
     """
     path = Path(path)
-    if not path.suffix and not path.exists():
+    if not path.suffix and not path.is_file():
         path = FOLDER / f"{path.name}.toml"
     file = validate(MappingFile, read_toml(path), str(path))
     mistakes = [f"{path}: {mistake}" for name, table in file.columns.items() for mistake in _mistakes(name, table)]

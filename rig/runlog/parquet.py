@@ -39,6 +39,7 @@ def export_parquet(run: Run, file: Path) -> None:
     except ImportError:
         raise RunError("a Parquet file needs the package pyarrow; install it with `pip install pyarrow`") from None
     beside = file.with_name(f".{file.name}.{uuid.uuid4().hex}.writing")
+    file.parent.mkdir(parents=True, exist_ok=True)
     try:
         table = pa.Table.from_pandas(run.samples, schema=_schema(pa), preserve_index=False)
         records = {name: read_bytes(run.folder / name, MAX_RECORD_BYTES) for name in (START, END)}

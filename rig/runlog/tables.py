@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,14 +40,14 @@ class Table:
         Empty where the file has none.
     columns : list of list
         Cells, all columns of one length.
-    first_line : int
-        What a person calls the first row [-].
+    lines : sequence of int
+        What a person calls each row [-].
     """
 
     place: str
     headings: list[str]
     columns: list[Cells]
-    first_line: int
+    lines: Sequence[int]
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
@@ -126,7 +126,7 @@ def _from_rows(place: str, rows: list[list[str]], table: TableTable) -> Table:
         if len(row) > width and any(row[width:]):
             raise RunError(f"{place}, line {number}: {len(row)} cells, expected {width}; is the delimiter right?")
     columns: list[Cells] = [[row[index] if index < len(row) else "" for _, row in data] for index in range(width)]
-    return Table(place, headings, columns, data[0][0])
+    return Table(place, headings, columns, [number for number, _ in data])
 
 
 def _tdms(path: Path, group: str) -> Table:
@@ -189,7 +189,7 @@ def _of_one_length(place: str, headings: list[str], columns: list[Cells]) -> Tab
     if len({len(column) for column in columns}) > 1:
         listed = ", ".join(f"'{shown(name)}' {len(cells)}" for name, cells in zip(headings, columns, strict=True))
         raise RunError(f"{place}: the columns differ in length ({listed}); save those that belong together")
-    return Table(place, headings, columns, 1)
+    return Table(place, headings, columns, range(1, len(columns[0]) + 1 if columns else 1))
 
 
 def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:

@@ -177,6 +177,7 @@ class RunWriter:
             self._check()
             if PLATEAUS not in self._files:
                 self._open(PLATEAUS, plateaus.HEADER)
+                sync_folder(self.folder)
             self._append(PLATEAUS, line)
             self.counts["plateaus"] += 1
 
@@ -211,8 +212,12 @@ class RunWriter:
         with self._guard:
             if self._closing.is_set():
                 raise RunError(f"{self.folder}: the run is closed already")
+            self._closing.set()
+        if self._syncer.is_alive():  # what it puts on the disk may fail yet
+            self._syncer.join()
+        with self._guard:
             self._sync()
-            if self._failure:
+            if self._failure and self._failure not in reason:
                 reason = f"{reason}; {self._failure}".removeprefix("; ")
                 outcome = "failed"
             files = [name for name in HASHED if name in (START, *self._files) or (self.folder / name).is_file()]
@@ -284,10 +289,9 @@ class RunWriter:
             self._failure += f"; its last line is torn ({error.strerror})"
 
     def _sync(self) -> None:
-        for name in sorted(self._unsynced):
+        for name, handle in self._files.items():
             try:
-                os.fsync(self._files[name])
-                self._unsynced.discard(name)
+                os.fsync(handle)
             except OSError as error:
                 self._failure = f"{self.folder / name}: the disk does not keep it ({error.strerror})"
 

@@ -58,7 +58,7 @@ class Conversation:
     def __init__(self, port: KeyboardPort, clock: Clock, stops: Callable[[], int] = lambda: 0) -> None:
         self.port, self.clock = port, clock
         self.stops = stops
-        self.log: Callable[..., None] = lambda kind, **details: None
+        self.log: Callable[..., None] = _unlogged
         self._seen_stops = 0
         self._buffer = b""
         port.open()
@@ -76,6 +76,17 @@ class Conversation:
             The bench's.
         """
         return self.port if table.kind == "keyboard" else port_of(name, table, clock)
+
+    def resume(self) -> None:
+        """Go on after the port was closed and the log ended.
+
+        Raises
+        ------
+        LostError
+            When there is no terminal any more.
+        """
+        self.log = _unlogged
+        self.port.open()
 
     def say(self, text: str) -> None:
         """Show a line."""
@@ -158,6 +169,10 @@ class Conversation:
         if self.stops() > self._seen_stops:
             self._seen_stops = self.stops()
             raise StoppedError
+
+
+def _unlogged(kind: str, **details: object) -> None:
+    """Where no run is being written."""
 
 
 class ValveHand:

@@ -209,7 +209,8 @@ class Runner:
         value = self.to_set_point(bar_abs)
         for _ in range(SET_TRIES):
             try:
-                self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S)
+                # An order to raise comes in time or never; one to vent is good at any time.
+                self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S, bar_abs != VENTED)
             except FAULTS as error:
                 self._note("set-point not taken", value=value, error=str(error))
                 fault = str(error)
@@ -248,7 +249,7 @@ class Runner:
             return True
         for _ in range(VENT_TRIES):
             try:
-                self.acquisition.command(self.regulator, "write", self.to_set_point(VENTED), COMMAND_REAL_S)
+                self.acquisition.command(self.regulator, "write", self.to_set_point(VENTED), COMMAND_REAL_S, False)
             except Exception as error:  # whatever it is, there is nothing better to do than to try again and to say so
                 self._dead = str(error)
             else:

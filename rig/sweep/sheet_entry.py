@@ -105,7 +105,10 @@ def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
     if len(text) > MOST_BYTES:
         raise SheetError(f"longer than {MOST_BYTES} characters; this is no sheet")
     columns = sheet_columns(bench)
-    lines = list(csv.reader(io.StringIO(text.removeprefix("\ufeff"))))
+    try:
+        lines = list(csv.reader(io.StringIO(text.removeprefix("\ufeff")), strict=True))
+    except csv.Error as error:
+        raise SheetError(f"not a table of CSV ({error}); is there a quotation mark that is not closed?") from None
     if not lines or [cell.strip() for cell in lines[0]] != columns:
         raise SheetError(f"header: expected {','.join(columns)} (the sheet that is printed for this bench has it)")
     if len(lines) > MOST_ROWS:
@@ -117,6 +120,9 @@ def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
     first_s = 0.0
     for number, cells in enumerate(lines[1:], start=1):
         if not any(cell.strip() for i, cell in enumerate(cells) if i not in (1, 2)):
+            continue
+        if any("\n" in cell for cell in cells):
+            mistakes.append(f"row {number}: a cell of several lines; is there a quotation mark that is not closed?")
             continue
         try:
             row = _row(dict(zip(columns, [cell.strip() for cell in cells], strict=True)), typed, last_s)

@@ -30,7 +30,6 @@ class Dial:
 
 # A dial gauge to 4 bar absolute with marks of 0.1, a glass rotameter to 100 L/min, a tachometer held by hand.
 PRESSURE_BAR_ABS = Dial(0.0, 4.0, 0.02, 0.007)
-PRESSURE_BAR_GAUGE = Dial(0.0, 3.0, 0.02, 0.007)
 FLOW_L_MIN = Dial(10.0, 100.0, 1.0, 0.4)
 SPEED_RPM = Dial(5.0, 99_999.0, 1.0, 0.3)
 

@@ -94,22 +94,6 @@ class TextServed(Served, Protocol):
         """
 
 
-class StreamServed(TextServed, Protocol):
-    """An instrument that sends unasked."""
-
-    def stream(self, time_ns: int) -> list[bytes]:
-        """The frames since the last call.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-
-    def overrun(self) -> None:
-        """A frame found no room and is lost."""
-
-
 def serve_bench(bench: Bench, world: World, devices: list[str]) -> dict[str, Any]:
     """The simulated instruments of a bench.
 
