@@ -230,13 +230,19 @@ def _advance(
     log_prob: BatchLogProb, states: list[emcee.State], shape: TransportMap
 ) -> tuple[list[emcee.State], dict[str, np.ndarray]]:
     """One block of steps of every ensemble, taken in the straightened coordinates."""
+    interrupted = False
 
     def straightened(e: np.ndarray) -> np.ndarray:
+        """Ctrl-C in here is kept for later: emcee would print every point and a traceback."""
+        nonlocal interrupted
         z, log_volume = shape.push(e)
         inside = np.all(np.abs(z) < REACH, axis=1)
         found = np.full(len(z), -np.inf)
-        if inside.any():
-            found[inside] = log_prob(z[inside]) + log_volume[inside]
+        if inside.any() and not interrupted:
+            try:
+                found[inside] = log_prob(z[inside]) + log_volume[inside]
+            except KeyboardInterrupt:
+                interrupted = True
         return found
 
     after, chains, accepted = [], [], []
@@ -247,6 +253,8 @@ def _advance(
         log_prob_there = state.log_prob + shape.push(coords)[1]
         begin = emcee.State(coords, log_prob=log_prob_there, random_state=state.random_state)
         end = sampler.run_mcmc(begin, BLOCK, skip_initial_state_check=True)
+        if interrupted:
+            raise KeyboardInterrupt
         coords, log_volume = shape.push(end.coords)
         after.append(emcee.State(coords, log_prob=end.log_prob - log_volume, random_state=end.random_state))
         chains.append(shape.push(sampler.get_chain(flat=True))[0].reshape(BLOCK, walkers, n))
@@ -340,6 +348,11 @@ class _Store:
                     "or remove this one"
                 )
             return
+        if any(folder.glob("block_*.npz")):
+            raise ChainError(
+                f"{folder}: holds a chain of which nothing says whose it is; name another folder with -o, or remove "
+                "this one"
+            )
         folder.mkdir(parents=True, exist_ok=True)
         _replace(mark, fingerprint.encode())
 
@@ -362,11 +375,16 @@ class _Store:
         partial = path.with_suffix(".partial")
         with partial.open("wb") as stream:
             np.savez(stream, **block)  # type: ignore[arg-type]
+            stream.flush()
+            os.fsync(stream.fileno())
         partial.replace(path)
 
 
 def _replace(path: Path, content: bytes) -> None:
     """Write a small file whole or not at all."""
     partial = path.with_name(path.name + f".{os.getpid()}.partial")
-    partial.write_bytes(content)
+    with partial.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
     partial.replace(path)

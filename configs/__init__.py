@@ -102,6 +102,8 @@ def parse_toml(source: bytes, place: str) -> dict[str, Any]:
         return tomllib.loads(source.decode("utf-8").replace("\r\n", "\n"))
     except UnicodeDecodeError:
         raise ConfigError(f"{place}: not UTF-8 text; save it as UTF-8") from None
+    except RecursionError:
+        raise ConfigError(f"{place}: not TOML that can be read; it is nested too deeply") from None
     except tomllib.TOMLDecodeError as error:
         text = str(error).replace("Cannot overwrite a value", "the same key stands twice (or cannot be overwritten)")
         raise ConfigError(f"{place}: not valid TOML: {text}") from None

@@ -59,6 +59,7 @@ def test_a_folder_is_no_file(tmp_path):
         ("name = hay", r"not valid TOML: .*line 1, column 8"),
         ("name = 'a'\nname = 'b'\n", r"not valid TOML: the same key stands twice .*line 2"),
         ("[spare]\n[spare]", "not valid TOML: .*line 2"),
+        ("x = " + "[" * 50_000, "not TOML that can be read; it is nested too deeply"),
         (b"#" * (configs.MAX_TOML_BYTES + 1), "larger than 1000000 bytes; this is not a configuration file"),
     ],
 )

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from calibration.diagnosis import Diagnosis, as_json, diagnose
+from calibration.diagnosis import Diagnosis, as_json, diagnose, together
 from calibration.diagnosis.discover import Term
 from calibration.diagnosis.next_test import NextTest
+from calibration.diagnosis.usable import refuse_starved
 from calibration.diagnosis.verdict import Verdict
 from calibration.report import diagnosis_numbers as numbers
 from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_words
@@ -326,6 +327,32 @@ def test_what_is_held_out_may_not_be_diagnosed_too(tmp_path):
     done = spinbench("diagnose", tmp_path / "recording", "--hold-out", tmp_path / "recording", "--json", "-")
     assert done.returncode == 2 and done.stdout == ""
     assert "is to be held out and diagnosed" in " ".join(done.stderr.split())
+
+
+def test_gauge_pressures_under_the_name_of_absolute_ones_are_refused(tmp_path):
+    """One such row may be misread; all of them are not."""
+    sweep(tmp_path / "recording", 11, {})
+    table = tmp_path / "recording" / "sweep.csv"
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    read, rows[1][2] = rows[1][2], "0.9"
+    table.write_text("\n".join(map(",".join, rows)) + "\n")
+    refuse_starved(read_recording(tmp_path / "recording"))
+    rows[1][2] = read
+    rows[1:] = [[*row[:2], f"{float(row[2]) - 1.013:.3f}", *row[3:]] for row in rows[1:]]
+    table.write_text("\n".join(map(",".join, rows)) + "\n")
+    done = spinbench("diagnose", tmp_path / "recording")
+    assert done.returncode == 2 and done.stdout == ""
+    said = " ".join(done.stderr.split())
+    assert "row 1, column pressure_bar_abs: '0.1" in said
+    assert "not above the room's 1.013 bar, yet the rotor turns at" in said
+    assert "name the column pressure_bar_gauge" in said
+
+
+def test_rows_of_recordings_of_one_name_are_told_apart(tmp_path):
+    both = [sweep(tmp_path / day / "recording", seed, {}) for day, seed in (("monday", 11), ("tuesday", 12))]
+    names = [file.file for file in together(both).files]
+    assert names == ["recording (1)/sweep.csv", "recording (2)/sweep.csv"]
+    assert diagnose(together(both), 1).verdict.kind == "consistent"
 
 
 def test_a_recording_given_twice_is_refused(tmp_path):

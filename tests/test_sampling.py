@@ -371,3 +371,27 @@ def test_a_chain_without_a_folder_leaves_nothing_behind(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     sample(banana, 3, np.ones_like, QUICK)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_chain_of_which_nothing_says_whose_it_is_is_refused(whole):
+    folder, _ = whole
+    (folder / "fingerprint").unlink()
+    with pytest.raises(ChainError, match="nothing says whose it is"):
+        sample(banana, 3, np.ones_like, QUICK, folder, "ours")
+
+
+def test_ctrl_c_ends_a_fit_without_a_word_of_the_samplers(capsys):
+    """emcee would print every point, and a traceback, for whatever goes wrong in the likelihood."""
+    calls = 0
+
+    def stopped(z):
+        nonlocal calls
+        calls += 1
+        if calls == 400:
+            raise KeyboardInterrupt
+        return banana(z)
+
+    with pytest.raises(KeyboardInterrupt):
+        sample(stopped, 3, np.ones_like, QUICK)
+    assert calls == 400
+    assert capsys.readouterr().out == ""

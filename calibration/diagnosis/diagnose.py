@@ -32,6 +32,7 @@ from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
 from calibration.diagnosis.threads import threads
 from calibration.diagnosis.unseen import predict_unseen, refuse_another_motor
+from calibration.diagnosis.usable import refuse_starved
 from calibration.diagnosis.verdict import (
     ERRORS,
     MISMATCH_P,
@@ -201,9 +202,12 @@ def diagnose(
     Raises
     ------
     RecordingError
-        When the run held out is of another motor, or the motor's model gives no reading of the recording at all.
+        When a gauge's pressure is declared absolute, the run held out is of another motor, or the motor's model gives
+        no reading of the recording at all.
     """
+    refuse_starved(recording)
     if hold_out is not None:
+        refuse_starved(hold_out)
         refuse_another_motor(recording, hold_out)
     in_time = any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from rig.recording import Recording, RecordingError, RecordingFile
 
 GAP_S = 3600.0  # between two recordings on the common clock
@@ -27,8 +29,9 @@ def together(recordings: Sequence[Recording]) -> Recording:
     if len(recordings) == 1:
         return first
     files: list[RecordingFile] = []
+    names = [one.folder.name for one in recordings]
     start = 0.0
-    for one in recordings:
+    for number, one in enumerate(recordings, start=1):
         for what, same in (
             ("motor", one.motor == first.motor),
             ("[ambient]", one.ambient == first.ambient),
@@ -40,13 +43,13 @@ def together(recordings: Sequence[Recording]) -> Recording:
                     f"{one.folder}: its {what} is not that of {first.folder}; recordings that are diagnosed together "
                     "share motor, ambient and instruments; diagnose them one by one (spinbench many diagnose)"
                 )
-        files += [
-            replace(file, file=f"{one.folder.name}/{file.file}", start_s=start + file.start_s) for file in one.files
-        ]
+        name = one.folder.name if names.count(one.folder.name) == 1 else f"{one.folder.name} ({number})"
+        files += [replace(file, file=f"{name}/{file.file}", start_s=start + file.start_s) for file in one.files]
         start += max((_end(file) for file in one.files), default=0.0) + GAP_S
     return replace(first, files=tuple(files), sha256="")
 
 
 def _end(file: RecordingFile) -> float:
     time = file.columns.get("time_s")
-    return file.start_s + (float(time.values[-1]) if time is not None and time.values.size else float(file.rows))
+    known = time.values[np.isfinite(time.values)] if time is not None else np.empty(0)
+    return file.start_s + (float(known[-1]) if known.size else float(file.rows))

@@ -1,0 +1,48 @@
+"""Recordings that no diagnosis can be made of: refused before the search, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.priors import at_ambient
+from model.motor import read_motor
+from rig.recording import Recording, RecordingError
+
+PASCAL_PER_BAR = 1e5
+MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
+
+
+def refuse_starved(recording: Recording) -> None:
+    """Refuse absolute pressures that are not above the room's while the rotor turns: a gauge's, under a wrong name.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a motor by name.
+
+    Raises
+    ------
+    RecordingError
+        When this is so in more than half of the steady rows at which the rotor turns.
+    """
+    if not isinstance(recording.motor, str):
+        return
+    P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / PASCAL_PER_BAR
+    turning, starved = 0, []
+    for file in recording.files:
+        pressure, speed = file.columns.get("pressure_bar_abs"), file.columns.get("speed_rpm")
+        if file.kind != "steady" or pressure is None or speed is None:
+            continue
+        turns = (speed.censor == 0) & (speed.values > 0.0) & (pressure.censor == 0) & np.isfinite(pressure.values)
+        turning += int(turns.sum())
+        starved += [
+            f"{file.file}, row {i + 1}, column pressure_bar_abs: '{pressure.values[i]:g}' is not above the room's "
+            f"{P_a:.3f} bar, yet the rotor turns at {speed.values[i]:g} rpm"
+            for i in np.flatnonzero(turns & (pressure.values <= P_a))
+        ]
+    if len(starved) > MOST_STARVED * turning:
+        more = f", and so in {len(starved) - 1} rows more" if len(starved) > 1 else ""
+        raise RecordingError(
+            f"{recording.folder}/{starved[0]}{more}; if the gauge shows gauge pressure, name the column "
+            "pressure_bar_gauge"
+        )
