@@ -484,3 +484,28 @@ def test_a_ledger_that_was_changed_is_refused(book, change):
         ledgers.read_ledger(book)
     with pytest.raises(ledgers.LedgerError):
         ledgers.append(book, ENTRY)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("campaign.json", {"cases": "x"}, "cases: not as it was made"),
+        ("campaign.json", {"more": 1}, "more: not as it was made"),
+        ("frozen.json", [], "changed after it was written"),
+        ("frozen.json", {"diagnosis_sha256": None}, "changed after it was written"),
+    ],
+)
+def test_a_file_of_a_campaign_that_was_changed_is_told(campaign, name, content, words):
+    ran(campaign)
+    place = campaign / name
+    data = json.loads(place.read_text())
+    place.write_text(json.dumps({**data, **content} if isinstance(content, dict) else content))
+    with pytest.raises(ChallengeError, match=words):
+        ran(campaign)
+
+
+def test_a_line_of_the_ledger_without_what_is_told_of_every_campaign_is_refused(tmp_path):
+    place = tmp_path / "ledger.jsonl"
+    place.write_bytes(canonical({"number": 1, "previous": ledgers.FIRST, "result": {}, "campaign": "x"}) + b"\n")
+    with pytest.raises(ledgers.LedgerError, match="line 1: without cases, commit"):
+        ledgers.read_ledger(place)

@@ -7,7 +7,7 @@ import importlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, cast, get_type_hints
 
 FORMAT = "challenge/1"
 SECOND_RIG = "calibration.challenge.second_rig"
@@ -188,7 +188,10 @@ def read_campaign(folder: Path) -> Campaign:
         raise ChallengeError(f"{place} is not JSON: it was changed after it was made") from None
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT:
         raise ChallengeError(f"{place}: not of format {FORMAT}")
-    try:
-        return Campaign(folder=folder, **data)
-    except TypeError:
-        raise ChallengeError(f"{place}: keys are missing or too many: it was changed after it was made") from None
+    kinds = {key: kind for key, kind in get_type_hints(Campaign).items() if key != "folder"}
+    wrong = sorted(
+        {key for key, kind in kinds.items() if not isinstance(data.get(key), kind)} | (set(data) - set(kinds))
+    )
+    if wrong:
+        raise ChallengeError(f"{place}: {', '.join(wrong)}: not as it was made; the file was changed after that")
+    return Campaign(folder=folder, **data)

@@ -19,6 +19,8 @@ FIRST = "0" * 64
 # A campaign that agrees in these is in the ledger already: scored by the same code in the same way.
 SAME = ("truth_sha256", "verdicts_sha256", "follow_ups", "oracle", "scorer_sha256", "scoring_sha256")
 OPENING = ("truth_sha256", "verdicts_sha256")  # ... of the same verdicts
+# What is told of every scored campaign, whatever else is.
+TOLD = ("campaign", "cases", "commit", "diagnosis_sha256", "dirty", "family", "follow_ups", "scored_utc", "seed")
 DRAWN_FROM = ("family", "seed")  # the same truths, whatever salt their hash has and whichever of them were kept
 
 
@@ -164,6 +166,11 @@ def _chain(place: Path, content: bytes) -> list[tuple[dict[str, Any], str]]:
             raise LedgerError(
                 f"{place}, line {number}: it does not follow the line before; a line was changed, removed or moved. "
                 "Restore the file from its history"
+            )
+        missing = [key for key in TOLD if key not in entry] if "result" in entry else []
+        if missing:
+            raise LedgerError(
+                f"{place}, line {number}: without {', '.join(missing)}; restore the file from its history"
             )
         previous = sha256(line)
         found.append((entry, previous))

@@ -110,6 +110,8 @@ def read_frozen(campaign: Campaign) -> dict[str, Any]:
         found: dict[str, Any] = json.loads((campaign.folder / FROZEN).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         raise ChallengeError(f"{campaign.folder}: nothing was frozen; `spinbench challenge run` it first") from None
+    if not isinstance(found, dict) or any(not isinstance(found.get(key), str) for key in HELD):
+        raise ChallengeError(f"{campaign.folder / FROZEN}: it was changed after it was written")
     return found
 
 

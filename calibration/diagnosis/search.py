@@ -214,8 +214,8 @@ class Search:
         """Jobs with their rough starts made, the most promising by these first."""
         self._tell(f"try {len(jobs)} effects roughly")
         outsets = self._side_by_side(_outset, [(self.comparison, job) for job in jobs])
-        begun = [replace(job, outset=outset) for job, outset in zip(jobs, outsets, strict=True) if outset is not None]
-        return sorted(begun, key=lambda job: job.outset.reached if job.outset else math.inf)
+        begun = [(outset, job) for job, outset in zip(jobs, outsets, strict=True) if outset is not None]
+        return [replace(job, outset=outset) for outset, job in sorted(begun, key=lambda pair: pair[0].reached)]
 
     def _refit(self, jobs: Sequence[_Job]) -> None:
         """Refit sets, AT_ONCE side by side; a set with which the model gives no reading at all is left out."""
