@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+from pathlib import Path
 
 import pytest
 
@@ -162,3 +163,13 @@ def test_verdicts_of_other_code_are_not_counted_with_them(kept, book, tmp_path, 
     with pytest.raises(ChallengeError, match="later has diagnosis_sha256 000000000000, and this code"):
         keeping.hold_against_this_code(keeping.read([later], book))
     keeping.hold_against_this_code(keeping.read(kept, book))
+
+
+def test_the_page_of_this_repository_is_what_its_kept_files_give():
+    """The published record: counted anew from what was kept of each part, and held against the ledger."""
+    docs = Path(__file__).resolve().parents[1] / "docs" / "challenge"
+    scored = keeping.read(sorted((docs / "record").glob("*.json.gz")), docs / "ledger.jsonl")
+    published = json.loads((docs / "result.json").read_text())
+    for name, counted in json.loads(json.dumps(scored.summary)).items():
+        assert published[name] == counted, name
+    assert [one["campaign"] for one in published["campaigns"]] == [one["campaign"] for one in scored.entries]

@@ -336,3 +336,137 @@ def test_within_three_sds_it_is_the_nuisance_at_work(sds, diagnosis, expected):
 def test_of_two_effects_the_one_within_three_sds_need_not_be_named():
     pair = case("pair", ["flow_offset", "windage"], NAMED, truth={"total_sds": {"flow_offset": 1.9}})
     assert (pair.group, pair.outcome) == ("near_nuisance", "right")
+
+
+# the goals themselves, and the blocks that they read
+
+
+GOALS = [
+    ("false names where nothing is concealed", 101, None, 0.01),
+    ("right set of effects where separable", 102, 0.95, None),
+    ("wrong names in all", 103, None, 0.03),
+    ("effects in no library wrongly named", 104, None, 0.05),
+    ("effects in no library located", 105, 0.90, None),
+    ("90 % intervals of f_overall that hold it", 106, 0.87, 0.93),
+    ("90 % intervals of an effect's size that hold it", 107, 0.87, 0.93),
+    ("separable cases of those with effects of the library", 108, 0.40, None),
+]
+
+
+def told(hits, ratio=0.9):
+    """A summary in which each goal's share has a number of cases of its own."""
+
+    def of(n):
+        return share([True] * round(hits * n) + [False] * (n - round(hits * n)))
+
+    return {
+        "nulls": {"all": {"false_names": of(101), "false_alarms": of(1)}},
+        "separable": {"right_set": of(102), "share": of(108)},
+        "wrong_names": {"all": of(103)},
+        "not_in_library": {"wrongly_named": of(104), "located": of(105), "missed": of(2), "unresolved": of(3)},
+        "coverage": {"f_overall": {"all": {"50": of(4), "90": of(106)}}, "effect_size": {"50": of(5), "90": of(107)}},
+        "held_out": {"ratio": ratio},
+    }
+
+
+def test_the_goals_are_those_that_were_set_and_each_reads_its_own_share():
+    found = goals.goals(told(0.5))
+    assert [(one["goal"], one["got"]["n"], one["low"], one["high"]) for one in found[:-1]] == GOALS
+    assert (found[-1]["goal"], found[-1]["low"]) == ("held-out gain against the oracle's", 0.90)
+
+
+@pytest.mark.parametrize(("place", "low", "high"), [(i, low, high) for i, (_, _, low, high) in enumerate(GOALS)])
+def test_a_goal_is_met_just_inside_its_bounds_and_missed_just_outside(place, low, high):
+    for bound, inside in ((low, 0.01), (high, -0.01)):
+        if bound is None:
+            continue
+        assert goals.goals(told(bound + inside))[place]["met"] == goals.MET
+        assert goals.goals(told(bound - 1.5 * inside))[place]["met"] == goals.MISSED
+
+
+@pytest.mark.parametrize(("ratio", "met"), [(0.90, goals.MET), (0.89, goals.MISSED), (None, goals.NO_CASES)])
+def test_the_gain_is_held_against_nine_tenths_of_the_oracle_s(ratio, met):
+    assert goals.goals(told(0.5, ratio))[-1]["met"] == met
+
+
+def hits(one):
+    return one["hits"], one["n"]
+
+
+def stranger(diagnosis, *places):
+    return case("not_in_library", ["backlash"], None if diagnosis is None else {**diagnosis, "located": list(places)})
+
+
+def test_what_became_of_effects_in_no_library_is_counted_one_by_one():
+    found = scoring.not_in_library(
+        [
+            stranger(UNRESOLVED, place()),
+            stranger(UNRESOLVED, place(balance="mass"), place()),
+            stranger(UNRESOLVED),
+            stranger(NAMED, place()),
+            stranger(LISTED, place(coordinate="time")),
+            stranger(CONSISTENT),
+            stranger(None),
+        ]
+    )
+    assert {name: hits(one) for name, one in found.items()} == {
+        "unresolved": (3, 7),
+        "wrongly_named": (1, 7),
+        "confounded": (1, 7),
+        "missed": (1, 7),
+        "located": (2, 7),
+        "located_where_noticed": (2, 5),
+    }
+
+
+def test_places_are_counted_by_what_is_right_of_them():
+    found = scoring.located(
+        [
+            single({**NAMED, "located": [place()]}),
+            single({**NAMED, "located": [place(where=[30.0, 40.0])]}),
+            single({**NAMED, "located": [place(channel="flow"), place()]}),
+            single({**NAMED, "located": [place(coordinate="pressure", same_as=["flow", "speed"])]}),
+            single({**CONSISTENT, "located": []}),
+        ]
+    )
+    by_size = found.pop("by_group_size")
+    assert {name: hits(one) for name, one in found.items()} == {
+        "right": (2, 5),
+        "any_of_those_listed": (3, 5),
+        "where_noticed": (2, 4),
+        "balance": (4, 5),
+        "channel": (3, 5),
+        "coordinate": (4, 5),
+        "range": (2, 3),
+    }
+    assert by_size == {"1": 1, "3": 1}
+
+
+def test_cases_near_a_nuisance_are_counted_by_whether_they_are_beyond_it():
+    found = scoring.near(
+        [
+            near_case(NAMED, 3.5),
+            near_case(CONSISTENT, 3.5),
+            near_case(OTHER, 3.5),
+            near_case(NAMED, 2.5),
+            near_case(CONSISTENT, 2.5),
+            near_case(LISTED, 2.5),
+        ]
+    )
+    assert {name: hits(one) for name, one in found["beyond three sds"].items()} == {
+        "right": (1, 3),
+        "named_what_is_at_work": (1, 3),
+        "consistent": (1, 3),
+        "wrong": (1, 3),
+    }
+    assert {name: hits(one) for name, one in found["something within three sds"].items()} == {
+        "right": (2, 3),
+        "named_what_is_at_work": (1, 3),
+        "consistent": (1, 3),
+        "wrong": (0, 3),
+    }
+
+
+def test_a_further_test_may_leave_it_confounded():
+    found = scoring.confounded([single(LISTED, again=LISTED), single(LISTED, again=NAMED), single(LISTED)])
+    assert hits(found["still_confounded"]) == (1, 2)

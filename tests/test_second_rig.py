@@ -20,6 +20,7 @@ from calibration.challenge.second_rig import (
     draw,
     follow_up,
     instruments,
+    losses,
     make_recording,
     marches,
     motor,
@@ -251,7 +252,8 @@ class TestEffects:
         plain, heavy = (
             bench.run(bench.Rig({}, {}, those), run).speed for those in ((), (effect("inertia", share=1.0),))
         )
-        assert heavy[40] < 0.75 * plain[40]
+        # Early, while friction is small, twice the inertia is half the acceleration; with 1.5 times it would be 0.67.
+        assert 0.5 < heavy[20] / plain[20] < 0.6
 
     def test_a_misread_reading_is_the_only_one_moved(self):
         found = instruments.misread([effect("bad_reading", speed_row_3=4.0)], "speed", np.full(6, 30.0))
@@ -461,7 +463,7 @@ class TestNoise:
 
     def test_misdeclared_noise_is_at_most_a_third_off(self, cases):
         scales = [case.sensors["noise_scale"] for case in cases]
-        assert max(scales) <= 1.3
+        assert 1.15 < max(scales) <= 1.3
         assert all(case.misdeclared for case in cases if case.sensors["noise_scale"] > 1.0)
 
 
@@ -628,3 +630,131 @@ def test_it_shares_rig_recording_alone_with_the_project():
         for name in imports_of(path):
             if name.split(".")[0] in ours:
                 assert name == "rig.recording" or name.startswith("calibration.challenge.second_rig"), (path.name, name)
+
+
+def lost(name, form, values, speed, line_gauge=0.0):
+    """Torque that an effect takes at a speed [N m], as its form says."""
+    p = slots.vector(concealed.figures({"f_overall": 0.0}, [Concealed(name, form, values)]))
+    viscous, dry = losses.drag(p, speed, line_gauge)
+    return viscous * speed + dry
+
+
+class TestForms:
+    """Each form is its own law, pinned at points where the others differ."""
+
+    @pytest.mark.parametrize(
+        ("form", "at_its_speed", "at_twice"),
+        [("gaussian", np.exp(-1.0), np.exp(-4.0)), ("exponential", np.exp(-1.0), np.exp(-2.0)),
+         ("lorentzian", 0.5, 0.2)],
+    )  # fmt: skip
+    def test_stribeck_friction_fades_as_its_form_says(self, form, at_its_speed, at_twice):
+        values = {"torque_nm": 0.2, "speed_rad_s": 8.0}
+        assert lost("stribeck_friction", form, values, 1e-9) == pytest.approx(0.2)
+        assert lost("stribeck_friction", form, values, 8.0) == pytest.approx(0.2 * at_its_speed)
+        assert lost("stribeck_friction", form, values, 16.0) == pytest.approx(0.2 * at_twice)
+
+    @pytest.mark.parametrize(
+        ("form", "values", "ratio"),
+        [("square", {"drag_nm_s2": 2e-4}, 4.0), ("power", {"torque_at_40_nm": 0.32, "exponent": 2.5}, 2.0**2.5)],
+    )
+    def test_windage_is_a_power_of_the_speed(self, form, values, ratio):
+        assert lost("windage", form, values, 40.0) == pytest.approx(0.32)
+        assert lost("windage", form, values, 40.0) / lost("windage", form, values, 20.0) == pytest.approx(ratio)
+
+    def test_dry_friction_is_sharp_or_built_up(self):
+        smoothed = {"torque_nm": 0.1, "width_rad_s": 2.0}
+        assert lost("coulomb_friction", "sharp", {"torque_nm": 0.1}, 0.5) == pytest.approx(0.1)
+        assert lost("coulomb_friction", "smoothed", smoothed, 2.0) == pytest.approx(0.1 * np.tanh(1.0))
+
+    @pytest.mark.parametrize(
+        ("form", "left"),
+        [("exponential", np.exp(-1.0)), ("hyperbolic", 0.5), ("logistic", (1.0 + np.exp(-3.0)) / 2.0)],
+    )
+    def test_a_warm_up_has_so_much_left_after_its_time(self, form, left):
+        one = [Concealed("friction_warm_up", form, {"share_cold": 0.2, "time_s": 300.0})]
+        base = concealed.figures({"f_overall": 0.06}, one)
+        rows, _ = concealed.row_figures(base, one, np.array([0.0, 300.0]), np.ones(2), np.full(2, 2e5))
+        assert rows[:, slots.AT["f_overall"]] == pytest.approx([0.06 * 1.2, 0.06 * (1.0 + 0.2 * left)])
+
+    @pytest.mark.parametrize(
+        ("form", "after"),
+        [("first_order", 1.0 - np.exp(-np.array([0.5, 1.0, 1.5, 2.5]))), ("delay", [0.0, 0.5, 1.0, 1.0]),
+         ("moving_average", [0.25, 0.5, 0.75, 1.0])],
+    )  # fmt: skip
+    def test_a_slow_tachometer_answers_a_step_as_its_form_says(self, form, after):
+        """At 0.5, 1, 1.5 and 2.5 times its time."""
+        cell_s, time_s = 1e-4, 0.02
+        step = (np.arange(1500) >= 500).astype(float)
+        found = instruments.lagged([effect("speed_lag", form, time_s=time_s)], step, cell_s)
+        at = 500 + np.round(np.array([0.5, 1.0, 1.5, 2.5]) * time_s / cell_s).astype(int)
+        within = 0.51 if form == "delay" else 0.01  # the step itself is between two cells
+        assert found[at[[0, 2, 3]]] == pytest.approx(np.array(after)[[0, 2, 3]], abs=0.01)
+        assert found[at[1]] == pytest.approx(after[1], abs=within)
+
+    def test_the_second_harmonic_goes_twice_a_turn(self):
+        values = {"sine_nm": 0.0, "cosine_nm": 0.0, "second_nm": 0.05}
+        p = slots.vector(concealed.figures({}, [Concealed("once_per_rev_torque", "two_harmonics", values)]))
+        assert losses.swing(p, np.pi / 4.0) == pytest.approx(0.05)
+        assert losses.swing(p, 3.0 * np.pi / 4.0) == pytest.approx(-0.05)
+
+
+class TestWhatReachesARecording:
+    """Of one case with the same noise, with something and without."""
+
+    @pytest.fixture(scope="class")
+    def clean(self):
+        quiet = {"noise_scale": 1.0, "correlation": 0.0, "tails": 0.0, "drift_bar": 0.0, "jitter_s": 0.0}
+        case = conceal(case_of("none"))
+        return replace(case, sensors=quiet, errors=dict.fromkeys(case.errors, 0.0))
+
+    @pytest.fixture(scope="class")
+    def without(self, clean, tmp_path_factory):
+        folder = tmp_path_factory.mktemp("clean")
+        make_recording(clean, folder)
+        return read_recording(folder)
+
+    def moved(self, case, without, folder, column, file="sweep.csv"):
+        make_recording(case, folder)
+        pair = (next(one for one in of.files if one.file == file) for of in (read_recording(folder), without))
+        with_it, plain = (one.columns[column].values for one in pair)
+        return with_it - plain, plain
+
+    @pytest.mark.parametrize(
+        ("error", "column", "moves"),
+        [
+            ("pressure_offset_bar", "pressure_bar_abs", lambda plain: 0.05),
+            ("pressure_scale", "pressure_bar_abs", lambda plain: 0.05 * plain),
+            ("flow_offset_l_min", "flow_l_min", lambda plain: 0.05),
+            ("flow_scale", "flow_l_min", lambda plain: 0.05 * plain),
+            ("speed_offset_rpm", "speed_rpm", lambda plain: 0.05),
+            ("speed_scale", "speed_rpm", lambda plain: 0.05 * plain),
+        ],
+    )
+    def test_an_instrument_s_error_is_in_its_column(self, clean, without, tmp_path, error, column, moves):
+        size = 20.0 if error.endswith(("l_min", "rpm")) else 1.0
+        case = replace(clean, errors={**clean.errors, error: 0.05 * size})
+        change, plain = self.moved(case, without, tmp_path, column)
+        step = sheets.RESOLUTION[column.partition("_")[0]]
+        assert change == pytest.approx(np.broadcast_to(moves(plain) * size, change.shape), abs=1.5 * step)
+
+    def test_the_gauge_drifts_over_the_sweep(self, clean, without, tmp_path):
+        case = replace(clean, sensors={**clean.sensors, "drift_bar": 0.04})
+        change, _ = self.moved(case, without, tmp_path, "pressure_bar_abs")
+        assert change[[0, -1]] == pytest.approx([-0.02, 0.02], abs=0.0015)
+
+    def test_jitter_moves_samples_along_a_spin_up(self, clean, without, tmp_path):
+        case = replace(clean, sensors={**clean.sensors, "jitter_s": 2e-4})
+        change, _ = self.moved(case, without, tmp_path, "speed_rpm", "spin_up.csv")
+        assert np.std(change[12:32]) > 2.0 * np.std(change[-60:]) > 0.0  # most where the speed changes
+
+    def test_a_misread_reading_is_in_its_row_alone(self, clean, without, tmp_path):
+        case = conceal(clean, effect("bad_reading", speed_row_3=4.0))
+        change, _ = self.moved(case, without, tmp_path, "speed_rpm")
+        assert change[2] == pytest.approx(4.0 * slots.RPM, abs=0.06)
+        assert not np.any(np.delete(change, 2))
+
+    def test_a_gauge_that_goes_to_and_fro_does(self, clean, without, tmp_path):
+        values = {"height_pa": 800.0, "period_pa": 2.5e4, "phase": 0.2}
+        case = conceal(clean, Concealed("gauge_sawtooth", "sawtooth", values))
+        change, _ = self.moved(case, without, tmp_path, "pressure_bar_abs")
+        assert change.min() < -0.004 and change.max() > 0.004
