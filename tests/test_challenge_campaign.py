@@ -233,6 +233,8 @@ def test_a_worker_with_other_code_gives_no_verdict(campaign, book):
         running.run(campaign, 0, task=other)
     with pytest.raises(ChallengeError, match="12 of 12 cases have no verdict yet"):
         scored(campaign, book)
+    with pytest.raises(ChallengeError, match="other code than the campaign"):
+        running.diagnose_case({"folder": str(campaign), "seed": 1, "code": "another"})
 
 
 def test_a_recording_that_was_changed_is_refused(campaign):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-RECORDINGS = ROOT.parent / "shared" / "recordings"
+RECORDINGS = Path(os.environ.get("SPINBENCH_RECORDINGS", ROOT.parent / "shared" / "recordings"))
 
 
 def demonstrate(*words: object, code: int = 0) -> subprocess.CompletedProcess[str]:

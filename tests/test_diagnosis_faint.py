@@ -12,7 +12,7 @@ from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json
-from calibration.diagnosis.f_overall import FORM, SOLVERS_DIFFER, UNSEEN
+from calibration.diagnosis.f_overall import SOLVERS_DIFFER, UNSEEN
 from calibration.diagnosis.faint import faint
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import beyond
@@ -81,5 +81,5 @@ def test_f_overall_beside_an_effect_holds_that_its_law_may_have_another_form(tmp
     alone = 0.5 * float(unknown.value(mode.z[place] + sd) - unknown.value(mode.z[place] - sd))
     after = as_json(found)["f_overall_after"]
     assert abs(moved) > 3.0 * alone
-    assert after["q95"] - after["q05"] > 3.0 * math.hypot(alone, FORM * moved)
+    assert after["q95"] - after["q05"] > 3.0 * math.hypot(alone, 0.2 * moved)
     assert after["mean"] == pytest.approx(float(unknown.value(mode.z[place])), abs=2.0 * after["sd"])

@@ -127,12 +127,14 @@ def test_the_same_explanation_twice_is_not_told_apart(comparison, base):
     assert propose(comparison, [one, one]) == []
 
 
-def test_a_test_is_the_same_with_runs_in_time_in_the_recording(tmp_path):
+def test_tests_are_proposed_with_runs_in_time_in_the_recording_too(tmp_path):
     sweep(tmp_path, 31, {})
     comparison = Comparison(Problem(add_coast_down(tmp_path, 32, {})))
     base = find(comparison, ())
     rivals = [rival(comparison, base, name) for name in ("windage", "coulomb_friction")]
-    for test in propose(comparison, rivals):
+    found = propose(comparison, rivals)
+    assert found
+    for test in found:
         assert math.isfinite(test.information_nats)
         assert test.repeats is None or test.repeats >= 1
 

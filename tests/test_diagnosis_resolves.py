@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.resolves import SEEN, Resolved, resolved
+from calibration.diagnosis.resolves import Resolved, resolved
 from calibration.diagnosis.signatures import signatures
 from calibration.diagnosis.sizes import sizes_of
 from model.effects import effects
@@ -36,7 +37,7 @@ def test_a_size_is_seen_from_five_sds_that_a_refit_gives_it(clean, name: str) ->
     refit = find(comparison, (name,))
     size = sizes_of(comparison.problem, Candidate((name,), refit, refit.log_evidence, 1.0, ""))[0]
     low, high = size.unknown.value(size.z + size.sd * np.array([-1.0, 1.0]))
-    assert found[name].seen_from == pytest.approx(SEEN * (high - low) / 2.0, rel=0.3)
+    assert found[name].seen_from == pytest.approx(5.0 * (high - low) / 2.0, rel=0.3)
 
 
 def test_to_be_named_takes_more_than_to_be_seen(clean) -> None:
@@ -46,6 +47,10 @@ def test_to_be_named_takes_more_than_to_be_seen(clean) -> None:
             assert one.seen_from is not None
             assert 1.4 * one.seen_from <= one.told_from * 1.0001
             assert one.told_from <= effects()[one.effect].amplitude.high
+            # D >= 7, and D sqrt((1 - rho)/2) >= 2.326
+            needed = max(7.0, 2.3263 / math.sqrt((1.0 - one.rho) / 2.0))
+            assert one.told_from == pytest.approx(one.seen_from * needed / 5.0, rel=1e-3)
+    assert all(clean[1][name].told_from is not None for name in ("windage", "leakage", "stribeck_friction"))
 
 
 def test_what_a_sweep_cannot_part_is_named_at_no_believable_size(clean) -> None:

@@ -13,7 +13,7 @@ from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.sizes import LAW, sizes_of
+from calibration.diagnosis.sizes import sizes_of
 from tests import diagnosis_recordings as recordings
 
 
@@ -29,7 +29,7 @@ def test_a_size_is_known_no_better_than_the_law(problem: Problem) -> None:
     fitted = math.sqrt(mode.covariance[-1, -1])
     low, value, high = size.unknown.value(size.z + fitted * np.array([-1.0, 0.0, 1.0]))
     spread = np.diff(size.unknown.value(size.z + size.sd * np.array([-1.0, 1.0])))[0] / 2.0
-    assert spread == pytest.approx(math.hypot((high - low) / 2.0, LAW * value))
+    assert spread == pytest.approx(math.hypot((high - low) / 2.0, 0.04 * value))
     assert (size.effect, size.parameter.name) == ("windage", "drag_nm_s2")
 
 
@@ -40,5 +40,5 @@ def test_a_sine_of_nothing_is_as_uncertain_as_its_cosine(problem: Problem) -> No
     z = np.concatenate([np.zeros(k), [0.0, 0.5]])
     mode = replace(base_of(Comparison(problem)), z=z, covariance=1e-12 * np.eye(k + 2))
     sine, cosine = sizes_of(problem, Candidate(names, mode, 0.0, 1.0, ""))
-    assert sine.sd == pytest.approx(LAW * 0.5)
+    assert sine.sd == pytest.approx(0.04 * 0.5)
     assert cosine.sd == pytest.approx(sine.sd)

@@ -132,3 +132,9 @@ def test_on_a_fast_clock_a_pause_of_the_machine_is_no_lost_signal():
 def test_a_speed_beyond_a_scale_whose_end_is_not_known_trips_at_once():
     view = View(speed(None, quality=Quality.OVER_RANGE), pressure(2.0))
     assert "speed beyond the scale of tach.speed_rpm, limit 600 rpm" in Limits(SAFETY, ROLES).trip(view, 0, True)
+
+
+@pytest.mark.parametrize(("rpm", "bar", "trips"), [(600.0, 3.0, None), (600.1, 2.0, "speed"), (10.0, 3.01, "pressure")])
+def test_a_limit_is_where_it_says(rpm, bar, trips):
+    said = Limits(SAFETY, ROLES).trip(View(speed(rpm), pressure(bar)), 0, True)
+    assert said is None if trips is None else said.startswith(trips)

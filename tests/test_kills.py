@@ -12,3 +12,4 @@ def test_a_killed_sweep_loses_no_row_and_leaves_the_regulator_at_zero(after_s):
     assert kill.fault == ""
     assert not kill.finished
     assert kill.rows_after > 0
+    assert kill.raised == (after_s > 5.0)  # so that there was something to take back

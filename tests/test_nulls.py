@@ -11,10 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from calibration import nulls, nulls_draw, nulls_table
 from calibration.campaigns import OtherCodeError
 from calibration.diagnosis import diagnose
+from calibration.diagnosis.detect import rarity
 from calibration.diagnosis.diagnose import detect_mismatch
 from calibration.nulls import Kind, items_of, p_of_null
 from calibration.priors import at_ambient
@@ -254,3 +256,12 @@ def test_a_command_that_cannot_be_done_is_refused_in_a_line(given, said, tmp_pat
     assert code == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_the_rarity_of_a_statistic_is_a_probability():
+    """Draws and statistics of one law: each level is passed as often as it says, in the fitted tail too."""
+    rng = np.random.default_rng(5)
+    found = np.array([rarity(float(rng.exponential()), rng.exponential(size=200))[0] for _ in range(5000)])
+    for level in (0.5, 0.05, 0.01, 0.002):
+        low, high = binom.ppf([0.0005, 0.9995], found.size, level)
+        assert low <= np.sum(found < level) <= high, level

@@ -19,7 +19,7 @@ from rig.readings import NS, Event, Exchange, Quality
 from rig.runlog import RunError, RunWriter, lines, read_run, verify
 from rig.runlog.folder import Lock, is_locked
 from rig.runlog.listing import list_runs
-from tests.synthetic_runs import UTC_START_NS, poll, reading, start_of, write_sweep
+from tests.synthetic_runs import UTC_START_NS, Bench, poll, reading, start_of, write_sweep
 
 ROOT = Path(__file__).resolve().parents[1]
 ODD = (
@@ -221,8 +221,10 @@ def test_what_is_written_is_put_on_the_disk_without_being_asked(tmp_path, monkey
     real = os.fsync
     monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle).st_ino) or real(handle))
     with RunWriter.create(tmp_path, start_of(), sync_s=0.02) as writer:
-        wanted = {(writer.folder / name).stat().st_ino for name in ("samples.csv", "wire.jsonl")}
-        writer.exchange(poll("tach", {"speed_rpm": 1.0}, 1))
+        wanted = {(writer.folder / name).stat().st_ino for name in ("samples.csv", "wire.jsonl", "events.jsonl")}
+        Bench(writer).plateau(1, (2.0, 55.0, 394.8), "up")
+        writer.event("step", 1)
+        wanted.add((writer.folder / "plateaus.csv").stat().st_ino)
         for _ in range(500):
             if wanted <= set(synced):
                 break
@@ -337,3 +339,60 @@ def test_a_run_that_is_being_written_can_be_read_at_any_moment(tmp_path, monkeyp
 
         monkeypatch.setattr(lines, "open_plain", growing)
         assert [line for _, line in lines.whole_lines(writer.folder / "samples.csv")] == whole
+
+
+def test_a_full_disk_under_the_samples_takes_their_exchange_back_from_the_wire(tmp_path):
+    """The file that is full is the second to be written: of the exchange, nothing is left in the first."""
+    code = f"""
+import resource, signal, sys
+sys.path.insert(0, {str(ROOT)!r})
+from pathlib import Path
+from tests.synthetic_runs import poll, start_of
+from rig.runlog import RunError, RunWriter
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+writer = RunWriter.create(Path({str(tmp_path)!r}), start_of())
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY))
+rows = 0
+try:
+    while True:
+        writer.exchange(poll("tach", {{f"speed_{{i}}_rpm": 1.0 for i in range(40)}}, rows + 1))
+        rows += 1
+except RunError as error:
+    print(error)
+writer.end("finished")
+print(rows)
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert found.returncode == 0, found.stderr
+    *error, rows = found.stdout.splitlines()
+    assert "samples.csv: cannot be written" in error[0]
+    run = read_run(next(tmp_path.iterdir()))
+    assert run.samples["exchange"].max() == run.exchange_count == int(rows) > 0
+    assert verify(run.folder) == []
+
+
+def test_the_end_record_comes_after_everything_is_on_the_disk(tmp_path, monkeypatch):
+    order = []
+    fsync, rename = os.fsync, Path.rename
+
+    def synced(handle):
+        order.append(os.fstat(handle).st_ino)
+        fsync(handle)
+
+    def renamed(path, target):
+        order.append(Path(target).name)
+        return rename(path, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(Path, "rename", renamed)
+    with RunWriter.create(tmp_path, start_of(), sync_s=1000.0) as writer:
+        Bench(writer).plateau(1, (2.0, 55.0, 394.8), "up")
+        order.clear()
+        writer.end("finished")
+    files = [
+        (writer.folder / name).stat().st_ino for name in ("samples.csv", "wire.jsonl", "events.jsonl", "plateaus.csv")
+    ]
+    end = order.index("end.json")
+    assert set(files) <= set(order[:end])
+    assert (writer.folder / "end.json").stat().st_ino in order[:end]
+    assert writer.folder.stat().st_ino in order[end:]

@@ -206,9 +206,12 @@ def test_ensembles_in_different_modes_are_reported_as_not_converged(monkeypatch)
 
     usual = sampling._start
     monkeypatch.setattr(sampling, "_start", started)
-    chain = sample(modes, 6, np.ones_like, Settings(effective_samples=200, most_steps=400, walkers=16))
-    assert not chain.converged
+    # Long enough and with samples enough, so that the ensembles alone speak against it.
+    few = Settings(effective_samples=10, times_tau=0.1, most_steps=400, walkers=16)
+    chain = sample(modes, 6, np.ones_like, few)
+    assert chain.effective.min() >= 10 and chain.samples.shape[1] >= 0.1 * chain.tau.max()
     assert chain.rhat.max() > 1.5
+    assert not chain.converged
 
 
 def test_a_warm_up_that_proves_too_short_is_doubled_and_the_chain_no_longer_sticks():
@@ -395,3 +398,13 @@ def test_ctrl_c_ends_a_fit_without_a_word_of_the_samplers(capsys):
         sample(stopped, 3, np.ones_like, QUICK)
     assert calls == 400
     assert capsys.readouterr().out == ""
+
+
+def test_a_chain_shorter_than_its_autocorrelation_asks_is_not_converged():
+    """With samples enough and agreeing ensembles."""
+    few = Settings(seed=3, effective_samples=10, most_steps=100, walkers=16)
+    short = sample(banana, 3, np.ones_like, few)
+    assert short.effective.min() > 10 and short.rhat.max() <= sampling.RHAT
+    assert short.samples.shape[1] < 50 * short.tau.max()
+    assert not short.converged
+    assert sample(banana, 3, np.ones_like, Settings(**{**vars(few), "times_tau": 1.0})).converged

@@ -44,6 +44,17 @@ def test_truths_lie_where_their_posteriors_say(results):
 
 
 @pytest.mark.slow
+def test_no_truth_is_far_from_its_posterior(results):
+    """The distances' squares, and those of what the sweep tells most of, each by itself."""
+    scores = [score for result in results for score in result["scores"].values()]
+    low, high = stats.chi2.ppf([0.0005, 0.9995], len(scores))
+    assert low < np.sum(np.square(scores)) < high
+    for result in results:
+        assert abs(result["scores"]["f_overall"]) < 3.3
+        assert abs(result["scores"]["port_lap"]) < 3.3
+
+
+@pytest.mark.slow
 def test_posteriors_half_as_wide_would_be_noticed(results):
     assert uniformity(results, narrower=2.0) < 1e-2
 
