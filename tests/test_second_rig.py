@@ -1,4 +1,4 @@
-"""The second rig: its motor against reference figures of the article's equations, its draws, and recordings that tell no truth."""
+"""The second rig: reference figures of the article's equations, its draws, and recordings that tell no truth."""
 
 import ast
 import itertools
