@@ -141,3 +141,8 @@ def test_tests_are_proposed_with_runs_in_time_in_the_recording_too(tmp_path):
 
 def test_one_explanation_has_nothing_to_be_parted_from(comparison, base):
     assert propose(comparison, [rival(comparison, base, "windage")]) == []
+
+
+def test_a_test_that_separates_nothing_is_not_proposed():
+    """Its mean over the pairs may be rounded up to what is worth a test while no pair reaches it."""
+    assert ranked([NextTest("reversed sweep", (), 0.1)]) == []

@@ -121,7 +121,9 @@ def ranked(found: Sequence[NextTest]) -> list[NextTest]:
     found : sequence of NextTest
         In any order.
     """
-    best = sorted((t for t in found if t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats)
+    best = sorted(
+        (t for t in found if t.separates and t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats
+    )
     return [t for t in best if not t.needs][:MOST] + [t for t in best if t.needs][:MOST_APART]
 
 
