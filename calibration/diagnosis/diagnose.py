@@ -207,8 +207,8 @@ def diagnose(
     """
     refuse_starved(recording)
     if hold_out is not None:
-        refuse_starved(hold_out)
         refuse_another_motor(recording, hold_out)
+        refuse_starved(hold_out)
     in_time = any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
