@@ -1,6 +1,7 @@
 """The posterior of a model of a sweep, as a diagnosis has it, in coordinates in which it can be sampled.
 
-It is exp(-`minus_log_posterior`) over every unknown, the noise scales among them, within the effects' bounds. The
+It is exp(-`minus_log_posterior`) over every unknown, the noise scales among them, within the effects' bounds, with the
+longer tails that the prior of an effect's size has (`calibration.diagnosis.tails`). The
 coordinates v are about a mode: its covariance makes them of about unit size, and f_overall follows the curved valley of
 equal speed, a shear whose volume is 1.
 """
@@ -17,6 +18,7 @@ from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, minus_log_posterior
 from calibration.diagnosis.problem import Prediction, Problem
+from calibration.diagnosis.tails import log_ratio
 from calibration.evidence_reference import NOWHERE
 from rig.recording import Recording
 
@@ -52,6 +54,8 @@ class Target:
     def __init__(self, comparison: Comparison, mode: Mode) -> None:
         self.comparison, self.mode = comparison, mode
         self._f = Function(comparison, mode.names)
+        members = comparison.problem.effect_unknowns(mode.names)
+        self._sizes = np.array([one.kind == "normal" for _, one in members], dtype=bool)  # the rest is of the shape
         self._valley, self._sweep = _Valley(comparison, mode), _Sweep(comparison, mode, self._f)
         m, s = mode.z.size, self._valley.place
         self._order = np.array([*(i for i in range(m) if i != s), s])
@@ -67,6 +71,7 @@ class Target:
         self.width[m - 1] = VALLEY_WIDTH
         self.calls = 0
         low, high = self._f.low[self._f.k :], self._f.high[self._f.k :]
+        low, high = (np.where(self._sizes, np.arcsinh(x), x) for x in (low, high))
         allowed = np.sum(np.log(ndtr(high) - ndtr(low)))  # the effects' priors are cut at their bounds
         self._constant = -0.5 * m * math.log(2.0 * math.pi) - float(allowed)
         self._constant += float(np.sum(np.log(np.diag(self._root)))) + float(np.linalg.slogdet(self._noise_root)[1])
@@ -101,7 +106,8 @@ class Target:
         if not np.all(np.isfinite(raw[comparison.known])):
             return -NOWHERE
         white = comparison.whitener(predicted, u)
-        return minus_log_posterior(white(comparison.read - raw), white.log_scale, z, u, comparison)
+        longer = float(np.sum(log_ratio(z[self._f.k :][self._sizes])))
+        return minus_log_posterior(white(comparison.read - raw), white.log_scale, z, u, comparison) - longer
 
     def _noise_hessian(self) -> np.ndarray:
         """Second derivatives of the cost with the noise scales, by differences."""

@@ -19,7 +19,7 @@ from calibration.diagnosis.descent import find
 from calibration.diagnosis.forces import TorqueAnswer, torque_column
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import METERS, Place
-from calibration.diagnosis.mode import BAD, BAD_WIDTH, Mode
+from calibration.diagnosis.mode import BAD, Mode, log_bad
 from calibration.diagnosis.noise import SPREAD
 from calibration.diagnosis.search import values_of
 from calibration.diagnosis.signatures import project
@@ -181,7 +181,7 @@ class _Rest:
         else:
             self.instead = self._evidence(nothing, mode.u, kept)
             r = comparison.whitener(mode.prediction, mode.u)(self.difference - mode.D @ mode.z)[bad]
-            self.instead += float(np.sum(-0.5 * (r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH / (1.0 - BAD))))
+            self.instead += float(np.sum(log_bad(r) - math.log(1.0 - BAD)))
 
     def of_a_step(self, columns: np.ndarray) -> tuple[float, int]:
         """Log evidence of a step whose moment is one of several, each as likely, and which does best."""

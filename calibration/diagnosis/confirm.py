@@ -16,7 +16,7 @@ import numpy as np
 
 from calibration.diagnosis.blocks import levels
 from calibration.diagnosis.linear import RUN, Comparison
-from calibration.diagnosis.mode import BAD, BAD_WIDTH, Mode
+from calibration.diagnosis.mode import BAD, Mode, bad_weight, log_bad
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.straight import GOOD
 
@@ -229,9 +229,13 @@ def predict_held(
 
 
 def _as_read(mode: Mode) -> tuple[np.ndarray, np.ndarray]:
-    """Each reading's error in units of its noise, wide where a model takes it for bad, and the log of its price."""
-    bad = mode.bad >= GOOD
-    return np.where(bad, BAD_WIDTH, 1.0), np.where(bad, math.log(BAD / BAD_WIDTH), math.log(1.0 - BAD))
+    """Each reading's error in units of its noise, wide where a model takes it for bad, and the log of its price.
+
+    About the mode a bad reading's error is normal, of a width and at a price that are those of its own law there.
+    """
+    bad, weight = mode.bad >= GOOD, bad_weight(mode.r)
+    price = log_bad(mode.r) + 0.5 * weight * mode.r**2
+    return np.where(bad, weight**-0.5, 1.0), np.where(bad, price, math.log(1.0 - BAD))
 
 
 def by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> dict[str, float]:

@@ -104,7 +104,8 @@ def detect(
         drawn = _draw(comparison, mode, u, rng)
         null[i] = test(drawn, test.correlations(drawn, noise)).statistic
     p, beyond = rarity(real.statistic, null)
-    if (loud := too_loud(real.u)) is not None:
+    # Beside the forces, or where they take nothing up: either way that noise is not believable.
+    if (loud := too_loud(np.maximum(real.u, mode.u))) is not None:
         believed = SCALES.stop * float(ndtr(-math.log(loud[1]) / NOISE_SD))
         p, beyond = min(p, believed), beyond or believed < p
     name, believed = _pull(comparison, mode)

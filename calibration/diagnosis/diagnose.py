@@ -250,7 +250,8 @@ def _diagnose(
     if detection.p_value < MISMATCH_P:
         clock("name")
         if len(search.modes) == 1:
-            search.singles(found, detection.u, every=bool(detection.pulled))
+            # Beside a nuisance far off or loud noise the straight lines of the screen say little.
+            search.singles(found, detection.u, every=bool(detection.pulled or too_loud(base.u)))
         base = search.modes[()]  # with runs in time refitted from where the best effect led
         clock("test what is left")
         _test_residuals(comparison, _namable(search)[:1], residual_p, rng, side_by_side)
@@ -315,7 +316,7 @@ def _diagnose(
         if step is not None and step.explains:
             places.insert(0, step.place)
     if verdict.kind == "unresolved":
-        if loud := too_loud(detection.u):
+        if loud := too_loud(np.maximum(detection.u, base.u)):
             noise = f"the {loud[0]}'s noise would be {loud[1]:.1f} times as large as declared"
             verdict = replace(verdict, why=f"{verdict.why}; {noise}")
         if detection.pulled:

@@ -2,7 +2,9 @@
 
 The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/spread)^2: r are readings less predictions in
 units of their noise, z the unknowns (standard normal a priori), u the noise (`calibration.diagnosis.noise`). Single
-readings that stand far out are given a wide error, as in the fit.
+readings that stand far out are given a wide error, Cauchy's: a slip of the eye or a lost digit may be of any size, and
+a normal error, however wide, would make its size an argument for louder noise. The evidence has the longer tails of the effects'
+sizes (`calibration.diagnosis.tails`); the point and its covariance are those of the normal prior.
 """
 
 from __future__ import annotations
@@ -17,10 +19,12 @@ from scipy.special import log_ndtr
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.noise import SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction, Problem
+from calibration.diagnosis.tails import marginals
 from model.effects import effects
 
 BAD = 0.01
-BAD_WIDTH = 10.0
+BAD_WIDTH = 10.0  # a bad reading's error is as dense at 0 as a normal one of so many sds of a good one
+CAUCHY = BAD_WIDTH * math.sqrt(2.0 / math.pi)  # the scale of such a law
 # More of a channel are no single misreadings: this many, or as many as five if they are a fifth at most, or this share.
 SINGLE, FEW, FEW_SHARE, SHARE = 3, 5, 0.2, 0.1
 ALIKE = math.log(BAD_WIDTH / BAD)  # nats that a reading bad by itself costs: one shift of all may be so much worse
@@ -94,6 +98,7 @@ def close(
         np.linalg.slogdet(A)[1]
     )
     log_evidence += folding(comparison.problem, names, z, covariance)
+    log_evidence += sum(one.log_gain for one in marginals(comparison.problem, names, z, covariance).values())
     return Mode(tuple(names), z, u, D, J, r, covariance, log_evidence, bad, predicted)
 
 
@@ -141,10 +146,33 @@ def minus_log_posterior(
         As in `robust_weights`.
     """
     good = -0.5 * r**2 + math.log(1.0 - BAD)
-    wide = -0.5 * (r / BAD_WIDTH) ** 2 + math.log(BAD / BAD_WIDTH)
     _, bad = robust_weights(r, comparison, found)
-    fit = np.where(bad > 0.0, np.logaddexp(good, wide), good)
+    fit = np.where(bad > 0.0, np.logaddexp(good, log_bad(r)), good)
     return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / SPREAD) ** 2))
+
+
+def log_bad(r: np.ndarray) -> np.ndarray:
+    """Log of the share of bad readings times their density over the normal law's at 0 [-], same shape as ``r``.
+
+    Parameters
+    ----------
+    r : ndarray
+        Whitened residuals [-].
+    """
+    price: np.ndarray = math.log(BAD / BAD_WIDTH) - np.log1p((r / CAUCHY) ** 2)
+    return price
+
+
+def bad_weight(r: np.ndarray) -> np.ndarray:
+    """Weight in least squares of a reading that is bad [-], same shape as ``r``.
+
+    Parameters
+    ----------
+    r : ndarray
+        Whitened residuals [-].
+    """
+    weight: np.ndarray = 2.0 / (CAUCHY**2 + r * r)
+    return weight
 
 
 def cost_of(comparison: Comparison, mode: Mode) -> float:
@@ -185,7 +213,7 @@ def robust_weights(r: np.ndarray, comparison: Comparison, found: bool = False) -
     """
     if comparison.size < 6 or comparison.trusting:
         return np.ones_like(r), np.zeros_like(r)
-    odds = BAD / BAD_WIDTH / (1.0 - BAD) * np.exp(np.minimum(0.5 * r**2 * (1.0 - BAD_WIDTH**-2), 700.0))
+    odds = np.exp(np.minimum(log_bad(r) + 0.5 * r**2, 700.0)) / (1.0 - BAD)
     bad = odds / (1.0 + odds)
     bad[comparison.end :] = 0.0  # a mean of many readings is not one bad reading
     for mine in comparison.of_a_kind:
@@ -196,7 +224,7 @@ def robust_weights(r: np.ndarray, comparison: Comparison, found: bool = False) -
             apart = 0.5 * float(np.sum((r[mine] - np.mean(r[mine])) ** 2)) if np.all(bad[mine] > 0.5) else math.inf
             if apart < (mine.size - 1) * ALIKE:
                 bad[mine] = 0.0
-    return 1.0 - bad + bad * BAD_WIDTH**-2, bad
+    return 1.0 - bad + bad * bad_weight(r), bad
 
 
 def folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: np.ndarray) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.tails import marginals
 from calibration.priors import Unknown
 from model.effects import EffectParameter, effects
 
@@ -31,7 +32,8 @@ class Size:
     unknown : Unknown
         The parameter as an unknown.
     z, sd : float
-        Its most probable standard normal number, and the spread of that, with what is not known of the law [-].
+        Of a size the mean, in its scale, and its spread, with what is not known of the law; of a figure of the shape
+        its most probable standard normal number, and likewise [-].
     """
 
     effect: str
@@ -51,17 +53,21 @@ def sizes_of(problem: Problem, one: Candidate) -> list[Size]:
     one : Candidate
         The set.
     """
-    k = len(problem.nuisances)
-    chosen = problem.chosen(one.names, one.mode.z[k:])
+    k, members = len(problem.nuisances), problem.effect_unknowns(one.names)
+    z, sd = one.mode.z[k:].copy(), np.sqrt(np.maximum(np.diag(one.mode.covariance)[k:], 0.0))
+    pulled_less = marginals(problem, one.names, one.mode.z, one.mode.covariance)
+    for i, (name, unknown) in enumerate(members):
+        if (name, unknown.name) in pulled_less:
+            z[i], sd[i] = pulled_less[name, unknown.name].z, pulled_less[name, unknown.name].sd
+    chosen = problem.chosen(one.names, z)
     found = []
-    for i, (name, unknown) in enumerate(problem.effect_unknowns(one.names), start=k):
+    for i, (name, unknown) in enumerate(members):
         declared = {p.name: p for p in effects()[name].parameters}
         parameter = declared[unknown.name]
         # Sine and cosine are one size in two parts; a figure of the shape stands alone.
         mine = [unknown.name] if parameter.shape else [p for p in chosen[name] if not declared[p].shape]
         off = LAW * math.hypot(*(chosen[name][p] for p in mine))
-        z, sd = float(one.mode.z[i]), math.sqrt(max(float(one.mode.covariance[i, i]), 0.0))
-        low, high = unknown.value(z + STEP * np.array([-1.0, 1.0]))
+        low, high = unknown.value(z[i] + STEP * np.array([-1.0, 1.0]))
         slope = float(high - low) / (2.0 * STEP)
-        found.append(Size(name, parameter, unknown, z, math.hypot(sd, off / slope)))
+        found.append(Size(name, parameter, unknown, float(z[i]), math.hypot(sd[i], off / slope)))
     return found

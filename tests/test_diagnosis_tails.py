@@ -1,0 +1,117 @@
+"""The longer tails of what a size may be, and of what a misread reading may be off by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import johnsonsu, norm
+
+from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis.base import base_of
+from calibration.diagnosis.confirm import fit_on, predict_held
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.mode import log_bad, minus_log_posterior
+from calibration.diagnosis.name import Candidate
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.sizes import sizes_of
+from calibration.diagnosis.tails import log_ratio, marginals, reweighed, share
+from rig.recording import read_recording
+from tests import diagnosis_recordings as recordings
+
+SU = johnsonsu(0.0, 1.0)  # the hyperbolic sine of a standard normal number
+
+
+def test_the_prior_is_the_law_of_a_hyperbolic_sine() -> None:
+    z = np.array([-40.0, -3.0, -0.1, 0.0, 0.5, 2.0, 9.0])
+    assert log_ratio(z) + norm.logpdf(z) == pytest.approx(SU.logpdf(z), abs=1e-9)
+    for low, high in ((0.0, math.inf), (-1.0, 3.0), (0.0, 0.4)):
+        assert share(low, high) == pytest.approx(SU.cdf(high) - SU.cdf(low), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("told", "width", "low", "high"),
+    [
+        (6.0, 0.3, 0.0, 20.0),
+        (-4.0, 0.5, -20.0, 20.0),
+        (0.3, 2.0, 0.0, 9.0),
+        (1.0, 1.0, -2.0, 2.0),
+        (3.0, 0.02, 0.0, 3.5),
+    ],
+)
+def test_a_marginal_is_that_of_the_longer_tails(told: float, width: float, low: float, high: float) -> None:
+    """Readings that say so much of a size: under either prior by quadrature, beside what is made of the normal one."""
+
+    def integral(prior: Callable[[float], float], power: int = 0) -> float:
+        near = [min(max(told + i * width, low), high) for i in (-8, -3, 0, 3, 8)]
+        edges = np.unique([low, *near, min(max(0.0, low), high), high])
+        parts = zip(edges[:-1], edges[1:], strict=True)
+        return sum(quad(lambda x: prior(x) * norm.pdf(x, told, width) * x**power, a, b)[0] for a, b in parts)
+
+    precision = 1.0 + width**-2
+    found = reweighed(told * width**-2 / precision, precision**-0.5, low, high)
+    whole = integral(SU.pdf)
+    mean = integral(SU.pdf, 1) / whole
+    assert found.log_gain == pytest.approx(math.log(whole / integral(norm.pdf)), abs=2e-3)
+    assert found.z == pytest.approx(mean, abs=2e-3 * found.sd)
+    assert found.sd == pytest.approx(math.sqrt(integral(SU.pdf, 2) / whole - mean**2), rel=5e-3)
+
+
+def test_a_large_size_costs_little_and_is_hardly_pulled(tmp_path: Path) -> None:
+    true = 8.5e9  # 5.7 scales
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 5, {"inlet_throttling": {"loss_pa_s2_m6": true}})))
+    names = ("inlet_throttling",)
+    mode = find(comparison, names, base_of(comparison))
+    scales = mode.z[-1]
+    assert scales > 4.5
+    gain = marginals(comparison.problem, names, mode.z, mode.covariance)[names[0], "loss_pa_s2_m6"].log_gain
+    allowed = math.log(2.0 * (SU.cdf(2e10 / 1.5e9) - 0.5))
+    assert gain == pytest.approx(SU.logpdf(scales) - norm.logpdf(scales) - allowed, abs=1.0)
+    assert gain > 6.0
+    (size,) = sizes_of(comparison.problem, Candidate(names, mode, 0.0, 1.0, ""))
+    assert scales < size.z < scales + 2.0 * math.sqrt(mode.covariance[-1, -1])
+    assert size.unknown.value(np.array(size.z)) == pytest.approx(true, abs=2.0 * size.sd * size.unknown.b)
+
+
+def test_a_misread_reading_costs_hardly_more_the_farther_it_is_off() -> None:
+    r = np.array([0.0, 10.0, 100.0, 1000.0])
+    assert log_bad(r)[0] == pytest.approx(math.log(0.01) + norm.logpdf(0.0, 0.0, 10.0) - norm.logpdf(0.0))
+    assert np.diff(log_bad(r)) == pytest.approx([-0.944, -4.12, -4.6], abs=0.01)
+
+
+def test_a_misread_reading_held_out_costs_what_it_costs_in_a_fit(tmp_path: Path) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 8, {}, bad_row=7, off_rpm=60.0)))
+    mode = find(comparison, (), None)
+    (place,) = np.flatnonzero(mode.bad > 0.5)
+    assert abs(mode.r[place]) > 50.0
+    held = np.zeros(comparison.read.size, dtype=bool)
+    held[place] = True
+    z, A, _ = fit_on(comparison, mode, ~held)
+    density, _ = predict_held(comparison, mode, z, A, held)
+    scale = comparison.whitener(mode.prediction, mode.u).scale[place]
+    assert density + math.log(scale) == pytest.approx(log_bad(mode.r[[place]])[0], abs=0.3)
+    # And all that a fit says of it: moved farther off by a factor, the cost rises by its logarithm twice.
+    there = mode.r.copy()
+    there[place] *= 3.0
+    costs = [minus_log_posterior(r, 0.0, mode.z, mode.u, comparison) for r in (mode.r, there)]
+    assert costs[1] - costs[0] == pytest.approx(2.0 * math.log(3.0), abs=0.1)
+
+
+def test_a_warm_up_is_named_beside_rows_misread_by_far(tmp_path: Path) -> None:
+    """Three readings far off: the noise that would pass them and the warm-up for chance is no explanation."""
+    recordings.sweep(tmp_path, 11, {"friction_warm_up": {"share_cold": 0.15, "time_s": 400.0}})
+    lines = (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()
+    for row, column, off in ((6, 2, -0.17), (17, 2, 0.08), (22, 3, -12.0)):
+        cells = lines[row].split(",")
+        cells[column] = f"{float(cells[column]) + off:.3f}"
+        lines[row] = ",".join(cells)
+    (tmp_path / "sweep.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    found = as_json(diagnose(read_recording(tmp_path), 1))
+    assert found["verdict"] == "named", found["why"]
+    assert {one["id"] for one in found["effects"]} == {"friction_warm_up", "bad_reading"}
+    assert {one["row"] for one in found["suspect_rows"]} == {6, 17, 22}
