@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -50,7 +51,7 @@ def test_a_marginal_is_that_of_the_longer_tails(told: float, width: float, low: 
     def integral(prior: Callable[[float], float], power: int = 0) -> float:
         near = [min(max(told + i * width, low), high) for i in (-8, -3, 0, 3, 8)]
         edges = np.unique([low, *near, min(max(0.0, low), high), high])
-        parts = zip(edges[:-1], edges[1:], strict=True)
+        parts = itertools.pairwise(edges)
         return sum(quad(lambda x: prior(x) * norm.pdf(x, told, width) * x**power, a, b)[0] for a, b in parts)
 
     precision = 1.0 + width**-2

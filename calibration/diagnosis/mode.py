@@ -1,9 +1,9 @@
 """A model at its most probable point, and its evidence by Laplace's approximation.
 
-The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/spread)^2: r are readings less predictions in
-units of their noise, z the unknowns (standard normal a priori), u the noise (`calibration.diagnosis.noise`). Single
-readings that stand far out are given a wide error, Cauchy's: a slip of the eye or a lost digit may be of any size, and
-a normal error, however wide, would make its size an argument for louder noise. The evidence has the longer tails of the effects'
+The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/spread)^2: r are readings less predictions in units of
+their noise, z the unknowns (standard normal a priori), u the noise (`calibration.diagnosis.noise`). Single readings
+that stand far out are given a wide error, Cauchy's: a slip of the eye or a lost digit may be of any size, and a normal
+error, however wide, would make its size an argument for louder noise. The evidence has the longer tails of the effects'
 sizes (`calibration.diagnosis.tails`); the point and its covariance are those of the normal prior.
 """
 

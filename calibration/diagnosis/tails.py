@@ -2,9 +2,9 @@
 
 Of what is missing in a model nobody knows the size beforehand, only the order of it: a few times the scale of
 `model.effects.EffectParameter` is nothing unheard of, but costs z^2/2 under a normal law, which hands the evidence of a
-large effect to a wrong one that happens to be small in its own units. A size is the hyperbolic sine of a standard normal
-number (Johnson's S_U law): as dense at 0 as the normal law, and log-normal far out. A search has the normal law, so
-that it stays a least-squares problem; here its marginals are weighed anew.
+large effect to a wrong one that happens to be small in its own units. A size is the hyperbolic sine of a standard
+normal number (Johnson's S_U law): as dense at 0 as the normal law, and log-normal far out. A search has the normal law,
+so that it stays a least-squares problem; here its marginals are weighed anew.
 """
 
 from __future__ import annotations
