@@ -12,11 +12,9 @@ import pytest
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.resolves import Resolved, resolved
 from calibration.diagnosis.signatures import signatures
-from calibration.diagnosis.sizes import sizes_of
 from model.effects import effects
 from tests.diagnosis_recordings import sweep
 
@@ -35,8 +33,10 @@ def test_a_size_is_seen_from_five_sds_that_a_refit_gives_it(clean, name: str) ->
     """The refit is another way: the curvature of the whole posterior with the effect in it."""
     comparison, found = clean
     refit = find(comparison, (name,))
-    size = sizes_of(comparison.problem, Candidate((name,), refit, refit.log_evidence, 1.0, ""))[0]
-    low, high = size.unknown.value(size.z + size.sd * np.array([-1.0, 1.0]))
+    place = len(comparison.problem.nuisances)
+    unknown = comparison.problem.effect_unknowns((name,))[0][1]
+    sd = math.sqrt(refit.covariance[place, place])
+    low, high = unknown.value(refit.z[place] + sd * np.array([-1.0, 1.0]))
     assert found[name].seen_from == pytest.approx(5.0 * (high - low) / 2.0, rel=0.3)
 
 

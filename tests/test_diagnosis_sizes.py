@@ -14,6 +14,7 @@ from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.sizes import sizes_of
+from calibration.diagnosis.tails import marginals
 from tests import diagnosis_recordings as recordings
 
 
@@ -26,7 +27,8 @@ def test_a_size_is_known_no_better_than_the_law(problem: Problem) -> None:
     comparison = Comparison(problem)
     mode = find(comparison, ("windage",), base_of(comparison))
     (size,) = sizes_of(problem, Candidate(("windage",), mode, 0.0, 1.0, ""))
-    fitted = math.sqrt(mode.covariance[-1, -1])
+    fitted = marginals(problem, ("windage",), mode.z, mode.covariance)["windage", "drag_nm_s2"].sd
+    assert fitted == pytest.approx(math.sqrt(mode.covariance[-1, -1]), rel=0.1)
     low, value, high = size.unknown.value(size.z + fitted * np.array([-1.0, 0.0, 1.0]))
     spread = np.diff(size.unknown.value(size.z + size.sd * np.array([-1.0, 1.0])))[0] / 2.0
     assert spread == pytest.approx(math.hypot((high - low) / 2.0, 0.04 * value))

@@ -267,8 +267,12 @@ def test_what_is_held_out_counts_in_every_model_whichever_takes_it_for_bad(leaki
     good, bad = (predict_held(comparison, mode, z, A, held)[0] for mode in (found, given_up))
     r, J = (found.r + found.J @ (found.z - z))[0], found.J[0]
     spread = float(J @ np.linalg.solve(A, J))
-    wide, narrow = 100.0 + spread, 1.0 + spread
-    price = math.log(0.01 / 0.99) - 0.5 * math.log(wide / narrow) - 0.5 * r**2 * (1.0 / wide - 1.0 / narrow)
+    # Cauchy's law, as dense at 0 as a normal one ten times as wide, and the normal law that has its slope at the mode.
+    at, scale = found.r[0], 10.0 * math.sqrt(2.0 / math.pi)
+    own = (scale**2 + at**2) / 2.0
+    law = -math.log(10.0) - math.log1p((at / scale) ** 2) + 0.5 * at**2 / own
+    wide, narrow = own + spread, 1.0 + spread
+    price = math.log(0.01 / 0.99) + law - 0.5 * math.log(wide / own / narrow) - 0.5 * r**2 * (1.0 / wide - 1.0 / narrow)
     assert bad - good == pytest.approx(price, abs=1e-9)
 
 
