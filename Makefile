@@ -10,9 +10,10 @@ CHALLENGE ?= $(OUT)/challenge
 RECORD ?= $(OUT)/record
 RECORD_KEPT ?= $(RECORD)/kept
 RECORD_PAGE ?= $(RECORD)/page
-RECORD_PARTS ?= nulls-e mixed-e mixed-f nulls-f mixed-g nulls-g mixed-h nulls-h
-MIXED_CASES ?= 100
-NULLS_CASES ?= 230
+RECORD_PARTS ?= nulls-e mixed-e mixed-f nulls-f nulls-g mixed-g mixed-h nulls-h nulls-i mixed-i mixed-j nulls-j \
+  nulls-k mixed-k mixed-l nulls-l
+MIXED_CASES ?= 50
+NULLS_CASES ?= 115
 SEED ?=
 
 .PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record demonstration figures lock clean clean-cache
