@@ -6,6 +6,7 @@ The mismatches are added to the readings of a recording of the model itself, as 
 from __future__ import annotations
 
 import copy
+import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,8 +24,9 @@ from calibration.diagnosis.further_forces import not_observable
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate
 from calibration.diagnosis.mode import Mode, robust_weights
-from calibration.diagnosis.noise import SPREAD
+from calibration.diagnosis.noise import SPREAD, too_loud
 from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.signatures import signatures
 from calibration.diagnosis.terms import forms
 from rig.recording import read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
@@ -237,3 +239,16 @@ def test_half_a_sweep_that_turns_slower_is_not_named_as_misread(tmp_path):
     assert found.held_out is not None
     assert found.held_out.gain > 4.0
     assert found.places[0].coordinate == "speed"
+
+
+def test_noise_of_the_base_model_that_nobody_believes_is_a_mismatch_though_forces_take_it_up(coasted):
+    comparison, base = coasted
+    louder = base.u.copy()
+    louder[0] += math.log(5.0)
+    found, free = signatures(comparison, base), forces(comparison, base)
+    quiet, loud = (
+        detect(comparison, replace(base, u=u), found, free, np.random.default_rng(1), 20) for u in (base.u, louder)
+    )
+    assert quiet.p_value > 0.01
+    assert loud.p_value < 1e-5
+    assert too_loud(loud.u) is None  # beside the forces it is as declared
