@@ -6,6 +6,9 @@ STAMP := $(VENV)/.installed
 OUT ?= out
 DEMO := $(OUT)/demo
 
+# A process a core: the linear algebra's own threads would wait for one another.
+ONE_THREAD := OPENBLAS_NUM_THREADS=1
+
 CHALLENGE ?= $(OUT)/challenge
 RECORD ?= $(OUT)/record
 RECORD_KEPT ?= $(RECORD)/kept
@@ -57,7 +60,7 @@ demo: $(STAMP)
 	$(BIN)/spinbench fit logs/published_sweep -o $(DEMO)/published_fit --seed 1 --compare --gauge-span-bar 6
 
 kernels: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.kernels
+	$(ONE_THREAD) $(BIN)/python -m tests.kernels
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -77,15 +80,15 @@ kills: $(STAMP)
 	$(BIN)/python -m tests.kills --kills 50
 
 sbc: $(STAMP)
-	$(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
+	$(ONE_THREAD) $(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
 
 # PAGE=docs/nulls also writes the page there.
 nulls: $(STAMP)
-	$(BIN)/python -m calibration.nulls -o $(OUT)/nulls $(if $(PAGE),--page $(PAGE))
+	$(ONE_THREAD) $(BIN)/python -m calibration.nulls -o $(OUT)/nulls $(if $(PAGE),--page $(PAGE))
 
 # PAGE=docs/evidence also writes the page there; EVERY=3 has nested sampling in one case of three.
 evidence: $(STAMP)
-	$(BIN)/python -m calibration.evidence_check -o $(OUT)/evidence $(if $(EVERY),--nested-every $(EVERY)) $(if $(PAGE),--page $(PAGE))
+	$(ONE_THREAD) $(BIN)/python -m calibration.evidence_check -o $(OUT)/evidence $(if $(EVERY),--nested-every $(EVERY)) $(if $(PAGE),--page $(PAGE))
 
 # Goes on where it was interrupted; another folder is another campaign, with a seed of its own unless SEED=N is given.
 challenge: $(STAMP)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -365,19 +365,13 @@ def diagnose(
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
     from calibration.diagnosis.together import together
-    from calibration.report import diagnosis_page, diagnosis_table, diagnosis_words, files, simulation
+    from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words, files, simulation
     from calibration.rigs_problem import OF_KIND
-    from rig.recording import RecordingError
 
     _check_places(out, json_file)
-    folders = [_folder(named, logs) for named in recording]
-    hold_out = None if hold_out is None else _folder(hold_out, logs)
-    if hold_out is not None and hold_out.resolve() in [folder.resolve() for folder in folders]:
-        raise RecordingError(f"{hold_out} is to be held out and diagnosed: name a run that is not among the others")
-    if len({folder.resolve() for folder in folders}) < len(folders):
-        raise RecordingError("a recording is given twice: its readings would count twice")
-    parts = [_recording(folder) for folder in folders]
-    unseen = None if hold_out is None else _recording(hold_out)
+    parts = [_recording(_folder(named, logs)) for named in recording]
+    unseen = None if hold_out is None else _recording(_folder(hold_out, logs))
+    _refuse_twice(parts, unseen)
     for words in (words for part in (*parts, unseen) if part is not None for words in part.warnings):
         print(f"spinbench: {words}", file=sys.stderr)
     read = together(parts)
@@ -393,9 +387,9 @@ def diagnose(
             files.write_files(out, {diagnosis_page.JSON: data} | diagnosis_page.report(diagnosis, found))
     _deliver(data, diagnosis_table.table(found), None, json_file, None)
     print(diagnosis_words.sentence(found), file=sys.stderr)
-    held_out = found["improvement"]["held_out"]
-    if hold_out is not None and not (held_out and diagnosis_words.is_unseen(held_out)):
-        print(f"spinbench: {hold_out} was not predicted: there is no set of effects to do it with", file=sys.stderr)
+    if blind := diagnosis_sets.blind_in_words(diagnosis):
+        print(blind, file=sys.stderr)
+    _tell_if_not_predicted(unseen, found)
     print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
     if out is not None:
         print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
@@ -417,9 +411,41 @@ def _diagnose_rig(
             files.write_files(out, {"diagnosis.json": data} | page.report(diagnosis, found))
     _deliver(data, words.table(found), None, json_file, None)
     print(words.sentence(found), file=sys.stderr)
+    _tell_if_not_predicted(unseen, found)
     print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
     if out is not None:
         print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
+
+
+def _refuse_twice(parts: Sequence[Recording], unseen: Recording | None) -> None:
+    """Refuse readings that are given twice, whatever their path: they would count twice, or be predicted once seen."""
+    from rig.recording import RecordingError
+
+    def is_same(one: Recording, other: Recording) -> bool:
+        return one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256)
+
+    for i, one in enumerate(parts):
+        if unseen is not None and is_same(one, unseen):
+            also = "" if one.folder == unseen.folder else f", as {one.folder}"
+            raise RecordingError(
+                f"{unseen.folder} is to be held out and diagnosed{also}: name a run that is not among the others"
+            )
+        for other in parts[:i]:
+            if is_same(one, other):
+                these = one.folder if one.folder == other.folder else f"{one.folder}, which is {other.folder} or a copy"
+                raise RecordingError(
+                    f"a recording is given twice: {these}; its readings would count twice, so name it once"
+                )
+
+
+def _tell_if_not_predicted(unseen: Recording | None, found: Mapping[str, Any]) -> None:
+    """Say on standard error that a run was held out for nothing."""
+    from calibration.report.diagnosis_words import is_unseen
+
+    held_out = found["improvement"]["held_out"]
+    if unseen is not None and not (held_out and is_unseen(held_out)):
+        why = "there is no set of effects to do it with"
+        print(f"spinbench: {unseen.folder} was not predicted: {why}", file=sys.stderr)
 
 
 # Percent done when each step of a diagnosis begins, by its first words; what is told in between goes on from there.
@@ -949,6 +975,8 @@ def challenge_score(
     from calibration.challenge import keeping, opening
     from calibration.report import files
 
+    _check_places(page, json_file)
+    _check_places(keep, None)
     place = _ledger(book)
     settings = opening.Settings(key, follow_ups, oracle, _workers(workers), scheduler)
     with _bars() as begin:
@@ -978,6 +1006,7 @@ def challenge_pool(
     """Count scored campaigns of one code together, each held against the ledger; nothing is run."""
     from calibration.challenge import keeping
 
+    _check_places(page, json_file)
     place = _ledger(book)
     scored = keeping.read(kept, place)
     if same_code:
@@ -1001,7 +1030,10 @@ def _tell_of_scores(scored: Scored, book: Path, page: Path | None, json_file: Pa
 def challenge_ledger(book: BookOption = None) -> None:
     """Verify the chain of the ledger, and show every campaign that was ever scored; exit code 2 if it is broken."""
     from calibration.challenge import ledger, page, tables
+    from calibration.challenge.layout import ChallengeError
 
+    if book is not None and not book.exists():
+        raise ChallengeError(f"{book}: there is no ledger; give the file that `challenge score --ledger` wrote")
     place = _ledger(book)
     lines = ledger.read_ledger(place)
     _print(tables.as_rich(page.ledger_grid(lines)))

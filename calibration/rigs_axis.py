@@ -66,7 +66,9 @@ def see(table: RigTable) -> Seen:
         force = blocks.mean(blocks.drive)[blocks.used]
         readings.append(Readings("drive", force, sd, True, f"drive {file.file}", whitener))
     if not found:
-        raise RecordingError(f"driven_axis: no transient file with time_s, {of_drive} and {of_speed}")
+        raise RecordingError(
+            f"{recording.folder}: driven_axis: no transient file with time_s, {of_drive} and {of_speed}"
+        )
     force = np.concatenate([one.value for one in readings])
     constant = force.size and float(np.std(force)) < CONSTANT * abs(float(np.mean(force)))
     area = _area(table, found, readings)

@@ -40,7 +40,7 @@ def see(table: RigTable) -> Seen:
     name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
     files = [f for f in recording.files if f.kind == "steady" and {name, "speed_rpm"} <= set(f.columns)]
     if not files:
-        raise RecordingError(f"displacement_machine: no steady file with speed_rpm and {name}")
+        raise RecordingError(f"{recording.folder}: displacement_machine: no steady file with speed_rpm and {name}")
 
     def all_of(column: str, missing: float = np.nan) -> np.ndarray:
         return np.concatenate(
@@ -57,7 +57,7 @@ def see(table: RigTable) -> Seen:
     T = np.where(np.isfinite(T), T, table.room)
     group = plateaus(speed[known], P[known], np.repeat(np.arange(len(files)), [f.rows for f in files])[known])
     if not group.size:
-        raise RecordingError(f"displacement_machine: no row has both speed_rpm and {name}")
+        raise RecordingError(f"{recording.folder}: displacement_machine: no row has both speed_rpm and {name}")
     rows_of = tuple(means(values[known], group)[0] for values in (speed, P, T, time))
     V = float(table.motor["displacement_m3_per_rev"])
     P_sd, first = noise_sd(recording, name, files[0]), files[0].noise_scale

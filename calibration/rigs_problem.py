@@ -56,7 +56,9 @@ class RigProblem:
 
     def __init__(self, recording: Recording) -> None:
         if isinstance(recording.motor, str) or recording.motor.get("kind") not in OF_KIND:
-            raise RecordingError(f"[motor]: not a rig of another kind; expected one of {', '.join(OF_KIND)}")
+            raise RecordingError(
+                f"{recording.folder}: [motor] is not a rig of another kind; expected one of {', '.join(OF_KIND)}"
+            )
         self.recording = recording
         self.motor: Mapping[str, Any] = recording.motor
         self.kind = str(self.motor["kind"])
@@ -67,11 +69,14 @@ class RigProblem:
         self.readings, self.sizes = self.seen.readings, self.seen.sizes
         self.flats, self.unknowns = list(self.seen.flats), list(self.seen.unknowns)
         if not any(one.value.size for one in self.readings):
-            raise RecordingError(f"{self.kind}: no reading is left to compare; is the axis ever in motion?")
+            raise RecordingError(
+                f"{recording.folder}: {self.kind}: no reading is left to compare; is the axis ever in motion?"
+            )
         for one in self.readings:
             if one.value.size and not np.all(one.sd > 0.0):
                 raise RecordingError(
-                    f"{one.label}: noise_sd and resolution are both 0, and nothing can be weighed; state noise_sd > 0"
+                    f"{recording.folder}: {one.label}: noise_sd and resolution are both 0, and nothing can be weighed; "
+                    "state noise_sd > 0"
                 )
         self._friction_prior()
 

@@ -46,7 +46,7 @@ def see(table: RigTable) -> Seen:
         sd = noise_sd(recording, "speed_rpm", file) * np.ones(time.size)
         readings.append(Readings("speed", speed, sd, True, f"speed {file.file}"))
     if not coasts:
-        raise RecordingError("free_rotor: no transient file with a coast-down in it")
+        raise RecordingError(f"{recording.folder}: free_rotor: no transient file with a coast-down in it")
     spans = [(one.value[0] - one.value[-1]) / (t[-1] - t[0]) for one, (_, t) in zip(readings, coasts, strict=True)]
     sizes = Sizes(table.inertia * max(max(spans), 1e-12), float(np.median(readings[0].value)))
     return Seen(readings, flats, instrument(recording, "speed", "speed_rpm"), sizes, coasts=coasts)

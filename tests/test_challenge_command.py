@@ -96,6 +96,7 @@ def test_a_campaign_of_the_second_rig_from_the_draw_to_the_record(tmp_path):
     told = spinbench("challenge", "score", open_ / "blind", "--follow-ups", "--oracle", *words)
     found = json.loads(told.stdout)
     assert (found["make_up"]["single"], found["make_up"]["none"]) == (1, 1)
+    assert (found["wrong_names"]["all"]["hits"], found["outcomes"]["none"]) == (0, {"right": 1})
     assert found["separable"]["not_computed"] == 0
     assert found["held_out"]["cases"] == 1 and found["held_out"]["oracle_gain"] > 0.0
     pooled = spinbench("challenge", "pool", kept / "blind.json.gz", "--same-code", "--ledger", book, "--json", "-")
@@ -149,6 +150,24 @@ def test_a_fit_s_row_has_every_unknown():
 def test_a_folder_without_recordings_is_told(tmp_path):
     told = spinbench("many", "diagnose", tmp_path, "-o", tmp_path / "out", code=2).stderr
     assert "neither a recording nor a folder of recordings" in told
+
+
+def test_a_ledger_that_is_not_there_is_told(tmp_path):
+    told = spinbench("challenge", "ledger", "--ledger", tmp_path / "nowhere.jsonl", code=2)
+    assert "nowhere.jsonl: there is no ledger" in told.stderr
+    assert "the chain holds" not in told.stdout
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [("score", "--page"), ("score", "--keep"), ("score", "--json"), ("pool", "--page"), ("pool", "--json")],
+)
+def test_a_place_for_results_is_looked_at_before_anything_is_opened(tmp_path, command, option):
+    """Else a seal would be open, and the ledger would say so, with nothing to show for it."""
+    (tmp_path / "file").write_text("mine")
+    told = spinbench("challenge", command, tmp_path / "campaign", option, tmp_path / "file" / "out", code=2).stderr
+    assert f"{tmp_path / 'file'}: " in told
+    assert "campaign" not in told
 
 
 def test_a_folder_without_a_campaign_is_told(tmp_path):

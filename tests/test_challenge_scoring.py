@@ -146,8 +146,19 @@ def test_of_a_pair_one_alone_has_to_be_listed_where_that_is_the_rival(other, hit
 
 
 def test_a_further_test_can_resolve_rightly_or_wrongly():
-    found = scoring.confounded([single(LISTED, again=NAMED), single(LISTED, again=OTHER), single(LISTED)])
+    drill = LISTED | {"next_tests": [{"test": "drive it", "needs": "a drive"}]}  # no test of this bench: none was made
+    found = scoring.confounded([single(LISTED, again=NAMED), single(LISTED, again=OTHER), single(drill)])
     assert (found["followed_up"], found["resolved"]["hits"], found["resolved_wrongly"]["hits"]) == (2, 1, 1)
+
+
+def test_a_further_test_that_ended_in_an_error_counts_as_one_that_was_made():
+    found = scoring.confounded([single(LISTED, again=NAMED), single(LISTED, again=CONSISTENT), single(LISTED)])
+    assert (found["resolved"]["hits"], found["resolved"]["n"]) == (1, 3)
+    assert (found["neither"]["hits"], found["ended_in_an_error"]["hits"]) == (1, 1)
+
+
+def test_without_further_tests_none_is_counted():
+    assert scoring.confounded([single(LISTED)])["followed_up"] == 0
 
 
 # places
@@ -165,6 +176,19 @@ def test_a_place_that_agrees_is_right():
 def test_a_coordinate_in_the_group_counts_by_the_group_s_size():
     found = first_place(PLACE, [place(coordinate="pressure", same_as=["flow", "speed"])])
     assert (found.right, found.group, found.overlaps) == (True, 3, None)
+
+
+def test_a_coordinate_that_is_said_outright_is_one_of_its_group_too():
+    found = first_place(PLACE, [place(same_as=["flow"])])
+    assert (found.right, found.group, found.overlaps) == (True, 2, True)
+
+
+def test_of_two_places_either_is_right_but_no_mixture_of_them():
+    leak = {"balance": "mass", "channel": "flow", "coordinate": "speed", "where": None}
+    both = {"any_of": [PLACE, leak]}
+    assert first_place(both, [place()]).right
+    assert first_place(both, [place(balance="mass", channel="flow", coordinate="speed", where=[30.0, 40.0])]).right
+    assert not first_place(both, [place(balance="mass", channel="speed")]).right
 
 
 @pytest.mark.parametrize(
@@ -468,5 +492,5 @@ def test_cases_near_a_nuisance_are_counted_by_whether_they_are_beyond_it():
 
 
 def test_a_further_test_may_leave_it_confounded():
-    found = scoring.confounded([single(LISTED, again=LISTED), single(LISTED, again=NAMED), single(LISTED)])
+    found = scoring.confounded([single(LISTED, again=LISTED), single(LISTED, again=NAMED)])
     assert hits(found["still_confounded"]) == (1, 2)

@@ -6,25 +6,30 @@ import dataclasses
 import io
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
+from rich.console import Console
 
 from calibration.diagnosis import Diagnosis, as_json, diagnose, together
 from calibration.diagnosis.discover import Term
 from calibration.diagnosis.next_test import NextTest
+from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.usable import refuse_starved
 from calibration.diagnosis.verdict import Verdict
+from calibration.report import diagnosis_figures, diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words
 from calibration.report import diagnosis_numbers as numbers
-from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_words
 from rig.recording import read_recording
 from tests import browser
-from tests.diagnosis_recordings import sweep
+from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.synthetic_runs import write_sweep
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -88,10 +93,10 @@ def unresolved(found: Diagnosis, column: np.ndarray) -> Diagnosis:
     return dataclasses.replace(found, verdict=Verdict("unresolved", None, (), 0.0, ""), term=term, held_out=None)
 
 
-def words_of(found: Diagnosis) -> str:
-    """The page's text without figures."""
+def words_of(found: Diagnosis, *figures: str) -> str:
+    """The page's text without figures, or with the captions of some."""
     filled = diagnosis_page.context(found, as_json(found))
-    return diagnosis_page.page(filled | {"figures": {}, "models": []}).decode()
+    return diagnosis_page.page(filled | {"figures": dict.fromkeys(figures, ""), "models": []}).decode()
 
 
 def test_the_report_is_a_page_and_a_picture_that_opens(files):
@@ -131,7 +136,9 @@ def test_every_set_weighed_is_in_the_table_with_its_odds(leak, page):
 def test_the_page_tells_f_overall_before_and_after_and_what_it_was_biased_by(leak, page):
     document = as_json(leak)
     before, after = document["f_overall_before"], document["f_overall_after"]
-    assert f"too {'low' if before['mean'] < after['mean'] else 'high'} without air that does no work" in page
+    assert (
+        f"too {'low' if before['mean'] < after['mean'] else 'high'} without “air that does no work (leakage)”" in page
+    )
     assert f"{before['mean']:.4f} ± {before['sd']:.4f} N m s" in page
     assert f"{after['mean']:.4f} ± {after['sd']:.4f} N m s" in page
 
@@ -146,17 +153,178 @@ def test_a_run_that_nothing_had_seen_is_told_from_cross_validation(leak):
     unseen = dataclasses.replace(leak.held_out, folds=1, same=1, gain_se=0.0, scheme="unseen run <b>monday")
     said = words_of(dataclasses.replace(leak, held_out=unseen))
     assert "On readings of an unseen run &lt;b&gt;monday" in said
+    assert re.search(r"changed by [\d.]+; nothing had seen that run before", said)  # of one piece: no error is known
     assert "cross-validated" not in said
     assert "cross-validated in" in words_of(leak)
 
 
+def test_what_an_unseen_run_says_has_its_error_and_a_loss_is_called_one(leak):
+    unseen = dataclasses.replace(leak.held_out, gain=-12.4, gain_se=3.1, scheme="unseen run monday")
+    found = dataclasses.replace(leak, held_out=unseen)
+    told = "−12.4 ± 3.1 (it predicts worse than the base model)"
+    assert f"changed by {told}; nothing had seen that run before" in words_of(found)
+    assert told in shown(as_json(found))
+    assert "worse" not in words_of(leak)
+
+
+def shown(document: dict[str, Any]) -> str:
+    """The terminal's table as text."""
+    out = io.StringIO()
+    Console(file=out, width=400).print(diagnosis_table.table(document))
+    return out.getvalue()
+
+
+def test_the_probability_of_a_set_is_told_as_what_it_is_of(leak):
+    said = words_of(leak)
+    assert "probability that this set is there, alone or with more, is 0.990 among all that were weighed" in said
+    assert f"and {as_json(leak)['set_probability']:.3f} by how often sets came true in blind tests" in said
+
+
+def test_beside_a_base_model_that_is_not_excluded_the_probability_is_of_the_set_alone(leak):
+    verdict = dataclasses.replace(leak.verdict, kind="confounded", alternatives=((),))
+    said = words_of(dataclasses.replace(leak, verdict=verdict))
+    assert "probability that the first of these sets is there is 0.990" in said
+
+
+def test_a_run_that_a_diagnosis_uses_is_not_said_to_be_left_out_by_a_fit(tmp_path):
+    sweep(tmp_path, 3, {})
+    problem = Problem(add_coast_down(tmp_path, 3, {}))
+    found = SimpleNamespace(comparison=SimpleNamespace(problem=problem))
+    assert any("the steady fit does not use it" in note for note in problem.blocks.measured.notes)
+    assert not any("coast_down.csv" in note for note in diagnosis_page._notes(found))
+
+
+def test_a_verdict_that_rests_on_bad_readings_alone_tells_the_document_s_probability(clean):
+    document = as_json(clean) | {"set_probability": 0.61}
+    assert clean.verdict.chosen is None
+    said = diagnosis_page.context(clean, document)["certainty"]
+    assert said.endswith("these readings alone are off is 0.610, as such verdicts have turned out in blind tests.")
+
+
+def test_f_overall_is_as_before_only_where_its_mean_and_its_error_are(clean):
+    before = {"mean": 0.064, "sd": 0.0010, "q05": 0.062, "q95": 0.066}
+    same = {"f_overall_before": before, "verdict": "consistent", "next_tests": []}
+    told = diagnosis_sets.bias_in_words(same | {"f_overall_after": before})
+    assert told == "f_overall is 0.0640 ± 0.0010 N m s, as before; nothing has to be corrected."
+    told = diagnosis_sets.bias_in_words(same | {"f_overall_after": before | {"sd": 0.0040}})
+    assert "as before" not in told
+    assert "0.0640 ± 0.0040 N m s; in the base model alone it is 0.0640 ± 0.0010 N m s" in told
+
+
+def test_f_overall_is_shown_before_and_after_though_only_its_error_changed(clean):
+    document = as_json(clean)
+    document["f_overall_after"] = document["f_overall_before"] | {"sd": 0.02}
+    first, second = diagnosis_sets.frictions(clean, document)
+    assert (first.mean, first.name) == (second.mean, "before: base model")
+    assert second.name.startswith("after: ")
+
+
+def test_sets_of_several_effects_are_set_off_by_commas():
+    sets = (["leakage"], ["flow_offset", "flow_scale"], [])
+    assert diagnosis_words.in_a_row(sets, "or") == (
+        "“air that does no work (leakage)”, “flow meter reads high or low by a constant (flow_offset)” and “flow meter "
+        "reads high or low in proportion (flow_scale)”, or nothing left out"
+    )
+    assert diagnosis_words.in_a_row([["windage"], ["nothing missing"]], "and") == (
+        "“drag growing with the square of speed (windage)” and nothing missing"
+    )
+
+
+@pytest.mark.parametrize(
+    ("odds", "text"),
+    [
+        (1.0, "1 : 1"),
+        (1.26, "1.3 : 1"),
+        (99.7, "100 : 1"),
+        (12_345.0, "12000 : 1"),
+        (999_999.0, "1000000 : 1"),
+        (2e6, "over 10⁶ : 1"),
+        (float("inf"), "over 10⁶ : 1"),
+        (0.01003, "1 : 100"),
+        (0.0, "1 : over 10⁶"),
+    ],
+)
+def test_odds_are_told_to_two_digits_without_an_exponent(odds, text):
+    assert diagnosis_page._odds(odds) == text
+
+
+def test_a_single_row_is_told_as_a_row(clean):
+    assert clean.places[0].where == (7.0, 7.0)
+    assert "<td>row 7</td>" in words_of(clean)
+
+
+def test_the_caption_tells_of_the_markers_that_are_drawn(clean):
+    assert diagnosis_figures.markers_in_words(clean) == "▲ up, ▼ down"
+    plateaus = clean.comparison.problem.blocks.plateaus
+    nowhere = dataclasses.replace(plateaus, up=np.zeros_like(plateaus.up))
+    assert diagnosis_figures.markers_in_words(_with_plateaus(clean, nowhere)) == "■ direction not noted"
+
+
+def _with_plateaus(found: Diagnosis, plateaus: Any) -> Any:
+    blocks = dataclasses.replace(found.comparison.problem.blocks, plateaus=plateaus)
+    return SimpleNamespace(comparison=SimpleNamespace(problem=SimpleNamespace(blocks=blocks)))
+
+
+def odds_panel(found: Diagnosis) -> Any:
+    """The panel of the sets' odds."""
+    axes = Figure().subplots()
+    diagnosis_figures._odds_panel(axes, found)
+    return axes
+
+
+def test_a_base_model_that_leaves_something_is_hatched_though_it_is_the_likeliest(leak):
+    found = unresolved(leak, np.zeros(leak.comparison.read.size))
+    base = next(i for i, one in enumerate(diagnosis_sets.shortlist(found)) if not one.names)
+    assert odds_panel(found).patches[base].get_hatch()
+    explains = dataclasses.replace(found, residual_p={**found.residual_p, (): 0.4})
+    assert not odds_panel(explains).patches[base].get_hatch()
+
+
+def test_a_set_that_is_likelier_than_the_verdict_s_reaches_farther(leak):
+    chosen = leak.verdict.chosen
+    better = dataclasses.replace(chosen, names=("leakage", "windage"), probability=10.0 * chosen.probability)
+    panel = odds_panel(dataclasses.replace(leak, candidates=[better, chosen]))
+    ends = [bar.get_x() + bar.get_width() for bar in panel.patches]
+    assert ends == pytest.approx([1.0, 0.0])
+    assert panel.get_xlim()[1] > 1.0
+    assert panel.get_xlabel() == "odds against the verdict's set"
+
+
+def test_odds_of_an_unresolved_verdict_are_not_said_to_be_of_a_set_that_it_rests_on(leak):
+    said = " ".join(words_of(unresolved(leak, np.zeros(leak.comparison.read.size)), "odds").split())
+    assert "Odds are those of the likeliest set (the verdict rests on none) against each" in said
+    assert "the set that the verdict rests on" not in said
+    assert "the set that the verdict rests on" in " ".join(words_of(leak, "odds").split())
+
+
+def test_a_base_model_that_explains_everything_is_not_drawn_in_the_colour_of_what_is_wrong(clean):
+    quiet = dataclasses.replace(clean, verdict=Verdict("consistent", None, (), 1.0, ""))
+    axes = Figure().subplots()
+    intervals = diagnosis_sets.frictions(quiet, as_json(quiet))
+    diagnosis_figures._friction_panel(axes, intervals, diagnosis_figures._colours(quiet))
+    assert {line.get_color() for line in axes.lines} & {diagnosis_figures.BEFORE} == set()
+
+
+def test_a_recording_that_would_show_nothing_says_so(clean):
+    unseen = [dataclasses.replace(one, seen_from=None) for one in clean.resolved]
+    verdict = Verdict("consistent", None, (), 1.0, "")
+    blind = dataclasses.replace(clean, verdict=verdict, resolved=unseen)
+    assert "This recording would show no effect of a believable size." in words_of(blind)
+    assert "would show no effect" not in words_of(dataclasses.replace(blind, resolved=clean.resolved))
+    wide = dataclasses.replace(clean.base, covariance=np.eye(clean.base.z.size))
+    told = diagnosis_sets.blind_in_words(dataclasses.replace(blind, base=wide))
+    assert told.endswith("of a believable size; f_overall is as its prior has it.")
+
+
 def test_a_confounded_page_sets_the_rivals_side_by_side_with_the_test_that_parts_them(leak):
     said = words_of(confounded(leak))
-    assert "this recording cannot tell air that does no work from" in said
-    assert "<p>Either air that does no work: " in said
+    assert "this recording cannot tell which it is: “air that does no work (leakage)”" in said
+    assert "<p>Either “air that does no work (leakage)”: " in said
     assert "<p>Or " in said
     assert re.search(r"<td>coast-down from 1\.8 bar</td>.*?2\.0</td><td class=\"n\">3</td>", said)
-    assert re.search(r"<td>spin-up to 2\.4 bar</td>.*?0\.4</td><td class=\"n\">never</td>", said)
+    assert re.search(
+        r"<td>spin-up to 2\.4 bar</td>.*?0\.4</td><td class=\"n\">never: at least one pair stays open</td>", said
+    )
     assert said.index("spin-up to 2.4 bar") < said.index("With another instrument:") < said.index("beside a reference")
     assert "Excluded" not in said
 
@@ -360,6 +528,19 @@ def test_a_recording_given_twice_is_refused(tmp_path):
     done = spinbench("diagnose", tmp_path / "recording", tmp_path / "recording")
     assert done.returncode == 2 and done.stdout == ""
     assert "a recording is given twice" in done.stderr
+
+
+@pytest.mark.parametrize("other", ["recording/recording.toml", "copy"])
+def test_a_recording_given_twice_in_other_words_is_refused(tmp_path, other):
+    sweep(tmp_path / "recording", 11, {})
+    shutil.copytree(tmp_path / "recording", tmp_path / "copy")
+    first, again = tmp_path / "recording", tmp_path / other
+    twice = spinbench("diagnose", first, again)
+    assert twice.returncode == 2 and twice.stdout == ""
+    assert f"given twice: {tmp_path / other.split('/')[0]}" in twice.stderr
+    held = spinbench("diagnose", first, "--hold-out", again)
+    assert held.returncode == 2 and held.stdout == ""
+    assert "is to be held out and diagnosed" in held.stderr
 
 
 def test_a_run_is_named_as_elsewhere(tmp_path):

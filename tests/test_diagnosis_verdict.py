@@ -16,17 +16,19 @@ from calibration.diagnosis.base import base_of
 from calibration.diagnosis.confirm import HeldOut, cross_validate, fit_on, predict_held
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.detect import _Test
+from calibration.diagnosis.document import set_probability
 from calibration.diagnosis.forces import forces
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import log_prior, refusal, weigh
 from calibration.diagnosis.noise import SCALES
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.signatures import signatures
-from calibration.diagnosis.verdict import judge, not_excluded
+from calibration.diagnosis.usable import refuse_at_rest
+from calibration.diagnosis.verdict import Verdict, judge, not_excluded
 from calibration.report.diagnosis_words import sentence
 from calibration.step_clock import StepClock
 from model.motor import read_motor
-from rig.recording import Recording, read_recording
+from rig.recording import Recording, RecordingError, read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 
 PRACTICE = Path(__file__).parents[2] / "shared" / "practice"
@@ -121,6 +123,23 @@ def test_no_probability_is_stated_higher_than_such_verdicts_came_true(leaking) -
     assert found["effects"][0]["probability"] >= found["set_probability"]
 
 
+def test_misread_rows_alone_are_said_to_be_the_whole_truth_as_often_as_they_were() -> None:
+    rows = Verdict("named", None, (), 0.999, "single readings that nothing explains")
+    assert set_probability(rows) == pytest.approx(0.6, abs=0.001)
+    assert set_probability(Verdict("consistent", None, (), 0.9, "")) == 0.9
+
+
+def test_a_recording_in_which_the_rotor_turns_nowhere_is_refused(tmp_path: Path) -> None:
+    toml = 'format = "recording/1"\nmotor = "ptm3600"\n[[files]]\nfile = "sweep.csv"\nkind = "steady"\n'
+    (tmp_path / "recording.toml").write_text(toml)
+    sweep = tmp_path / "sweep.csv"
+    sweep.write_text("pressure_bar_abs,flow_l_min,speed_rpm\n1.1,0,0\n1.2,0,0\n")
+    with pytest.raises(RecordingError, match="speed_rpm is 0 in every row, so there is no speed to compare"):
+        diagnose(read_recording(tmp_path), 1)
+    sweep.write_text("pressure_bar_abs,flow_l_min,speed_rpm\n1.1,0,0\n2.0,72,395\n")
+    refuse_at_rest(read_recording(tmp_path))
+
+
 def test_the_document_has_the_promised_form(leaking) -> None:
     again = json.loads(json.dumps(leaking[1], allow_nan=False))
     assert set(again) >= KEYS
@@ -152,7 +171,7 @@ def test_dry_friction_that_hides_behind_the_rollers_is_not_excluded_and_gets_its
     assert found["f_overall_after"]["q05"] < true < found["f_overall_after"]["q95"]
     assert found["next_tests"][0]["separates"] == ["nothing missing", "coulomb_friction"]
     assert "flywheel" in found["next_tests"][0]["test"]
-    assert sentence(found).endswith("nothing has to be added. Not excluded: dry friction.")
+    assert sentence(found).endswith("nothing has to be added. Not excluded: “dry friction (coulomb_friction)”.")
 
 
 @dataclass
@@ -223,7 +242,7 @@ def test_beside_a_base_model_that_is_not_excluded_it_is_listed() -> None:
     assert (found.kind, found.chosen, found.alternatives) == ("confounded", drag, ((),))
     document = {"verdict": "confounded", "mismatch": {"p_value": 0.005}, "effects": [{"id": "windage"}]}
     said = sentence(document | {"alternatives": [[]]})
-    assert said.startswith("Something may be left out") and said.endswith("from nothing left out.")
+    assert said.startswith("Something may be left out") and said.endswith("or nothing left out.")
 
 
 @pytest.mark.parametrize(("gain", "kind"), [(-3.0, "named"), (-5.0, "unresolved")])

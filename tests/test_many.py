@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -15,7 +16,10 @@ from pathlib import Path
 import psutil
 import pytest
 
+from calibration.challenge import running
+from calibration.challenge.campaign import make
 from calibration.many import MOST_TRIES, ClusterError, Item, run_many
+from tests import fake_rig
 from tests.fake_rig import square
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -181,6 +185,17 @@ def test_a_failing_item_stops_no_other_on_a_cluster(cluster, tmp_path):
     )
     assert bad.error == "ValueError: 7 cannot be squared"
     assert good.value == {"square": 9}
+
+
+def test_a_campaign_run_on_a_cluster_has_the_verdicts_of_one_process(cluster, tmp_path):
+    """The verdict of each case is a function of its recording and seed, wherever it is found."""
+    blind = tmp_path / "blind"
+    make(blind, 6, seed=5, maker=fake_rig.NAME, workers=0)
+    shutil.copytree(blind, tmp_path / "again" / "blind")
+    there = running.run(blind, scheduler=cluster, task=fake_rig.diagnose)
+    here = running.run(tmp_path / "again" / "blind", 0, task=fake_rig.diagnose)
+    assert there.sha256 == here.sha256
+    assert not any(one.error for one in there.results)
 
 
 def test_no_scheduler_is_told_in_a_sentence(tmp_path, monkeypatch):

@@ -217,6 +217,14 @@ def test_the_command_line_diagnoses_a_rig_written_out_in_its_recording(tmp_path:
     assert found["sentence"] in done.stderr
 
 
+def test_a_run_of_a_rig_held_out_for_nothing_is_told(tmp_path: Path) -> None:
+    for seed, name in ((1, "machine"), (2, "unseen")):
+        write_recording(rigs.machine(draw(seed)), tmp_path / name)
+    done = spinbench("diagnose", str(tmp_path / "machine"), "--hold-out", str(tmp_path / "unseen"), "--json", "-")
+    assert json.loads(done.stdout)["verdict"] == "consistent"
+    assert f"{tmp_path / 'unseen'} was not predicted" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("mapping", "files", "wanted"),
     [

@@ -370,6 +370,11 @@ class TestDraws:
         laps = [math.degrees(draw("development", index, 3).nuisances["lap"]) for index in range(200)]
         assert np.std(laps) == pytest.approx(0.5, rel=0.15)
 
+    def test_of_two_effects_each_has_a_place_of_its_own(self, cases):
+        pair = next(one for one in cases if one.category == "pair" and "bad_reading" not in one.ids)
+        places = [{**sizes.PLACES[one["id"]], "where": None} for one in pair.effects]
+        assert pair.place == {"any_of": places}
+
     def test_the_families_differ_in_what_is_in_no_library_and_in_sizes(self):
         assert set(sizes.UNLISTED["development"]) < set(sizes.UNLISTED["proof"])
         assert all(a != b for ranges in sizes.RANGES.values() for a, b in ranges.values())
@@ -610,6 +615,15 @@ class TestSeparable:
 
         assert size(change, lines) > 5.0
         assert size(left, grown) < 0.5
+
+    def test_more_roller_friction_is_no_larger_than_the_nuisance_that_it_is(self, tmp_path):
+        """A roller factor 8 times its own is 3 declared sds of it, at the end of a long curved valley."""
+        case = case_of("none", transients=False)
+        own = case.nuisances["roller_factor"]
+        laden = conceal(case, effect("load_friction", roller_factor=7.0 * own))
+        make_recording(laden, tmp_path)
+        thinned(tmp_path)
+        assert separable(laden, tmp_path)["D"] < np.log2(8.0) + 0.1
 
     def test_where_nothing_is_concealed_there_is_nothing_to_part(self, tmp_path):
         assert not separable(case_of("none"), tmp_path)["separable"]

@@ -33,7 +33,7 @@ def coverage(cases: Sequence[Case]) -> dict[str, Any]:
         "nothing concealed": [one for one in after if one[0].group == NONE],
         "verdict right": [one for one in after if one[0].outcome == RIGHT and one[0].group != NONE],
         "truth listed": [one for one in after if one[0].outcome == LISTED],
-        "verdict not right": [one for one in after if one[0].outcome not in (RIGHT, LISTED)],
+        "verdict not right": [one for one in after if one[0].outcome not in (RIGHT, LISTED) and one[0].group != NONE],
         "one effect": [one for one in after if one[0].group == SINGLE],
     }
     before = [(c, c.diagnosis["f_overall_before"]) for c in cases if c.diagnosis and _of(c, "before")]

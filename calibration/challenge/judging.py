@@ -152,6 +152,17 @@ def listed_sets(diagnosis: Mapping[str, Any]) -> list[frozenset[str]]:
     return [said_set(diagnosis), *(frozenset(names) for names in diagnosis["alternatives"])]
 
 
+def tests_of_this_bench(diagnosis: Mapping[str, Any] | None) -> list[dict[str, Any]]:
+    """The tests recommended that need no other instrument: the rig has only its own.
+
+    Parameters
+    ----------
+    diagnosis : mapping or None
+        A diagnosis/1.
+    """
+    return [test for test in (diagnosis or {}).get("next_tests", []) if not test.get("needs")]
+
+
 def outcome(category: str, true_set: frozenset[str], diagnosis: Mapping[str, Any] | None) -> str:
     """What a verdict is worth.
 

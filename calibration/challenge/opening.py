@@ -12,7 +12,7 @@ from typing import Any
 
 from calibration.challenge import layout, ledger, running, scoring
 from calibration.challenge.campaign import truth_of
-from calibration.challenge.judging import LISTED, LISTED_IN_LIBRARY, NONE, Case
+from calibration.challenge.judging import LISTED, LISTED_IN_LIBRARY, NONE, Case, tests_of_this_bench
 from calibration.challenge.layout import Campaign
 from calibration.challenge.sealing import SealError, open_seal
 from calibration.many import Item, Result, Task, Tell, run_many
@@ -155,10 +155,11 @@ def score(
     opened: list[Opened] = []
     added: list[bool] = []
     problems: list[str] = []
-    for campaign in campaigns:
-        ran = running.read_verdicts(campaign)
-        frozen = running.read_frozen(campaign)
+    # Before any is opened, all are looked at: a campaign that cannot be scored leaves the others shut.
+    whole = [(campaign, running.read_verdicts(campaign), running.read_frozen(campaign)) for campaign in campaigns]
+    for campaign, _, frozen in whole:
         _hold_code(campaign, frozen, settings)
+    for campaign, ran, frozen in whole:
         ledger.append_opening(book, _opening(campaign, frozen, ran.sha256))
         contents = _open(campaign, frozen, settings.key)
         cases = _cases(campaign, contents, ran.results, str(frozen["diagnosis_sha256"]), settings, tell, problems)
@@ -222,7 +223,7 @@ def _cases(
     signatures = each("signatures", functools.partial(_signatures, campaign.maker), concealed, code_now, lambda c: None)
     again: dict[str, Any] = {}
     if settings.follow_ups:
-        chosen = [case for case in plain if case.outcome == LISTED and _of_this_bench(case)]
+        chosen = [case for case in plain if case.outcome == LISTED and tests_of_this_bench(case.diagnosis)]
         follow = functools.partial(_follow_up, campaign.maker, settings.task or running.diagnose_case)
         folder = place / "with_the_test"
         mark = f"{code}/{scorer_sha256()}"
@@ -255,12 +256,7 @@ def _signatures(maker: str, argument: dict[str, Any]) -> dict[str, Any]:
 
 
 def _next_test(case: Case, code: str, folder: Path) -> dict[str, Any]:
-    return {"test": _of_this_bench(case)[0], "code": code, "folder": str(folder / case.name)}
-
-
-def _of_this_bench(case: Case) -> list[dict[str, Any]]:
-    """The tests recommended that need no other instrument: the rig has only its own."""
-    return [test for test in (case.diagnosis or {}).get("next_tests", []) if not test.get("needs")]
+    return {"test": tests_of_this_bench(case.diagnosis)[0], "code": code, "folder": str(folder / case.name)}
 
 
 def _follow_up(maker: str, task: Task, argument: dict[str, Any]) -> dict[str, Any]:

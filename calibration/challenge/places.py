@@ -16,7 +16,7 @@ class Located:
     balance, channel, coordinate : bool
         Whether each is right; the coordinate also when it is in the group of those that cannot be told apart.
     group : int
-        Size of that group, 1 where the coordinate was said outright; 0 where it is wrong [-].
+        Size of that group, 1 where the diagnosis can tell the coordinate from all others; 0 where it is wrong [-].
     overlaps : bool or None
         Whether the ranges meet; None where they are along different coordinates, or the truth has none.
     """
@@ -42,7 +42,8 @@ def first_place(truth: Mapping[str, Any], located: Sequence[Mapping[str, Any]]) 
     Parameters
     ----------
     truth : mapping
-        ``balance``, ``channel``, ``coordinate`` (each a word, or a list of those that are right) and ``where``.
+        ``balance``, ``channel``, ``coordinate`` (each a word, or a list of those that are right) and ``where``; of
+        several effects ``any_of``, a place each.
     located : sequence of mapping
         Of a diagnosis/1.
     """
@@ -64,7 +65,7 @@ def any_place(truth: Mapping[str, Any], located: Sequence[Mapping[str, Any]]) ->
 
 
 def compare(truth: Mapping[str, Any], place: Mapping[str, Any]) -> Located:
-    """One place.
+    """One place against the truth; of several that are true, against the one that is nearest to it.
 
     Parameters
     ----------
@@ -73,10 +74,15 @@ def compare(truth: Mapping[str, Any], place: Mapping[str, Any]) -> Located:
     place : mapping
         Of a diagnosis/1.
     """
+    compared = [_compare(one, place) for one in truth.get("any_of", [truth])]
+    return max(compared, key=lambda one: (one.right, one.balance + one.channel + one.coordinate))
+
+
+def _compare(truth: Mapping[str, Any], place: Mapping[str, Any]) -> Located:
     group = [place["coordinate"], *place["same_as"]]
     wanted = _words(truth.get("coordinate"))
     said = not wanted or place["coordinate"] in wanted
-    size = 1 if said else len(group) if any(one in wanted for one in group) else 0
+    right = said or any(one in wanted for one in group)
     where = truth.get("where")
     overlaps = None
     if said and wanted and where is not None:
@@ -84,8 +90,8 @@ def compare(truth: Mapping[str, Any], place: Mapping[str, Any]) -> Located:
     return Located(
         _among(truth.get("balance"), place["balance"]),
         _among(truth.get("channel"), place["channel"]),
-        size > 0,
-        size,
+        right,
+        len(group) if right else 0,
         overlaps,
     )
 

@@ -15,6 +15,7 @@ from calibration.challenge.goals import goals
 from calibration.challenge.intervals import share
 from calibration.challenge.judging import (
     ASTRAY,
+    FAILED,
     GROUPS,
     LISTED,
     LISTED_IN_LIBRARY,
@@ -248,7 +249,8 @@ def confounded(cases: Sequence[Case]) -> dict[str, Any]:
         if c.group in LISTED_IN_LIBRARY and c.signatures and not c.separable and (c.size or 0.0) >= SEEN
     ]
     said = [c for c in cases if c.outcome == LISTED]
-    again = [(c, c.outcome_of(c.again)) for c in said if c.again is not None]
+    followed = [c for c in said if judging.tests_of_this_bench(c.diagnosis)] if any(c.again for c in said) else []
+    again = [FAILED if c.again is None else c.outcome_of(c.again) for c in followed]
     return {
         "not_separable_above_7": len(alike),
         "flagged": share(c.outcome == LISTED for c in alike),
@@ -256,9 +258,11 @@ def confounded(cases: Sequence[Case]) -> dict[str, Any]:
         "named_all_the_same": share(c.outcome == RIGHT for c in alike),
         "truth_listed": len(said),
         "followed_up": len(again),
-        "resolved": share(one == RIGHT for _, one in again),
-        "resolved_wrongly": share(one == WRONG for _, one in again),
-        "still_confounded": share(one == LISTED for _, one in again),
+        "resolved": share(one == RIGHT for one in again),
+        "resolved_wrongly": share(one == WRONG for one in again),
+        "still_confounded": share(one == LISTED for one in again),
+        "neither": share(one not in (RIGHT, WRONG, LISTED, FAILED) for one in again),
+        "ended_in_an_error": share(one == FAILED for one in again),
     }
 
 

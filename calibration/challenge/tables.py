@@ -217,6 +217,8 @@ def all_grids(found: Mapping[str, Any]) -> list[Grid]:
                 ("resolved rightly", confounded["resolved"]),
                 ("resolved wrongly", confounded["resolved_wrongly"]),
                 ("still confounded, truth listed", confounded["still_confounded"]),
+                ("none of these", confounded["neither"]),
+                ("ended in an error", confounded["ended_in_an_error"]),
             ],
         ),
         Grid("Intervals that hold the truth", ("f_overall", "50 % interval", "90 % interval"), covered),

@@ -46,3 +46,27 @@ def refuse_starved(recording: Recording) -> None:
             f"{recording.folder}/{starved[0]}{more}; if the gauge shows gauge pressure, name the column "
             "pressure_bar_gauge"
         )
+
+
+def refuse_at_rest(recording: Recording) -> None:
+    """Refuse plateaus at none of which the rotor turns, with no run in time beside them: there is no speed to compare.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a motor by name.
+
+    Raises
+    ------
+    RecordingError
+        When this is so. Rows in which no speed was read say nothing either way.
+    """
+    if not isinstance(recording.motor, str) or any(file.kind == "transient" for file in recording.files):
+        return
+    speeds = [file.columns["speed_rpm"] for file in recording.files if "speed_rpm" in file.columns]
+    read = [speed.values[np.isfinite(speed.values)] for speed in speeds]
+    if any(one.size for one in read) and not any(np.any(one > 0.0) for one in read):
+        raise RecordingError(
+            f"{recording.folder}: column speed_rpm is 0 in every row, so there is no speed to compare with the "
+            "model; record plateaus at which the rotor turns, or a spin-up or coast-down"
+        )

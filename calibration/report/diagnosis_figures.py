@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BEFORE, AFTER = style.COLOURS[1], style.COLOURS[0]
-MARKERS = ((1.0, "^", "up"), (-1.0, "v", "down"), (0.0, "s", "direction not noted"))
+MARKERS = ((1.0, "^", "▲", "up"), (-1.0, "v", "▼", "down"), (0.0, "s", "■", "direction not noted"))
 BANDS = ((Q95, "#DCE9F3"), (1.0, "#9CC6E2"))
 DECADES = 8.0  # odds beyond which a bar goes on no longer
 
@@ -120,21 +120,23 @@ def forces(curves: Sequence[Curve]) -> bytes:
         return style.png(figure)
 
 
-def friction(intervals: Sequence[Interval]) -> bytes:
+def friction(found: Diagnosis, intervals: Sequence[Interval]) -> bytes:
     """f_overall before and after, and in the sets that are not far behind.
 
     Parameters
     ----------
+    found : Diagnosis
+        The diagnosis.
     intervals : sequence of Interval
         Of `diagnosis_sets.frictions`.
     """
     with style.drawing(height_in=0.9 + 0.4 * len(intervals)) as (figure, axes):
-        _friction_panel(axes, intervals)
+        _friction_panel(axes, intervals, _colours(found))
         return style.png(figure)
 
 
 def ranked(found: Diagnosis) -> bytes:
-    """The sets by their odds against the best.
+    """The sets by their odds against the one that the verdict rests on.
 
     Parameters
     ----------
@@ -194,12 +196,24 @@ def essentials(
                 elif last[i] == "odds":
                     _odds_panel(panel, found)
                 else:
-                    _friction_panel(panel, intervals)
+                    _friction_panel(panel, intervals, _colours(found))
             if kind == "residuals":
                 after = f"; open: {models[0].name}, filled: {models[1].name}" if len(models) > 1 else ""
-                panels[0].set_title(f"▲ up, ▼ down{after}"[:110], fontsize=8)
+                panels[0].set_title(f"{markers_in_words(found)}{after}"[:110], fontsize=8)
         figure.suptitle("\n".join(words), x=0.01, ha="left", fontsize=9.5, fontweight="bold", parse_math=False)
         return style.png(figure)
+
+
+def markers_in_words(found: Diagnosis) -> str:
+    """What the markers of the residuals mean, of those that are drawn.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
+    ways = set(found.comparison.problem.blocks.plateaus.up)
+    return ", ".join(f"{shown} {name}" for way, _, shown, name in MARKERS if way in ways)
 
 
 def _residual_panel(
@@ -213,7 +227,7 @@ def _residual_panel(
     for model, colour in zip(models, _colours(found), strict=False):
         y = model.white[mine] if whitened else model.difference[mine] * factor
         y = np.where(comparison.known[mine], y, np.nan)
-        for way, marker, name in MARKERS:
+        for way, marker, _, name in MARKERS:
             here = plateaus.up == way
             if here.any():
                 panel.plot(
@@ -276,10 +290,10 @@ def _curve_panel(panel: Axes, curve: Curve) -> None:
     style.name_axes(panel, (curve.along.name, curve.along.unit), (curve.quantity, curve.unit))
 
 
-def _friction_panel(panel: Axes, intervals: Sequence[Interval]) -> None:
-    """A line each: 90 % thin, one sd thick, the mean a diamond; the name above the line."""
+def _friction_panel(panel: Axes, intervals: Sequence[Interval], colours: tuple[str, str]) -> None:
+    """A line each, first before and after: 90 % thin, one sd thick, the mean a diamond; the name above the line."""
     for i, one in enumerate(intervals):
-        colour = (AFTER if len(intervals) == 1 else BEFORE, AFTER)[i] if i < 2 else style.INK
+        colour = colours[i] if i < 2 else style.INK
         panel.plot([one.q05, one.q95], [i, i], color=colour, linewidth=1.2)
         panel.plot([one.mean - one.sd, one.mean + one.sd], [i, i], color=colour, linewidth=4)
         panel.plot(one.mean, i, marker="D", color="white", markeredgecolor=colour, markersize=5)
@@ -291,21 +305,31 @@ def _friction_panel(panel: Axes, intervals: Sequence[Interval]) -> None:
 
 
 def _odds_panel(panel: Axes, found: Diagnosis) -> None:
-    """A bar each: how many decades behind the best; the base model is always among them."""
-    for i, one in enumerate(sets.shortlist(found)):
-        behind = sets.odds(found, one)
-        decades = min(max(math.log10(behind), 0.0) if math.isfinite(behind) else DECADES, DECADES)
-        best = found.verdict.chosen is not None and one.names == found.verdict.chosen.names
-        out = bool(one.refused) or (one.names and found.residual_p.get(one.names, 1.0) < RESIDUAL_P)
-        look: dict[str, Any] = {"color": AFTER if best else style.FAINT}
+    """A bar each, by how many decades a set leads the verdict's or trails it; the base model is always among them."""
+    shown, chosen = sets.shortlist(found), found.verdict.chosen
+    leads = [_decades(sets.odds(found, one)) for one in shown]
+    for i, (one, lead) in enumerate(zip(shown, leads, strict=True)):
+        mine = chosen is not None and one.names == chosen.names
+        out = bool(one.refused) or found.residual_p.get(one.names, 1.0) < RESIDUAL_P
+        look: dict[str, Any] = {"color": AFTER if mine else style.FAINT}
         look = {"facecolor": "white", "edgecolor": style.FAINT, "hatch": "/////"} if out else look
-        panel.barh(i, DECADES - decades, height=0.24, left=-DECADES, **look)
+        panel.barh(i, lead + DECADES, height=0.24, left=-DECADES, **look)
         _above(panel, " + ".join(one.names) or "base model", i)
-    panel.set_xlim(-DECADES, 0.0)
-    panel.set_ylim(len(sets.shortlist(found)) - 0.5, -0.8)
+    if max(leads) > 0.0:
+        panel.axvline(0.0, color=style.INK, linewidth=0.8)
+    panel.set_xlim(-DECADES, max(leads) + 0.3 * (max(leads) > 0.0))
+    panel.set_ylim(len(shown) - 0.5, -0.8)
     panel.set_yticks([])
-    panel.set_xticks([-8, -6, -4, -2, 0], ["10⁻⁸", "10⁻⁶", "10⁻⁴", "1 : 100", "1 : 1"])
-    style.name_axes(panel, ("odds against the best", "1"), ("", "1"))
+    ticks = {-8: "10⁻⁸", -6: "10⁻⁶", -4: "10⁻⁴", -2: "1 : 100", 0: "1 : 1", 2: "100 : 1", 4: "10⁴", 6: "10⁶", 8: "10⁸"}
+    ticks = {at: words for at, words in ticks.items() if at <= max(leads)}
+    panel.set_xticks(list(ticks), list(ticks.values()))
+    rival = "the verdict's set" if chosen is not None else "the likeliest set"
+    style.name_axes(panel, (f"odds against {rival}", "1"), ("", "1"))
+
+
+def _decades(odds: float) -> float:
+    """By how many decades a set leads the one that odds are of; negative where it trails."""
+    return -math.log10(min(max(odds, 10.0**-DECADES), 10.0**DECADES))
 
 
 def _colours(found: Diagnosis) -> tuple[str, str]:

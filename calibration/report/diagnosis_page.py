@@ -52,7 +52,7 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     if len(found.candidates) > 1:
         figures["odds"] = draw.ranked(found)
     if intervals:
-        figures["friction"] = draw.friction(intervals)
+        figures["friction"] = draw.friction(found, intervals)
     filled = context(found, document)
     inline = {name: f"data:image/png;base64,{base64.b64encode(one).decode()}" for name, one in figures.items()}
     return {
@@ -94,6 +94,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "used": _used(found),
         "suspects": _suspect_table(document),
         "places": _place_table(document),
+        "markers": draw.markers_in_words(found),
         "unseen": document["not_observable"],
         "stability": words.stability_in_words(found.term.stability) if found.term else "",
         "law": words.law_in_words(document["term"]) if document["term"] else "",
@@ -102,11 +103,13 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "scheme": held_out["scheme"] if held_out else "",
         "errors": _error_table(held_out) if held_out else None,
         "bias": sets.bias_in_words(document),
+        "blind": sets.blind_in_words(found),
+        "reference": _reference(found),
         "frictions": _friction_table(found, document),
         "resolves": _resolve_table(found),
         "tests": _test_table(found, False),
         "apart": _test_table(found, True),
-        "notes": list(dict.fromkeys([*problem.recording.warnings, *problem.blocks.measured.notes])),
+        "notes": _notes(found),
         "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
         "instruments": _instrument_table(found),
         "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
@@ -123,12 +126,19 @@ def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
     said = f"If nothing were left out, a mismatch as large would come by chance in {chance} of all cases{beyond}."
     if document["verdict"] == "unresolved":
         return said
-    share = probability(found.verdict.set_probability).replace("> ", "above ")
+    share, known = (
+        probability(one).replace("> ", "above ") for one in (found.verdict.set_probability, document["set_probability"])
+    )
+    if found.verdict.chosen is None:
+        return (
+            f"{said} The probability that these readings alone are off is {known}, as such verdicts have turned out in "
+            "blind tests."
+        )
     this = "the first of these sets" if document["verdict"] == "confounded" else "this set"
-    known = probability(document["set_probability"])
+    more = "" if () in found.verdict.alternatives else ", alone or with more,"
     return (
-        f"{said} The probability of {this} is {share} among all that were weighed, and {known} as sets have turned out "
-        "to be whole in blind tests."
+        f"{said} The probability that {this} is there{more} is {share} among all that were weighed, and {known} "
+        "by how often sets came true in blind tests."
     )
 
 
@@ -170,6 +180,21 @@ def _used(found: Diagnosis) -> str:
     return " and ".join(parts)
 
 
+def _reference(found: Diagnosis) -> str:
+    """The set that odds are of, in words."""
+    if found.verdict.chosen is not None:
+        return "the set that the verdict rests on"
+    return "the likeliest set" + " (the verdict rests on none)" * (found.verdict.kind == "unresolved")
+
+
+def _notes(found: Diagnosis) -> list[str]:
+    """What was assumed or left aside; not that a fit leaves out a run which a diagnosis uses."""
+    problem = found.comparison.problem
+    notes = dict.fromkeys([*problem.recording.warnings, *problem.blocks.measured.notes])
+    used = tuple(f"{run.file}: a transient;" for run in problem.blocks.runs)
+    return [note for note in notes if not note.startswith(used)]
+
+
 def _suspect_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (row["file"], row["channel"], str(row["row"]), probability(row["probability"]))
@@ -190,7 +215,7 @@ def _place_table(document: Mapping[str, Any]) -> Grid:
         )
         for place in document["located"]
     )
-    return Grid(("does not close", "seen in", "along", "most between", "cannot be told from", "p"), rows, 5)
+    return Grid(("does not close", "seen in", "along", "where", "cannot be told from", "p"), rows, 5)
 
 
 def _candidate_table(found: Diagnosis) -> Grid:
@@ -241,14 +266,14 @@ def _resolve_table(found: Diagnosis) -> Grid:
 
     rows = tuple(
         (
-            words.titles([one.effect]),
+            words.title(one.effect),
             told(one.seen_from, effects()[one.effect].amplitude),
             told(one.told_from, effects()[one.effect].amplitude),
-            f"{words.titles([one.nearest])} ({one.rho:.2f})" if one.nearest else "",
+            f"{words.title(one.nearest)}: {one.rho:.2f}" if one.nearest else "",
         )
         for one in found.resolved
     )
-    return Grid(("effect", "seen from", "named from", "most like it (correlation)"), rows)
+    return Grid(("effect", "seen from", "named from", "most like it: correlation"), rows)
 
 
 def _test_table(found: Diagnosis, apart: bool) -> Grid:
@@ -256,14 +281,14 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
     rows = tuple(
         (
             test.test,
-            " from ".join(words.titles(name.split("+")) for name in test.separates),
+            words.in_a_row([name.split("+") for name in test.separates], "and"),
             f"{test.information_nats:.1f}",
-            "never" if test.repeats is None else str(test.repeats),
+            "never: at least one pair stays open" if test.repeats is None else str(test.repeats),
         )
         for test in found.next_tests
         if bool(test.needs) == apart
     )
-    return Grid(("test", "tells", "nats", "repeats"), rows, 2)
+    return Grid(("test", "tells apart", "nats", "repeats"), rows, 2)
 
 
 def _instrument_table(found: Diagnosis) -> Grid:
@@ -281,9 +306,8 @@ def _instrument_table(found: Diagnosis) -> Grid:
 
 
 def _odds(odds: float) -> str:
-    """Odds of the best set against another."""
-    if odds > CERTAIN:
-        return "over 10⁶ : 1"
-    if odds >= 1.0:
-        return f"{odds:.2g} : 1" if odds < 100 else f"{float(f'{odds:.2g}'):.0f} : 1"
-    return f"1 : {1.0 / odds:.2g}"
+    """Odds of the set that the verdict rests on against another, to two digits."""
+    larger = odds if odds >= 1.0 else 1.0 / max(odds, 0.1 / CERTAIN)
+    told = float(f"{larger:.2g}")
+    shown = "over 10⁶" if larger > CERTAIN else f"{told:.0f}" if told >= 10.0 else f"{told:g}"
+    return f"{shown} : 1" if odds >= 1.0 else f"1 : {shown}"

@@ -14,9 +14,18 @@ from calibration.diagnosis.linear import RUN, STANDING, VENTED
 from calibration.diagnosis.misread import MISREAD
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.sizes import sizes_of
+from calibration.posterior import UNINFORMED
 from calibration.priors import PASCAL_PER_BAR
 from calibration.report.diagnosis_numbers import Q95, of_mode
-from calibration.report.diagnosis_words import FAMILIAR, is_corrected, is_unseen, listed, quantity, titles
+from calibration.report.diagnosis_words import (
+    FAMILIAR,
+    gain_in_figures,
+    is_corrected,
+    is_unseen,
+    listed,
+    quantity,
+    titles,
+)
 from calibration.report.fit_words import rounded, uncertainty
 from model.effects import laws
 
@@ -96,7 +105,9 @@ def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
 
 
 def odds(found: Diagnosis, one: Candidate) -> float:
-    """How many times more probable the best set is, from the probabilities of both [-].
+    """How many times more probable than a set that is which the verdict rests on [-].
+
+    Where it rests on none, the most probable set takes its place.
 
     Parameters
     ----------
@@ -151,19 +162,11 @@ def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
     before, after = document["f_overall_before"], document["f_overall_after"]
     if not before or not after:
         return []
-    alone = found.verdict.chosen is None
     shown = [
-        Interval(
-            "base model" if alone else "before: base model", *(before[key] for key in ("mean", "sd", "q05", "q95"))
-        )
+        Interval(name, *(one[key] for key in ("mean", "sd", "q05", "q95")))
+        for name, one in (("before: base model", before), (f"after: {_averaged_over(found)}", after))
     ]
-    if alone and (found.beside is not None or abs(before["mean"] - after["mean"]) > 0.1 * after["sd"]):
-        name = "all sets weighed" if found.beside is None else "beside a smooth correction"
-        shown.append(Interval(name, *(after[key] for key in ("mean", "sd", "q05", "q95"))))
     if found.verdict.chosen is not None:
-        shown.append(
-            Interval("after: the sets that stand, weighed", *(after[key] for key in ("mean", "sd", "q05", "q95")))
-        )
         likely = [c for c in found.candidates if c.names and 1.0 / max(odds(found, c), 1e-300) >= LEAST_ODDS]
         shown += [_interval(found, one) for one in likely[:MOST_SHOWN] if len(likely) > 1]
     return shown
@@ -195,19 +198,19 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
         familiar, factor = FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
         after = held_out["rmse_after"].get(key, before)
         falls.append(f"from {before * factor:.2g} to {after * factor:.2g} {familiar} in the {channel}")
-    gain, error = held_out["elpd_gain"], held_out["elpd_gain_se"]
+    gain = gain_in_figures(held_out)
     went = f"the error (rms) went {listed(falls)}. The logarithm of the probability that it gave them changed by "
     if is_unseen(held_out):
-        return f"On readings of an {held_out['scheme']}, {went}{gain:.1f}; nothing had seen that run before."
+        return f"On readings of an {held_out['scheme']}, {went}{gain}; nothing had seen that run before."
     if is_corrected(held_out):
         return (
             f"With a smooth correction in place of a cause, on readings that it had not seen, {went}"
-            f"{rounded(gain, error)} ± {uncertainty(error)}; cross-validated in {held_out['folds']} folds, in "
+            f"{gain}; cross-validated in {held_out['folds']} folds, in "
             f"{held_out['same_set_in_folds']} of which it lay along the same coordinate of the same balance."
         )
     return (
-        f"On readings that it had not seen, {went}{rounded(gain, error)} ± {uncertainty(error)}; cross-validated in "
-        f"{held_out['folds']} folds, in {held_out['same_set_in_folds']} of which the same set was chosen."
+        f"On readings that it had not seen, {went}{gain}; cross-validated in {held_out['folds']} folds, in "
+        f"{held_out['same_set_in_folds']} of which the same set was chosen."
     )
 
 
@@ -222,25 +225,52 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
     before, after = found["f_overall_before"], found["f_overall_after"]
     if not before or not after:
         return ""
-    value = quantity(after["mean"], after["sd"], "N m s")
+    was, value = (quantity(one["mean"], one["sd"], "N m s") for one in (before, after))
+    beside = ", as before" if value == was else f"; in the base model alone it is {was}"
     if found["verdict"] == "consistent":
         said = "what is not excluded is weighed in" if found["next_tests"] else "nothing has to be corrected"
-        return f"f_overall is {value}; {said}."
+        return f"f_overall is {value}{beside}; {said}."
     if found["verdict"] == "unresolved":
         return f"f_overall is {value} if what is missing is smooth; it has taken part of that: do not rely on it."
     shift = before["mean"] - after["mean"]
     if abs(shift) < 0.1 * after["sd"]:
-        return f"f_overall is {value}, as before."
+        return f"f_overall is {value}{beside}."
     sd = after["sd"]
     size = f"{uncertainty(abs(shift)) if abs(shift) < sd else rounded(abs(shift), sd)} N m s"
     share = f"{100.0 * abs(shift) / after['mean']:.2g} %" if after["mean"] > 0.0 else ""
     held = [effect["id"] for effect in found["effects"] if effect["id"] != MISREAD]
     if not held:
         return f"f_overall is {value}, without the readings that are off, and what is not excluded weighed in."
-    names = listed([titles([name]) for name in held])
+    names = titles(held)
     rest = " or its rivals" if found["verdict"] == "confounded" else ""
     way = "low" if shift < 0.0 else "high"
     return f"f_overall came out {size} ({share}) too {way} without {names}{rest}; with it, it is {value}."
+
+
+def blind_in_words(found: Diagnosis) -> str:
+    """That nothing was to be seen, in a sentence; empty where an effect would have shown or something is said.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
+    if found.verdict.kind != "consistent" or not found.resolved:
+        return ""
+    if any(one.seen_from is not None for one in found.resolved):
+        return ""
+    place = found.comparison.problem.place("f_overall")
+    prior = place is not None and math.sqrt(found.base.covariance[place, place]) > UNINFORMED
+    return f"This recording would show no effect of a believable size{'; f_overall is as its prior has it' * prior}."
+
+
+def _averaged_over(found: Diagnosis) -> str:
+    """What f_overall is averaged over once a diagnosis is made."""
+    if found.verdict.chosen is not None:
+        return "the sets that stand, weighed"
+    if found.verdict.kind != "unresolved":
+        return "what is not excluded, weighed in"
+    return "all sets, weighed" if found.beside is None else "beside a smooth correction"
 
 
 def _interval(found: Diagnosis, one: Candidate) -> Interval:

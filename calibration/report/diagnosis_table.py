@@ -37,12 +37,9 @@ def table(found: Mapping[str, Any]) -> Table:
         made.add_row("bad reading", escape(words.reading_in_words(row)))
     held_out = (found.get("improvement") or {}).get("held_out")
     if held_out:
-        gain = f"log score changed by {held_out['elpd_gain']:.1f}"
-        if words.is_unseen(held_out):
-            made.add_row("held out", escape(f"{gain} on an {held_out['scheme']}"))
-        else:
-            over = f"± {held_out['elpd_gain_se']:.1f} over {held_out['folds']} folds (cross-validated)"
-            made.add_row("held out", f"{gain} {over}")
+        over = f"over {held_out['folds']} folds (cross-validated)"
+        on = f"on an {held_out['scheme']}" if words.is_unseen(held_out) else over
+        made.add_row("held out", escape(f"log score changed {on} by {words.gain_in_figures(held_out)}"))
     for key, said in (
         ("f_overall_before", "f_overall, base model"),
         ("f_overall_after", "f_overall, effects weighed in"),

@@ -38,7 +38,7 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
         # A test is proposed only where something else may be there too.
         tests = found["next_tests"]
         likely = dict.fromkeys(name for test in tests for name in test["separates"] if name != NOTHING)
-        also = f" Not excluded: {listed([titles(one.split('+')) for one in likely])}." if likely else ""
+        also = f" Not excluded: {in_a_row([one.split('+') for one in likely], 'and')}." if likely else ""
         rows = listed([reading_in_words(row) for row in found.get("suspect_rows", [])[:MOST_ROWS]])
         stands_out = f" Noise with heavy tails would explain what stands out: {rows}." if rows else ""
         return f"The model explains the recording ({chance}); nothing has to be added.{also}{stands_out}"
@@ -49,11 +49,12 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
         return " ".join([*said, excluded]).strip()
     if verdict == "confounded":
         named = [effect["id"] for effect in found["effects"]]
-        rivals = [titles(named), *(titles(names) for names in found["alternatives"][: MOST_ROWS - 1])]
+        rivals = [named, *found["alternatives"][: MOST_ROWS - 1]]
         rest = len(found["alternatives"]) + 1 - len(rivals)
-        more = f", nor from {rest} more" if rest else ""
+        more = f", or one of {rest} more" if rest else ""
         certain = "may be" if [] in [list(names) for names in found["alternatives"]] else "is"
-        return f"Something {certain} left out ({chance}), and this recording cannot tell {' from '.join(rivals)}{more}."
+        which = in_a_row(rivals, "or")
+        return f"Something {certain} left out ({chance}), and this recording cannot tell which it is: {which}{more}."
     words = f"Something is left out ({chance}), and no effect in the list explains it."
     if found["located"]:
         words += f" {place_in_words(found['located'][0])}"
@@ -63,14 +64,43 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
 
 
 def titles(names: Sequence[str]) -> str:
-    """Effects as people call them.
+    """A set of effects as people call them, each in quotes with its id.
 
     Parameters
     ----------
     names : sequence of str
-        Effect ids.
+        Effect ids; what is none stands as it is.
     """
-    return " with ".join(effects()[name].title if name in effects() else name for name in names) or "nothing left out"
+    known = effects()
+    return listed([f"“{title(name)}”" if name in known else name for name in names]) or "nothing left out"
+
+
+def title(name: str) -> str:
+    """An effect as people call it, with its id.
+
+    Parameters
+    ----------
+    name : str
+        The effect's id.
+    """
+    return f"{effects()[name].title} ({name})"
+
+
+def in_a_row(sets: Sequence[Sequence[str]], word: str) -> str:
+    """Sets of effects in a row; where one has several members a comma tells where it ends.
+
+    Parameters
+    ----------
+    sets : sequence of sequence of str
+        Effect ids.
+    word : str
+        Before the last, as "or".
+    """
+    *first, last = [titles(names) for names in sets]
+    if not first:
+        return last
+    comma = "," if any(len(names) > 1 for names in sets) else ""
+    return f"{', '.join(first)}{comma} {word} {last}"
 
 
 def p_in_words(p: float) -> str:
@@ -121,6 +151,8 @@ def span_in_words(place: Mapping[str, Any]) -> str:
     place : mapping
         An entry of ``located``.
     """
+    if place["coordinate"] == "row":
+        return f"row {place['where'][0]:g}"
     unit, factor = FAMILIAR.get(place["unit"], (place["unit"], 1.0))
     low, high = (float(f"{factor * float(end):.3g}") for end in place["where"])
     return f"{low:g} and {high:g} {unit}".removesuffix(" 1")
@@ -233,6 +265,19 @@ def is_unseen(held_out: Mapping[str, Any]) -> bool:
         ``improvement.held_out`` of a diagnosis/1.
     """
     return str(held_out["scheme"]).startswith("unseen run")
+
+
+def gain_in_figures(held_out: Mapping[str, Any]) -> str:
+    """By how much the log score changed, with its standard error where there is one; and what a fall of it means.
+
+    Parameters
+    ----------
+    held_out : mapping
+        ``improvement.held_out`` of a diagnosis/1.
+    """
+    gain, error = held_out["elpd_gain"], held_out["elpd_gain_se"]
+    figures = f"{rounded(gain, error)} ± {uncertainty(error)}" if error > 0.0 else f"{gain:.1f}".replace("-", "−")
+    return figures + (" (it predicts worse than the base model)" if gain < 0.0 else "")
 
 
 def is_corrected(held_out: Mapping[str, Any]) -> bool:

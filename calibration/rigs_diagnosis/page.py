@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
+from calibration.report.diagnosis_words import in_a_row
 from calibration.report.fit_page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit_words import probability
 from calibration.report.render import render
@@ -65,7 +66,7 @@ def context(found: RigDiagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "tests": Grid(
             ("test", "tells", "nats"),
             tuple(
-                (t["test"], " from ".join(t["separates"]), f"{t['information_nats']:.1f}")
+                (t["test"], in_a_row([one.split("+") for one in t["separates"]], "and"), f"{t['information_nats']:.1f}")
                 for t in document["next_tests"][:MOST]
             ),
             2,

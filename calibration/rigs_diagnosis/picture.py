@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.report import style
+from calibration.report.diagnosis_words import title
 from calibration.rigs_diagnosis.diagnose import RigDiagnosis
 from calibration.rigs_diagnosis.places import coordinates
-from calibration.rigs_diagnosis.words import titles
 from calibration.rigs_fit import RigFit
 from model.layout import L_MIN, RPM
 
@@ -32,7 +32,7 @@ def picture(found: RigDiagnosis) -> bytes:
     chosen = found.chosen
     parts = [("without any effect", found.base)]
     if chosen is not None:
-        parts.append(("with " + "\nand ".join(titles([name]) for name in chosen.names), chosen.fit))
+        parts.append(("with " + "\nand ".join(title(name) for name in chosen.names), chosen.fit))
     channels = list(dict.fromkeys(one.channel for one in found.problem.readings))
     with style.drawing(len(channels), len(parts), 2.9 * len(channels), sharey="row", sharex=True, squeeze=False) as (
         figure,

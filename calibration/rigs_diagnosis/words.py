@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from calibration.report.diagnosis_words import in_a_row, titles
 from model.effects import effects
 from model.layout import L_MIN
 
@@ -34,7 +35,7 @@ def sentence(document: Mapping[str, Any]) -> str:
     if document["verdict"] == "named":
         words = f"Left out of the model ({chance}): {', '.join(_effect(one) for one in document['effects'])}."
     else:
-        rivals = "; or ".join(titles(names) for names in [named, *document["alternatives"][:MOST_ROWS]])
+        rivals = in_a_row([named, *document["alternatives"][:MOST_ROWS]], "or")
         certain = "may be" if [] in [list(names) for names in document["alternatives"]] else "is"
         words = f"Something {certain} left out ({chance}), and this recording cannot tell: {rivals}."
     left = document["left"]
@@ -53,17 +54,6 @@ def chance_in_words(p: float) -> str:
         The p-value [-].
     """
     return f"p < {LEAST_P:.0e}" if p < LEAST_P else f"p = {p:.2g}"
-
-
-def titles(names: list[str]) -> str:
-    """Effects as people call them.
-
-    Parameters
-    ----------
-    names : list of str
-        Effect ids.
-    """
-    return " with ".join(effects()[name].title for name in names) or "nothing left out"
 
 
 def table(document: Mapping[str, Any]) -> Table:

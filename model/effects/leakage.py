@@ -44,7 +44,7 @@ EFFECT = Effect(
         EffectParameter(
             "conductance_kg_s_pa2", "kg/(s Pa2)", 0.0, 3e-13, 2e-14, text="conductance, the line at twice the ambient"
         ),
-        EffectParameter("exponent", "-", ORIFICE, LAMINAR, 0.63, True, text="1 for a narrow gap, 0.4 for a hole"),
+        EffectParameter("exponent", "-", ORIFICE, LAMINAR, 0.63, True, text="exponent (1 a narrow gap, 0.4 a hole)"),
     ),
     leak=leak,
 )

@@ -186,20 +186,16 @@ def _totals(effects: list[Concealed], nuisances: Mapping[str, float], errors: Ma
 
 def _place(effects: list[Concealed], where: list[float] | None) -> dict[str, Any]:
     """Where a mismatch is; of two effects, either place is right."""
+    if len(effects) > 1:
+        return {"any_of": [_place([effect], where) for effect in effects]}
     if not effects:
         return {}
-    found: dict[str, Any] = {}
-    for key in ("balance", "channel", "coordinate"):
-        words: list[str] = []
-        for effect in effects:
-            said = sizes.PLACES[effect.id][key]
-            words += [said] if isinstance(said, str) else said
-        found[key] = sorted(set(words))
-    if len(effects) == 1 and effects[0].id == "bad_reading":
-        rows = [int(name.partition("_row_")[2]) for name in effects[0].values]
-        channels = {name.partition("_row_")[0] for name in effects[0].values}
-        return found | {"channel": sorted(channels), "where": [float(min(rows)), float(max(rows))]}
-    return found | {"where": where}
+    found: dict[str, Any] = dict(sizes.PLACES[effects[0].id])
+    if effects[0].id != "bad_reading":
+        return found | {"where": where}
+    rows = [int(name.partition("_row_")[2]) for name in effects[0].values]
+    channels = {name.partition("_row_")[0] for name in effects[0].values}
+    return found | {"channel": sorted(channels), "where": [float(min(rows)), float(max(rows))]}
 
 
 def _cut(rng: np.random.Generator) -> float:

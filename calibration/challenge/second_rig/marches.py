@@ -230,7 +230,19 @@ def gas_torque(p: np.ndarray, gauge: float) -> float:
     gauge : float
         Pressure of the line above the ambient's [Pa].
     """
-    return 2.82e-5 * (gauge - 2000.0) - p[FR] * (5.9 + 1.02e-4 * gauge)
+    return 2.82e-5 * (gauge - 2000.0) - p[FR] * roller_arm(gauge)
+
+
+@njit(cache=True)
+def roller_arm(gauge: float) -> float:
+    """Roughly, the mean friction torque of the rollers over their factor [N m]; as good as `gas_torque`.
+
+    Parameters
+    ----------
+    gauge : float
+        Pressure of the line above the ambient's [Pa].
+    """
+    return 5.9 + 1.02e-4 * gauge
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ one of two with probability Phi(D sqrt((1 - rho) / 2)).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,11 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.special import ndtr
 
 from calibration.challenge.second_rig import bench
-from calibration.challenge.second_rig.concealed import USUAL
-from calibration.challenge.second_rig.signatures import Probed, Whitened, asked_of
+from calibration.challenge.second_rig.concealed import USUAL, Concealed
+from calibration.challenge.second_rig.draws import WIDTHS
+from calibration.challenge.second_rig.marches import roller_arm
+from calibration.challenge.second_rig.signatures import INERTIA, ROLLER, Probed, Whitened, asked_of
+from calibration.challenge.second_rig.sizes import SEAL_PER_ROLLER_M3
 from calibration.challenge.second_rig.truth import Truth
 from rig.recording import read_recording
 
@@ -32,6 +35,7 @@ STEPS = 16  # most that the nuisances go
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step, tried in turn until one comes nearer
 SETTLED = 1e-3  # share of the distance that a step has to gain
 FARTHEST = 5.0  # declared sds that a nuisance may go
+FAINT = 3.0  # D below which it does not matter how small it is
 
 
 def separable(truth: Truth, folder: Path) -> dict[str, Any]:
@@ -67,7 +71,8 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     seen = []
     for k, (rest, change) in enumerate(zip(rests, changes, strict=True)):
         others = [np.empty((change.size, 0)), *(FREE * other for i, other in enumerate(changes) if i != k)]
-        seen.append(Seen(*_taken_up(whitened, everything, rest, change, nuisances, np.column_stack(others))))
+        free, alike = np.column_stack(others), hidden_in(rig.effects[k], rest, whitened)
+        seen.append(Seen(*_taken_up(whitened, everything, rest, change, nuisances, free, alike)))
     found["D"] = min(one.D for one in seen)
     if found["D"] < LEAST_D or truth.ids == ["unknown"]:
         return found
@@ -137,6 +142,36 @@ class Seen:
         return float(found.max() if one_sided else np.abs(found).max())
 
 
+def hidden_in(effect: Concealed, rest: bench.Rig, whitened: Whitened) -> np.ndarray | None:
+    """Where a nuisance alone makes about the same of the readings as an effect, shape (k,); None where none does.
+
+    A roller factor several times its own, or an inertia, lies at the end of a curved valley along which a search from
+    the middle of the priors stops: of an effect in the form of one it is told where that ends.
+
+    Parameters
+    ----------
+    effect : Concealed
+        The effect.
+    rest : Rig
+        The rig without it.
+    whitened : Whitened
+        The recording.
+    """
+    z, v = np.zeros(whitened.steps.size), effect.values
+    if effect.id == "inertia":
+        z[INERTIA] = np.log1p(v["share"]) / WIDTHS["declared"]["inertia"]
+    elif effect.id in ("load_friction", "coulomb_friction"):
+        if effect.id == "coulomb_friction":
+            extra = v["torque_nm"] / roller_arm(whitened.mean_line - rest.nuisances["ambient_pa"])
+        else:
+            extra = v.get("roller_factor", v.get("torque_per_pressure_m3", 0.0) / SEAL_PER_ROLLER_M3)
+        own = rest.nuisances["roller_factor"]
+        z[ROLLER] = np.log(1.0 + max(extra, 0.0) / own) / WIDTHS["declared"]["roller_factor"]
+    else:
+        return None
+    return np.clip(z, -FARTHEST, FARTHEST)
+
+
 def _taken_up(
     whitened: Whitened,
     everything: np.ndarray,
@@ -144,31 +179,72 @@ def _taken_up(
     change: np.ndarray,
     nuisances: np.ndarray,
     free: np.ndarray,
+    alike: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """A change of the readings less what the nuisances take up of it beyond what straight lines would, and those lines.
 
     Projected on them it has the size that is left at the nearest point which the nuisances reach: there N^T e = z, so
-    that (e + N z)^T (1 + N N^T)^-1 (e + N z) = e^T e + z^T z.
+    that (e + N z)^T (1 + N N^T)^-1 (e + N z) = e^T e + z^T z. The point is looked for from the middle of the priors,
+    and from where a nuisance is known to be alike.
     """
-    z, e = np.zeros(nuisances.shape[1] + free.shape[1]), change
-    k, far, N = nuisances.shape[1], float(change @ change), np.column_stack([nuisances, free])
-    fresh = False
+    k, f = nuisances.shape[1], free.shape[1]
+
+    def left(z: np.ndarray) -> np.ndarray:
+        return everything - whitened.moved(rest, z[:k]) - free @ z[k:]
+
+    z = np.zeros(k + f)
+    ends = [_nearest(whitened, rest, left, z, change, np.column_stack([nuisances, free]), free, False)]
+    if alike is not None and _distance(ends[0]) > FAINT**2:
+        z = np.append(alike, np.zeros(f))
+        ends.append(_nearest(whitened, rest, left, z, left(z), _lines(whitened, rest, z, free), free, True))
+    z, e, N = min(ends, key=_distance)
+    return e + N @ z, N
+
+
+def _distance(end: tuple[np.ndarray, np.ndarray, np.ndarray]) -> float:
+    """Of the readings from what the nuisances reach at the end of a search, and of that from the priors' middle."""
+    z, e, _ = end
+    return float(e @ e + z @ z)
+
+
+def _lines(whitened: Whitened, rest: bench.Rig, z: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """What nuisances and free effects change at a point, shape (m, k + f)."""
+    return np.column_stack([whitened.nuisances(rest, z[: z.size - free.shape[1]]), free])
+
+
+def _nearest(
+    whitened: Whitened,
+    rest: bench.Rig,
+    left: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    e: np.ndarray,
+    N: np.ndarray,
+    free: np.ndarray,
+    fresh: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The nearest point that steps from one lead to: the unknowns, what is left there, and the lines.
+
+    Old lines are used as long as they lead nearer, what multiplies growing with its value; then they are taken anew.
+    """
+    k = z.size - free.shape[1]
+    far = float(e @ e + z @ z)
+    per_one = N[:, :k] / whitened.grown(z[:k])
     for _ in range(STEPS):
         step, nearer = np.linalg.solve(np.eye(z.size) + N.T @ N, N.T @ e - z), False
         for share in SHARES:
             tried = z + share * step
             tried[:k] = np.clip(whitened.wrapped(rest, tried[:k]), -FARTHEST, FARTHEST)
-            there = everything - whitened.moved(rest, tried[:k]) - free @ tried[k:]
+            there = left(tried)
             distance = float(there @ there + tried @ tried)
             if distance < far:
                 nearer = distance < (1.0 - SETTLED) * far
                 z, e, far = tried, there, distance
-                N, fresh = np.column_stack([nuisances * whitened.grown(z[:k]), free]), False
+                N, fresh = np.column_stack([per_one * whitened.grown(z[:k]), free]), False
                 break
         if nearer:
             continue
-        if fresh or not whitened.asked.runs:
+        if fresh or far < FAINT**2:
             break  # where old lines lead nowhere, new ones may
-        nuisances = whitened.nuisances(rest, z[:k]) / whitened.grown(z[:k])
-        N, fresh = np.column_stack([nuisances * whitened.grown(z[:k]), free]), True
-    return e + N @ z, N
+        N, fresh = _lines(whitened, rest, z, free), True
+        per_one = N[:, :k] / whitened.grown(z[:k])
+    return z, e, N

@@ -32,6 +32,7 @@ FLAT = float(np.log(0.4 / 0.01) / np.sqrt(12.0))  # sd of ln f_overall, log-unif
 LEVEL_PA = 4000.0  # rows nearer than this are of one level
 SLOWEST = 20.0  # rad/s; below it a coast-down depends on the phase at which the supply was shut, and not linearly
 ENDS = 3  # samples in which a pulse is not whole
+ROLLER, INERTIA = 2, 5  # places among the nuisances
 
 # Probes: effects of a small size in their usual form, with the shapes that it can have. One-sided ones have no negative
 # size.
@@ -230,7 +231,7 @@ class Whitened:
         z : ndarray, shape (k,), or None
             By how many declared sds its nuisances are off already; nothing for None [-].
         """
-        rig, steps = rig or self.base, self._steps()
+        rig, steps = rig or self.base, self.steps
         z = np.zeros(steps.size) if z is None else z
         y = self.moved(rig, z)
         ones = np.eye(steps.size)
@@ -238,7 +239,14 @@ class Whitened:
             [(self.moved(rig, z + step * one) - y) / step for step, one in zip(steps, ones, strict=True)]
         )
 
-    def _steps(self) -> np.ndarray:
+    @property
+    def mean_line(self) -> float:
+        """Mean pressure of the steady rows' line, or of the runs' where there are none [Pa]."""
+        lines = [rows.lines for rows, _, _ in self.asked.steady] or [np.array([one.line for one, _ in self.asked.runs])]
+        return float(np.mean(np.concatenate(lines)))
+
+    @property
+    def steps(self) -> np.ndarray:
         """Over which slopes with the nuisances are taken, in declared sds, shape (k,)."""
         width = WIDTHS["declared"]
         motor = (

@@ -33,7 +33,8 @@ class Truth:
     sizes : dict
         By id, the values in SI under the names that a diagnosis reports; only effects in their usual form.
     place : dict
-        ``balance``, ``channel``, ``coordinate`` (a word or a list of right ones), ``where`` (a range in SI, or None).
+        ``balance``, ``channel``, ``coordinate`` (a word or a list of right ones), ``where`` (a range in SI, or None);
+        of two effects ``any_of``, such a place each.
     f_overall : float
         The motor's [N m s].
     nuisances : dict
