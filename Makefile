@@ -13,10 +13,10 @@ CHALLENGE ?= $(OUT)/challenge
 RECORD ?= $(OUT)/record
 RECORD_KEPT ?= $(RECORD)/kept
 RECORD_PAGE ?= $(RECORD)/page
-RECORD_PARTS ?= nulls-e mixed-e mixed-f nulls-f nulls-g mixed-g mixed-h nulls-h nulls-i mixed-i mixed-j nulls-j \
-  nulls-k mixed-k mixed-l nulls-l
-MIXED_CASES ?= 50
-NULLS_CASES ?= 115
+RECORD_PARTS ?= nulls-m mixed-m nulls-n mixed-n nulls-o mixed-o nulls-p mixed-p nulls-q mixed-q nulls-r mixed-r \
+  nulls-s nulls-t
+MIXED_CASES ?= 60
+NULLS_CASES ?= 116
 SEED ?=
 
 .PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record demonstration figures lock clean clean-cache
@@ -97,8 +97,9 @@ challenge: $(STAMP)
 	$(BIN)/spinbench challenge score $(CHALLENGE) --page $(CHALLENGE)/page
 
 # In parts, each a campaign of its own, made, run and scored before the next; what is kept of one is small, and may be
-# moved to another machine, the ledger with it. RECORD_KEPT=docs/challenge/record RECORD_PAGE=docs/challenge is the
-# record of this repository. With SEED=N the parts have the seeds N + 1, N + 2, ...
+# moved to another machine, the ledger with it. The make-up holds in whole blocks of twenty cases.
+# RECORD_KEPT=docs/challenge/record RECORD_PAGE=docs/challenge is the record of this repository. With SEED=N the parts
+# have the seeds N + 1, N + 2, ...
 record: $(STAMP)
 	@set -e; part=0; for name in $(RECORD_PARTS); do \
 	  part=$$((part + 1)); folder=$(RECORD)/record-$$name; \

@@ -53,6 +53,31 @@ def _die_elsewhere(home: int) -> int:
     return home
 
 
+def test_what_a_turn_knows_of_those_before_does_not_hang_on_the_processes() -> None:
+    for workers in (1, 2):
+        with SideBySide(workers) as side_by_side:
+            side_by_side.begin()
+            taken, known = [], []
+
+            def ask(turn: int, taken=taken, known=known) -> tuple[int, int]:
+                known.append(len(taken))
+                return turn, 2
+
+            side_by_side.in_turn(divmod, 6, ask, lambda turn, answer, taken=taken: taken.append((turn, answer)), 3)
+        assert known == [0, 0, 0, 1, 2, 3]
+        assert taken == [(turn, divmod(turn, 2)) for turn in range(6)]
+
+
+def test_the_turns_of_a_killed_process_are_done_all_the_same() -> None:
+    with SideBySide(2) as side_by_side:
+        side_by_side.begin()
+        taken: list[int] = []
+        side_by_side.in_turn(
+            _die_elsewhere, 5, lambda turn: (os.getpid(),), lambda turn, answer: taken.append(answer), 3
+        )
+    assert taken == [os.getpid()] * 5
+
+
 def test_the_base_model_is_the_same_to_the_bit_in_threads(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 3, DRAG)
     recording = recordings.add_coast_down(tmp_path, 3, DRAG)

@@ -3,8 +3,8 @@
 With runs in time an effect that hides from the linear model is refitted whatever that says of it, alone and beside the
 best of the others.
 
-Sets are refitted side by side, a few at a time; how many does not hang on the number of processes, so neither does the
-result. Of what is far behind the best set so far only the start of the search is made.
+Sets are refitted side by side; what one knows of those before it does not hang on the number of processes, so neither
+does the result. Of what is far behind the best set so far only the start of the search is made.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CLOSE = 10.0  # nats behind the best set within which another is looked for from
 # Not tried is what promises less than half of what the member is worth, and is this far behind it in nats: the linear
 # model is seldom off by more.
 HOPELESS_SHARE, HOPELESS = 0.5, 15.0
-AT_ONCE = 2  # sets refitted side by side
+AT_ONCE = 3  # refits that a further one does not wait for: two processes then never wait for each other
 
 Names = tuple[str, ...]
 First = dict[tuple[str, str], float]  # values of effects' unknowns to start from
@@ -218,20 +218,20 @@ class Search:
         return [replace(job, outset=outset) for outset, job in sorted(begun, key=lambda pair: pair[0].reached)]
 
     def _refit(self, jobs: Sequence[_Job]) -> None:
-        """Refit sets, AT_ONCE side by side; a set with which the model gives no reading at all is left out."""
-        for i in range(0, len(jobs), AT_ONCE):
-            some = jobs[i : i + AT_ONCE]
-            self._tell("refit " + ", ".join(" and ".join(job.names) for job in some))
-            best = cost_of(self.comparison, self.modes[self._best()])
-            for job, mode in zip(
-                some,
-                self._side_by_side(_found, [(self.comparison, job, best) for job in some]),
-                strict=True,
-            ):
-                before = self.modes.get(job.names)
-                if mode is not None and (before is None or mode.log_evidence > before.log_evidence):
-                    self.modes[job.names] = mode
-                    self._signatures.pop(job.names, None)
+        """Refit sets, a few side by side; a set with which the model gives no reading at all is left out."""
+
+        def ask(turn: int) -> tuple[Comparison, _Job, float]:
+            self._tell("refit " + " and ".join(jobs[turn].names))
+            return self.comparison, jobs[turn], cost_of(self.comparison, self.modes[self._best()])
+
+        def take(turn: int, mode: Mode | None) -> None:
+            names = jobs[turn].names
+            before = self.modes.get(names)
+            if mode is not None and (before is None or mode.log_evidence > before.log_evidence):
+                self.modes[names] = mode
+                self._signatures.pop(names, None)
+
+        self._side_by_side.in_turn(_found, len(jobs), ask, take, AT_ONCE)
 
 
 def _found(comparison: Comparison, job: _Job, best: float) -> Mode | None:

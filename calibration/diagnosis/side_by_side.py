@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import Any, TypeVar
@@ -72,11 +74,75 @@ class SideBySide:
             try:
                 asked = [self._pool.submit(function, *each) for each in arguments]
                 return [one.result() for one in asked]
-            except (BrokenProcessPool, OSError):  # a worker was killed, for want of memory perhaps
-                self._pool.shutdown(wait=False, cancel_futures=True)
-                self._pool = None
-        with threads(self._workers if self._pool is not None else 1):  # one alone has all the cores
-            return [function(*each) for each in arguments]
+            except (BrokenProcessPool, OSError):
+                self._give_up()
+        return [self._here(function, each) for each in arguments]
+
+    def in_turn(
+        self,
+        function: Callable[..., Answer],
+        turns: int,
+        ask: Callable[[int], tuple[Any, ...]],
+        take: Callable[[int, Answer], None],
+        at_once: int,
+    ) -> None:
+        """Call a function of a module turn after turn, so many side by side; what is asked may hang on earlier answers.
+
+        An answer is taken when ``at_once`` turns have been asked and not taken: which answers a turn knows does not
+        hang on the number of processes, nor on their speed.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module: it is called in other processes.
+        turns : int
+            Number of calls [-].
+        ask : callable
+            Gives the arguments of a turn.
+        take : callable
+            Told the turn and its answer, in order.
+        at_once : int
+            Turns asked beyond the last one taken [-].
+        """
+        asked: deque[Callable[[], Answer]] = deque()
+        for turn in range(turns):
+            if len(asked) == at_once:
+                take(turn - at_once, asked.popleft()())
+            arguments = ask(turn)
+            asked.append(self._asked(function, arguments) if turns > 1 else partial(self._here, function, arguments))
+        for turn in range(turns - len(asked), turns):
+            take(turn, asked.popleft()())
+
+    def _asked(self, function: Callable[..., Answer], arguments: tuple[Any, ...]) -> Callable[[], Answer]:
+        """What gives the answer to one call that has begun in another process, or has been made in this one."""
+        if self._pool is None:
+            answer = self._here(function, arguments)
+            return lambda: answer
+        try:
+            begun = self._pool.submit(function, *arguments)
+        except (BrokenProcessPool, OSError):
+            self._give_up()
+            return self._asked(function, arguments)
+
+        def answer_of() -> Answer:
+            try:
+                return begun.result()
+            except (BrokenProcessPool, OSError):
+                self._give_up()
+                return self._here(function, arguments)
+
+        return answer_of
+
+    def _here(self, function: Callable[..., Answer], arguments: tuple[Any, ...]) -> Answer:
+        """The answer, found in this process; where nothing runs beside it, it has all the cores."""
+        with threads(self._workers if self._pool is not None else 1):
+            return function(*arguments)
+
+    def _give_up(self) -> None:
+        """Do without processes: one was killed, for want of memory perhaps."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = None
 
 
 def _load() -> None:
