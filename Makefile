@@ -13,8 +13,7 @@ CHALLENGE ?= $(OUT)/challenge
 RECORD ?= $(OUT)/record
 RECORD_KEPT ?= $(RECORD)/kept
 RECORD_PAGE ?= $(RECORD)/page
-RECORD_PARTS ?= nulls-m mixed-m nulls-n mixed-n nulls-o mixed-o nulls-p mixed-p nulls-q mixed-q nulls-r mixed-r \
-  nulls-s nulls-t
+RECORD_PARTS ?= nulls-m mixed-m nulls-n mixed-n nulls-o mixed-o nulls-p mixed-p nulls-q nulls-r nulls-s nulls-t nulls-u
 MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
