@@ -70,7 +70,7 @@ def signal(bins: Sequence[Mapping[str, Any]]) -> bytes:
         axes.set_ylim(-0.02, 1.02)
         style.name_axes(axes, ("signal-to-noise ratio D (cases)", "1"), ("share of cases", "1"))
         if filled:
-            axes.legend()
+            figure.legend(loc="outside upper center", ncols=3)
         return style.png(figure)
 
 
@@ -90,7 +90,7 @@ def reliability(found: Mapping[str, Any]) -> bytes:
                 _rates(axes, [one["stated"] for one in bins], bins, i, words)
         style.name_axes(axes, ("probability stated", "1"), ("share that came true", "1"))
         if found["sets"]["bins"]:
-            axes.legend(loc="upper left")
+            figure.legend(loc="outside upper center", ncols=3)
         return style.png(figure)
 
 
@@ -119,7 +119,7 @@ def covered(found: Mapping[str, Any]) -> bytes:
         axes.set_xlim(0.0, 1.0)
         axes.set_xlabel("share of intervals that hold the truth")
         if parts:
-            axes.legend(loc="lower left")
+            figure.legend(loc="outside upper center", ncols=3)
         return style.png(figure)
 
 
