@@ -1,5 +1,6 @@
 """The documentation: links lead somewhere, commands in it exist, and its table of priors is the code's."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -73,3 +74,17 @@ def test_the_table_of_priors_is_the_codes():
     rows = [f"| `{u.name}` | {u.unit} | {PRIORS[u.kind].format(a=u.a, b=u.b)} |" for u in found]
     page = text_of(ROOT / "docs" / "fit.md")
     assert page.partition("<!-- priors")[2].partition("\n\n")[0].splitlines()[3:] == rows
+
+
+def test_the_record_is_told_as_it_was_scored():
+    record = json.loads(text_of(ROOT / "docs" / "challenge" / "result.json"))
+    section = text_of(ROOT / "docs" / "challenge.md").partition("## The record\n")[2].partition("\n## ")[0]
+    told = [line.split("|") for line in section.splitlines() if line.startswith("| ")][1:]
+    got, met = "\n".join(row[3] for row in told), sorted(row[4].partition(":")[0].partition(",")[0] for row in told)
+    for goal in record["goals"]:
+        share = goal["got"]
+        wanted = f" {share['hits']} of {share['n']} " if share else f" {100 * goal['ratio']:.1f} % "
+        assert wanted in got, goal["goal"]
+    assert [word.strip() for word in met] == sorted(goal["met"] for goal in record["goals"])
+    assert f"{record['cases']} cases in thirteen parts" in text_of(ROOT / "README.md").replace("\n", " ")
+    assert len(record["campaigns"]) == 13
