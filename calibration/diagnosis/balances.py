@@ -113,9 +113,10 @@ def _gauge(along: Along, comparison: Comparison, mode: Mode) -> Callable[[Pieces
         out[n : 2 * n] = -shares * mode.prediction.speed_slope[:, None]
         for run in problem.blocks.runs:
             i = next(i for i, one in enumerate(problem.nuisances) if one.name == f"{run.file}.supply")
-            opened = [one.pressure_pa + (ambient if run.is_gauge else 0.0) for one in run.supply if one.is_open]
+            opened = [one.pressure_pa + (ambient if run.is_gauge else 0.0) for one in run.valve if one.is_open]
             if opened:
-                out += (mode.D[:, i] / problem.nuisances[i].b)[:, None] * pieces(np.array([np.mean(opened)]))
+                moved = np.where(comparison.kind >= RUN, mode.D[:, i], 0.0) / problem.nuisances[i].b
+                out += moved[:, None] * pieces(np.array([np.mean(opened)]))
         return out
 
     return columns

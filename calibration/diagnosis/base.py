@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.diagnosis.descent import find, opened
+from calibration.diagnosis.carried import carried
+from calibration.diagnosis.descent import find, with_lines
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
+from calibration.diagnosis.problem import Problem
 
 OFF = 5.0  # sds beyond which a reading that stands out from its neighbours says nothing of their noise
 
@@ -20,16 +22,32 @@ def base_of(comparison: Comparison) -> Mode:
     Parameters
     ----------
     comparison : Comparison
-        The recording; its problem's angles and its swing are changed.
+        The recording; what its pulses do, and their swing, are changed.
     """
-    base = find(comparison, (), roughly=True)
+    begun = _by_plateaus(comparison)
+    base = find(comparison, (), begun)
     misread = _standing_out(comparison, base)
     if misread.any():
         comparison.noise.leave_alone(misread)
     if comparison.problem.blocks.runs:
-        turned = set_angles(comparison, base)
-        return find(comparison, (), turned, None) if misread.any() else find(comparison, (), turned)
+        comparison.see_pulses(base.z)
+        return find(comparison, (), base, None) if misread.any() else find(comparison, (), base)
     return find(comparison, (), base) if misread.any() else base
+
+
+def _by_plateaus(comparison: Comparison) -> Mode | None:
+    """A start: what the plateaus say, and the lines of the runs in time by what was found so; None without both."""
+    problem, recording = comparison.problem, comparison.problem.recording
+    if not problem.blocks.runs or not comparison.n:
+        return None
+    files = tuple(file for file in recording.files if file.kind != "transient")
+    steady = Comparison(Problem(replace(recording, files=files)))
+    mode = find(steady, ())
+    f, u = Function(comparison, ()), np.zeros(mode.u.size)
+    z = with_lines(f, comparison, carried(steady.problem, mode, problem)[0], u)
+    comparison.see_pulses(z)
+    D, nothing = np.zeros((comparison.read.size, z.size)), np.zeros(comparison.read.size)
+    return Mode((), z, mode.u, D, D, nothing, np.eye(z.size), 0.0, nothing, f(z))
 
 
 def _standing_out(comparison: Comparison, mode: Mode) -> np.ndarray:
@@ -40,29 +58,3 @@ def _standing_out(comparison: Comparison, mode: Mode) -> np.ndarray:
     beside = np.pad(far, ((0, 0), (1, 1)))
     found: np.ndarray = np.any((far > OFF) & (far > 2.0 * np.maximum(beside[:, :-2], beside[:, 2:])), axis=0)
     return found
-
-
-def set_angles(comparison: Comparison, mode: Mode) -> Mode:
-    """Take the starting angles of a mode, and the swing of its pulses, as those to deviate from.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording; its problem's angles and its swing are changed.
-    mode : Mode
-        The point.
-
-    Returns
-    -------
-    Mode
-        The point with the angles' deviations set to 0: a start for `find`.
-    """
-    problem = comparison.problem
-    k = len(problem.nuisances)
-    z = mode.z.copy()
-    for i, unknown in enumerate(problem.nuisances):
-        if unknown.name.endswith(".angle"):
-            problem.start_angle[unknown.name.removesuffix(".angle")] += float(unknown.value(z[i]))
-            z[i] = 0.0
-    comparison.see_pulses(z[:k])
-    return replace(mode, z=opened(Function(comparison, mode.names), comparison, z, np.zeros(mode.u.size)))

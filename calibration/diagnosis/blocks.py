@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,12 +17,17 @@ from rig.recording import Recording, RecordingError, RecordingFile
 
 REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed: below, it hangs on single pulses
 RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest speed on: how it broke away nobody knows
-EMPTYING = (
-    2  # samples after the valve closes that are not compared: when it did within one, and what volume then emptied
-)
 FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
 LEVEL_PA = 3000.0  # gap that parts two pressure levels
+SETTLING = 0.7  # share of a span that began with the valve, after which its line is taken to have settled at first
+UNSETTLED = 0.005  # share of its pressure by which a line does not settle where the gauge last was,
+UNTOLD = 0.05  # ... and where hardly a reading tells
+MOVING_S = 2.0  # after the valve is moved; later readings are taken together
+MOST_READINGS = 60  # of the gauge while the line moves; more are taken together
+READ_LATE_S = 0.003  # by which the moment of a gauge's reading is off
+ALIKE = 4.0  # sds of its noise within which a gauge shows the same
+FORM = 0.02  # of what the line moves from reading to reading: no form of its course is exact
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
 
@@ -66,6 +72,38 @@ class Plateaus:
 
 
 @dataclass(frozen=True)
+class Line:
+    """What the gauge reads in a run in time, SI; readings that are alike are taken together.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Of the readings [s].
+    group : ndarray of int, shape (n,)
+        The mean that each goes into.
+    pressure, sd : ndarray, shape (m,)
+        Means of the groups and their noise [Pa].
+    """
+
+    time: np.ndarray
+    group: np.ndarray
+    pressure: np.ndarray
+    sd: np.ndarray
+
+    def means(self, at_readings: np.ndarray) -> np.ndarray:
+        """Means over the groups, shape (m,).
+
+        Parameters
+        ----------
+        at_readings : ndarray, shape (n,)
+            One value a reading [own unit].
+        """
+        count = np.bincount(self.group, minlength=self.pressure.size)
+        found: np.ndarray = np.bincount(self.group, at_readings, self.pressure.size) / np.maximum(count, 1)
+        return found
+
+
+@dataclass(frozen=True)
 class RunInTime:
     """A transient file, SI.
 
@@ -73,16 +111,18 @@ class RunInTime:
     ----------
     file : str
         Its name.
-    time : ndarray, shape (n,)
-        Of the samples, from the file's start [s]; a reading is the mean since the sample before.
+    time, begin : ndarray, shape (n,)
+        Each speed reading is the mean from ``begin`` to ``time``, from the file's start [s].
     speed : ndarray, shape (n,)
-        Readings [rad/s]; nan where there is none, negative-free.
-    supply : tuple of Supply
-        Spans of the line, by the gauge's mean over each.
-    supply_sd : float
-        Uncertainty of the open spans' pressure by the gauge's noise [Pa].
+        Readings [rad/s]; negative-free.
+    valve : tuple of Supply
+        Spans of the valve: when it was moved, and where the gauge settled with it open.
+    settled_sd : float
+        By how much that may be off, the gauge's own errors apart [Pa].
+    line : Line
+        What the gauge read on the way.
     is_gauge : bool
-        Whether the ambient is to be added to the supply.
+        Whether the ambient is to be added to the gauge's readings.
     start_s : float
         On the recording's clock [s].
     noise_scale : float
@@ -90,15 +130,17 @@ class RunInTime:
     from_rest : bool
         Whether it starts at rest; otherwise in the steady state of its first span.
     used : ndarray of bool, shape (n,)
-        Samples that are compared: a spin-up's once it is well on its way, a coast-down's from when the line is empty
+        Samples that are compared: a spin-up's once it is well on its way, a coast-down's from when the valve is moved
         until it is nearly over. What it turned at before says no more than a plateau, and is seldom as settled.
     """
 
     file: str
     time: np.ndarray
+    begin: np.ndarray
     speed: np.ndarray
-    supply: tuple[Supply, ...]
-    supply_sd: float
+    valve: tuple[Supply, ...]
+    settled_sd: float
+    line: Line
     is_gauge: bool
     start_s: float
     noise_scale: float
@@ -111,9 +153,9 @@ class RunInTime:
         return int(self.time.size)
 
     @property
-    def wanted(self) -> int:
-        """Number of samples up to the last that is compared [-]."""
-        return int(np.flatnonzero(self.used)[-1]) + 1 if self.used.any() else 1
+    def over(self) -> float:
+        """When the last sample that is compared ends [s]."""
+        return float(self.time[self.used][-1]) if self.used.any() else float(self.time[-1])
 
 
 @dataclass(frozen=True)
@@ -188,8 +230,9 @@ def blocks_of(recording: Recording) -> Blocks:
     """
     measured = gather(recording)
     every = (_run(file, recording) for file in recording.files if file.kind == "transient")
-    runs = tuple(run for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
-    return Blocks(_plateaus(recording, measured), runs, _vented(recording), _standing(recording), measured)
+    plateaus = _plateaus(recording, measured)
+    runs = tuple(_told(run, plateaus) for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
+    return Blocks(plateaus, runs, _vented(recording), _standing(recording), measured)
 
 
 def _vented(recording: Recording) -> Vented:
@@ -206,6 +249,8 @@ def _vented(recording: Recording) -> Vented:
             rest = _settled(file.columns["time_s"].values, file.columns["supply_open"].values > 0.5)
         read = file.columns[name].values[rest & (file.columns[name].censor == 0)] * PASCAL_PER_BAR
         read = read[np.isfinite(read)]
+        if file.kind == "transient":
+            read = _emptied(read, recording.channels[name].noise_sd * file.noise_scale * PASCAL_PER_BAR)
         if read.size:
             figures = recording.channels[name]
             noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
@@ -242,6 +287,15 @@ def _standing(recording: Recording) -> Standing:
     names, *rest = list(zip(*found, strict=True)) or [(), (), (), (), (), ()]
     line, is_gauge, mean, sds, time = map(np.array, rest)
     return Standing(names, line, is_gauge.astype(bool), mean, sds, time)
+
+
+def _emptied(read: np.ndarray, noise: float) -> np.ndarray:
+    """Readings of a line that has emptied: the last ones, as far back as they are alike."""
+    if read.size < 2:
+        return read[:0]
+    last = float(np.median(read[-max(2, read.size // 4) :]))
+    apart = np.flatnonzero(np.abs(read - last) > ALIKE * noise)
+    return read[apart[-1] + 1 :] if apart.size else read
 
 
 def _settled(time: np.ndarray, opened: np.ndarray) -> np.ndarray:
@@ -284,64 +338,122 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
     name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
     if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:
         raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")
-    time, speed = file.columns["time_s"].values, file.columns["speed_rpm"]
+    clock, sampled = file.columns["time_s"].values, np.isfinite(file.columns["speed_rpm"].values)
+    speed = file.columns["speed_rpm"].values[sampled] / RPM
+    time = clock[sampled]
+    opened = file.columns["supply_open"].values > 0.5 if "supply_open" in file.columns else np.ones(clock.size, bool)
     pressure = file.columns[name].values * PASCAL_PER_BAR
-    opened = file.columns["supply_open"].values > 0.5 if "supply_open" in file.columns else np.ones(time.size, bool)
-    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    pressure = np.where(file.columns[name].censor == 0, pressure, np.nan)
     figures = recording.channels[name]
-    noise = max(figures.noise_sd, figures.resolution / np.sqrt(12.0)) * file.noise_scale * PASCAL_PER_BAR
-    spans, fewest = _spans(time, pressure, opened, step)
-    first = speed.values[np.isfinite(speed.values)][:5] / RPM
-    from_rest = bool(first.size == 0 or np.mean(first) < REST_RAD_S or not opened[0])
+    noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0))) * PASCAL_PER_BAR
+    from_rest = bool(speed.size == 0 or np.mean(speed[:5]) < REST_RAD_S or not opened[0])
+    valve, settled_sd = _valve(clock, pressure, opened)
+    window = recording.channels["speed_rpm"].window_s
+    begin = _begin(time) if window is None else time - window
+    used = _useful(speed, time, begin, valve, from_rest)
+    over = float(time[used][-1]) if used.any() else -np.inf
+    line = _line(clock, pressure, valve, noise, over)
     return RunInTime(
-        file.file,
-        time,
-        speed.values / RPM,
-        tuple(spans),
-        noise / np.sqrt(max(fewest, 1)),
-        gauge,
-        file.start_s,
-        file.noise_scale,
-        from_rest,
-        _useful(speed.values / RPM, time, spans, from_rest),
+        file.file, time, begin, speed, valve, settled_sd, line, gauge, file.start_s, file.noise_scale, from_rest, used
     )
 
 
-def _useful(speed: np.ndarray, time: np.ndarray, spans: Sequence[Supply], from_rest: bool) -> np.ndarray:
-    used = np.isfinite(speed)
+def _begin(time: np.ndarray) -> np.ndarray:
+    """Where the mean that each sample is begins: at the sample before; of the first nobody knows."""
+    if time.size < 2:
+        return time - 1.0
+    return np.concatenate([[time[0] - float(np.median(np.diff(time)))], time[:-1]])
+
+
+def _useful(
+    speed: np.ndarray, time: np.ndarray, begin: np.ndarray, valve: Sequence[Supply], from_rest: bool
+) -> np.ndarray:
+    used = np.ones(speed.size, dtype=bool)
+    used[:1] = False  # in a log that was cut the first is no mean of anything that is there
+    if not speed.size:
+        return used
     if from_rest:
-        opened = next((span.start_s for span in spans if span.is_open), time[0])
-        used &= time > opened + 1e-9
-        turning = np.flatnonzero(used & (speed > RISEN_SHARE * np.nanmax(np.where(used, speed, np.nan), initial=0.0)))
+        opened = next((span.start_s for span in valve if span.is_open), time[0])
+        used &= (time > opened + 1e-9) & (np.append(0.0, speed[:-1]) > 0.0)  # no mean over a rest
+        turning = np.flatnonzero(used & (speed > RISEN_SHARE * np.max(speed, where=used, initial=0.0)))
         if turning.size:
             used[: turning[0]] = False
         return used
-    slow = np.flatnonzero(speed < REST_SHARE * np.nanmean(speed[:5]))
+    slow = np.flatnonzero(speed < REST_SHARE * np.mean(speed[:5]))
     if slow.size:
         used[slow[0] :] = False
-    if len(spans) > 1:
-        coasting = time > spans[1].start_s + (EMPTYING + 0.5) * float(np.median(np.diff(time)))
-        if np.any(used & coasting):
-            used &= coasting
-    return used
+    coasting = begin > valve[1].start_s - 1e-9 if len(valve) > 1 else used
+    return used & coasting if np.any(used & coasting) else used
 
 
-def _spans(time: np.ndarray, pressure: np.ndarray, opened: np.ndarray, step: float) -> tuple[list[Supply], int]:
-    """Spans of an open or vented line; a change shows in the first sample after it, so it is at the sample before."""
-    edges = np.flatnonzero(np.diff(opened.astype(int))) + 1
-    starts = [0, *edges.tolist()]
-    ends = [*edges.tolist(), time.size]
-    spans, fewest = [], time.size
-    for begin, end in zip(starts, ends, strict=True):
+def _valve(time: np.ndarray, pressure: np.ndarray, opened: np.ndarray) -> tuple[tuple[Supply, ...], float]:
+    """Spans of the valve, and by how much the gauge may not be where the open line settles [Pa]; 0 where it was silent.
+
+    A change shows in the first row after it, so it is at the row before.
+
+    The pressure of an open span is where the gauge settled: the mean over the span before the valve is moved, over the
+    last part of one that begins with the valve.
+    """
+    edges = (np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist()
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    known = np.isfinite(pressure)
+    highest = float(np.max(pressure, where=known, initial=0.0))
+    spans, sd = [], 0.0
+    for begin, end in zip([0, *edges], [*edges, time.size], strict=True):
         start_s = time[begin - 1] if begin else time[0] - step - BEFORE_S
-        readings = pressure[begin:end]
-        known = readings[np.isfinite(readings)]
-        mean = float(np.mean(known)) if known.size else float("nan")
-        is_open = bool(opened[begin])
-        if is_open:
-            fewest = min(fewest, known.size)
-        spans.append(Supply(float(start_s), mean, is_open))
-    return spans, fewest
+        mine = np.flatnonzero(known[begin:end]) + begin
+        last = mine[round(SETTLING * mine.size) :] if begin else mine
+        mean = float(np.mean(pressure[last])) if last.size else highest  # the gauge was silent then
+        if opened[begin]:
+            half = pressure[mine[mine.size // 2 :]] if begin else pressure[mine]
+            told = max(UNSETTLED * mean, float(np.ptp(half)) if half.size > 1 else UNTOLD * mean)
+            sd = max(sd, told) if mine.size else sd
+        spans.append(Supply(float(start_s), mean, bool(opened[begin])))
+    return tuple(spans), sd
+
+
+def _told(run: RunInTime, plateaus: Plateaus) -> RunInTime:
+    """A run whose gauge was silent with the valve open has the line of the plateaus that turned as fast."""
+    known = np.isfinite(plateaus.speed) & np.isfinite(plateaus.pressure)
+    if run.settled_sd > 0.0 or not known.any():
+        return run
+    order = np.argsort(plateaus.speed[known])
+    fastest = float(np.max(run.speed[run.used]))
+    level = float(np.interp(fastest, plateaus.speed[known][order], plateaus.pressure[known][order]))
+    valve = tuple(replace(span, pressure_pa=level) if span.is_open else span for span in run.valve)
+    return replace(run, valve=valve, settled_sd=UNTOLD * level)
+
+
+def _line(time: np.ndarray, pressure: np.ndarray, valve: Sequence[Supply], noise: float, over: float) -> Line:
+    """The gauge's readings with the valve open and, once it was moved, up to the end of what is compared."""
+    known = np.isfinite(pressure) & (time <= over)
+    begins = np.array([span.start_s for span in valve])
+    span = np.maximum(np.searchsorted(begins, time, side="right") - 1, 0)
+    opened = np.array([one.is_open for one in valve])[span]
+    known &= opened | (span > 0)
+    when, read, of = time[known], pressure[known], span[known]
+    groups: list[np.ndarray] = []
+    for k in np.unique(of):
+        mine = np.flatnonzero(of == k)
+        if k == 0:
+            groups.append(mine)
+            continue
+        early = when[mine] - begins[k] < MOVING_S
+        moving, still = mine[early], mine[~early]
+        groups += np.array_split(moving, min(MOST_READINGS, moving.size)) if moving.size else []
+        groups += np.array_split(still, min(4, still.size)) if still.size else []
+    group = np.zeros(when.size, dtype=int)
+    mean, sd = np.zeros(len(groups)), np.zeros(len(groups))
+    for i, mine in enumerate(groups):
+        group[mine] = i
+        mean[i] = np.mean(read[mine])
+        # Where the line moves the moment of a reading counts, and the form that is taken for its course.
+        around = slice(max(mine[0] - 1, 0), mine[-1] + 2)
+        span_s = max(float(np.ptp(when[around])), 1e-3)
+        moves = float(np.ptp(read[around]))
+        moves = moves if moves > 4.0 * noise else 0.0
+        sd[i] = math.hypot(noise / math.sqrt(mine.size), READ_LATE_S * moves / span_s, FORM * moves)
+    return Line(when, group, mean, sd)
 
 
 def levels(plateaus: Plateaus) -> list[np.ndarray]:

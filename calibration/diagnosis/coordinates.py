@@ -60,7 +60,7 @@ def coordinates(comparison: Comparison, mode: Mode) -> dict[str, Along]:
     line = []
     for run, u in zip(runs, used, strict=True):
         pressure = np.full(int(u.sum()), ambient)
-        for span in run.supply:  # in their order in time
+        for span in run.valve:  # in their order in time
             full = span.pressure_pa + (ambient if run.is_gauge else 0.0)
             pressure[run.time[u] > span.start_s] = full if span.is_open else ambient
         line.append(pressure)

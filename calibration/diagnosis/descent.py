@@ -1,8 +1,4 @@
-"""The search for a model's most probable point: Gauss-Newton, with runs in time first by their mean torque.
-
-Steps that do not lower the cost are shortened. With runs in time what the pulses of the cylinders add is kept at first,
-as a function of the shaft's angle: that leads near from far away. Then derivatives are taken with every pulse.
-"""
+"""The search for a model's most probable point: Gauss-Newton. Steps that do not lower the cost are shortened."""
 
 from __future__ import annotations
 
@@ -10,12 +6,13 @@ import contextlib
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from calibration.diagnosis.function import Function, Predicts
-from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.function import Function
+from calibration.diagnosis.linear import LINE, RUN, Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction, in_si
@@ -29,47 +26,29 @@ TRIES = 4  # of a step that does not lower the cost: as far as the parabola thro
 LONGEST, SHORTEST = 0.5, 0.1  # shares of that one between which it is held
 LEAST_GAIN = 0.005  # nats; a step that promises less is not tried shorter
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
-HOPELESS, ROUGHLY_HOPELESS = 70.0, 120.0  # nats behind the best set's end from which a search is not gone on with
-MOST_ROUNDS = 8  # times that derivatives with the pulses are taken
+HOPELESS = 70.0  # nats behind the best set's end from which a search is not gone on with
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
-LEAST_ROUND = 0.05  # nats that a round with new derivatives has to gain
 PULLED = 3.0  # sds from which a nuisance is handed over to the effect that has its form
 TURNS = 0.3  # share of the speed read above which a level is taken to turn
 NOT_NOISE = 5.0  # sds of noise, or digits, above which a speed is not that of a rotor at rest
 LOOSENS = ("roller_friction", "port_lap")  # what keeps a level standing
 LOOSER, LOOSER_BY = 24, 0.25  # steps of it with which a level that stands is made to turn [-]
-EDGE = math.sqrt(3.0)  # half a pulse, or half a turn of the shaft, in sds of the angle's prior
+EDGE = math.sqrt(3.0)  # half a turn of the shaft, in sds of the angle's prior
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that there is
-OPENINGS = (-2.0, -1.0, 0.0, 1.0, 2.0, 3.0)  # of a run from rest, tried likewise, in sds of their prior
+LATE_S = np.arange(-0.12, 0.5, 0.02)  # moments at which a line begins to move, tried likewise,
+SLOW = np.arange(-1.5, 2.1, 0.5)  # ... with time constants, in sds of their prior
+LOUDER, FOLLOWED, MOST_LOOKS = 10.0, 4, 25  # factor on the noise meanwhile, lines that are followed, steps of each
+FAR_OFF = 1e4  # noise sds; farther off is no worse
 
 
 @dataclass(frozen=True)
 class _Point:
-    """Where a search stands: the cost, the unknowns, the noise, derivatives once they are known, prediction."""
+    """Where a search stands: the unknowns, the noise, derivatives once they are known, prediction."""
 
-    cost: float
     z: np.ndarray
     u: np.ndarray
     D: np.ndarray
     predicted: Prediction
-    reached: float = math.inf  # lowest cost so far, the pulses of the start kept
-
-
-@dataclass(frozen=True)
-class Outset:
-    """Where a search with runs in time is after its rough start.
-
-    Attributes
-    ----------
-    reached : float
-        Lowest cost, the pulses of the start kept [-].
-    plain, handed_over : tuple of _Point
-        Points from which it may go on, without and with a nuisance's pull handed over to an effect.
-    """
-
-    reached: float
-    plain: tuple[_Point, ...]
-    handed_over: tuple[_Point, ...]
 
 
 def find(
@@ -78,8 +57,6 @@ def find(
     *starts: Mode | None,
     first: dict[tuple[str, str], float] | None = None,
     best: float = math.inf,
-    roughly: bool = False,
-    outset: Outset | None = None,
 ) -> Mode:
     """The most probable point of the base model with a set of effects.
 
@@ -91,15 +68,10 @@ def find(
         Effect ids.
     *starts : Mode or None
         Modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is given.
-        With runs in time the start that leads farthest by the mean torque goes on.
     first : dict or None
         Starting values of effects' unknowns by (effect, parameter) [-].
     best : float
         Cost of another set. With runs in time a search that stays far behind ends early [-].
-    roughly : bool
-        Whether a search with runs in time only begins another one: readings taken for bad are not looked at again.
-    outset : Outset or None
-        The rough start, if it is made already; starts and first are not looked at then.
 
     Raises
     ------
@@ -107,96 +79,23 @@ def find(
         When the model gives no reading at any start.
     """
     f = Function(comparison, names)
-    if not comparison.problem.blocks.runs:
-        begun, _ = _begun(comparison, f, starts or (None,), first or {})
-        ends = [_descend(f, comparison, p.z, p.u, p.D, p.predicted, f) for p in begun]
-        ends += [_trusting(f, comparison, *end, f) for end in ends if _some_bad(comparison, end)]
-        ends = [_descend(f, comparison, *end, f, correlated=True) for end in ends]
-        return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
-    outset = outset or set_out(comparison, names, *starts, first=first)
-    with comparison.on_its_way():
-        # What was handed over goes on beside the rest: the rough start says little of which ends lower.
-        here, *other = [min(some, key=lambda point: point.cost) for some in (outset.plain, outset.handed_over) if some]
-        hopeless = outset.reached > best + ROUGHLY_HOPELESS and math.isfinite(here.cost)
-        if not hopeless:
-            here = min((_with_pulses(f, comparison, point) for point in (here, *other)), key=lambda point: point.cost)
-            hopeless = here.cost > best + HOPELESS
-        for another in () if hopeless else (_begun_otherwise,) if roughly else (_begun_otherwise, _looked_at_again):
-            tried = another(f, comparison, here)
-            if tried is not here:
-                here = min(here, _with_pulses(f, comparison, tried), key=lambda point: point.cost)
-    if not hopeless:
-        here = _with_pulses(f, comparison, here, correlated=True)
-    return close(comparison, names, here.z, here.u, here.D, here.predicted)
-
-
-def set_out(
-    comparison: Comparison,
-    names: Sequence[str],
-    *starts: Mode | None,
-    first: dict[tuple[str, str], float] | None = None,
-) -> Outset:
-    """The rough start of a search with runs in time.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    names : sequence of str
-        Effect ids.
-    *starts : Mode or None
-        As of `find`.
-    first : dict or None
-        As of `find`.
-
-    Raises
-    ------
-    ArithmeticError
-        When the model gives no reading at any start.
-    """
-    f = Function(comparison, names)
-    begun, plain = _begun(comparison, f, starts or (None,), first or {})
-    with comparison.on_its_way():
-        rough = [_rough(f, comparison, point) for point in begun]
-    return Outset(min(point.reached for point in rough), tuple(rough[:plain]), tuple(rough[plain:]))
-
-
-def _with_pulses(f: Function, comparison: Comparison, here: _Point, correlated: bool = False) -> _Point:
-    """The end of a search with runs in time: what the pulses add changes with every step, and so in the derivatives."""
-    z, u, D, predicted = here.z, here.u, here.D, here.predicted
-    cost = _cost(comparison, z, u, predicted)
-    for _ in range(MOST_ROUNDS):
-        z = _within_a_pulse(f, z)
-        D = f.derivatives(z, predicted, D, u, f)
-        z, u, D, predicted = _descend(f, comparison, z, u, D, predicted, f, fresh=False, correlated=correlated)
-        before, cost = cost, _cost(comparison, z, u, predicted)
-        if before - cost < LEAST_ROUND:
-            break
-    return _Point(cost, z, u, D, predicted)
-
-
-def _begun_otherwise(f: Function, comparison: Comparison, here: _Point) -> _Point:
-    """The point with the angles and the openings at which its runs begin at the best of a few, if that is better."""
-    z, _ = turned(f, comparison, here.z, here.u, here.predicted)
-    z = opened(f, comparison, z, here.u)
-    predicted = f(z)
-    cost, u = _at(comparison, z, here.u, predicted, here.D)
-    return _Point(cost, z, u, here.D, predicted) if cost < here.cost - LEAST_ROUND else here
-
-
-def _looked_at_again(f: Function, comparison: Comparison, here: _Point) -> _Point:
-    """Where a search with runs in time ends up when no reading may be taken for bad at first, if that is better."""
-    if not _some_bad(comparison, (here.z, here.u, here.D, here.predicted)):
-        return here
-    z, u, D, predicted = _trusting(f, comparison, here.z, here.u, here.D, here.predicted, f)
-    cost, u = _at(comparison, z, u, predicted, D)
-    return _Point(cost, z, u, D, predicted) if cost < here.cost else here
+    ends = []
+    for point in _begun(comparison, f, starts or (None,), first or {}):
+        z, predicted = turned(f, comparison, point.z, point.u, point.predicted)
+        ends.append(_descend(f, comparison, z, point.u, point.D, predicted))
+    if comparison.problem.blocks.runs:  # a search there takes its time: the best alone goes on
+        ends = [min(ends, key=lambda end: _cost(comparison, end[0], end[1], end[3]))]
+        if _cost(comparison, ends[0][0], ends[0][1], ends[0][3]) > best + HOPELESS:
+            return close(comparison, names, *ends[0])
+    ends += [_trusting(f, comparison, *end) for end in ends if _some_bad(comparison, end)]
+    ends = [_descend(f, comparison, *end, correlated=True) for end in ends]
+    return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
 
 
 def _begun(
     comparison: Comparison, f: Function, starts: Sequence[Mode | None], first: dict[tuple[str, str], float]
-) -> tuple[list[_Point], int]:
-    """The points to start from, and how many of them hand nothing over.
+) -> list[_Point]:
+    """The points to start from.
 
     A start at which the model gives no reading is left out where another does.
     """
@@ -208,7 +107,7 @@ def _begun(
         what = " and ".join(f.names) or "nothing added"
         raise ArithmeticError(f"the model with {what} gives no reading to start from")
     handed = [other for point in found if (other := _handed_over(comparison, f, point)) is not None]
-    return [*found, *handed], len(found)
+    return [*found, *handed]
 
 
 def _handed_over(comparison: Comparison, f: Function, point: _Point) -> _Point | None:
@@ -235,7 +134,7 @@ def _handed_over(comparison: Comparison, f: Function, point: _Point) -> _Point |
         return None
     if not comparison.is_told(predicted):
         return None
-    return _Point(math.inf, z, point.u, point.D, predicted)
+    return _Point(z, point.u, point.D, predicted)
 
 
 def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[tuple[str, str], float]) -> _Point:
@@ -261,49 +160,9 @@ def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[
     for _ in range(HALVINGS):
         predicted = f(z)
         if comparison.is_told(predicted):
-            return _Point(math.inf, z, u, D, predicted)
+            return _Point(z, u, D, predicted)
         z[amplitudes] *= 0.5  # the motor may stall with as much of an effect
     raise ArithmeticError("no reading, however little of an effect there is")
-
-
-def _rough(f: Function, comparison: Comparison, here: _Point) -> _Point:
-    """The start of a search with runs in time: what the pulses add at its angles is kept."""
-    z, predicted = turned(f, comparison, here.z, here.u, here.predicted)
-    cost, u = _at(comparison, z, here.u, predicted, here.D)
-    begun = _Point(cost, z, u, here.D, predicted)
-    z = _within_a_pulse(f, z)
-    of = f.near(z)
-    there = of(z)
-    if not comparison.is_told(there):
-        return replace(begun, reached=begun.cost)  # the mean torque says nothing here, the pulses do
-    z, u, D, there = _descend(f, comparison, z, u, here.D, there, of)
-    reached = _cost(comparison, z, u, there)
-    predicted = f(z)
-    cost, u = _at(comparison, z, u, predicted, D)
-    # What the pulses add has changed on the way, so it may end higher than it began.
-    ended = _Point(cost, z, u, D, predicted)
-    return replace(min(begun, ended, key=lambda point: point.cost), reached=min(begun.cost, reached))
-
-
-def _within_a_pulse(f: Function, z: np.ndarray) -> np.ndarray:
-    """The same point with each angle counted from the nearest pulse, or from the nearest whole turn.
-
-    Where an effect follows the shaft, a pulse on is another angle: then only whole turns are taken off.
-    """
-    z = z.copy()
-    for place in f.wraps:
-        z[place] = (z[place] + EDGE) % (2.0 * EDGE) - EDGE
-    return z
-
-
-def _at(
-    comparison: Comparison, z: np.ndarray, u: np.ndarray, predicted: Prediction, D: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """The cost of a point, and the noise that suits it."""
-    if not comparison.is_told(predicted):
-        return math.inf, u
-    u = suiting_noise(comparison, predicted, u, D, False)
-    return _cost(comparison, z, u, predicted), u
 
 
 def _cost(comparison: Comparison, z: np.ndarray, u: np.ndarray, predicted: Prediction) -> float:
@@ -319,7 +178,6 @@ def _descend(
     u: np.ndarray,
     D: np.ndarray,
     predicted: Prediction,
-    of: Predicts,
     fresh: bool = True,
     correlated: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
@@ -329,12 +187,12 @@ def _descend(
     """
     for _ in range(MOST_PASSES):
         if fresh:
-            D = f.derivatives(z, predicted, D, u, of)
+            D = f.derivatives(z, predicted, D, u)
         white = comparison.whitener(predicted, u)
         r, J = white(comparison.read - comparison.raw(predicted)), white(D)
         weight, _ = robust_weights(r, comparison)
         A = (J * weight[:, None]).T @ J + np.eye(z.size)
-        moved, predicted = _step(f, of, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
+        moved, predicted = _step(f, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
         far = float((moved - z) @ A @ (moved - z))
         z, u = moved, suiting_noise(comparison, predicted, u, D, correlated)
         if far < SETTLED and (fresh or far > 0.0):
@@ -394,7 +252,6 @@ def _trusting(
     u: np.ndarray,
     D: np.ndarray,
     predicted: Prediction,
-    of: Predicts,
 ) -> End:
     """A search that takes no reading for bad, and from its end one that may.
 
@@ -405,10 +262,10 @@ def _trusting(
     for begun in _turning(f, comparison, z, predicted, D):
         comparison.trusting = True
         try:
-            end = _descend(f, comparison, begun, u, D, of(begun), of, fresh=begun is not z)
+            end = _descend(f, comparison, begun, u, D, f(begun), fresh=begun is not z)
         finally:
             comparison.trusting = False
-        ends.append(_descend(f, comparison, *end, of, fresh=False))
+        ends.append(_descend(f, comparison, *end, fresh=False))
     return min(ends, key=lambda end: _cost(comparison, end[0], end[1], end[3]))
 
 
@@ -456,8 +313,11 @@ def turned(
     return z, here
 
 
-def opened(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """A point with the opening of each run from rest at the best of a few [-], shape (n,).
+def with_lines(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """A point with the line of each run where it suits the readings best, all else as it is [-], shape (n,).
+
+    The moment at which a line begins to move may be anywhere at first: a few are tried, with several time constants,
+    by a cost in which the noise is louder, and the best of them followed.
 
     Parameters
     ----------
@@ -470,13 +330,35 @@ def opened(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) ->
     u : ndarray, shape (5,)
         The noise [-].
     """
-    here = f(z)
-    for place, (run, ways) in f.openings.items():
-        best = _cost(comparison, z, u, here)
-        for tried, there in each(functools.partial(_at_opening, f, z, here, u, place, run, ways), OPENINGS):
-            cost = _cost(comparison, tried, u, there)
-            if cost < best:
-                best, z, here = cost, tried, there
+    here = f(z, smooth=True)
+    white = comparison.whitener(here, u)
+    for run, file in enumerate(one.file for one in comparison.problem.blocks.runs):
+        places = [i for i, one in enumerate(comparison.problem.nuisances) if one.name.startswith(f"{file}.")]
+        mine = comparison.known & np.isin(comparison.kind, (RUN + run, LINE))
+
+        def misfit(own: np.ndarray, places: list[int] = places, run: int = run, mine: np.ndarray = mine) -> np.ndarray:
+            tried = z.copy()
+            tried[places] = own
+            left = white(comparison.read - np.nan_to_num(comparison.raw(f(f.clip(tried), here, (run,), smooth=True))))[
+                mine
+            ]
+            return np.append(np.clip(left, -FAR_OFF, FAR_OFF), own)
+
+        begun = []
+        for late, slow in [(late, slow) for one, late, slow in f.lines if one == run]:
+            for when in LATE_S / comparison.problem.nuisances[late].b:
+                for constant in SLOW:
+                    own = z[places].copy()
+                    own[[places.index(late), places.index(slow)]] = when, constant
+                    begun.append(own)
+        sizes = each(lambda own: float(np.sum(np.log1p((misfit(own) / LOUDER) ** 2))), begun)  # noqa: B023
+        ends = [
+            least_squares(misfit, begun[k], x_scale=1.0, max_nfev=MOST_LOOKS, diff_step=1e-3)
+            for k in np.argsort(sizes)[:FOLLOWED]
+        ]
+        z = z.copy()
+        z[places] = min(ends, key=lambda end: end.cost).x if ends else z[places]
+        here = f(z, smooth=True)
     return z
 
 
@@ -489,45 +371,8 @@ def _at_angle(
     return tried, f(tried, here, (run,))
 
 
-def _at_opening(
-    f: Function,
-    z: np.ndarray,
-    here: Prediction,
-    u: np.ndarray,
-    place: int,
-    run: int,
-    ways: Sequence[int],
-    opening: float,
-) -> tuple[np.ndarray, Prediction]:
-    """A point with the opening of a run from rest elsewhere, its start at its best there, and the prediction."""
-    tried = z.copy()
-    tried[[place, *ways]] = opening, *np.zeros(len(ways))
-    return _started(f, f.comparison, tried, u, f(tried, here, (run,)), run, ways)
-
-
-def _started(
-    f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction, run: int, ways: Sequence[int]
-) -> tuple[np.ndarray, Prediction]:
-    """A point with the ways in which a start differs at their best, in which its readings are linear."""
-    white, raw = comparison.whitener(here, u), comparison.raw(here)
-    columns = []
-    for way in ways:
-        moved = z.copy()
-        moved[way] += 1.0
-        columns.append(white(np.nan_to_num(comparison.raw(f(moved, here, (run,))) - raw)))
-    X = np.column_stack(columns)
-    r = white(comparison.read - raw)
-    weight, _ = robust_weights(r, comparison)
-    A = (X * weight[:, None]).T @ X + np.eye(len(ways))
-    found = z.copy()
-    found[list(ways)] += np.linalg.solve(A, (X * weight[:, None]).T @ r - z[list(ways)])
-    found = f.clip(found)
-    return found, f(found, here, (run,))
-
-
 def _step(
     f: Function,
-    of: Predicts,
     comparison: Comparison,
     z: np.ndarray,
     u: np.ndarray,
@@ -544,7 +389,7 @@ def _step(
         move = share * whole
         move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
         tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
-        found, rise = of(tried), math.inf
+        found, rise = f(tried), math.inf
         if comparison.is_told(found):
             rise = _cost(comparison, tried, u, found) - before
             if rise <= 1e-6:

@@ -134,8 +134,12 @@ def rarity(statistic: float, null: np.ndarray) -> tuple[float, bool]:
 
 
 def _pull(comparison: Comparison, mode: Mode) -> tuple[str, float]:
-    """The nuisance farthest from its prior's middle, and a bound on how often one of them is as far [-]."""
-    z = np.abs(mode.z[: len(comparison.problem.nuisances)])
+    """The nuisance farthest from its prior's middle, and a bound on how often one of them is as far [-].
+
+    When a valve was moved, and what its line then did, are each run's own: however odd, they are no physics left out.
+    """
+    shared = np.array([comparison.problem.run_of(i) is None for i in range(len(comparison.problem.nuisances))])
+    z = np.where(shared, np.abs(mode.z[: shared.size]), 0.0)
     farthest = int(np.argmax(z))
     return comparison.problem.nuisances[farthest].name, float(min(1.0, z.size * 2.0 * ndtr(-z[farthest])))
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from calibration.diagnosis.in_time import STARTS, Pulses, follows_angle
+from calibration.diagnosis.in_time import follows_angle
 from calibration.diagnosis.linear import FLOW, STANDING, Comparison
 from calibration.diagnosis.problem import SI_OF, Prediction
+from calibration.diagnosis.supply import ways_of
 from calibration.diagnosis.threads import each
 from model.effects import effects
 from model.effects.neighbourhood import Neighbourhood
@@ -40,13 +40,10 @@ class Function:
     low, high : ndarray, shape (m,)
         Bounds of each unknown [-].
     angles : dict
-        Places of the angles at which coast-downs begin, and of those by which the shaft is turned on where an effect
-        follows it, and the runs that they belong to [-].
-    openings : dict
-        Places of the moments at which runs from rest begin, each with its run and with the places of the ways in which
-        their starts differ [-].
-    wraps : list of int
-        Those of these places at which a whole span of the prior on is the same again.
+        Places of the angles by which the shaft is turned on, where an effect follows it, and the runs that they belong
+        to [-].
+    lines : list of tuple
+        Of each change of a run's line: the run, and the places of its moment and of its time constant [-].
     log_step : ndarray, shape (m,)
         Change of an unknown's logarithm per unit of z; 0 where it is not log-normal [-].
     """
@@ -64,18 +61,14 @@ class Function:
         everything = [*self.problem.nuisances, *(one for _, one in unknown)]
         names = [nuisance.name for nuisance in self.problem.nuisances]
         runs = self.problem.blocks.runs
-        self.angles = {names.index(f"{run.file}.angle"): i for i, run in enumerate(runs) if not run.from_rest}
-        self.openings = {
-            names.index(f"{run.file}.opening"): (i, [names.index(f"{run.file}.start_{k}") for k in range(STARTS)])
+        self.lines = [
+            (i, names.index(f"{run.file}.{way}_late"), names.index(f"{run.file}.{way}_time"))
             for i, run in enumerate(runs)
-            if run.from_rest
-        }
+            for way in ways_of(run)
+        ]
         self._follows = follows_angle(self.names)
-        self.wraps = [] if self._follows else list(self.angles)
-        if self._follows:
-            turns = {names.index(f"{run.file}.turn"): i for i, run in enumerate(runs) if f"{run.file}.turn" in names}
-            self.angles |= turns
-            self.wraps += turns
+        turns = {names.index(f"{run.file}.turn"): i for i, run in enumerate(runs) if f"{run.file}.turn" in names}
+        self.angles = turns if self._follows else {}
         self.log_step = np.array([math.log(one.b) if one.kind == "lognormal" else 0.0 for one in everything])
 
     def clip(self, z: np.ndarray) -> np.ndarray:
@@ -159,25 +152,15 @@ class Function:
         like: Prediction | None = None,
         runs: Sequence[int] | None = None,
         *,
-        pulses: Sequence[Pulses | None] | None = None,
         smooth: bool = False,
         around: Neighbourhood | None = None,
     ) -> Prediction:
         chosen = self.problem.chosen(self.names, z[self.k :])
-        return self.problem.predict(z[: self.k], chosen, like, runs, pulses, smooth, around)
+        return self.problem.predict(z[: self.k], chosen, like, runs, smooth, around)
 
-    def near(self, there: np.ndarray) -> Predicts:
-        """Predictions about a point: the mean torque's, and what the pulses add there, at the angle that is reached.
-
-        Parameters
-        ----------
-        there : ndarray, shape (m,)
-            The point [-].
-        """
-        added = self.problem.pulses(there[: self.k], self.problem.chosen(self.names, there[self.k :]))
-        return functools.partial(self, pulses=added)
-
-    def derivatives(self, z: np.ndarray, here: Prediction, D: np.ndarray, u: np.ndarray, of: Predicts) -> np.ndarray:
+    def derivatives(
+        self, z: np.ndarray, here: Prediction, D: np.ndarray, u: np.ndarray, of: Predicts | None = None
+    ) -> np.ndarray:
         """Forward differences of the predictions [SI], the plateaus' from what is known of them close to the point.
 
         Parameters
@@ -190,9 +173,10 @@ class Function:
             Derivatives so far, for the size of the steps; 0 where nothing is known [SI].
         u : ndarray, shape (5,)
             The noise, to size the steps [-].
-        of : callable
-            Differentiated: this function; `near` a point, where what the pulses add is kept; or the mean torque alone.
+        of : callable or None
+            Differentiated; this function when left out.
         """
+        of = of or self
         raw, white = self.comparison.raw(here), self.comparison.whitener(here, u)
         around = self.problem.neighbourhood(z[: self.k], self.problem.chosen(self.names, z[self.k :]), here)
 

@@ -25,8 +25,9 @@ LEAD_STEP_S = 0.02  # between the samples of the steady part ahead of a run
 SLOWEST_START = 1.0  # rad/s
 BESIDE = 4  # samples either side over which the swing of the pulses is taken
 LONGEST_PULSE = 60  # samples
-STARTS = 2  # courses that starts from rest are made of
-UNSURE = 0.3  # share of what the angle does to a start from rest that no model has right
+PLACES = 8  # in a pulse, even
+ANGLES = 2  # within a pulse, over which is averaged what the pulses do where nobody knows how the shaft stood
+LAST_STEP_S = 1e-3  # of the time from rest, over which the speed that is reached is taken
 AFTER = 8  # samples beyond the last, for runs that turn a little farther
 FINER = 4  # samples in one, where the pulses are followed
 LEAST_TURN = 1e-9  # rad from sample to sample, so that the angle is never twice the same
@@ -68,8 +69,12 @@ class Plan:
         Effects.
     clock : float
         The recording's clock at time 0 of the run [s].
-    wanted : int
-        Samples at the end that are compared [-].
+    wanted : slice
+        Samples of the run that are predicted.
+    begin, end : ndarray of int, shape (wanted,)
+        Where the mean of each begins and ends among the times.
+    lag_s : float
+        The tachometer's own, as stated [s].
     angle, set_at : float
         Angle of the shaft [rad], and the time at which it has that [s].
     """
@@ -81,11 +86,21 @@ class Plan:
     start: np.ndarray
     chosen: Chosen
     clock: float
-    wanted: int
+    wanted: slice
+    begin: np.ndarray
+    end: np.ndarray
+    lag_s: float
     angle: float
     set_at: float
 
-    def with_pulses(self, finer: int = 1) -> effect_transient.Run:
+    def with_pulses(self) -> np.ndarray:
+        """Mean speeds since the time before, with the pulses of the cylinders [rad/s], shape (k,)."""
+        found = self.simulated()
+        mean: np.ndarray = found.speed.copy()
+        mean[1:] = np.diff(found.angle) / np.diff(self.time)
+        return mean
+
+    def simulated(self, finer: int = 1) -> effect_transient.Run:
         """The run with the pulses of its cylinders.
 
         Parameters
@@ -115,18 +130,19 @@ class Plan:
             float(self.start[THETA]),
         )
 
-    def read(self, mean: np.ndarray, whole: bool = False) -> np.ndarray:
+    def read(self, mean: np.ndarray) -> np.ndarray:
         """What the tachometer makes of mean speeds, of the samples wanted [rad/s], shape (wanted,).
 
         Parameters
         ----------
         mean : ndarray, shape (k,)
-            Since the sample before [rad/s].
-        whole : bool
-            Whether all samples are wanted; shape (k,) then.
+            Since the time before [rad/s].
         """
-        found = effect_transient.read_with_lag(mean, self.time, self.chosen)
-        return found if whole else found[-self.wanted :]
+        lagged = effect_transient.lagged(mean, self.time, self.lag_s) if self.lag_s else mean
+        lagged = effect_transient.read_with_lag(lagged, self.time, self.chosen)
+        turned = np.append(0.0, np.cumsum(lagged[1:] * np.diff(self.time)))
+        found: np.ndarray = (turned[self.end] - turned[self.begin]) / (self.time[self.end] - self.time[self.begin])
+        return found
 
     def angle_of(self, mean: np.ndarray) -> np.ndarray:
         """The shaft's angle at the samples [rad], shape (k,), counted so that it is the plan's where that is set.
@@ -148,6 +164,8 @@ class Pulses:
     ----------
     planned : Plan
         The run that it is taken from.
+    angles : int
+        Angles within a pulse that are averaged over; 1 for that of the plan alone [-].
 
     Attributes
     ----------
@@ -155,21 +173,28 @@ class Pulses:
         That run by its mean torque: speeds [rad/s] and angles [rad].
     """
 
-    def __init__(self, planned: Plan) -> None:
-        step = float(planned.time[-1] - planned.time[-2])
+    def __init__(self, planned: Plan, angles: int = 1) -> None:
+        step = float(np.median(np.diff(planned.time)))
         planned = replace(planned, time=np.append(planned.time, planned.time[-1] + step * np.arange(1, AFTER + 1)))
-        found = planned.with_pulses(FINER)
+        starts = [planned.start.copy() for _ in range(angles)]
+        for k, start in enumerate(starts):
+            start[THETA] += k * at.PULSE / angles
+        found = each(lambda start: replace(planned, start=start).simulated(FINER), starts)
         self.mean = planned.mean_speed()
         self.angle = planned.angle_of(self.mean)
-        smooth = np.interp(found.time, planned.time, self.angle)
+        smooth = np.interp(found[0].time, planned.time, self.angle)
         smooth = np.maximum.accumulate(smooth) + LEAST_TURN * np.arange(smooth.size)
-        added = found.angle - found.angle[0] - (smooth - smooth[0])
+        added = np.mean([one.angle - one.angle[0] for one in found], axis=0) - (smooth - smooth[0])
         if not (
             np.all(np.isfinite(smooth)) and np.all(np.isfinite(added))
         ):  # it stalls: nothing is known of its pulses
             smooth, added = np.arange(float(smooth.size)), np.zeros(smooth.size)
-        self._added = PchipInterpolator(smooth, added)
-        self._ends = (float(smooth[0]), float(smooth[-1]))
+        # Over a whole pulse each comes to nothing, wherever it began; what is left is what the mean torque has wrong.
+        grid = np.arange(smooth[0], smooth[-1] + at.PULSE / PLACES, at.PULSE / PLACES)
+        width = np.append(np.append(0.5, np.ones(PLACES - 1)), 0.5) / PLACES
+        padded = np.pad(np.interp(grid, smooth, added), PLACES // 2, "reflect", reflect_type="odd")
+        self._added = PchipInterpolator(grid, np.convolve(padded, width, "valid")) if grid.size > PLACES else None
+        self._ends = (float(grid[0]), float(grid[-1]))
 
     def beside(self, planned: Plan) -> np.ndarray:
         """Mean speeds since the sample before, pulses and all, of a run much like it [rad/s], shape (k,).
@@ -181,6 +206,8 @@ class Pulses:
         """
         mean = planned.mean_speed()
         angle = planned.angle_of(mean)
+        if self._added is None:
+            return mean
         added = self._added(np.clip(angle, *self._ends))
         out = mean.copy()
         out[1:] += np.diff(added) / np.diff(planned.time)
@@ -188,7 +215,14 @@ class Pulses:
 
 
 def plan(
-    motor: Motor, run: RunInTime, parameters: np.ndarray, supply: Sequence[Supply], angle: float, chosen: Chosen
+    motor: Motor,
+    run: RunInTime,
+    parameters: np.ndarray,
+    supply: Sequence[Supply],
+    angle: float,
+    chosen: Chosen,
+    begun: float = 0.0,
+    lag_s: float = 0.0,
 ) -> Plan:
     """Plan a run.
 
@@ -203,35 +237,55 @@ def plan(
     supply : sequence of Supply
         Its line, true pressures.
     angle : float
-        Of the shaft, at rest, or when the steady part of a run ends [rad].
+        Of the shaft where the run begins to be compared, or when its valve is moved [rad].
     chosen : dict
         Effects.
+    begun : float
+        Share by which a start from rest is faster there than by the mean torque [-].
+    lag_s : float
+        The tachometer's own [s].
 
     Returns
     -------
     Plan
-        Its first sample of those wanted is the recording's first; one step before it is there too.
+        A start from rest begins where it is compared from, with the speed that the mean torque has given it by then.
     """
     readings = motor.readings.vector()
-    step = float(run.time[1] - run.time[0])
+    compared = np.flatnonzero(run.used)
+    wanted = slice(int(compared[0]), int(compared[-1]) + 1) if compared.size else slice(0, 1)
+    begins, ends = run.begin[wanted], run.time[wanted]
+    first = float(begins.min())
     if run.from_rest:
-        start, set_at = rest_state(motor, angle), float(run.time[0]) - step
-        time = np.concatenate([[run.time[0] - step], run.time])
+        set_at, ahead = first, np.zeros(0)
+        speed = _reached(parameters, readings, supply, first, chosen, run.start_s) * max(1.0 + begun, 0.0)
+        start = rest_state(motor, angle)
     else:
         speed = max(
             _steady_speed(motor, parameters, readings, supply[0].pressure_pa, chosen, run.start_s), SLOWEST_START
         )
         # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
-        set_at = supply[1].start_s if len(supply) > 1 else float(run.time[0])
-        ahead = set_at - supply[0].start_s
-        begins = angle - speed * ahead
+        set_at = run.valve[1].start_s if len(run.valve) > 1 else first
+        turned = angle - speed * (set_at - supply[0].start_s)
         # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
-        start = rest_state(motor, begins if follows_angle(chosen) else begins % at.PULSE)
-        start[OMEGA] = speed
-        before = np.arange(supply[0].start_s, run.time[0] - 0.5 * step, LEAD_STEP_S)
-        time = np.concatenate([before[before < run.time[0] - step - 1e-9], [run.time[0] - step], run.time])
-    time = time[: time.size - run.size + run.wanted]
-    return Plan(parameters, readings, tuple(supply), time, start, chosen, run.start_s, run.wanted, angle, set_at)
+        start = rest_state(motor, turned if follows_angle(chosen) else turned % at.PULSE)
+        ahead = np.arange(supply[0].start_s, first - 0.5 * LEAD_STEP_S, LEAD_STEP_S)
+    start[OMEGA] = speed
+    time = np.unique(np.concatenate([ahead, begins, ends]))
+    places = np.searchsorted(time, begins), np.searchsorted(time, ends)
+    return Plan(
+        parameters, readings, tuple(supply), time, start, chosen, run.start_s, wanted, *places, lag_s, angle, set_at
+    )
+
+
+def _reached(
+    parameters: np.ndarray, readings: np.ndarray, supply: Sequence[Supply], until: float, chosen: Chosen, clock: float
+) -> float:
+    """Speed that the mean torque has given a rotor from rest by a time [rad/s]."""
+    begins = next((span.start_s for span in supply if span.is_open), until)
+    if begins >= until - LAST_STEP_S:
+        return 0.0
+    time = np.array([begins, until - LAST_STEP_S, until])
+    return float(averaged.speeds(parameters, readings, supply, time, 0.0, chosen, clock)[-1])
 
 
 def _steady_speed(
@@ -259,79 +313,22 @@ def swing(planned: Plan, run: RunInTime) -> np.ndarray:
     run : RunInTime
         As it was read.
     """
-    found = planned.with_pulses()
-    mean = found.reading
-    seen = _ripple((mean - planned.read(planned.mean_speed(), whole=True))[-run.wanted :], mean[-run.wanted :], run)
-    between = 0.5 * (mean + np.append(mean[1:], mean[-1]))  # a reading is a mean since the sample before
-    within = ((found.speed - between) ** 2)[-run.wanted :]
+    found, smooth = planned.simulated(), planned.mean_speed()
+    mean = found.speed.copy()
+    mean[1:] = np.diff(found.angle) / np.diff(planned.time)
+    seen = _ripple(mean - smooth, mean, planned.time)
+    within = np.abs(found.speed - 0.5 * (mean + np.append(mean[1:], mean[-1])))  # a reading is a mean
     width = np.ones(2 * BESIDE + 1) / (2 * BESIDE + 1)
-    rms = np.sqrt(np.convolve(np.pad(np.maximum(within, seen**2), BESIDE, "edge"), width, "valid"))
+    rms = np.sqrt(np.convolve(np.pad(np.maximum(within, np.abs(seen)) ** 2, BESIDE, "edge"), width, "valid"))
     out = np.zeros(run.size)
     per_radian = 2.0 * math.pi / at.PULSE
-    out[: run.wanted] = rms / (per_radian * np.maximum(np.abs(mean[-run.wanted :]), SLOWEST))
+    out[planned.wanted] = (rms / (per_radian * np.maximum(np.abs(mean), SLOWEST)))[planned.end]
     return out
 
 
-class Start:
-    """What the pulses do to a run that starts from rest, over the angles at which its rotor may have stood.
-
-    What the angle does to the start is not smooth: with another cylinder open the rotor breaks away some milliseconds
-    later. So it is not an unknown; the few courses that its influence is made of are. They come as late as the air.
-
-    Parameters
-    ----------
-    plans : sequence of Plan
-        The run from several angles.
-    run : RunInTime
-        As it was read.
-
-    Attributes
-    ----------
-    swing : ndarray, shape (n,)
-        How far the shaft swings beyond the courses, rms [rad].
-    """
-
-    def __init__(self, plans: Sequence[Plan], run: RunInTime) -> None:
-        self._time, wanted, count = plans[0].time, run.wanted, len(plans)
-        step = float(run.time[1] - run.time[0])
-        longer = np.append(self._time, self._time[-1] + step * np.arange(1, AFTER + 1))
-        runs = each(lambda plan: replace(plan, time=longer).with_pulses(FINER), plans)
-        fine = runs[0].time
-        smooth = np.append(0.0, np.cumsum(replace(plans[0], time=fine).mean_speed()[1:] * np.diff(fine)))
-        added = np.array([found.angle - found.angle[0] for found in runs]) - smooth
-        found = np.diff(added[:, ::FINER], axis=1)[:, :wanted] / np.diff(self._time)
-        average = found.mean(axis=0)
-        apart = (found - average) * run.used[:wanted]
-        weights, size, ways = np.linalg.svd(apart, full_matrices=False)
-        # That later ones mean the same.
-        signs = np.where(ways[:STARTS] @ (plans[0].mean_speed()[1:] + average) < 0.0, -1.0, 1.0)
-        shares = np.vstack([np.full(count, 1.0 / count), (weights[:, :STARTS] * signs).T / math.sqrt(count)])
-        self._added = PchipInterpolator(fine, shares @ added, axis=1)
-        self._ends = float(fine[0]), float(fine[-1])
-        courses = ways[:STARTS] * (size[:STARTS, None] / math.sqrt(count))
-        rest = np.sqrt(np.maximum(np.mean(apart**2, axis=0) - np.sum(courses**2, axis=0), 0.0))
-        rest = np.hypot(rest, UNSURE * np.std(found, axis=0))
-        swing_of = rest * step / math.sqrt(2.0)  # a reading is a difference of two angles
-        self.swing = np.pad(swing_of, (0, run.size - wanted))
-
-    def added(self, share: np.ndarray, late_s: float) -> np.ndarray:
-        """What is added to the speeds by the mean torque [rad/s], shape (wanted,).
-
-        Parameters
-        ----------
-        share : ndarray, shape (STARTS,)
-            How much there is of each way in which starts differ, in sds [-].
-        late_s : float
-            By how much the air enters later than the samples say [s].
-        """
-        angle = np.append(1.0, share) @ self._added(np.clip(self._time - late_s, *self._ends))
-        found: np.ndarray = np.diff(angle) / np.diff(self._time)
-        return found
-
-
-def _ripple(added: np.ndarray, mean: np.ndarray, run: RunInTime) -> np.ndarray:
+def _ripple(added: np.ndarray, mean: np.ndarray, time: np.ndarray) -> np.ndarray:
     """What the pulses add from reading to reading, where there are several readings to a pulse [rad/s]."""
-    step = float(run.time[1] - run.time[0])
+    step = np.diff(time, prepend=2.0 * time[0] - time[1])
     width = np.clip(np.rint(at.PULSE / (np.maximum(np.abs(mean), SLOWEST) * step)).astype(int), 1, LONGEST_PULSE)
     total, n = np.append(0.0, np.cumsum(added)), np.arange(added.size)
     low, high = np.maximum(n - (width - 1) // 2, 0), np.minimum(n + width // 2, n.size - 1) + 1

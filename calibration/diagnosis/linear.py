@@ -5,17 +5,16 @@ them: the gauge with the line vented, the flow meter while the rotor stands. The
 plateau together; the map takes that out, so a whitened residual is standard normal where the model is right. A reading
 that is missing is 0 once whitened.
 
-The phase of the cylinders' pulses in a run in time hangs on everything that came before, and no model has their form
-exactly. So the shaft's angle at a sample is known to no better than a share of what the pulses swing it, and a speed
-reading, which is a difference of two angles, has a part of noise that its neighbours take back: what the readings say
-on average over a pulse stays as sharp as it is. While a search is on its way the phase is left to chance wholly: it
-would end in one of many places otherwise.
+The phase of the cylinders' pulses in a run in time hangs on everything that came before, and nobody noted how the shaft
+stood. So the shaft's angle at a sample is known to no better than the pulses swing it, and a speed reading, which is a
+difference of two angles, has a part of noise that its neighbours take back: what the readings say on average over a
+pulse stays as sharp as it is.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Mapping
 from copy import copy
 
 import numpy as np
@@ -24,8 +23,8 @@ from calibration.diagnosis.blocks import levels
 from calibration.diagnosis.noise import Noise, Whitener
 from calibration.diagnosis.problem import Prediction, Problem
 
-STANDING, VENTED, FLOW, SPEED, RUN = -2, -1, 0, 1, 2  # kinds of entries; run i is RUN + i
-PHASE = 0.3  # share of the pulses' swing to which the shaft's angle is known
+LINE, STANDING, VENTED, FLOW, SPEED, RUN = -3, -2, -1, 0, 1, 2  # kinds of entries; run i is RUN + i
+PITCH_SD = 0.002  # of a tooth's place where nothing is stated, in shares of the pitch
 
 
 class Comparison:
@@ -41,7 +40,7 @@ class Comparison:
     read : ndarray, shape (m,)
         Readings [SI]; nan where there is none.
     kind : ndarray of int, shape (m,)
-        FLOW, SPEED, RUN + i, VENTED, or STANDING.
+        FLOW, SPEED, RUN + i, VENTED, STANDING, or LINE.
     index : ndarray of int, shape (m,)
         Row of the plateaus, or sample of the run.
     of_a_kind : tuple of ndarray of int
@@ -71,7 +70,11 @@ class Comparison:
         for i, used in enumerate(self.used):
             kinds.append(np.full(int(used.sum()), RUN + i))
             places.append(np.flatnonzero(used))
-        beside = ((VENTED, problem.blocks.vented.pressure), (STANDING, problem.blocks.standing.flow))
+        beside = (
+            (VENTED, problem.blocks.vented.pressure),
+            (STANDING, problem.blocks.standing.flow),
+            *((LINE, run.line.pressure) for run in runs),
+        )
         self.end = self.read.size
         for kind, values in beside:
             self.read = np.append(self.read, values)
@@ -82,36 +85,24 @@ class Comparison:
         self.n = n
         self.swing = np.zeros(self.end - 2 * n)
         self.trusting = False
-        self._shares = np.repeat([1.0 if run.from_rest else PHASE for run in problem.blocks.runs], self.sizes)
-        self._on_its_way = False
-        self.step = np.concatenate(
-            [np.full(int(used.sum()), _step(run.time)) for run, used in zip(runs, self.used, strict=True)]
-            or [np.zeros(0)]
-        )
+        pairs = list(zip(runs, self.used, strict=True))
+        self.step = np.concatenate([(run.time - run.begin)[used] for run, used in pairs] or [np.zeros(0)])
+        ends = np.concatenate([run.start_s + run.time[used] for run, used in pairs] or [np.zeros(0)])
+        begins = np.concatenate([run.start_s + run.begin[used] for run, used in pairs] or [np.zeros(0)])
+        apart = np.abs(begins - np.roll(ends, 1)) > 1e-9  # no sample that ends where this one begins
+        self.pitch_sd = _pitch_sd(problem)
         known = np.flatnonzero(self.known)
         self.of_a_kind = tuple(known[self.kind[known] == kind] for kind in np.unique(self.kind[known]))
         rows = levels(plateaus) if n else []
         spots = (level[self.known[level + of * n]] + of * n for level in rows for of in (FLOW, SPEED))
         self.again = tuple(spot for spot in spots if spot.size > 1)
-        self.noise = Noise(problem, self.known, self.sizes, self.step)
+        self.noise = Noise(problem, self.known, self.sizes, self.step, apart)
         self.see_pulses(np.zeros(len(problem.nuisances)))
 
     @property
     def angle_sd(self) -> np.ndarray:
-        """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,).
-
-        The angle at which a rotor stood is not known: after a start from rest it is left to chance wholly.
-        """
-        return self.swing if self._on_its_way else self._shares * self.swing
-
-    @contextlib.contextmanager
-    def on_its_way(self) -> Iterator[None]:
-        """A search that is on its way: the pulses' phase is left to chance wholly."""
-        self._on_its_way = True
-        try:
-            yield
-        finally:
-            self._on_its_way = False
+        """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,)."""
+        return np.hypot(self.swing, self.pitch_sd)
 
     def see_pulses(self, z: np.ndarray) -> None:
         """Take the swing of the pulses anew, from simulations at a point of the base model.
@@ -121,10 +112,10 @@ class Comparison:
         z : ndarray, shape (n_nuisances,)
             The point [-].
         """
-        self.problem.see_starts(z)
-        for i, used in enumerate(self.used):
-            mine = self.kind[2 * self.n : self.end] == RUN + i
-            self.swing[mine] = self.problem.swing(z, i)[used]
+        swings = self.problem.see_pulses(z)
+        self.swing = np.concatenate(
+            [swing[used] for swing, used in zip(swings, self.used, strict=True)] or [np.zeros(0)]
+        )
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
         """The same comparison, with other parameters of effects given, as `Problem.giving` does.
@@ -152,7 +143,9 @@ class Comparison:
             Of the problem.
         """
         runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
-        return np.concatenate([predicted.flow, predicted.speed, *runs, predicted.vented, predicted.standing])
+        return np.concatenate(
+            [predicted.flow, predicted.speed, *runs, predicted.vented, predicted.standing, predicted.line]
+        )
 
     def is_told(self, predicted: Prediction) -> bool:
         """Whether a prediction has a value for every reading that there is.
@@ -217,5 +210,10 @@ def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:
     return np.nan_to_num(predicted.flow_slope), np.nan_to_num(predicted.speed_slope)
 
 
-def _step(time: np.ndarray) -> float:
-    return float(np.median(np.diff(time))) if time.size > 1 else 1.0
+def _pitch_sd(problem: Problem) -> float:
+    """Error of the place of a tooth [rad]; 0 where the speed is not counted by teeth."""
+    figures = problem.recording.channels.get("speed_rpm")
+    if figures is None or not figures.pulses_per_rev:
+        return 0.0
+    share = PITCH_SD if figures.pitch_error_sd is None else figures.pitch_error_sd
+    return share * 2.0 * math.pi / figures.pulses_per_rev

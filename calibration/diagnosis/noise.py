@@ -97,7 +97,9 @@ class Noise:
     sizes : tuple of int
         Samples of each run in time [-].
     step : ndarray, shape (k,)
-        Time between a sample and the one before [s].
+        Time over which each sample is a mean [s].
+    apart : ndarray of bool, shape (k,)
+        Samples that do not begin where the one before ends.
 
     Attributes
     ----------
@@ -105,20 +107,23 @@ class Noise:
         Places of u that the recording can speak of; the correlations are 0 where it is too short.
     """
 
-    def __init__(self, problem: Problem, known: np.ndarray, sizes: tuple[int, ...], step: np.ndarray) -> None:
+    def __init__(
+        self, problem: Problem, known: np.ndarray, sizes: tuple[int, ...], step: np.ndarray, apart: np.ndarray
+    ) -> None:
         plateaus = problem.blocks.plateaus
         self.known, self.n, self.step = known, plateaus.size, step
         self.declared = np.array([problem.noise[c] for c in CHANNELS])
         self.rounding = np.array([problem.resolution[c] for c in CHANNELS]) ** 2 / 12.0
-        self.beside = np.append(problem.blocks.vented.sd, problem.blocks.standing.sd)
+        lines = [run.line.sd for run in problem.blocks.runs]
+        self.beside = np.concatenate([problem.blocks.vented.sd, problem.blocks.standing.sd, *lines])
         self.row_scale = plateaus.noise_scale
         files = np.array([list(dict.fromkeys(plateaus.file)).index(file) for file in plateaus.file], dtype=int)
-        apart = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
-        self.apart = np.where(files[:, None] == files[None, :], apart, -1)
+        between = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
+        self.apart = np.where(files[:, None] == files[None, :], between, -1)
         enough = (int(np.sum(self.apart == 1)) // 2 >= FEWEST, step.size >= FEWEST)
         self.free = np.array([True, True, True, *enough])
         self.sample_scale = np.repeat([run.noise_scale for run in problem.blocks.runs], sizes)
-        self.first = np.zeros(step.size, dtype=bool)
+        self.first = apart.copy()
         if step.size:
             self.first[np.cumsum([0, *sizes[:-1]])] = True
 
@@ -196,6 +201,7 @@ class Noise:
         places = np.flatnonzero(self.free) if correlated else np.arange(SCALES.stop)
         found = np.linalg.solve(information[np.ix_(places, places)], slope[places])
         step[places] = np.clip(found, -LARGEST_STEP, LARGEST_STEP)
+        step[SAMPLES] = max(step[SAMPLES], -u[SAMPLES])  # what neighbours take back is in the angle's part
         return step, information
 
     def draw_plateaus(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -227,7 +233,13 @@ class Noise:
         new = math.sqrt(1.0 - rho * rho)
         for i in np.flatnonzero(~self.first):
             drawn[i] = rho * drawn[i - 1] + new * drawn[i]
-        return self.declared[2] * math.exp(u[2]) * self.sample_scale * drawn
+        return self._of_samples_sd(u) * drawn
+
+    def _of_samples_sd(self, u: np.ndarray) -> np.ndarray:
+        """Noise of the samples [SI], shape (k,): at least the declared one, since little scatter from one to the next says
+        nothing of what they have in common."""
+        found: np.ndarray = self.declared[2] * math.exp(max(u[2], 0.0)) * self.sample_scale
+        return found
 
     def _alike(self, u: np.ndarray) -> np.ndarray:
         """Correlation of the plateaus' noise, shape (n, n)."""
@@ -289,15 +301,16 @@ class Noise:
         if not self.step.size:
             return np.zeros(0), np.zeros((3, 0))
         rho = np.where(self.first, 0.0, math.tanh(u[SAMPLES]))
-        own = (self.declared[2] * math.exp(u[2]) * self.sample_scale) ** 2 * (1.0 - rho * rho)
+        own = self._of_samples_sd(u) ** 2 * (1.0 - rho * rho)
         # Rounding, and the angle that a sample shares with the next: a band, which following the noise widens by one.
-        now = (angle / self.step) ** 2
-        last = np.where(self.first, now, _one_on(now))
-        d, e = self.rounding[2] + now + last, np.where(self.first, 0.0, -last)
-        before, above = _one_on(d), _one_on(e)
+        now, before = angle / self.step, _one_on(angle)
+        last = np.where(self.first, now, before / self.step)
+        shared = before * before / (self.step * _one_on(self.step))
+        d, e = self.rounding[2] + now * now + last * last, np.where(self.first, 0.0, -shared)
+        earlier, above = _one_on(d), _one_on(e)
         band = np.zeros((3, d.size))
-        band[0] = own + d - 2.0 * rho * e + rho * rho * before
-        band[1, :-1] = (e - rho * before + rho * _one_on(rho) * above)[1:]
+        band[0] = own + d - 2.0 * rho * e + rho * rho * earlier
+        band[1, :-1] = (e - rho * earlier + rho * _one_on(rho) * above)[1:]
         band[2, :-2] = (-rho * above)[2:]
         return rho, cholesky_banded(band, lower=True)
 
@@ -325,7 +338,8 @@ class Noise:
 
         here = log_likelihood(0, 0)
         least = LEAST_CURVATURE * float(w.sum())
-        ways = [(2, (1, 0)), (SAMPLES, (0, 1))] if correlated else [(2, (1, 0))]
+        ways = [(2, (1, 0))] if u[2] >= 0.0 else []
+        ways += [(SAMPLES, (0, 1))] if correlated else []
         for place, (scale, correlation) in ways:
             right, left = log_likelihood(scale, correlation), log_likelihood(-scale, -correlation)
             slope[place] = (right - left) / (2.0 * PROBE)

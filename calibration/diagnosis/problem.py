@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.diagnosis import gauge, in_time
-from calibration.diagnosis.blocks import Blocks, blocks_of
+from calibration.diagnosis.blocks import Blocks, RunInTime, Vented, blocks_of
 from calibration.diagnosis.standing import standing_flow
+from calibration.diagnosis.supply import Course, line_unknowns
 from calibration.priors import PASCAL_PER_BAR, SHAPE_FACTOR, Unknown, at_ambient, column_of, unknowns
 from model import layout as at
 from model import steady as base_steady
@@ -28,21 +29,16 @@ from model.effects.laws import readings_of
 from model.effects.neighbourhood import Neighbourhood
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor, read_motor
-from model.transient import Supply
 from rig.recording import Recording, RecordingError
 
 SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
-ANGLE_SD = at.PULSE / math.sqrt(12.0)  # of a starting angle that may be anywhere within a pulse [rad]
 TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
-REST_ANGLES = 16  # at which it may have stood, for what its pulses do
-UNSETTLED = 0.005  # of the line's pressure: by so much a coast-down may begin off its steady speed
-LATE_SD = 0.003  # s; by so much the air leaves or enters a line later than its valve moves, or the samples say
+BEGUN_SD = 0.1  # share by which a start from rest may be off where it is compared from: how it broke away nobody knows
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
 
-# The motor's parameters, each channel's offset and scale, and by file: error of the supply, angle, start, vent, turn.
-ByFile = dict[str, float]
-Split = tuple[np.ndarray, dict[str, tuple[float, float]], ByFile, ByFile, dict[str, np.ndarray], ByFile, ByFile]
+# The motor's parameters, each channel's offset and scale, and by file what is a run's own, by the ends of the names.
+Split = tuple[np.ndarray, dict[str, tuple[float, float]], dict[str, dict[str, float]]]
 
 
 def in_si(nuisance: str) -> float:
@@ -72,6 +68,8 @@ class Prediction:
         Gauge readings expected with the line vented [Pa].
     standing : ndarray, shape (l,)
         Flow readings expected while the rotor stands [m3/s].
+    line : ndarray, shape (p,)
+        Gauge readings expected in the runs in time, one run after the other [Pa].
     state : State
         Of the plateaus.
     """
@@ -83,6 +81,7 @@ class Prediction:
     runs: tuple[np.ndarray, ...]
     vented: np.ndarray
     standing: np.ndarray
+    line: np.ndarray
     state: State
 
 
@@ -119,20 +118,9 @@ class Problem:
         everything = unknowns(self.motor, recording)
         self.nuisances: list[Unknown] = [u for u in everything if not u.name.endswith("_noise_scale")]
         for run in self.blocks.runs:
-            sd = max(run.supply_sd, 1.0)
-            if not run.from_rest and len(run.supply) > 1:
-                sd = math.hypot(sd, UNSETTLED * run.supply[0].pressure_pa)
-            self.nuisances.append(
-                Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, sd, "noise, and what had not settled")
-            )
+            self.nuisances += line_unknowns(run, recording.supply)
             if run.from_rest:
-                self.nuisances.append(Unknown(f"{run.file}.opening", "s", "normal", 0.0, LATE_SD, "a valve's time"))
-                for k in range(in_time.STARTS):
-                    self.nuisances.append(Unknown(f"{run.file}.start_{k}", "-", "normal", 0.0, 1.0, "nobody set it"))
-            else:
-                self.nuisances.append(Unknown(f"{run.file}.angle", "rad", "normal", 0.0, ANGLE_SD, "nobody set it"))
-                if len(run.supply) > 1:
-                    self.nuisances.append(Unknown(f"{run.file}.vent", "s", "normal", 0.0, LATE_SD, "a valve's time"))
+                self.nuisances.append(Unknown(f"{run.file}.begun", "-", "normal", 0.0, BEGUN_SD, "nobody set it"))
         # A torque that follows the shaft is told from where that stood in the first run.
         for run in self.blocks.runs[0 if any_turn else 1 :]:
             self.nuisances.append(Unknown(f"{run.file}.turn", "rad", "normal", 0.0, TURN_SD, "nobody noted it"))
@@ -140,7 +128,6 @@ class Problem:
             self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))
         self._base = self.motor.vector()
         self._readings = self.motor.readings.vector()
-        self._share = next((i for i, u in enumerate(self.nuisances) if u.name == VENTED), None)
         self._place = {name: i for i, name in enumerate(QUANTITIES)}
         columns = {channel: column_of(recording, channel) for channel in CHANNELS}
         self.noise = {
@@ -160,8 +147,8 @@ class Problem:
         line = np.nan_to_num(standing.pressure + np.where(standing.is_gauge, P_a, 0.0), nan=P_a)
         gas = [base_steady.gas_table(self.motor, P)[0, at.GAS_R] for P in np.clip(line, 5e4, 8e5)]
         self._standing_gas = np.array(gas)
-        self.starts: dict[str, in_time.Start] = {}
-        self.start_angle = {run.file: 0.0 for run in self.blocks.runs}
+        self.pulses: dict[str, in_time.Pulses] = {}  # of each run, on its course by the mean torque
+        self._lag_s = (recording.channels["speed_rpm"].lag_s or 0.0) if "speed_rpm" in recording.channels else 0.0
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Problem:
         """The same recording and nuisances, with other parameters of effects given.
@@ -246,7 +233,6 @@ class Problem:
         chosen: dict[str, dict[str, float]],
         like: Prediction | None = None,
         runs: Sequence[int] | None = None,
-        pulses: Sequence[in_time.Pulses | None] | None = None,
         smooth: bool = False,
         around: Neighbourhood | None = None,
     ) -> Prediction:
@@ -263,9 +249,6 @@ class Problem:
         runs : sequence of int or None
             Indices of the runs to simulate, and nothing else; the plateaus alone where there is none in it; everything
             when left out [-].
-        pulses : sequence of Pulses or None
-            Those of each run, to be added to its course by the mean torque: a twentieth of the time, and smooth in
-            every unknown. They are simulated where they are not given.
         smooth : bool
             Whether runs are to be without pulses.
         around : Neighbourhood or None
@@ -274,13 +257,12 @@ class Problem:
         split = self.split(z)
         parameters, errors = split[:2]
         found = tuple(
-            self._read_speed(i, split, chosen, pulses[i] if pulses else None, smooth)
-            if like is None or runs is None or i in runs
-            else like.runs[i]
+            self._read_speed(i, split, chosen, smooth) if like is None or runs is None or i in runs else like.runs[i]
             for i in range(len(self.blocks.runs))
         )
+        line = self._line(split, chosen)
         if like is not None and runs:
-            return replace(like, runs=found)
+            return replace(like, runs=found, line=line)
         rows, true = self._plateaus(parameters, errors, chosen)
         if around is None:
             time = self.blocks.plateaus.time
@@ -290,10 +272,9 @@ class Problem:
         state = points.state
         flow = readings_of(chosen, "flow", points.flow, state) * (1.0 + errors["flow"][1]) + errors["flow"][0]
         speed = readings_of(chosen, "speed", points.speed, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
-        share = 0.5 if self._share is None else float(self.nuisances[self._share].value(z[self._share]))
-        vented = gauge.vented_readings(self.blocks.vented, share, parameters[at.P_A], errors["pressure"], chosen)
+        vented = self._vented(self.blocks.vented, split, chosen)
         standing = self._standing(parameters, errors, chosen)
-        return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, standing, state)
+        return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, standing, line, state)
 
     def neighbourhood(self, z: np.ndarray, chosen: dict[str, dict[str, float]], here: Prediction) -> Neighbourhood:
         """The plateaus close to a point.
@@ -323,45 +304,28 @@ class Problem:
         parameters : ndarray, shape (24,)
             Of the motor [SI].
         errors : dict
-            Offset [SI] and scale [-] of each channel.
-        supply, angle, start : dict
-            By file: error of the gauge's mean over the open spans [Pa], angle of the shaft [rad], and how much there is
-            of each course that starts from rest are made of [-].
-        vent : dict
-            By file: how late the line follows its valve, on the average [s].
-        turn : dict
-            By file: how far the shaft is turned on from where it stood in the first run [rad].
+            Offset [SI] and scale [-] of each channel; the share of the gauge's span error that shows at ambient
+            pressure is the offset of VENTED [-].
+        own : dict
+            By file what is the run's own, by the ends of its unknowns' names [own unit].
         """
         parameters = self._base.copy()
-        errors = {channel: [0.0, 0.0] for channel in CHANNELS}
-        supply = {run.file: 0.0 for run in self.blocks.runs}
-        angle = dict(self.start_angle)
-        start = {run.file: np.zeros(in_time.STARTS) for run in self.blocks.runs}
-        turn = {run.file: 0.0 for run in self.blocks.runs}
-        vent = {run.file: 0.0 for run in self.blocks.runs}
+        errors = {channel: [0.0, 0.0] for channel in CHANNELS} | {VENTED: [0.5, 0.0]}
+        own: dict[str, dict[str, float]] = {run.file: {"turn": 0.0} for run in self.blocks.runs}
         for at_z, unknown in zip(z, self.nuisances, strict=True):
             value = float(unknown.value(np.asarray(at_z)))
             if unknown.name in self._place:
                 quantity = QUANTITIES[unknown.name]
                 parameters[self._place[unknown.name]] = min(max(value, quantity.low), quantity.high) * quantity.to_si
             elif unknown.name == VENTED:
-                continue
-            elif unknown.name.endswith(".supply"):
-                supply[unknown.name.removesuffix(".supply")] = value
-            elif unknown.name.endswith(".angle"):
-                angle[unknown.name.removesuffix(".angle")] += value
-            elif unknown.name.endswith((".vent", ".opening")):
-                vent[unknown.name.rpartition(".")[0]] = value
-            elif unknown.name.endswith(".turn"):
-                turn[unknown.name.removesuffix(".turn")] = value
-            elif ".start_" in unknown.name:
-                file, _, course = unknown.name.rpartition(".start_")
-                start[file][int(course)] = value
+                errors[VENTED][0] = value
+            elif "." in unknown.name:
+                file, _, what = unknown.name.rpartition(".")
+                own[file][what] = value
             else:
                 channel, _, error = unknown.name.partition("_")
                 errors[channel][error == "scale"] = value * (SI_OF[channel] if error == "offset" else 1.0)
-        of_channels = {channel: (pair[0], pair[1]) for channel, pair in errors.items()}
-        return parameters, of_channels, supply, angle, start, vent, turn
+        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, own
 
     def _plateaus(
         self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
@@ -383,96 +347,69 @@ class Problem:
         true = np.where(np.isfinite(true), true, P_a)
         return standing_flow(true, standing.time, self._standing_gas, parameters, errors["flow"], chosen)
 
+    def _vented(self, vented: Vented, split: Split, chosen: dict[str, dict[str, float]]) -> np.ndarray:
+        """What the gauge reads with the line vented [Pa]."""
+        parameters, errors, _ = split
+        return gauge.vented_readings(vented, errors[VENTED][0], parameters[at.P_A], errors["pressure"], chosen)
+
+    def _line(self, split: Split, chosen: dict[str, dict[str, float]]) -> np.ndarray:
+        """What the gauge reads in the runs in time [Pa]."""
+        found = [np.zeros(0)]
+        for run in self.blocks.runs:
+            own, nothing = split[2][run.file], np.zeros(1)
+            bottom = self._vented(Vented((run.file,), nothing, nothing, np.array([run.is_gauge])), split, chosen)[0]
+            share = Course(run.valve, own, run.over).share(run.line.time - own["gauge_late"])
+            bottom = bottom + own.get("floor", 0.0)
+            found.append(run.line.means(bottom + (self._settled(run, own) - bottom) * share))
+        return np.concatenate(found)
+
+    def _settled(self, run: RunInTime, own: Mapping[str, float]) -> float:
+        """What the gauge reads once the open line has settled [Pa]."""
+        return next((span.pressure_pa for span in run.valve if span.is_open), math.nan) - own["supply"]
+
     def _plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
-        """A run in time at a point: its line is the gauge's reading, freed of the gauge's errors."""
-        parameters, errors, wrong_by, angle, _, vent, turn = split
+        """A run in time at a point: its line is as the gauge reads it, freed of the gauge's errors."""
+        parameters, errors, own_of = split
         run = self.blocks.runs[i]
-        supply: list[Supply] = []
-        for span in run.supply:
-            pressure = span.pressure_pa
-            if span.is_open:
-                reading = np.array([pressure - wrong_by[run.file]])
-                found = gauge.true_pressure(reading, run.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
-                pressure = float(found[0])
-            late = vent[run.file] if supply or run.from_rest else 0.0
-            supply.append(Supply(span.start_s + late, pressure, span.is_open))
+        own = own_of[run.file]
+        reading, P_a = np.array([self._settled(run, own)]), parameters[at.P_A]
+        settled = float(gauge.true_pressure(reading, run.is_gauge, P_a, errors["pressure"], chosen)[0])
+        shut = P_a + parameters[at.DP_IN] + parameters[at.DP_OUT]
+        vented = P_a + own.get("floor", 0.0)
+        supply = Course(run.valve, own, run.over).staircase(max(settled, vented), vented, shut)
         turned = dict(chosen)
         for name in chosen:
             turn_on = effects()[name].turned
             if turn_on is not None:
-                turned[name] = dict(turn_on(chosen[name], turn[run.file]))
-        return in_time.plan(self.motor, run, parameters, supply, angle[run.file], turned)
+                turned[name] = dict(turn_on(chosen[name], own["turn"]))
+        return in_time.plan(self.motor, run, parameters, supply, 0.0, turned, own.get("begun", 0.0), self._lag_s)
 
-    def _read_speed(
-        self,
-        i: int,
-        split: Split,
-        chosen: dict[str, dict[str, float]],
-        pulses: in_time.Pulses | None,
-        smooth: bool,
-    ) -> np.ndarray:
+    def _read_speed(self, i: int, split: Split, chosen: dict[str, dict[str, float]], smooth: bool) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]
         planned = self._plan(i, split, chosen)
-        if run.file in self.starts:
-            start = self.starts[run.file]
-            true = planned.read(planned.mean_speed()) + start.added(split[4][run.file], split[5][run.file])
-        elif smooth:
-            true = planned.read(planned.mean_speed())
-        elif pulses is not None:
-            true = planned.read(pulses.beside(planned))
-        else:
-            true = planned.with_pulses().reading[-run.wanted :]
+        pulses = None if smooth else self.pulses.get(run.file)
+        true = planned.read(pulses.beside(planned) if pulses else planned.mean_speed())
         reading = np.full(run.size, np.nan)
-        reading[: run.wanted] = readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
+        reading[planned.wanted] = readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
         return reading
 
-    def swing(self, z: np.ndarray, i: int) -> np.ndarray:
-        """How far the pulses of the cylinders swing the shaft in a run in time [rad], shape (n,).
+    def see_pulses(self, z: np.ndarray) -> list[np.ndarray]:
+        """Take anew what the pulses of the cylinders add to the runs in time; predictions hold it from then on.
 
         Parameters
         ----------
         z : ndarray, shape (n_nuisances,)
             Nuisances of the base model [-].
-        i : int
-            Index of the run [-].
+
+        Returns
+        -------
+        list of ndarray, shape (n,)
+            How far they swing the shaft in each run [rad].
         """
-        run, split = self.blocks.runs[i], self.split(z)
-        if run.from_rest:
-            return self.starts[run.file].swing
-        return in_time.swing(self._plan(i, split, {}), run)
-
-    def see_starts(self, z: np.ndarray) -> None:
-        """Take anew what the pulses do to the runs from rest; predictions hold it from then on.
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances of the base model [-].
-        """
-        for i, run in enumerate(self.blocks.runs):
-            if run.from_rest:
-                split, plans = self.split(z), []
-                split[5][run.file] = 0.0  # its courses are moved with it
-                for angle in np.arange(REST_ANGLES) * at.PULSE / REST_ANGLES:
-                    split[3][run.file] = float(angle)
-                    plans.append(self._plan(i, split, {}))
-                self.starts[run.file] = in_time.Start(plans, run)
-
-    def pulses(self, z: np.ndarray, chosen: dict[str, dict[str, float]]) -> tuple[in_time.Pulses | None, ...]:
-        """What the pulses of the cylinders add to each run in time at a point.
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        chosen : dict
-            Effects and the values of their parameters.
-        """
-        split = self.split(z)
-        return tuple(
-            None if run.from_rest else in_time.Pulses(self._plan(i, split, chosen))
-            for i, run in enumerate(self.blocks.runs)
-        )
+        plans = [self._plan(i, self.split(z), {}) for i in range(len(self.blocks.runs))]
+        for run, planned in zip(self.blocks.runs, plans, strict=True):
+            self.pulses[run.file] = in_time.Pulses(planned, in_time.ANGLES)
+        return [in_time.swing(planned, run) for run, planned in zip(self.blocks.runs, plans, strict=True)]
 
     def effects_that_could(self) -> list[Effect]:
         """The listed effects that this recording could show: those of a transient only where there is one."""

@@ -12,11 +12,11 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.diagnosis.descent import Outset, find, set_out
+from calibration.diagnosis.descent import find
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, cost_of
 from calibration.diagnosis.name import WORTH, Candidate, screen, weigh
@@ -51,7 +51,6 @@ class _Job:
     near: Mode
     first: First = field(default_factory=dict)
     from_the_middle: bool = True
-    outset: Outset | None = None
 
     @property
     def starts(self) -> tuple[Mode | None, ...]:
@@ -98,8 +97,7 @@ class Search:
         worth : float
             Log evidence gained in the linear model below which an effect is not refitted [-].
         every : bool
-            Whether all effects are tried, whatever the linear model says: with runs in time by the rough start of a
-            search, and the most promising by that are refitted.
+            Whether all effects are refitted, whatever the linear model says.
         """
         base, comparison = self.modes[()], self.comparison
         self._signatures[()] = list(found)
@@ -108,9 +106,6 @@ class Search:
         jobs = [_Job((name,), base, first) for name, _, first in ranked]
         chosen = jobs if every else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:most]
         if base.prediction.runs:
-            if every:
-                jobs = self._set_out(jobs)
-                chosen = jobs[:most]
             chosen += [job for job in jobs if effects()[job.names[0]].hidden and job not in chosen]
         self._refit(chosen)
         if base.prediction.runs and len(self.modes) > 1:
@@ -210,13 +205,6 @@ class Search:
             self._signatures[names] = signatures(self.comparison, self.modes[names])
         return self._signatures[names]
 
-    def _set_out(self, jobs: Sequence[_Job]) -> list[_Job]:
-        """Jobs with their rough starts made, the most promising by these first."""
-        self._tell(f"try {len(jobs)} effects roughly")
-        outsets = self._side_by_side(_outset, [(self.comparison, job) for job in jobs])
-        begun = [(outset, job) for job, outset in zip(jobs, outsets, strict=True) if outset is not None]
-        return [replace(job, outset=outset) for outset, job in sorted(begun, key=lambda pair: pair[0].reached)]
-
     def _refit(self, jobs: Sequence[_Job]) -> None:
         """Refit sets, a few side by side; a set with which the model gives no reading at all is left out."""
 
@@ -236,14 +224,7 @@ class Search:
 
 def _found(comparison: Comparison, job: _Job, best: float) -> Mode | None:
     try:
-        return find(comparison, job.names, *job.starts, first=job.first, best=best, outset=job.outset)
-    except ArithmeticError:  # nothing of it can be simulated
-        return None
-
-
-def _outset(comparison: Comparison, job: _Job) -> Outset | None:
-    try:
-        return set_out(comparison, job.names, *job.starts, first=job.first)
+        return find(comparison, job.names, *job.starts, first=job.first, best=best)
     except ArithmeticError:  # nothing of it can be simulated
         return None
 

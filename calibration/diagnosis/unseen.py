@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.diagnosis.carried import carried
 from calibration.diagnosis.confirm import HeldOut, by_channel, folds_of
-from calibration.diagnosis.descent import turned
+from calibration.diagnosis.descent import turned, with_lines
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode
@@ -75,10 +75,12 @@ def refuse_another_motor(seen: Recording, unseen: Recording) -> None:
 def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarray, np.ndarray]:
     """Log density of each of a run's readings given those before it, 0 where there is none, and their errors [SI].
 
-    Starting angles are looked for first.
+    Lines and starting angles are looked for first.
     """
     f = Function(there, mode.names)
     z, covariance, _ = carried(seen.problem, mode, there.problem, OF_THE_MOTOR)
+    z = with_lines(f, there, z, mode.u)
+    there.see_pulses(z[: f.k])
     z, predicted = turned(f, there, z, mode.u, f(z))
     precision = np.linalg.inv(covariance)
     start, D = z, np.zeros((there.read.size, z.size))
@@ -87,18 +89,15 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarra
         r = there.whitener(found, mode.u)(there.read - there.raw(found))
         return float(r @ r + (at_z - start) @ precision @ (at_z - start))
 
-    # The density is taken at the most probable point, where its curve is that of a normal. On the way to it what the
-    # pulses add is kept for a step: simulated anew, their phase would hide whether it leads downhill.
+    # The density is taken at the most probable point, where its curve is that of a normal.
     for _ in range(PASSES):
-        of = f.near(z)
-        predicted = of(z)
-        D = f.derivatives(z, predicted, D, mode.u, of)
+        D = f.derivatives(z, predicted, D, mode.u)
         white = there.whitener(predicted, mode.u)
         J, r = white(D), white(there.read - there.raw(predicted))
         move = np.linalg.solve(J.T @ J + precision, J.T @ r - precision @ (z - start))
         for share in SHARES:
             tried = f.clip(f.advance(z, share * move))
-            found = of(tried)
+            found = f(tried)
             if there.is_told(found) and cost(tried, found) <= cost(z, predicted):
                 z, predicted = tried, found
                 break

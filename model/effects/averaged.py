@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import PchipInterpolator
 
 from model import averaged as base
 from model import layout as at
@@ -28,7 +29,11 @@ LEAST_TORQUE = 0.05  # N m; so that the tables of a line that drives nothing rea
 START_MARGIN = 1.1
 NEWTON = 4  # steps to the flow through a loss; its law is a power of the flow
 
+FEW_PRESSURES = 2  # of a line that does no more than step
+NEXT_NODE, FARTHER_NODE, MOST_NODES = 1.2, 1.35, 24  # factors from one pressure to the next at which cycles are solved
+
 _recent = Recent(32)
+_recent_cycles = Recent(64)
 
 
 def speeds(
@@ -87,42 +92,44 @@ def _speeds(
     parameters = laws.with_factors(parameters, chosen)
     those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
     around = uneven.around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
-    P_a = float(parameters[at.P_A])
-    highest = max((span.pressure_pa for span in supply if span.is_open), default=P_a)
-    gas = gas_state(parameters, highest, readings)
-    pressures = np.array([span.pressure_pa if span.is_open else P_a for span in supply])
-    unique, which = np.unique(pressures, return_inverse=True)
-    top = _top_speed(parameters, readings, gas, float(unique[-1]), start_rad_s)
+    vented = float(parameters[at.P_A] + parameters[at.DP_OUT] + parameters[at.DP_IN])  # both ports at the same pressure
+    pressures = np.array([span.pressure_pa if span.is_open else vented for span in supply])
+    nodes = _nodes(pressures)
+    gas = gas_state(parameters, float(nodes[-1]), readings)
+    top = _top_speed(parameters, readings, gas, float(nodes[-1]), start_rad_s)
     fine = np.linspace(0.0, top, FINE)
     coarse = top * (SLOWEST + (1.0 - SLOWEST) * 0.5 * (1.0 - np.cos(np.pi * np.arange(SPEEDS) / (SPEEDS - 1))))
-    torque, flow = np.empty((unique.size, FINE)), np.empty((unique.size, FINE))
-    slope, loss = np.empty((unique.size, 2)), np.zeros((unique.size, 2, FLOWS))
+    torque, flow = np.empty((nodes.size, FINE)), np.empty((nodes.size, FINE))
+    slope, loss = np.empty((nodes.size, 2)), np.zeros((nodes.size, 2, FLOWS))
     most_flow = 1e-12
-    for s, P in enumerate(unique):
-        out = np.empty((SPEEDS, base.N_OUT))
-        slope[s] = base.torques(parameters, readings, gas, float(P), coarse, out)
-        torque[s] = np.interp(fine, coarse, out[:, base.NET])
+    for s, P in enumerate(nodes):
+        slope[s], out = _cycle(parameters, readings, gas, float(P), coarse)
+        torque[s] = PchipInterpolator(coarse, out[:, base.NET])(np.maximum(fine, coarse[0]))
         flow[s] = np.interp(fine, np.append(0.0, coarse), np.append(0.0, out[:, base.MASS_FLOW]))
         most_flow = max(most_flow, 1.5 * float(flow[s].max()))
         load = np.interp(fine, coarse, out[:, base.LOAD])
-        begins = min(span.start_s for span, place in zip(supply, which, strict=True) if place == s)
-        state = _state(fine, flow[s], float(P), load, parameters, gas, clock + max(begins, 0.0))
+        state = _state(fine, flow[s], float(P), load, parameters, gas, clock)
         torque[s] -= parameters[at.F_OVERALL] * fine + parameters[at.EXTRA_TORQUE]
         torque[s] -= laws.sum_of_torques(those, state, np.zeros(FINE, dtype=bool))
     flows = np.linspace(0.0, most_flow, FLOWS)
     if any(effect.inlet_drop or effect.outlet_rise for effect, _ in those):
-        for s, P in enumerate(unique):
+        for s, P in enumerate(nodes):
             state = _state(np.zeros(FLOWS), flows, float(P), np.zeros(FLOWS), parameters, gas, clock)
             rows = np.zeros((FLOWS, at.N_VECTOR))
             laws.add_losses(rows, those, state)
             loss[s, 0], loss[s, 1] = rows[:, at.DP_IN], rows[:, at.DP_OUT]
+    # Between two nodes everything goes in a straight line with the pressure.
+    low = np.clip(np.searchsorted(nodes, pressures, side="right") - 1, 0, max(nodes.size - 2, 0))
+    high = np.minimum(low + 1, nodes.size - 1)
+    up = np.where(high > low, (pressures - nodes[low]) / np.maximum(nodes[high] - nodes[low], 1e-9), 0.0)
+    torque, flow, slope, loss = (_between(table, low, high, up) for table in (torque, flow, slope, loss))
     spans = np.array([span.start_s for span in supply])
     lossy = bool(np.any(loss))
     found: np.ndarray = _march(
         time,
         spans,
-        which,
-        unique,
+        np.arange(spans.size),
+        pressures,
         start_rad_s,
         top,
         torque,
@@ -136,6 +143,39 @@ def _speeds(
         around,
     )
     return found
+
+
+def _nodes(pressures: np.ndarray) -> np.ndarray:
+    """Pressures at which the cycle is solved [Pa]: those of the line, or where these are many a few that hold them."""
+    unique = np.unique(pressures)
+    if unique.size <= FEW_PRESSURES:
+        return unique
+    grid = unique[0] * np.append(1.0, NEXT_NODE * FARTHER_NODE ** np.arange(MOST_NODES))
+    found: np.ndarray = grid[: int(np.searchsorted(grid, unique[-1])) + 1]
+    return found
+
+
+def _between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Rows of a table between its nodes."""
+    share = up.reshape(-1, *([1] * (table.ndim - 1)))
+    found: np.ndarray = (1.0 - share) * table[low] + share * table[high]
+    return found
+
+
+def _cycle(
+    parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, omega: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`model.averaged.torques`, kept: inertia, viscous friction and extra torque are not in it."""
+    needed = parameters.copy()
+    needed[[at.J, at.F_OVERALL, at.EXTRA_TORQUE]] = 0.0
+
+    def solved() -> np.ndarray:
+        out = np.zeros((omega.size + 1, base.N_OUT))
+        out[0, :2] = base.torques(parameters, readings, gas, P, omega, out[1:])
+        return out
+
+    found = _recent_cycles((needed.tobytes(), readings.tobytes(), gas.tobytes(), P, omega.tobytes()), solved)
+    return found[0, :2], found[1:]
 
 
 def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, start: float) -> float:

@@ -312,13 +312,27 @@ def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np
         if effect.lag is None:
             continue
         tau = effect.lag(values)
-        if tau <= 0.0:
-            continue
-        lagged = mean.copy()
-        for k in range(1, mean.size):
-            lagged[k] = mean[k] + (lagged[k - 1] - mean[k]) * np.exp(-(time[k] - time[k - 1]) / tau)
-        mean = lagged
+        if tau > 0.0:
+            mean = lagged(mean, time, tau)
     return mean
+
+
+def lagged(mean: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
+    """Speeds behind a first-order lag [rad/s], shape (n,).
+
+    Parameters
+    ----------
+    mean : ndarray, shape (n,)
+        Mean speed since the sample before [rad/s].
+    time : ndarray, shape (n,)
+        Of the samples [s].
+    tau : float
+        The lag's time constant, above 0 [s].
+    """
+    found = mean.copy()
+    for k in range(1, mean.size):
+        found[k] = mean[k] + (found[k - 1] - mean[k]) * np.exp(-(time[k] - time[k - 1]) / tau)
+    return found
 
 
 def _check(status: int) -> None:
