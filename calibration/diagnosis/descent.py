@@ -16,6 +16,7 @@ from calibration.diagnosis.linear import LINE, RUN, Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction, in_si
+from calibration.diagnosis.supply import own_of_line
 from calibration.diagnosis.threads import each
 from model.effects import effects
 
@@ -35,9 +36,9 @@ LOOSENS = ("roller_friction", "port_lap")  # what keeps a level standing
 LOOSER, LOOSER_BY = 24, 0.25  # steps of it with which a level that stands is made to turn [-]
 EDGE = math.sqrt(3.0)  # half a turn of the shaft, in sds of the angle's prior
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that there is
-LATE_S = np.arange(-0.12, 0.5, 0.02)  # moments at which a line begins to move, tried likewise,
-SLOW = np.arange(-1.5, 2.1, 0.5)  # ... with time constants, in sds of their prior
-LOUDER, FOLLOWED, MOST_LOOKS = 10.0, 4, 25  # factor on the noise meanwhile, lines that are followed, steps of each
+LATE_S = np.arange(-0.12, 0.5, 0.03)  # moments at which a line begins to move, tried likewise,
+SLOW = np.arange(-1.5, 2.1, 0.7)  # ... with time constants, in sds of their prior
+LOUDER, FOLLOWED, MOST_LOOKS = 10.0, 3, 12  # factor on the noise meanwhile, lines that are followed, steps of each
 FAR_OFF = 1e4  # noise sds; farther off is no worse
 
 
@@ -333,7 +334,8 @@ def with_lines(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray
     here = f(z, smooth=True)
     white = comparison.whitener(here, u)
     for run, file in enumerate(one.file for one in comparison.problem.blocks.runs):
-        places = [i for i, one in enumerate(comparison.problem.nuisances) if one.name.startswith(f"{file}.")]
+        names = [one.name for one in comparison.problem.nuisances]
+        places = [names.index(name) for name in own_of_line(file) if name in names]
         mine = comparison.known & np.isin(comparison.kind, (RUN + run, LINE))
 
         def misfit(own: np.ndarray, places: list[int] = places, run: int = run, mine: np.ndarray = mine) -> np.ndarray:
@@ -352,10 +354,10 @@ def with_lines(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray
                     own[[places.index(late), places.index(slow)]] = when, constant
                     begun.append(own)
         sizes = each(lambda own: float(np.sum(np.log1p((misfit(own) / LOUDER) ** 2))), begun)  # noqa: B023
-        ends = [
-            least_squares(misfit, begun[k], x_scale=1.0, max_nfev=MOST_LOOKS, diff_step=1e-3)
-            for k in np.argsort(sizes)[:FOLLOWED]
-        ]
+        ends = each(
+            lambda own: least_squares(misfit, own, max_nfev=MOST_LOOKS, diff_step=1e-3),  # noqa: B023
+            [begun[k] for k in np.argsort(sizes)[:FOLLOWED]],
+        )
         z = z.copy()
         z[places] = min(ends, key=lambda end: end.cost).x if ends else z[places]
         here = f(z, smooth=True)

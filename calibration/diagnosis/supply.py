@@ -82,6 +82,18 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
     return found
 
 
+def own_of_line(file: str) -> list[str]:
+    """Names of the unknowns that say how a run's line goes, without the small deviations.
+
+    Parameters
+    ----------
+    file : str
+        Of the run.
+    """
+    ways = (f"{file}.{way}_{what}" for way in (OPENING, VENTING) for what in ("late", "time", "valve"))
+    return [f"{file}.supply", *ways, f"{file}.floor", f"{file}.begun"]
+
+
 def _constant(stated: float | None, sd: float | None, otherwise: float, factor: float) -> tuple[float, float]:
     """Middle and factor of a time constant's prior: a stated one is seldom defined as it is here."""
     if stated is None:

@@ -103,11 +103,8 @@ def _speeds(
     slope, loss = np.empty((nodes.size, 2)), np.zeros((nodes.size, 2, FLOWS))
     most_flow = 1e-12
     for s, P in enumerate(nodes):
-        slope[s], out = _cycle(parameters, readings, gas, float(P), coarse)
-        torque[s] = PchipInterpolator(coarse, out[:, base.NET])(np.maximum(fine, coarse[0]))
-        flow[s] = np.interp(fine, np.append(0.0, coarse), np.append(0.0, out[:, base.MASS_FLOW]))
+        slope[s], (torque[s], flow[s], load) = _cycle(parameters, readings, gas, float(P), coarse, fine)
         most_flow = max(most_flow, 1.5 * float(flow[s].max()))
-        load = np.interp(fine, coarse, out[:, base.LOAD])
         state = _state(fine, flow[s], float(P), load, parameters, gas, clock)
         torque[s] -= parameters[at.F_OVERALL] * fine + parameters[at.EXTRA_TORQUE]
         torque[s] -= laws.sum_of_torques(those, state, np.zeros(FINE, dtype=bool))
@@ -163,18 +160,22 @@ def _between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarra
 
 
 def _cycle(
-    parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, omega: np.ndarray
+    parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, coarse: np.ndarray, fine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`model.averaged.torques`, kept: inertia, viscous friction and extra torque are not in it."""
+    """`model.averaged.torques` at speeds between those that are solved, kept: of inertia, viscous friction and extra
+    torque it knows nothing. Slopes, then torque, flow and roller load."""
     needed = parameters.copy()
     needed[[at.J, at.F_OVERALL, at.EXTRA_TORQUE]] = 0.0
 
     def solved() -> np.ndarray:
-        out = np.zeros((omega.size + 1, base.N_OUT))
-        out[0, :2] = base.torques(parameters, readings, gas, P, omega, out[1:])
-        return out
+        out, found = np.empty((coarse.size, base.N_OUT)), np.zeros((4, fine.size))
+        found[0, :2] = base.torques(parameters, readings, gas, P, coarse, out)
+        found[1] = PchipInterpolator(coarse, out[:, base.NET])(np.maximum(fine, coarse[0]))
+        found[2] = np.interp(fine, np.append(0.0, coarse), np.append(0.0, out[:, base.MASS_FLOW]))
+        found[3] = np.interp(fine, coarse, out[:, base.LOAD])
+        return found
 
-    found = _recent_cycles((needed.tobytes(), readings.tobytes(), gas.tobytes(), P, omega.tobytes()), solved)
+    found = _recent_cycles((needed.tobytes(), readings.tobytes(), gas.tobytes(), P, coarse.tobytes()), solved)
     return found[0, :2], found[1:]
 
 
