@@ -16,7 +16,11 @@ import numpy as np
 
 from calibration import priors
 from calibration.diagnosis.problem import CHANNELS, SI_OF, Prediction, Problem
+from model.effects.effect import unknown_state
+from model.effects.laws import readings_of
+from model.effects.transient import simulate
 from model.layout import PULSE
+from model.transient import THETA, rest_state
 from rig.recording import Ambient, Channel, Column, Recording, RecordingFile
 
 NOISES = ("declared", "misdeclared", "correlated", "coarse", "heavy")
@@ -37,6 +41,8 @@ SAMPLE_S = 0.005
 RUN_NOISE = 2.0  # noise of a sample in a run, times that of a plateau's mean
 RUNS = {"spin_up.csv": (1040.0, 200, 10, True), "coast_down.csv": (1100.0, 240, 20, False)}
 # ... start on the recording's clock [s], samples, the first of them before the valve turns, whether it then opens
+# Shares of the priors of a line that one bench's figures are drawn from: when the valve moves is well noted there.
+OF_A_BENCH = {"_late": 0.1, "_time": 0.5, "_valve": 0.5, ".turn": 1.0}
 FULL_SPEED_RPM = 300.0  # a reading of the template, which says no more than that the rotor turns
 
 Chosen = Mapping[str, Mapping[str, float]]
@@ -73,20 +79,23 @@ def null_recording(
     nominal = template(noise, with_runs)
     problem = Problem(nominal)
     z = priors.draw(problem.nuisances, rng, 1)[0]
-    for run in problem.blocks.runs:
-        # The angle is anybody's guess within a pulse; the supply's error comes with the noise of its readings.
-        problem.start_angle[run.file] = float(rng.uniform(0.0, PULSE))
     for i, unknown in enumerate(problem.nuisances):
-        if unknown.name.endswith((".angle", ".supply")):
-            z[i] = 0.0
+        if unknown.name.endswith(".floor"):
+            z[i] = unknown.z(0.0)
+        elif "." in unknown.name:  # a line as one bench has it: the priors are for all
+            z[i] *= next((share for end, share in OF_A_BENCH.items() if unknown.name.endswith(end)), 1.0)
     factor = dict.fromkeys(CHANNELS, 1.0)
     if noise == "misdeclared":
         factor = {channel: math.exp(MISDECLARED * rng.standard_normal()) for channel in CHANNELS}
     chosen = {name: dict(values) for name, values in (concealed or {}).items()}
-    exact = problem.predict(z, chosen)  # whatever the diagnosis makes do with
-    files = tuple(_read(file, nominal, problem, exact, noise, factor, rng) for file in nominal.files)
+    exact = problem.predict(z, chosen)
+    exact = replace(
+        exact, runs=tuple(_speeds(problem, i, z, chosen, rng) for i in range(len(RUNS) if with_runs else 0))
+    )
+    clocks = {file.file: file.columns["time_s"].values for file in nominal.files if file.kind == "transient"}
+    lines = {run.file: problem.gauge_in(run, problem.split(z), chosen, clocks[run.file]) for run in problem.blocks.runs}
+    files = tuple(_read(file, nominal, problem, exact, lines, noise, factor, rng) for file in nominal.files)
     truth = {unknown.name: float(unknown.value(z[i])) for i, unknown in enumerate(problem.nuisances)}
-    truth |= {name: problem.start_angle[name.removesuffix(".angle")] for name in truth if name.endswith(".angle")}
     truth |= {f"{channel}_noise_factor": factor[channel] for channel in CHANNELS}
     return replace(nominal, files=files, sha256="simulated"), truth
 
@@ -137,13 +146,14 @@ def _read(
     nominal: Recording,
     problem: Problem,
     exact: Prediction,
+    lines: Mapping[str, np.ndarray],
     noise: str,
     factor: Mapping[str, float],
     rng: np.random.Generator,
 ) -> RecordingFile:
     """A file of the template as the instruments show it: noise, then rounding, then what no tachometer shows."""
     columns = dict(file.columns)
-    for channel, without in _without_noise(file, problem, exact).items():
+    for channel, without in _without_noise(file, problem, exact, lines).items():
         if not np.all(np.isfinite(without)):
             raise ArithmeticError(
                 f"{file.file}: the model gives no {channel} at {int(np.sum(~np.isfinite(without)))} rows"
@@ -160,15 +170,33 @@ def _read(
     return replace(file, columns=columns)
 
 
-def _without_noise(file: RecordingFile, problem: Problem, exact: Prediction) -> dict[str, np.ndarray]:
+def _without_noise(
+    file: RecordingFile, problem: Problem, exact: Prediction, lines: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """What the instruments would show of a file, but for noise and rounding, by channel [SI]."""
-    pressure = file.columns[COLUMN_OF["pressure"]].values * SI_OF["pressure"]
     if file.kind == "steady":
+        pressure = file.columns[COLUMN_OF["pressure"]].values * SI_OF["pressure"]
         return {"pressure": pressure, "flow": exact.flow, "speed": exact.speed}
-    vented = exact.vented[problem.blocks.vented.file.index(file.file)]
     i = [run.file for run in problem.blocks.runs].index(file.file)
-    opened = file.columns["supply_open"].values > 0.5
-    return {"pressure": np.where(opened, pressure, vented), "speed": exact.runs[i]}
+    return {"pressure": lines[file.file], "speed": exact.runs[i]}
+
+
+def _speeds(problem: Problem, i: int, z: np.ndarray, chosen: Chosen, rng: np.random.Generator) -> np.ndarray:
+    """What the tachometer makes of a run with every pulse, from a shaft that stood at any angle [rad/s]."""
+    run, split = problem.blocks.runs[i], problem.split(z)
+    planned, angle = (
+        problem.plan(i, split, {name: dict(values) for name, values in chosen.items()}),
+        float(rng.uniform(0.0, PULSE)),
+    )
+    start = rest_state(problem.motor, angle) if run.from_rest else planned.start.copy()
+    start[THETA] = angle
+    sampled = SAMPLE_S * np.arange(RUNS[run.file][1] + 1)
+    ahead = planned.time[:0] if run.from_rest else planned.time[planned.time < -1e-9]
+    time = np.concatenate([ahead, sampled])
+    found = simulate(planned.parameters, planned.readings, planned.supply, time, start, chosen, run.start_s)
+    true = found.reading[1 - sampled.size :]
+    offset, scale = split[1]["speed"]
+    return readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
 
 
 def _sweep() -> RecordingFile:

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.measurement import OBSERVED, Measurement, gather
 from calibration.priors import PASCAL_PER_BAR
-from model.layout import L_MIN, RPM
+from model.layout import L_MIN, PULSE, RPM
 from model.transient import Supply
 from rig.recording import Recording, RecordingError, RecordingFile
 
@@ -19,6 +19,7 @@ REST_SHARE = 0.1  # a coast-down is compared down to this share of its first spe
 RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest speed on: how it broke away nobody knows
 FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
+LEAST_PULSE = 0.8  # of a pulse of the cylinders that a sample has to span
 LEVEL_PA = 3000.0  # gap that parts two pressure levels
 SETTLING = 0.7  # share of a span that began with the valve, after which its line is taken to have settled at first
 UNSETTLED = 0.005  # share of its pressure by which a line does not settle where the gauge last was,
@@ -125,8 +126,10 @@ class RunInTime:
         Whether the ambient is to be added to the gauge's readings.
     start_s : float
         On the recording's clock [s].
-    noise_scale : float
-        Of the file [-].
+    noise_scale : ndarray, shape (n,)
+        Of each sample [-].
+    row : ndarray of int, shape (n,)
+        Number of its last row in the file, from 1.
     from_rest : bool
         Whether it starts at rest; otherwise in the steady state of its first span.
     used : ndarray of bool, shape (n,)
@@ -143,7 +146,8 @@ class RunInTime:
     line: Line
     is_gauge: bool
     start_s: float
-    noise_scale: float
+    noise_scale: np.ndarray
+    row: np.ndarray
     from_rest: bool
     used: np.ndarray
 
@@ -247,6 +251,13 @@ def _vented(recording: Recording) -> Vented:
             if "supply_open" not in file.columns or "time_s" not in file.columns:
                 continue
             rest = _settled(file.columns["time_s"].values, file.columns["supply_open"].values > 0.5)
+            if (
+                "speed_rpm" in file.columns
+            ):  # a line that a turning motor breathes from is not at the ambient's pressure
+                turning = np.flatnonzero(file.columns["speed_rpm"].values > 0.0)
+                after = np.flatnonzero(file.columns["supply_open"].values > 0.5)[:1]
+                if turning.size and after.size and after[0] < turning[-1]:
+                    rest[after[0] : turning[-1] + 1] = False
         read = file.columns[name].values[rest & (file.columns[name].censor == 0)] * PASCAL_PER_BAR
         read = read[np.isfinite(read)]
         if file.kind == "transient":
@@ -350,11 +361,14 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
     valve, settled_sd = _valve(clock, pressure, opened)
     window = recording.channels["speed_rpm"].window_s
     begin = _begin(time) if window is None else time - window
+    row, scale = np.flatnonzero(sampled) + 1, np.full(time.size, file.noise_scale)
+    if window is None:
+        time, begin, speed, row, scale = _by_pulses(time, begin, speed, row, scale)
     used = _useful(speed, time, begin, valve, from_rest)
     over = float(time[used][-1]) if used.any() else -np.inf
     line = _line(clock, pressure, valve, noise, over)
     return RunInTime(
-        file.file, time, begin, speed, valve, settled_sd, line, gauge, file.start_s, file.noise_scale, from_rest, used
+        file.file, time, begin, speed, valve, settled_sd, line, gauge, file.start_s, scale, row, from_rest, used
     )
 
 
@@ -363,6 +377,29 @@ def _begin(time: np.ndarray) -> np.ndarray:
     if time.size < 2:
         return time - 1.0
     return np.concatenate([[time[0] - float(np.median(np.diff(time)))], time[:-1]])
+
+
+def _by_pulses(
+    time: np.ndarray, begin: np.ndarray, speed: np.ndarray, row: np.ndarray, scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Samples one after the other taken together until the shaft has turned by most of a pulse of the cylinders.
+
+    In one that is finer the pulse shows, and nobody knows how the shaft stood.
+    """
+    turned = np.cumsum(speed * (time - begin))
+    group = np.zeros(time.size, dtype=int)
+    since, last = turned[0] if time.size else 0.0, 0
+    for k in range(1, time.size):
+        if turned[k - 1] - since >= LEAST_PULSE * PULSE or speed[k] == 0.0 or speed[k - 1] == 0.0 or k == 1:
+            last += 1
+            since = turned[k - 1]
+        group[k] = last
+    ends = np.append(np.flatnonzero(np.diff(group)), time.size - 1) if time.size else np.zeros(0, dtype=int)
+    starts = np.append(0, ends[:-1] + 1) if time.size else ends
+    count = ends - starts + 1
+    span = time[ends] - begin[starts]
+    mean = np.add.reduceat(speed * (time - begin), starts) / span if time.size else speed
+    return time[ends], begin[starts], mean, row[ends], scale[ends] / np.sqrt(count)
 
 
 def _useful(

@@ -317,9 +317,6 @@ def turned(
 def with_lines(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) -> np.ndarray:
     """A point with the line of each run where it suits the readings best, all else as it is [-], shape (n,).
 
-    The moment at which a line begins to move may be anywhere at first: a few are tried, with several time constants,
-    by a cost in which the noise is louder, and the best of them followed.
-
     Parameters
     ----------
     f : Function
@@ -331,37 +328,45 @@ def with_lines(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray
     u : ndarray, shape (5,)
         The noise [-].
     """
+    for run in range(len(comparison.problem.blocks.runs)):
+        z = _with_line(f, comparison, z, u, run)
+    return z
+
+
+def _with_line(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, run: int) -> np.ndarray:
+    """A point with the line of one run where it suits the readings best.
+
+    The moment at which it begins to move may be anywhere at first: a few are tried, with several time constants, by a
+    cost in which the noise is louder, and the best of them followed.
+    """
+    problem = comparison.problem
     here = f(z, smooth=True)
     white = comparison.whitener(here, u)
-    for run, file in enumerate(one.file for one in comparison.problem.blocks.runs):
-        names = [one.name for one in comparison.problem.nuisances]
-        places = [names.index(name) for name in own_of_line(file) if name in names]
-        mine = comparison.known & np.isin(comparison.kind, (RUN + run, LINE))
+    names = [one.name for one in problem.nuisances]
+    places = [names.index(name) for name in own_of_line(problem.blocks.runs[run].file) if name in names]
+    mine = comparison.known & np.isin(comparison.kind, (RUN + run, LINE))
 
-        def misfit(own: np.ndarray, places: list[int] = places, run: int = run, mine: np.ndarray = mine) -> np.ndarray:
-            tried = z.copy()
-            tried[places] = own
-            left = white(comparison.read - np.nan_to_num(comparison.raw(f(f.clip(tried), here, (run,), smooth=True))))[
-                mine
-            ]
-            return np.append(np.clip(left, -FAR_OFF, FAR_OFF), own)
+    def misfit(own: np.ndarray) -> np.ndarray:
+        tried = z.copy()
+        tried[places] = own
+        found = f(f.clip(tried), here, (run,), smooth=True)
+        left = white(comparison.read - np.nan_to_num(comparison.raw(found)))[mine]
+        return np.append(np.clip(left, -FAR_OFF, FAR_OFF), own)
 
-        begun = []
-        for late, slow in [(late, slow) for one, late, slow in f.lines if one == run]:
-            for when in LATE_S / comparison.problem.nuisances[late].b:
-                for constant in SLOW:
-                    own = z[places].copy()
-                    own[[places.index(late), places.index(slow)]] = when, constant
-                    begun.append(own)
-        sizes = each(lambda own: float(np.sum(np.log1p((misfit(own) / LOUDER) ** 2))), begun)  # noqa: B023
-        ends = each(
-            lambda own: least_squares(misfit, own, max_nfev=MOST_LOOKS, diff_step=1e-3),  # noqa: B023
-            [begun[k] for k in np.argsort(sizes)[:FOLLOWED]],
-        )
-        z = z.copy()
-        z[places] = min(ends, key=lambda end: end.cost).x if ends else z[places]
-        here = f(z, smooth=True)
-    return z
+    begun = []
+    for late, slow in [(late, slow) for one, late, slow in f.lines if one == run]:
+        for when in LATE_S / problem.nuisances[late].b:
+            for constant in SLOW:
+                own = z[places].copy()
+                own[[places.index(late), places.index(slow)]] = when, constant
+                begun.append(own)
+    sizes = each(lambda own: float(np.sum(np.log1p((misfit(own) / LOUDER) ** 2))), begun)
+    best = [begun[k] for k in np.argsort(sizes)[:FOLLOWED]]
+    ends = each(lambda own: least_squares(misfit, own, max_nfev=MOST_LOOKS, diff_step=1e-3), best)
+    found = z.copy()
+    if ends:
+        found[places] = min(ends, key=lambda end: end.cost).x
+    return found
 
 
 def _at_angle(

@@ -122,7 +122,8 @@ class Noise:
         self.apart = np.where(files[:, None] == files[None, :], between, -1)
         enough = (int(np.sum(self.apart == 1)) // 2 >= FEWEST, step.size >= FEWEST)
         self.free = np.array([True, True, True, *enough])
-        self.sample_scale = np.repeat([run.noise_scale for run in problem.blocks.runs], sizes)
+        scales = [run.noise_scale[run.used] for run in problem.blocks.runs]
+        self.sample_scale = np.concatenate(scales or [np.zeros(0)])
         self.first = apart.copy()
         if step.size:
             self.first[np.cumsum([0, *sizes[:-1]])] = True
@@ -236,8 +237,10 @@ class Noise:
         return self._of_samples_sd(u) * drawn
 
     def _of_samples_sd(self, u: np.ndarray) -> np.ndarray:
-        """Noise of the samples [SI], shape (k,): at least the declared one, since little scatter from one to the next says
-        nothing of what they have in common."""
+        """Noise of the samples [SI], shape (k,): at least what is declared.
+
+        Little scatter from one to the next says nothing of what they have in common.
+        """
         found: np.ndarray = self.declared[2] * math.exp(max(u[2], 0.0)) * self.sample_scale
         return found
 

@@ -102,7 +102,7 @@ class _Bench:
         self.end = float(np.nanmax([plateaus.time.max(), *(run.start_s + run.time[-1] for run in runs)]))
         self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
         self.sample = float(np.median(np.diff(runs[0].time))) if runs else SAMPLE_S
-        self.noisier = runs[0].noise_scale if runs else NOISIER
+        self.noisier = float(np.max(runs[0].noise_scale)) if runs else NOISIER
         self.inertia = comparison.problem.motor.si("inertia") - self.seen.added_inertia_kg_m2
 
     def higher(self) -> float:

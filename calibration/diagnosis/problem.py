@@ -355,20 +355,47 @@ class Problem:
     def _line(self, split: Split, chosen: dict[str, dict[str, float]]) -> np.ndarray:
         """What the gauge reads in the runs in time [Pa]."""
         found = [np.zeros(0)]
-        for run in self.blocks.runs:
-            own, nothing = split[2][run.file], np.zeros(1)
-            bottom = self._vented(Vented((run.file,), nothing, nothing, np.array([run.is_gauge])), split, chosen)[0]
-            share = Course(run.valve, own, run.over).share(run.line.time - own["gauge_late"])
-            bottom = bottom + own.get("floor", 0.0)
-            found.append(run.line.means(bottom + (self._settled(run, own) - bottom) * share))
+        found += [run.line.means(self.gauge_in(run, split, chosen, run.line.time)) for run in self.blocks.runs]
         return np.concatenate(found)
+
+    def gauge_in(
+        self, run: RunInTime, split: Split, chosen: dict[str, dict[str, float]], time: np.ndarray
+    ) -> np.ndarray:
+        """What the gauge reads in a run in time [Pa], shape (n,).
+
+        Parameters
+        ----------
+        run : RunInTime
+            The run.
+        split : tuple
+            Of `split`.
+        chosen : dict
+            Effects and the values of their parameters.
+        time : ndarray, shape (n,)
+            On the run's clock [s].
+        """
+        own, nothing = split[2][run.file], np.zeros(1)
+        bottom = self._vented(Vented((run.file,), nothing, nothing, np.array([run.is_gauge])), split, chosen)[0]
+        bottom += own.get("floor", 0.0)
+        share = Course(run.valve, own, run.over).share(time - own["gauge_late"])
+        return bottom + (self._settled(run, own) - bottom) * share
 
     def _settled(self, run: RunInTime, own: Mapping[str, float]) -> float:
         """What the gauge reads once the open line has settled [Pa]."""
         return next((span.pressure_pa for span in run.valve if span.is_open), math.nan) - own["supply"]
 
-    def _plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
-        """A run in time at a point: its line is as the gauge reads it, freed of the gauge's errors."""
+    def plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
+        """A run in time at a point: its line is as the gauge reads it, freed of the gauge's errors.
+
+        Parameters
+        ----------
+        i : int
+            Its index [-].
+        split : tuple
+            Of `split`.
+        chosen : dict
+            Effects and the values of their parameters.
+        """
         parameters, errors, own_of = split
         run = self.blocks.runs[i]
         own = own_of[run.file]
@@ -386,7 +413,7 @@ class Problem:
 
     def _read_speed(self, i: int, split: Split, chosen: dict[str, dict[str, float]], smooth: bool) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]
-        planned = self._plan(i, split, chosen)
+        planned = self.plan(i, split, chosen)
         pulses = None if smooth else self.pulses.get(run.file)
         true = planned.read(pulses.beside(planned) if pulses else planned.mean_speed())
         reading = np.full(run.size, np.nan)
@@ -406,7 +433,7 @@ class Problem:
         list of ndarray, shape (n,)
             How far they swing the shaft in each run [rad].
         """
-        plans = [self._plan(i, self.split(z), {}) for i in range(len(self.blocks.runs))]
+        plans = [self.plan(i, self.split(z), {}) for i in range(len(self.blocks.runs))]
         for run, planned in zip(self.blocks.runs, plans, strict=True):
             self.pulses[run.file] = in_time.Pulses(planned, in_time.ANGLES)
         return [in_time.swing(planned, run) for run, planned in zip(self.blocks.runs, plans, strict=True)]

@@ -170,7 +170,8 @@ def _cycle(
     def solved() -> np.ndarray:
         out, found = np.empty((coarse.size, base.N_OUT)), np.zeros((4, fine.size))
         found[0, :2] = base.torques(parameters, readings, gas, P, coarse, out)
-        found[1] = PchipInterpolator(coarse, out[:, base.NET])(np.maximum(fine, coarse[0]))
+        told = bool(np.all(np.isfinite(out[:, base.NET])))
+        found[1] = PchipInterpolator(coarse, out[:, base.NET])(np.maximum(fine, coarse[0])) if told else np.nan
         found[2] = np.interp(fine, np.append(0.0, coarse), np.append(0.0, out[:, base.MASS_FLOW]))
         found[3] = np.interp(fine, coarse, out[:, base.LOAD])
         return found
