@@ -187,7 +187,11 @@ def remarks(found: Fit, suspects: Sequence[Suspect]) -> list[str]:
     """
     said = set(found.recording.warnings)
     sentences = [note for note in found.measured.notes if note not in said]
-    sentences += [suspect_in_words(one) for one in suspects]
+    if suspects and contradicted(found):
+        count = "1 reading looks" if len(suspects) == 1 else f"{len(suspects)} readings look"
+        sentences.append(f"{count} bad by this model, which says little as long as it does not explain the rest")
+    else:
+        sentences += [suspect_in_words(one) for one in suspects]
     if prior_dominates(found):
         sentences.append(prior_says(found).rstrip("."))
     return sentences + _too_fast(found)
