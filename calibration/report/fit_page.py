@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import platform
+import textwrap
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 HTML, PNG = "report.html", "report.png"
 PACKAGES = ("spinbench", "numpy", "scipy", "numba", "emcee")
+TITLE_WIDTH = 68  # letters that fit over the picture
 Variants = list[tuple[str, Posterior]]
 
 
@@ -60,7 +62,8 @@ def report(found: Fit, variants: Variants) -> dict[str, bytes]:
 
 def _on_the_picture(found: Fit) -> str:
     wrong = fit_words.contradicted(found)
-    return f"{wrong}\n{fit_words.not_to_be_relied_on(found.posterior)}" if wrong else fit_words.verdict(found.posterior)
+    words = f"{wrong} {fit_words.not_to_be_relied_on(found.posterior)}" if wrong else fit_words.verdict(found.posterior)
+    return textwrap.fill(words, TITLE_WIDTH)
 
 
 def table(found: Fit) -> Table:
