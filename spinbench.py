@@ -34,7 +34,7 @@ LOGS = Path("logs")  # of the folder that the program is started in: runs are da
 # Its matrices are small: threads that share one of them cost more than they save. Set before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED = 2, 3, 4
+UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED, MODEL_DOES_NOT_FIT = 2, 3, 4, 5
 # Errors that are told in words instead of with a traceback, by their class's full name (which needs no import), and
 # the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.
 EXIT_CODES = {
@@ -299,10 +299,14 @@ def fit(
     ] = "",
     logs: LogsOption = LOGS,
 ) -> None:
-    """Fit f_overall and what it hangs on to a recording; exit code 3 if the sampler does not converge."""
+    """Fit f_overall and what it hangs on to a recording; exit code 3 if the sampler does not converge, 5 if the model
+    does not explain the readings.
+    """
+    import dataclasses
+
     from calibration import fit as fits
-    from calibration import posterior, with_effects
-    from calibration.report import files, fit_page, simulation
+    from calibration import fit_quality, with_effects
+    from calibration.report import files, fit_page, fit_words, simulation
     from calibration.sampling import Settings
 
     _check_places(out, json_file)
@@ -314,25 +318,36 @@ def fit(
     changes = assignments or []
     held = [name.strip() for name in effects.split(",") if name.strip()]
     planned = fits.variants(read, channels, compare, gauge_span_bar)
-    with _sampling_progress("fit") as progress:
-        found = fits.fit(read, settings, changes, channels, out / "chain" if out else None, progress, held)
+    with _testing() as tell:
+        quality = fit_quality.judge(read, seed, changes, channels, held, tell)
+    try:
+        with _sampling_progress("fit") as progress:
+            found = fits.fit(read, settings, changes, channels, out / "chain" if out else None, progress, held)
+    except fits.NotConvergedError as error:
+        if not quality.model_fits:
+            error.add_note(f"nor does the model explain the readings: {quality.why}")
+        raise
+    found = dataclasses.replace(found, quality=quality)
+    encoded = simulation.json_bytes(fit_quality.as_json(found))
     if out is not None and planned:  # one of them may not converge
-        files.write_files(out, {"posterior.json": simulation.json_bytes(posterior.as_json(found.posterior))})
+        files.write_files(out, {"posterior.json": encoded})
     variants = []
     for name, changed, used in planned:
         with _sampling_progress(name) as progress:
             still = with_effects.seen(held, used)
             again = fits.fit(changed, fits.brief(settings), changes, used, None, progress, still)
             variants.append((name, again.posterior))
-    data = posterior.as_json(found.posterior)
-    encoded = simulation.json_bytes(data)
     if out is not None:
         files.write_files(out, {"posterior.json": encoded} | fit_page.report(found, variants))
+    for words in fit_words.headline(found):
+        print(words, file=sys.stderr)
     _deliver(encoded, fit_page.table(found), None, json_file, None)
     for words in fit_page.remarks(found):
         print(f"spinbench: {words}", file=sys.stderr)
     if out is not None:
         print(f"spinbench: the report is {out / 'report.html'}", file=sys.stderr)
+    if not quality.model_fits:
+        raise typer.Exit(MODEL_DOES_NOT_FIT)
 
 
 @app.command()
@@ -484,6 +499,16 @@ def _diagnosing() -> Iterator[Callable[[str], None]]:
             bar.update(task, description=step, completed=done)
 
         yield tell
+
+
+@contextlib.contextmanager
+def _testing() -> Iterator[Callable[[str], None]]:
+    """A line on standard error while the model of a fit is tested; it is gone once there is an answer."""
+    from rich.console import Console
+
+    words = "does the model explain the readings?"
+    with Console(stderr=True).status(words) as line:
+        yield lambda step: line.update(f"{words} {step}")
 
 
 @contextlib.contextmanager
@@ -1070,7 +1095,7 @@ def many_fit(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Fit many recordings into one table; exit code 2 when some could not be."""
+    """Fit many recordings into one table, which says where the model does not fit; exit code 2 when some failed."""
     from calibration import fleet
     from calibration.sampling import Settings
 
@@ -1079,11 +1104,12 @@ def many_fit(
     with _bars() as begin:
         rows = fleet.fit_all(found, _recording, settings, out, _workers(workers), scheduler, begin("fits"))
     figures = [(row.get("f_overall_mean"), row.get("f_overall_sd")) for row in rows]
+    fits_well = {True: "yes", False: "no: do not rely on it", None: ""}
     shown = [
-        (str(row["recording"]), "failed" if mean is None else f"{mean:.4f} +- {sd:.4f}")
+        (str(row["recording"]), "failed" if mean is None else f"{mean:.4f} +- {sd:.4f}", fits_well[row["model_fits"]])
         for row, (mean, sd) in zip(rows, figures, strict=True)
     ]
-    _tell_of_many(("recording", "f_overall, N m s"), shown, rows, out / fleet.CSV)
+    _tell_of_many(("recording", "f_overall, N m s", "the model fits"), shown, rows, out / fleet.CSV)
 
 
 def _tell_of_many(

@@ -15,7 +15,7 @@ import numpy as np
 from calibration import measurement, posterior, priors, sampling, with_effects
 from calibration.likelihood import Likelihood
 from calibration.measurement import Measurement
-from calibration.posterior import Posterior
+from calibration.posterior import FitQuality, Posterior
 from calibration.sampling import Progress, Settings
 from model.motor import Motor, read_motor, set_values
 from rig.recording import Channel, Recording, RecordingError
@@ -50,6 +50,8 @@ class Fit:
         Seed, target and budget.
     effects : tuple of str
         Ids of what the model holds beyond the article.
+    quality : FitQuality or None
+        Whether the model explains the readings; None where that was not asked.
     """
 
     recording: Recording
@@ -59,6 +61,7 @@ class Fit:
     posterior: Posterior
     settings: Settings
     effects: tuple[str, ...] = ()
+    quality: FitQuality | None = None
 
 
 def fit(

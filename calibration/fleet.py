@@ -10,7 +10,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -176,8 +176,9 @@ def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
 
 
 def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
-    from calibration import fit, posterior
+    from calibration import fit, fit_quality
     from calibration.sampling import Settings
 
-    found = fit.fit(read(Path(argument["folder"])), Settings(**argument["settings"]))
-    return {"posterior": posterior.as_json(found.posterior)}
+    recording, settings = read(Path(argument["folder"])), Settings(**argument["settings"])
+    quality = fit_quality.judge(recording, settings.seed)
+    return {"posterior": fit_quality.as_json(replace(fit.fit(recording, settings), quality=quality))}

@@ -12,7 +12,7 @@ from calibration.many import Result
 
 PLACE = ("balance", "channel", "coordinate")
 FIGURES = ("mean", "sd", "q05", "q95")
-TEXT, NUMBER, WHOLE, SET, SETS = "text", "number", "whole", "set", "sets"
+TEXT, NUMBER, WHOLE, FLAG, SET, SETS = "text", "number", "whole", "flag", "set", "sets"
 DIAGNOSIS_COLUMNS = {
     "name": TEXT,
     "verdict": TEXT,
@@ -27,7 +27,15 @@ DIAGNOSIS_COLUMNS = {
     **{f"f_overall_{when}_{key}": NUMBER for when in ("before", "after") for key in FIGURES},
     "diagnosis": TEXT,
 }
-FIT_FIRST = {"name": TEXT, "error": TEXT, "seconds": NUMBER, "rhat_max": NUMBER, "ess_min": NUMBER}
+FIT_FIRST = {
+    "name": TEXT,
+    "error": TEXT,
+    "seconds": NUMBER,
+    "p_value": NUMBER,
+    "model_fits": FLAG,
+    "rhat_max": NUMBER,
+    "ess_min": NUMBER,
+}
 MOST_TEXT = 500
 NOT_IN_CSV = "diagnosis"  # the whole document, for programs
 
@@ -63,17 +71,18 @@ def diagnosis_row(result: Result) -> dict[str, Any]:
 
 
 def fit_row(result: Result) -> dict[str, Any]:
-    """A fit as a row: each unknown's mean, sd and 90 % interval.
+    """A fit as a row: whether the model fits, each unknown's mean, sd and 90 % interval.
 
     Parameters
     ----------
     result : Result
         Its value holds ``posterior``, a posterior/1.
     """
-    made: dict[str, Any] = {"name": result.name, "error": result.error, "seconds": result.seconds}
+    made = dict.fromkeys(FIT_FIRST) | {"name": result.name, "error": result.error, "seconds": result.seconds}
     found = (result.value or {}).get("posterior")
     if found is None:
         return made
+    made |= {key: found["fit_quality"][key] for key in ("p_value", "model_fits")}
     made |= {key: found["convergence"][key] for key in ("rhat_max", "ess_min")}
     for name, one in found["parameters"].items():
         made |= {f"{name}_{key}": one[key] for key in FIGURES}
@@ -123,7 +132,7 @@ def as_parquet(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) ->
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    kinds = {TEXT: pa.string(), NUMBER: pa.float64(), WHOLE: pa.int64()}
+    kinds = {TEXT: pa.string(), NUMBER: pa.float64(), WHOLE: pa.int64(), FLAG: pa.bool_()}
     kinds |= {SET: pa.list_(pa.string()), SETS: pa.list_(pa.list_(pa.string()))}
     schema = pa.schema([(name, kinds[kind]) for name, kind in columns.items()])
     stream = pa.BufferOutputStream()

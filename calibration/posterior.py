@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,25 @@ class SuspectRow:
     row: int
     channel: str
     probability: float
+
+
+@dataclass(frozen=True)
+class FitQuality:
+    """Whether the model explains the readings that it was fitted to.
+
+    Attributes
+    ----------
+    p_value : float
+        How often chance alone leaves as much: uniform where the model is right [-].
+    model_fits : bool
+        Whether the fit's figures can be relied on.
+    why : str
+        What stands out, or that nothing does; in words.
+    """
+
+    p_value: float
+    model_fits: bool
+    why: str
 
 
 @dataclass(frozen=True)
@@ -148,13 +167,19 @@ def thinned(flat: np.ndarray, most: int = DRAWS_FOR_ROWS) -> np.ndarray:
     return flat[:: -(-len(flat) // most)]
 
 
-def as_json(posterior: Posterior) -> dict[str, Any]:
+def as_json(
+    posterior: Posterior, quality: FitQuality | None = None, files: Sequence[dict[str, Any]] = ()
+) -> dict[str, Any]:
     """As posterior/1.
 
     Parameters
     ----------
     posterior : Posterior
         The result.
+    quality : FitQuality or None
+        Whether the model explains the readings; null where that was not asked.
+    files : sequence of dict
+        Rows of each file and how many of them were used, of `calibration.rows_used`.
     """
     chain = posterior.chain
     return {
@@ -180,6 +205,8 @@ def as_json(posterior: Posterior) -> dict[str, Any]:
             {"file": row.file, "row": row.row, "channel": row.channel, "probability": row.probability}
             for row in posterior.suspect_rows
         ],
+        "fit_quality": None if quality is None else asdict(quality),
+        "files": list(files),
         "seconds": posterior.seconds,
     }
 

@@ -136,14 +136,19 @@ def test_a_recording_that_cannot_be_fitted_is_a_row_with_its_reason(put_recordin
 
 def test_a_fit_s_row_has_every_unknown():
     one = {"unit": "N m s", "mean": 0.064, "sd": 0.002, "q05": 0.060, "q50": 0.064, "q95": 0.067}
-    found = {"parameters": {"f_overall": one}, "convergence": {"rhat_max": 1.001, "ess_min": 2100.0}}
+    found = {
+        "parameters": {"f_overall": one},
+        "convergence": {"rhat_max": 1.001, "ess_min": 2100.0},
+        "fit_quality": {"p_value": 0.0001, "model_fits": False, "why": "The torque balance does not close."},
+    }
     rows = [many_table.fit_row(Result("good", {"posterior": found}, "", 9.0))]
     rows.append(many_table.fit_row(Result("bad", None, "RecordingError: no flow", 0.1)))
     table = many_table.as_csv(rows, many_table.fit_columns(rows)).decode().splitlines()
     assert table == [
-        "name,error,seconds,rhat_max,ess_min,f_overall_mean,f_overall_sd,f_overall_q05,f_overall_q95",
-        "good,,9.0,1.001,2100.0,0.064,0.002,0.06,0.067",
-        "bad,RecordingError: no flow,0.1,,,,,,",
+        "name,error,seconds,p_value,model_fits,rhat_max,ess_min,"
+        "f_overall_mean,f_overall_sd,f_overall_q05,f_overall_q95",
+        "good,,9.0,0.0001,False,1.001,2100.0,0.064,0.002,0.06,0.067",
+        "bad,RecordingError: no flow,0.1,,,,,,,,",
     ]
 
 

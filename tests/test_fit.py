@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from calibration.sampling import Settings
 from model import steady
 from model.motor import read_motor
 from rig.recording import Column, read_recording, write_recording
+from tests.diagnosis_recordings import add_coast_down, sweep
 
 ROOT = Path(__file__).resolve().parent.parent
 PUBLISHED = ROOT / "logs" / "published_sweep"
@@ -66,7 +68,15 @@ def published(tmp_path_factory) -> Path:
 @pytest.mark.slow
 def test_the_json_is_posterior_1(published):
     data = json.loads((published / "fit.json").read_text())
-    assert list(data) == ["format", "parameters", "convergence", "suspect_rows", "seconds"]
+    assert list(data) == [
+        "format",
+        "parameters",
+        "convergence",
+        "suspect_rows",
+        "fit_quality",
+        "files",
+        "seconds",
+    ]
     assert data["format"] == "posterior/1"
     assert {"f_overall", "port_lap", "roller_friction", "pressure_offset", "flow_scale"} <= set(data["parameters"])
     for parameter in data["parameters"].values():
@@ -74,6 +84,15 @@ def test_the_json_is_posterior_1(published):
         assert parameter["q05"] < parameter["q50"] < parameter["q95"]
     assert set(data["convergence"]) == {"rhat_max", "ess_min", "acceptance", "steps", "walkers", "ensembles"}
     assert all(set(row) == {"file", "row", "channel", "probability"} for row in data["suspect_rows"])
+
+
+@pytest.mark.slow
+def test_the_published_readings_do_not_contradict_the_model(published):
+    quality = posterior(published / "fit.json")["fit_quality"]
+    assert set(quality) == {"p_value", "model_fits", "why"}
+    assert quality["model_fits"] is True
+    assert 0.01 < quality["p_value"] < 1.0
+    assert "The readings do not contradict the model" in (published / "out" / "report.html").read_text()
 
 
 @pytest.mark.slow
@@ -191,6 +210,77 @@ def test_too_small_a_budget_ends_with_code_3_and_no_posterior(plateaus):
     assert "Traceback" not in done.stderr
     assert not (plateaus / "short" / "posterior.json").exists()
     assert not (plateaus / "short.json").exists()
+
+
+# A model that is wrong
+
+
+@pytest.fixture(scope="module")
+def windy(tmp_path_factory) -> Path:
+    """A working folder with the recording `bench` of five plateaus and a coast-down, windage in both; modest meters."""
+    folder = tmp_path_factory.mktemp("windy")
+    chosen = {"windage": {"drag_nm_s2": 3e-4}}
+    sweep(folder / "bench", 1, chosen)
+    add_coast_down(folder / "bench", 1, chosen)
+    toml = (folder / "bench" / "recording.toml").read_text()
+    toml = toml.replace("noise_sd = 0.0015", "noise_sd = 0.006").replace("noise_sd = 0.4", "noise_sd = 1.0")
+    (folder / "bench" / "recording.toml").write_text(toml)
+    header, *rows = (folder / "bench" / "sweep.csv").read_text().splitlines()
+    (folder / "bench" / "sweep.csv").write_text("\n".join([header, *rows[0:13:3]]) + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wrong(windy) -> subprocess.CompletedProcess[str]:
+    return run("bench", "-o", "out", "--json", "fit.json", *BRIEF, cwd=windy)
+
+
+@pytest.mark.slow
+def test_a_fit_of_a_model_that_lacks_windage_ends_with_code_5(wrong):
+    assert wrong.returncode == 5, wrong.stderr
+    assert "Traceback" not in wrong.stderr
+
+
+@pytest.mark.slow
+def test_its_first_sentence_says_so_and_the_next_command_is_given(wrong):
+    lines = wrong.stderr.splitlines()
+    bar = next(i for i, line in enumerate(lines) if line.startswith("fit: "))
+    said = lines[bar + 1 : bar + 5]
+    assert re.fullmatch(r"The model does not explain the readings \(p = .*\): do not rely on its f_overall\.", said[0])
+    assert "balance does not close" in said[1]
+    assert said[2].startswith("What it gives, not to be relied on: f_overall is ")
+    assert said[3] == "Next: spinbench diagnose bench"
+    assert "f_overall (do not rely on it)" in wrong.stdout
+
+
+@pytest.mark.slow
+def test_its_json_says_what_stands_out_and_which_rows_were_used(wrong, windy):
+    data = posterior(windy / "fit.json")
+    assert data["fit_quality"]["model_fits"] is False
+    assert 0.0 < data["fit_quality"]["p_value"] < 0.01
+    assert "balance does not close" in data["fit_quality"]["why"]
+    assert data["files"] == [
+        {"file": "sweep.csv", "rows": 5, "rows_used": 5, "why": ""},
+        {"file": "coast_down.csv", "rows": 60, "rows_used": 0, "why": "runs in time do not enter the fit"},
+    ]
+    assert posterior(windy / "out" / "posterior.json") == data
+
+
+@pytest.mark.slow
+def test_its_page_does_not_say_that_the_recording_decides_it(wrong, windy):
+    page = (windy / "out" / "report.html").read_text()
+    assert '<p class="verdict">The model does not explain the readings (p = ' in page
+    assert "What it gives, not to be relied on: f_overall is" in page
+    assert "<code>spinbench diagnose bench</code>" in page
+    assert "The recording decides it" not in page
+
+
+@pytest.mark.slow
+def test_a_fit_that_has_not_converged_ends_with_code_3_and_tells_of_the_model_beside(windy):
+    done = run("bench", "-o", "short", "--max-steps", "50", *BRIEF, cwd=windy)
+    assert done.returncode == 3
+    assert "not converged in 50 steps" in done.stderr
+    assert "nor does the model explain the readings" in done.stderr
 
 
 # Known truth

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from matplotlib.image import imread
 
 from calibration.fit import Fit, fit
+from calibration.posterior import FitQuality
 from calibration.report import fit_numbers, fit_page, fit_words
 from calibration.sampling import Settings
 from rig.recording import read_recording
@@ -48,6 +50,48 @@ def with_share_of_prior(found: Fit, share: float) -> Fit:
         for one in found.posterior.estimates
     )
     return dataclasses.replace(found, posterior=dataclasses.replace(found.posterior, estimates=estimates))
+
+
+def judged(found: Fit, p: float, why: str = "The torque balance <b>does not close.") -> Fit:
+    return dataclasses.replace(found, quality=FitQuality(p, p >= 0.01, why))
+
+
+def test_a_model_that_is_contradicted_is_what_the_page_says_first(found):
+    wrong = judged(found, 3e-5)
+    page = fit_page.report(wrong, [("speed alone", found.posterior)])["report.html"].decode()
+    verdict, *after = re.findall(r"<p[^>]*>(.*?)</p>", page)
+    assert verdict == "The model does not explain the readings (p = 3e-05): do not rely on its f_overall."
+    assert after[0] == "The torque balance &lt;b&gt;does not close."
+    assert after[1].startswith("What it gives, not to be relied on: f_overall is ")
+    assert "spinbench diagnose" in after[2] and str(wrong.recording.folder) in after[2]
+    assert "this fit, not to be relied on" in page
+    assert "The recording decides it" not in page
+
+
+def test_of_a_model_that_is_contradicted_no_reading_is_said_to_be_bad(found):
+    assert any("probably a bad reading" in words for words in fit_page.remarks(found))
+    remarks = fit_page.remarks(judged(found, 1e-9))
+    assert not any("probably a bad reading" in words for words in remarks)
+    assert any(words.startswith("1 reading looks bad by this model") for words in remarks)
+
+
+def test_a_model_that_is_not_contradicted_is_said_so_beside_f_overall(found):
+    right = judged(found, 0.42, "What it leaves over is no more than noise.")
+    said = "The readings do not contradict the model (p = 0.42). What it leaves over is no more than noise."
+    assert fit_words.headline(right) == [f"{fit_words.verdict(found.posterior)} {said}"]
+    page = fit_page.report(right, [])["report.html"].decode()
+    assert said in page and "The recording decides it" in page
+
+
+def test_a_model_with_effects_is_named_with_them(found):
+    wrong = dataclasses.replace(judged(found, 0.001), effects=("leakage", "windage"))
+    assert fit_words.headline(wrong)[0].startswith("The model with leakage and windage does not explain")
+
+
+def test_the_next_command_can_be_typed_as_it_stands(found):
+    folder = dataclasses.replace(found.recording, folder=Path("my runs/a;b"))
+    words = fit_words.next_command(dataclasses.replace(found, recording=folder))
+    assert shlex.split(words) == ["spinbench", "diagnose", "my runs/a;b"]
 
 
 def test_the_report_is_a_page_and_a_picture(files):

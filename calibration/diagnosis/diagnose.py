@@ -46,6 +46,7 @@ from calibration.diagnosis.verdict import (
 )
 from calibration.step_clock import StepClock, Tell
 from model.effects import effects
+from model.motor import Motor
 from rig.recording import Recording, RecordingError, read_recording
 
 TESTED = 3  # sets whose residual is tested; more only where one of these passes
@@ -143,7 +144,11 @@ class Detected:
 
 
 def detect_mismatch(
-    recording: Recording, rng: np.random.Generator, tell: Tell = lambda _: None, workers: int = 1
+    recording: Recording,
+    rng: np.random.Generator,
+    tell: Tell = lambda _: None,
+    workers: int = 1,
+    motor: Motor | None = None,
 ) -> Detected:
     """The first steps of a diagnosis: fit the base model, and test whether anything is missing.
 
@@ -157,6 +162,8 @@ def detect_mismatch(
         Told the step that begins.
     workers : int
         Threads that simulate side by side; the result is the same [-].
+    motor : Motor or None
+        The motor that it names, when left out.
 
     Raises
     ------
@@ -165,7 +172,7 @@ def detect_mismatch(
     """
     tell("base model")
     with threads(workers):
-        comparison = Comparison(Problem(recording))
+        comparison = Comparison(Problem(recording, motor))
         try:
             base = base_of(comparison)
         except ArithmeticError as problem:

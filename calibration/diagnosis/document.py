@@ -18,6 +18,7 @@ from calibration.diagnosis.next_test import NextTest
 from calibration.diagnosis.sizes import sizes_of
 from calibration.diagnosis.verdict import Verdict
 from calibration.priors import Unknown
+from calibration.rows_used import by_diagnosis
 
 FORMAT = "diagnosis/1"
 Q95 = 1.6448536269514722  # of a standard normal
@@ -87,6 +88,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         ],
         "not_observable": not_observable(found.comparison, found.base),
         "why": verdict.why,
+        "files": by_diagnosis(found.comparison.problem.recording, found.comparison.problem.blocks),
     }
 
 

@@ -17,7 +17,7 @@ from calibration.report import diagnosis_numbers as numbers
 from calibration.report import diagnosis_sets as sets
 from calibration.report import diagnosis_words as words
 from calibration.report.fit_page import HTML, PACKAGES, PNG, Grid
-from calibration.report.fit_words import figure, probability, rounded
+from calibration.report.fit_words import LEAST_P, figure, probability, rounded
 from calibration.report.render import render
 from model.effects import effects
 from model.effects.effect import EffectParameter
@@ -122,7 +122,7 @@ def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
     beyond = " (beyond the draws: from a fitted tail)" if document["mismatch"].get("beyond_the_draws") else ""
     if document["verdict"] == "consistent":
         return f"A recording that the model explains would look worse than this one in {100 * p:.2g} % of all cases."
-    chance = f"{100 * p:.2g} %" if p >= words.LEAST_P else "less than one in a million"
+    chance = f"{100 * p:.2g} %" if p >= LEAST_P else "less than one in a million"
     said = f"If nothing were left out, a mismatch as large would come by chance in {chance} of all cases{beyond}."
     if document["verdict"] == "unresolved":
         return said

@@ -8,12 +8,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calibration.diagnosis.next_test import NOTHING
-from calibration.report.fit_words import rounded, uncertainty
+from calibration.report.fit_words import p_in_words, rounded, uncertainty
 from model.effects import effects
 from model.layout import L_MIN, RPM
 
 MOST_ROWS = 6
-LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
 FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
 BALANCES = {"torque": "torque balance", "mass": "flow balance", "sensor": "reading of an instrument"}
 OTHER_WAY = {"low": "high", "smaller": "larger"}
@@ -101,17 +100,6 @@ def in_a_row(sets: Sequence[Sequence[str]], word: str) -> str:
         return last
     comma = "," if any(len(names) > 1 for names in sets) else ""
     return f"{', '.join(first)}{comma} {word} {last}"
-
-
-def p_in_words(p: float) -> str:
-    """A p-value as text.
-
-    Parameters
-    ----------
-    p : float
-        The value [-].
-    """
-    return f"p = {p:.2g}" if p >= LEAST_P else "p < 10⁻⁶"
 
 
 def reading_in_words(row: Mapping[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import platform
+import textwrap
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 HTML, PNG = "report.html", "report.png"
 PACKAGES = ("spinbench", "numpy", "scipy", "numba", "emcee")
+TITLE_WIDTH = 68  # letters that fit over the picture
 Variants = list[tuple[str, Posterior]]
 
 
@@ -44,7 +46,7 @@ def report(found: Fit, variants: Variants) -> dict[str, bytes]:
         Name and result of each fit that it is compared with.
     """
     shown, suspects = numbers.channels(found), numbers.suspects(found)
-    posterior, sentence = found.posterior, fit_words.verdict(found.posterior)
+    posterior, sentence = found.posterior, _on_the_picture(found)
     figures = {
         "fit": fit_figures.measured_against_model(found, shown, suspects),
         "density": fit_figures.density(posterior),
@@ -58,16 +60,23 @@ def report(found: Fit, variants: Variants) -> dict[str, bytes]:
     }
 
 
+def _on_the_picture(found: Fit) -> str:
+    wrong = fit_words.contradicted(found)
+    words = f"{wrong} {fit_words.not_to_be_relied_on(found.posterior)}" if wrong else fit_words.verdict(found.posterior)
+    return textwrap.fill(words, TITLE_WIDTH)
+
+
 def table(found: Fit) -> Table:
     """The unknowns, for the terminal."""
     from rich.table import Table
 
-    shown = Table("parameter", "unit", "mean", "sd", "5 %", "50 %", "95 %", "sd/prior")
+    wrong = bool(fit_words.contradicted(found))
+    caption = "The model does not explain the readings: none of these figures is to be relied on." if wrong else None
+    shown = Table("parameter", "unit", "mean", "sd", "5 %", "50 %", "95 %", "sd/prior", caption=caption)
     for e in found.posterior.estimates:
         quantiles = (f"{e.quantiles[name]:.5g}" for name in ("q05", "q50", "q95"))
-        shown.add_row(
-            e.unknown.name, e.unknown.unit, f"{e.mean:.5g}", f"{e.sd:.2g}", *quantiles, f"{e.sd_of_prior:.2f}"
-        )
+        name = f"{TARGET} (do not rely on it)" if wrong and e.unknown.name == TARGET else e.unknown.name
+        shown.add_row(name, e.unknown.unit, f"{e.mean:.5g}", f"{e.sd:.2g}", *quantiles, f"{e.sd_of_prior:.2f}")
     return shown
 
 
@@ -100,6 +109,11 @@ def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> 
         "description": found.motor.description,
         "used": _used(found),
         "verdict": fit_words.verdict(found.posterior),
+        "explained": fit_words.explained(found),
+        "contradicted": fit_words.contradicted(found),
+        "stands_out": found.quality.why if found.quality else "",
+        "not_to_be_relied_on": fit_words.not_to_be_relied_on(found.posterior),
+        "next_command": fit_words.next_command(found),
         "hangs_on": fit_words.hangs_on(pairs),
         "prior_says": fit_words.prior_says(found),
         "prior_dominates": fit_words.prior_dominates(found),
@@ -107,7 +121,7 @@ def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> 
         "remarks": fit_words.remarks(found, suspects),
         "suspects": _suspect_table(suspects),
         "trade_offs": _trade_off_table(found.posterior, pairs),
-        "variants": _variant_table(found.posterior, variants),
+        "variants": _variant_table(found, variants),
         "unknowns": _unknown_table(found.posterior),
         "convergence": _convergence(found),
         "notes": list(dict.fromkeys([*found.recording.warnings, *found.measured.notes])),
@@ -151,10 +165,11 @@ def _trade_off_table(posterior: Posterior, pairs: list[Any]) -> Grid:
     return Grid(("unknown", f"correlation with {TARGET}", f"sd of {TARGET} if it were known, {unit}"), rows)
 
 
-def _variant_table(posterior: Posterior, variants: Variants) -> Grid:
-    unit = posterior[TARGET].unknown.unit
+def _variant_table(found: Fit, variants: Variants) -> Grid:
+    unit = found.posterior[TARGET].unknown.unit
     header = ("fit", *(f"{word}, {unit}" for word in ("mean", "sd", "5 %", "95 %")), "suspect readings")
-    entries = [("this fit", posterior), *variants]
+    name = "this fit, not to be relied on" if fit_words.contradicted(found) else "this fit"
+    entries = [(name, found.posterior), *variants]
     return Grid(header, tuple((name, *_spread(one[TARGET]), str(len(one.suspect_rows))) for name, one in entries))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,7 @@ from model.effects import effects
 
 INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
 FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
+LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
 WEAK = 0.25  # a correlation below it is not worth a word
 
 
@@ -89,6 +91,53 @@ def verdict(posterior: Posterior) -> str:
     return f"{TARGET} is {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})."
 
 
+def headline(found: Fit) -> list[str]:
+    """What comes first: f_overall where the model explains the readings, and that it does not where it does not."""
+    quality = found.quality
+    if quality is None:
+        return [verdict(found.posterior)]
+    if quality.model_fits:
+        return [f"{verdict(found.posterior)} {explained(found)}"]
+    return [contradicted(found), quality.why, not_to_be_relied_on(found.posterior), f"Next: {next_command(found)}"]
+
+
+def explained(found: Fit) -> str:
+    """That the readings do not contradict the model, in sentences; empty where that was not asked."""
+    quality = found.quality
+    if quality is None:
+        return ""
+    p = p_in_words(quality.p_value)
+    return f"The readings do not contradict the model{_with_effects(found)} ({p}). {quality.why}"
+
+
+def contradicted(found: Fit) -> str:
+    """That the model does not explain the readings, in a sentence; empty where it does or that was not asked."""
+    quality = found.quality
+    if quality is None or quality.model_fits:
+        return ""
+    p = p_in_words(quality.p_value)
+    return f"The model{_with_effects(found)} does not explain the readings ({p}): do not rely on its {TARGET}."
+
+
+def not_to_be_relied_on(posterior: Posterior) -> str:
+    """f_overall by a model that is wrong, in a sentence."""
+    return f"What it gives, not to be relied on: {verdict(posterior)}"
+
+
+def next_command(found: Fit) -> str:
+    """The command that looks for what the model lacks."""
+    return f"spinbench diagnose {shlex.quote(str(found.recording.folder))}"
+
+
+def p_in_words(p: float) -> str:
+    """A p-value as text [-]."""
+    return f"p = {p:.2g}" if p >= LEAST_P else "p < 10⁻⁶"
+
+
+def _with_effects(found: Fit) -> str:
+    return f" with {' and '.join(found.effects)}" if found.effects else ""
+
+
 def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
     """What f_overall trades off with, strongest first, in a sentence; ``pairs`` of unknown and correlation."""
     strong = [(unknown, r) for unknown, r in pairs if abs(r) >= WEAK][:4]
@@ -138,7 +187,11 @@ def remarks(found: Fit, suspects: Sequence[Suspect]) -> list[str]:
     """
     said = set(found.recording.warnings)
     sentences = [note for note in found.measured.notes if note not in said]
-    sentences += [suspect_in_words(one) for one in suspects]
+    if suspects and contradicted(found):
+        count = "1 reading looks" if len(suspects) == 1 else f"{len(suspects)} readings look"
+        sentences.append(f"{count} bad by this model, which says little as long as it does not explain the rest")
+    else:
+        sentences += [suspect_in_words(one) for one in suspects]
     if prior_dominates(found):
         sentences.append(prior_says(found).rstrip("."))
     return sentences + _too_fast(found)

@@ -1,0 +1,184 @@
+"""Whether the model explains the readings that it is fitted to: the diagnosis' test, on the fit's own rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import bdtrc
+
+from calibration import fit as fits
+from calibration import posterior, rows_used
+from calibration.diagnosis.descent import find
+from calibration.diagnosis.detect import MISMATCH_P, detect
+from calibration.diagnosis.diagnose import Detected, detect_mismatch
+from calibration.diagnosis.forces import forces
+from calibration.diagnosis.linear import FLOW, SPEED
+from calibration.diagnosis.locate import locate
+from calibration.diagnosis.mode import BAD
+from calibration.diagnosis.noise import too_loud
+from calibration.diagnosis.signatures import signatures
+from calibration.posterior import FitQuality
+from calibration.priors import KELVIN_AT_0_C, PASCAL_PER_BAR
+from calibration.report.diagnosis_words import place_in_words
+from calibration.step_clock import Tell
+from model.motor import Motor
+from rig.recording import Ambient, Column, Recording, RecordingFile
+
+MOST_PLACES = 2  # that are told
+MOST_BAD = 0.25  # share of a channel's readings that may be taken for bad: more are no exceptions
+FEWEST_ROWS = 3  # fewer cannot contradict a model that has as many unknowns
+
+NOISE = "What it leaves over is no more than noise."
+FEW = "So few rows can hardly contradict any model."
+UNTESTED = "No row has a flow or a speed on its instrument's scale: nothing could be tested."
+
+
+def judge(
+    recording: Recording,
+    seed: int,
+    assignments: Sequence[str] = (),
+    channels: tuple[str, ...] = fits.ALL_CHANNELS,
+    effects: Sequence[str] = (),
+    tell: Tell = lambda _: None,
+) -> FitQuality:
+    """Test the model of a fit; the arguments are those of `calibration.fit.fit`.
+
+    Bad readings are part of the model, as they are of the fit: a single one that stands out is no mismatch.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    seed : int
+        Of the draws [-].
+    assignments : sequence of str
+        ``NAME=VALUE`` changes of the motor.
+    channels : tuple of str
+        Channels that the likelihood sees.
+    effects : sequence of str
+        Ids of effects that the model holds.
+    tell : callable
+        Told the step that begins.
+
+    Raises
+    ------
+    RecordingError
+        When the recording holds nothing that can be fitted, or the model gives no reading of it at all.
+    EffectsError
+        For an effect that there is not, or that a fit cannot hold.
+    """
+    prepared, measured, _ = fits.prepare(recording, assignments, channels, effects)
+    motor = prepared if assignments else None
+    rows = as_fitted(recording, channels, motor)
+    if not _compares(rows):
+        return FitQuality(1.0, True, UNTESTED)
+    found = detect_mismatch(rows, np.random.default_rng(seed), tell, motor=motor)
+    if effects:
+        tell("with its effects")
+        found = _with_effects(found, effects, np.random.default_rng(seed))
+    p, most_bad = _of_bad_readings(found)
+    p = min(found.detection.p_value, p)
+    if p >= MISMATCH_P:
+        few = len(measured.steady) < FEWEST_ROWS
+        return FitQuality(p, True, FEW if few else NOISE)
+    return FitQuality(p, False, _what_stands_out(found, most_bad))
+
+
+def as_json(found: fits.Fit) -> dict[str, Any]:
+    """A fit as posterior/1.
+
+    Parameters
+    ----------
+    found : Fit
+        The fit, judged.
+    """
+    return posterior.as_json(found.posterior, found.quality, rows_used.by_fit(found.recording, found.measured))
+
+
+def as_fitted(recording: Recording, channels: Sequence[str], motor: Motor | None = None) -> Recording:
+    """A recording with nothing in it but what a fit uses: no runs in time, no channel left out, no held rotor.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    channels : sequence of str
+        Of pressure, flow and speed.
+    motor : Motor or None
+        Changed by hand: the recording gets its ambient and flywheel.
+    """
+    if motor is not None:
+        recording = replace(recording, ambient=_ambient_of(motor, recording.ambient), added_inertia_kg_m2=0.0)
+    columns = {"flow_l_min": "flow", "speed_rpm": "speed"}
+    left_out = {column for column, channel in columns.items() if channel not in channels}
+    return replace(
+        recording,
+        channels={name: figures for name, figures in recording.channels.items() if name not in left_out},
+        files=tuple(_rows_of(file, left_out) for file in recording.files if file.kind != "transient"),
+    )
+
+
+def _rows_of(file: RecordingFile, left_out: set[str]) -> RecordingFile:
+    columns = {name: column for name, column in file.columns.items() if name not in left_out}
+    if "rotor_locked" in columns and "flow_l_min" in columns:
+        flow, locked = columns["flow_l_min"], columns["rotor_locked"].values > 0.5
+        columns["flow_l_min"] = Column(np.where(locked, np.nan, flow.values), flow.censor)
+    return replace(file, columns=columns)
+
+
+def _ambient_of(motor: Motor, ambient: Ambient) -> Ambient:
+    """The ambient that was noted, with the values that the motor has now."""
+    now = {
+        "pressure_bar_abs": motor["ambient_pressure"].value / PASCAL_PER_BAR,
+        "temperature_c": motor["inlet_temperature"].value - KELVIN_AT_0_C,
+        "relative_humidity": motor["relative_humidity"].value,
+    }
+    return replace(ambient, **{name: value for name, value in now.items() if getattr(ambient, name) is not None})
+
+
+def _compares(recording: Recording) -> bool:
+    """Whether any steady row has a flow or a turning speed that is on its instrument's scale."""
+    for file in recording.files:
+        for name in ("flow_l_min", "speed_rpm"):
+            column = file.columns.get(name)
+            if file.kind == "steady" and column is not None:
+                read = np.isfinite(column.values) & (column.censor == 0)
+                if np.any(read & ((column.values > 0.0) | (name == "flow_l_min"))):
+                    return True
+    return False
+
+
+def _with_effects(first: Detected, names: Sequence[str], rng: np.random.Generator) -> Detected:
+    """The test of the model with effects, from that of the base model."""
+    mode = find(first.comparison, tuple(sorted(names)), first.base, None)
+    found, free = signatures(first.comparison, mode), forces(first.comparison, mode)
+    return Detected(first.comparison, mode, found, free, detect(first.comparison, mode, found, free, rng))
+
+
+def _of_bad_readings(found: Detected) -> tuple[float, str]:
+    """How often as many readings of a channel are bad [-], and words of it; (1, "") where they are single ones."""
+    comparison = found.comparison
+    for kind, channel in ((SPEED, "speed"), (FLOW, "flow")):
+        mine = (comparison.kind == kind) & comparison.known
+        n, bad = int(mine.sum()), int(np.count_nonzero(found.base.bad[mine] > 0.5))
+        p = 2.0 * float(bdtrc(bad - 1, n, BAD)) if bad > MOST_BAD * n else 1.0
+        if p < MISMATCH_P:
+            return p, f"{bad} of {n} readings of the {channel} would be bad ones."
+    return 1.0, ""
+
+
+def _what_stands_out(found: Detected, most_bad: str) -> str:
+    detection, mode = found.detection, found.base
+    places = locate(found.comparison, mode, detection, found.free)[:MOST_PLACES]
+    words = [most_bad] if most_bad else []
+    words += [place_in_words(asdict(place)) for place in places]
+    if loud := too_loud(np.maximum(detection.u, mode.u)):
+        words.append(f"The {loud[0]}'s noise would be {loud[1]:.1f} times as large as declared.")
+    if detection.pulled:
+        words.append(f"The {detection.pulled.replace('_', ' ')} would be farther off than is believable.")
+    if not words:
+        words = ["The readings are farther from it than chance would put them, at no one place."]
+    return " ".join(words)
