@@ -68,6 +68,7 @@ def as_json(found: RigDiagnosis) -> dict[str, Any]:
             )
         ],
         "friction_unit": "N s/m" if found.problem.slides else "N m s",
+        "files": found.problem.files,
         "why": verdict.why,
     }
     document["sentence"] = sentence(document)
