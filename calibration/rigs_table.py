@@ -17,6 +17,7 @@ from rig.recording import Recording, RecordingFile
 
 Coasting = tuple[RecordingFile, np.ndarray, np.ndarray]
 
+
 @dataclass(frozen=True)
 class RigTable:
     """A rig as its recording describes it.

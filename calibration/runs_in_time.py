@@ -7,6 +7,7 @@ value where a log was cut, and is compared with nothing.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -50,7 +51,7 @@ def lone_zeros(speed: np.ndarray) -> np.ndarray:
     stands = read <= 0.0
     turning = np.flatnonzero(~stands)
     least = TURNS * float(read.max())
-    for before, behind in zip(turning[:-1], turning[1:], strict=True):
+    for before, behind in itertools.pairwise(turning):
         slow, fast = sorted((float(read[before]), float(read[behind])))
         if behind - before > 1 and slow > least and slow > ALIKE * fast:
             bad[known[before + 1 : behind]] = True
