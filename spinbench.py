@@ -402,6 +402,7 @@ def diagnose(
             files.write_files(out, {diagnosis_page.JSON: data} | diagnosis_page.report(diagnosis, found))
     _deliver(data, diagnosis_table.table(found), None, json_file, None)
     print(diagnosis_words.sentence(found), file=sys.stderr)
+    _warn_of_rows(found)
     if blind := diagnosis_sets.blind_in_words(diagnosis):
         print(blind, file=sys.stderr)
     _tell_if_not_predicted(unseen, found)
@@ -426,6 +427,7 @@ def _diagnose_rig(
             files.write_files(out, {"diagnosis.json": data} | page.report(diagnosis, found))
     _deliver(data, words.table(found), None, json_file, None)
     print(words.sentence(found), file=sys.stderr)
+    _warn_of_rows(found)
     _tell_if_not_predicted(unseen, found)
     print(f"spinbench: {diagnosis_words.steps_in_words(diagnosis.seconds)}", file=sys.stderr)
     if out is not None:
@@ -451,6 +453,14 @@ def _refuse_twice(parts: Sequence[Recording], unseen: Recording | None) -> None:
                 raise RecordingError(
                     f"a recording is given twice: {these}; its readings would count twice, so name it once"
                 )
+
+
+def _warn_of_rows(found: Mapping[str, Any]) -> None:
+    """Say on standard error of which files less than nine tenths of the rows were used, and which rows were not."""
+    from calibration.runs_in_time import few_used
+
+    for words in few_used(found.get("files", [])):
+        print(f"spinbench: {words}", file=sys.stderr)
 
 
 def _tell_if_not_predicted(unseen: Recording | None, found: Mapping[str, Any]) -> None:
@@ -528,12 +538,15 @@ def _sampling_progress(name: str) -> Iterator[Progress]:
     )
     bar = Bar(*columns, console=Console(stderr=True))
     task = bar.add_task(name, total=1.0)
+    most = 0.0
     with contextlib.ExitStack() as shown:
 
         def tell(done: int, wanted: float, words: str) -> None:
+            nonlocal most
             if not bar.live.is_started:  # not before sampling begins: a refusal comes without a bar
                 shown.enter_context(bar)
-            bar.update(task, description=f"{name}: {words}", completed=min(done, wanted), total=wanted)
+            most = max(most, min(done, wanted))  # an estimate may fall again; a bar does not run backwards
+            bar.update(task, description=f"{name}: {words}", completed=most, total=wanted)
 
         yield tell
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from calibration.priors import PASCAL_PER_BAR, Unknown
 from calibration.rigs_readings import SI_UNITS, TO_SI, Flat, Readings, noise_sd
-from calibration.rigs_table import RigTable, Seen, instrument, transients
+from calibration.rigs_table import RigTable, Seen, instrument, rows_used, transients
 from model.effects.laws import Chosen
 from model.rigs.driven_axis import LOAD_AREA, Blocks, blocks_of, drive
 from model.rigs.state import Sizes
@@ -18,6 +19,9 @@ MOST_BLOCKS = 600  # a file is cut into at most so many
 LEAST_ROWS = 5  # of a block, in a file that has enough of them
 FEW_BLOCKS = 40  # ... and in one that has not, as many blocks as that
 CONSTANT = 0.05  # a drive that varies by less than this share is constant
+UNREAD = "no time, drive or speed"
+MAY_REST = "the axis may have stood, or turned round"
+BEHIND = "behind the last whole block of rows"
 AT_REST = 4.0  # a speed within so many of its own deviations of 0 may be standstill
 
 Files = list[tuple[RecordingFile, Blocks]]
@@ -39,10 +43,12 @@ def see(table: RigTable) -> Seen:
     recording = table.recording
     found: Files = []
     readings: list[Readings] = []
+    uses = []
     of_drive, of_speed = ("force_n", "velocity_m_s") if table.slides else ("torque_nm", "speed_rpm")
     for file in transients(recording, "time_s", of_drive, of_speed):
         columns = {name: column.values * TO_SI.get(name, 1.0) for name, column in file.columns.items()}
         known = np.isfinite(columns["time_s"]) & np.isfinite(columns[of_drive]) & np.isfinite(columns[of_speed])
+        rows = np.flatnonzero(known)
         columns = {name: values[known] for name, values in columns.items()}
         n = columns["time_s"].size
         size = max(min(LEAST_ROWS, n // FEW_BLOCKS), n // MOST_BLOCKS, 1)
@@ -60,6 +66,7 @@ def see(table: RigTable) -> Seen:
             pressure,
         )
         found.append((file, blocks))
+        uses.append(rows_used(file, _left(known, rows, blocks)))
         covariance = _covariance(table.inertia, blocks, noise_sd(recording, of_drive, file), speed_sd)
         sd = np.sqrt(np.diag(covariance))
         whitener = np.linalg.inv(np.linalg.cholesky(covariance)) if np.all(sd > 0.0) else None
@@ -79,7 +86,19 @@ def see(table: RigTable) -> Seen:
         _sizes(found, readings),
         blocks=found,
         weight=float(np.mean(force)) if constant else None,
+        files=uses,
     )
+
+
+def _left(known: np.ndarray, rows: np.ndarray, blocks: Blocks) -> dict[str, np.ndarray]:
+    """Rows of a file that no block holds in which the axis moves, by the reason; ``rows`` are those of the blocks."""
+    moves, covered = np.zeros(known.size, dtype=bool), np.zeros(known.size, dtype=bool)
+    for used, (first, last) in zip(blocks.used, itertools.pairwise(blocks.ends), strict=True):
+        covered[rows[first : last + 1]] = True
+        if used:
+            moves[rows[first : last + 1]] = True
+    left = {UNREAD: ~known, MAY_REST: covered & ~moves, BEHIND: known & ~covered}
+    return {why: mask for why, mask in left.items() if mask.any()}
 
 
 def _zeros_of_runs(table: RigTable, files: Files, of_drive: str, area: float | None) -> list[Unknown]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
 from calibration.rigs_readings import TO_SI, Readings, means, noise_sd, plateaus
-from calibration.rigs_table import RigTable, Seen, instrument
+from calibration.rigs_table import RigTable, Seen, instrument, rows_used
 from model.effects.laws import Chosen, readings_of
 from model.layout import RPM
 from model.rigs.displacement_machine import rows
@@ -16,6 +16,7 @@ from model.rigs.state import Sizes, state_of
 from rig.recording import RecordingError
 
 VOLUME_FACTOR = 1.3  # an inline motor tells no tolerance, and a cut-off takes in less than the geometric volume
+NOT_READ = "no speed, no pressure, or neither a torque nor a flow"
 SERIES = 40  # plateaus from which on their order in time says something of the noise
 
 
@@ -70,12 +71,20 @@ def see(table: RigTable) -> Seen:
             of_channel.append(has)
             readings.append(Readings(channel, value[has], sd, int(has.sum()) >= SERIES, channel))
             unknowns += instrument(recording, channel, column)
+    counted = np.zeros(known.size, dtype=bool)
+    if of_channel:
+        counted[known] = np.any(of_channel, axis=0)[group]
+    ends = np.cumsum([f.rows for f in files])[:-1]
+    files_used = [
+        rows_used(file, {NOT_READ: ~part} if not part.all() else {})
+        for file, part in zip(files, np.split(counted, ends), strict=True)
+    ]
     unknowns += instrument(recording, "pressure", name)
     unknowns.append(Unknown("displacement", "1", "lognormal", 1.0, VOLUME_FACTOR, "inline motor"))
     gauge_pa = float(np.median(rows_of[1])) - table.ambient
     median = float(np.median(rows_of[0]))
     sizes = Sizes(V * gauge_pa / (2.0 * np.pi), median, V * median / (2.0 * np.pi), gauge_pa)
-    return Seen(readings, [], unknowns, sizes, rows=rows_of, has=of_channel)
+    return Seen(readings, [], unknowns, sizes, rows=rows_of, has=of_channel, files=files_used)
 
 
 def predict(table: RigTable, seen: Seen, values: Mapping[str, float], chosen: Chosen) -> list[np.ndarray]:

@@ -10,12 +10,13 @@ import numpy as np
 from calibration import rigs_axis, rigs_machine, rigs_rotor
 from calibration.priors import SHAPE_FACTOR, Unknown
 from calibration.rigs_readings import Flat
-from calibration.rigs_table import table_of
+from calibration.rigs_table import rows_used, table_of
 from model.effects import effects
 from model.effects.laws import Chosen
 from model.rigs.state import scaled
 from rig.recording import Recording, RecordingError
 
+NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
 SEE = {"free_rotor": rigs_rotor.see, "driven_axis": rigs_axis.see, "displacement_machine": rigs_machine.see}
 PREDICT = {
     "free_rotor": rigs_rotor.predict,
@@ -79,6 +80,15 @@ class RigProblem:
                     "state noise_sd > 0"
                 )
         self._friction_prior()
+
+    @property
+    def files(self) -> list[dict[str, Any]]:
+        """Rows used of each file of the recording, as ``files`` of diagnosis/1."""
+        seen = {one["file"]: one for one in self.seen.files}
+        return [
+            seen.get(file.file) or rows_used(file, {NOT_LOOKED_AT: np.ones(file.rows, dtype=bool)})
+            for file in self.recording.files
+        ]
 
     @property
     def could_show(self) -> list[str]:

@@ -10,9 +10,12 @@ import numpy as np
 
 from calibration.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
 from calibration.rigs_readings import SI_UNITS, TO_SI, Flat, Readings
+from calibration.runs_in_time import why_left
 from model.rigs.driven_axis import Blocks
 from model.rigs.state import AMBIENT_PA, ROOM_K, Sizes
 from rig.recording import Recording, RecordingFile
+
+Coasting = tuple[RecordingFile, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,8 @@ class Seen:
         Those that have a prior.
     sizes : Sizes
         The rig's ordinary torque, speed, flow and pressure.
-    coasts : list of (RecordingFile, ndarray)
-        Coast-downs of a free rotor: file, and times of its readings [s].
+    coasts : list of (RecordingFile, ndarray, ndarray of bool)
+        Coast-downs of a free rotor: file, times of its readings from where it starts [s], and which are compared.
     blocks : list of (RecordingFile, Blocks)
         Files of a driven axis.
     weight : float or None
@@ -67,17 +70,20 @@ class Seen:
         Plateaus of a machine: speed [rad/s], pressure [Pa], temperature [K], time [s].
     has : list of ndarray of bool, each of shape (n,)
         Which plateaus have a reading, for each of ``readings``.
+    files : list of dict
+        Rows used of each file that was looked at, of `rows_used`.
     """
 
     readings: list[Readings]
     flats: list[Flat]
     unknowns: list[Unknown]
     sizes: Sizes
-    coasts: list[tuple[RecordingFile, np.ndarray]] = field(default_factory=list)
+    coasts: list[Coasting] = field(default_factory=list)
     blocks: list[tuple[RecordingFile, Blocks]] = field(default_factory=list)
     weight: float | None = None
     rows: tuple[np.ndarray, ...] = ()
     has: list[np.ndarray] = field(default_factory=list)
+    files: list[dict[str, Any]] = field(default_factory=list)
 
 
 def table_of(recording: Recording, motor: Mapping[str, Any]) -> RigTable:
@@ -113,6 +119,20 @@ def transients(recording: Recording, *columns: str) -> list[RecordingFile]:
         Names of the columns.
     """
     return [f for f in recording.files if f.kind == "transient" and set(columns) <= set(f.columns)]
+
+
+def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """What is used of a file, as an entry of ``files`` of diagnosis/1.
+
+    Parameters
+    ----------
+    file : RecordingFile
+        The file.
+    left : mapping of str to ndarray of bool, shape (rows,)
+        Rows that are not used, by the reason.
+    """
+    not_used = int(np.sum(np.any([*left.values()], axis=0))) if left else 0
+    return {"file": file.file, "rows": file.rows, "rows_used": file.rows - not_used, "why": why_left(left)}
 
 
 def instrument(recording: Recording, channel: str, column: str) -> list[Unknown]:

@@ -32,7 +32,7 @@ from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
 from calibration.diagnosis.threads import threads
 from calibration.diagnosis.unseen import predict_unseen, refuse_another_motor
-from calibration.diagnosis.usable import refuse_at_rest, refuse_starved
+from calibration.diagnosis.usable import not_described, refuse_at_rest, refuse_starved
 from calibration.diagnosis.verdict import (
     ERRORS,
     MISMATCH_P,
@@ -53,6 +53,9 @@ TESTED = 3  # sets whose residual is tested; more only where one of these passes
 RESIDUAL_DRAWS, MORE_DRAWS = 100, 400
 NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
+CERTAIN_P = 1e-9  # of a mismatch so gross that no test need see it
+NOT_DESCRIBED = "the model does not describe these readings at all"
+WORTHLESS = 10.0  # nats a reading; a smooth correction that predicts worse by so much predicts nothing
 TESTS = 2.0  # looks at a recording with runs in time: the straight test, and the refits
 
 
@@ -97,6 +100,8 @@ class Diagnosis:
         What the recording can tell of each effect.
     faint : dict
         For each set that f_overall is averaged over, the further effects that may be there unseen.
+    not_described : str
+        How far the base model is off where it does not describe the readings at all, and nothing was looked for.
     """
 
     comparison: Comparison
@@ -116,6 +121,7 @@ class Diagnosis:
     misread: frozenset[tuple[str, ...]] = frozenset()
     faint: dict[tuple[str, ...], list[Faint]] = field(default_factory=dict)
     resolved: list[Resolved] = field(default_factory=list)
+    not_described: str = ""
 
 
 @dataclass(frozen=True)
@@ -241,6 +247,15 @@ def _diagnose(
     detection = first.detection
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
+    if far := not_described(comparison, base):
+        if not detection.p_value < MISMATCH_P:
+            detection = replace(detection, p_value=CERTAIN_P, extrapolated=True)
+            residual_p[()] = CERTAIN_P
+        clock("")
+        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
+        return Diagnosis(
+            comparison, base, detection, [], candidates, residual_p, verdict, seconds=clock.seconds, not_described=far
+        )
     held_out, term, correction, beside, tests = None, None, None, None, []
     best: Candidate | None = None
     search = Search(comparison, base, side_by_side, clock.tell)
@@ -334,6 +349,8 @@ def _diagnose(
         correction, beside = (smooth[0], nuisances_beside(comparison, base, smooth)) if smooth else (None, None)
         term = discover(comparison, base, detection.u, rng, correction.balance) if correction else None
         held_out = unseen_run or hold_out_smooth(comparison, base, detection.u)
+        if held_out is not None and held_out.gain < -WORTHLESS * int(comparison.known.sum()):
+            held_out = None
     rivals = _rivals(candidates, verdict)
     if rivals:
         clock("next test")

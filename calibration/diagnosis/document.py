@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from calibration.diagnosis.misread import MISREAD, by_chance
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.next_test import NextTest
 from calibration.diagnosis.sizes import sizes_of
+from calibration.diagnosis.usable import CHECK
 from calibration.diagnosis.verdict import Verdict
 from calibration.priors import Unknown
 from calibration.rows_used import by_diagnosis
@@ -40,7 +41,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         Of `diagnose`.
     """
     verdict = found.verdict
-    return {
+    document = {
         "format": FORMAT,
         "verdict": verdict.kind,
         "mismatch": {"p_value": found.detection.p_value, "beyond_the_draws": found.detection.extrapolated},
@@ -69,8 +70,8 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             "stability": list(found.term.stability),
         },
         "improvement": {"held_out": held_out_as_json(found.held_out)},
-        "f_overall_before": f_overall_before(found),
-        "f_overall_after": f_overall_after(found),
+        "f_overall_before": None if found.not_described else f_overall_before(found),
+        "f_overall_after": None if found.not_described else f_overall_after(found),
         "next_tests": next_tests_as_json(found.next_tests),
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
@@ -87,9 +88,28 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             for one in found.resolved
         ],
         "not_observable": not_observable(found.comparison, found.base),
+        "check": list(CHECK) if found.not_described else [],
         "why": verdict.why,
         "files": by_diagnosis(found.comparison.problem.recording, found.comparison.problem.blocks),
     }
+    return finite(document)
+
+
+def finite(value: Any) -> Any:
+    """A document without a number that JSON has no word for: null in its place.
+
+    Parameters
+    ----------
+    value : mapping, list, str, number, bool or None
+        What is to be written, whatever it holds.
+    """
+    if isinstance(value, Mapping):
+        return {key: finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(one) for one in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def set_probability(verdict: Verdict[Candidate]) -> float:
@@ -198,14 +218,14 @@ def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
 
 
 def held_out_as_json(h: HeldOut | None) -> dict[str, Any] | None:
-    """What held-out readings say; None where none were.
+    """What held-out readings say; None where none were, or where the prediction of them has no density at all.
 
     Parameters
     ----------
     h : HeldOut or None
         Cross-validation, or an unseen run.
     """
-    if h is None:
+    if h is None or not (math.isfinite(h.gain) and math.isfinite(h.gain_se)):
         return None
     return {
         "scheme": h.scheme,

@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
 from calibration.diagnosis.information import Expected, expected_nats, repeats_needed
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
@@ -103,6 +105,8 @@ def weigh(
         return None
     pairs = list(itertools.combinations(range(len(names)), 2))
     nats = {pair: expected_nats(read[pair[0]], read[pair[1]]) for pair in pairs}
+    if not np.all(np.isfinite([*nats.values()])):  # a model far from the readings: no test follows from it
+        return None
     told = [pair for pair in pairs if nats[pair] > LEAST_NATS]
     separates = tuple(dict.fromkeys(names[i] for pair in told for i in pair))
 

@@ -59,7 +59,9 @@ def planned(comparison: Comparison) -> list[Planned]:
     """
     bench = _Bench(comparison)
     unit = "bar gauge" if bench.is_gauge else "bar"
-    low, middle, top = bench.low, 0.5 * (bench.low + bench.top), bench.top
+    top = min(bench.top, bench.allowed())
+    low = min(bench.low, top)
+    middle = 0.5 * (low + top)
     found = []
     if bench.columns["speed"]:
         found += [
@@ -78,7 +80,7 @@ def planned(comparison: Comparison) -> list[Planned]:
         (f"ten plateaus at {middle:.1f} {unit}, after an hour's running", middle, warm),
     ):
         found.append(bench.plan(words, bench.steady(np.full(PLATEAUS, pressure), start, 4.0)))
-    steps = np.array(bench.levels)
+    steps = np.array([level for level in bench.levels if level <= top])
     if steps.size > 2:
         reversed_ = np.concatenate([steps[::-1], steps])
         found.append(bench.plan("reversed sweep, from the highest level down and up", bench.steady(reversed_, later)))
@@ -99,22 +101,29 @@ class _Bench:
         self.levels = [float(np.mean(plateaus.pressure[group])) / PASCAL_PER_BAR for group in groups]
         self.low, self.top = min(self.levels), max(self.levels)
         self.speeds, self.speed_limit = plateaus.speed, comparison.problem.motor.si("speed_limit")
+        self.pressures = plateaus.pressure / PASCAL_PER_BAR
         self.end = float(np.nanmax([plateaus.time.max(), *(run.start_s + run.time[-1] for run in runs)]))
         self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
         self.sample = float(np.median(np.diff(runs[0].time))) if runs else SAMPLE_S
         self.noisier = float(np.max(runs[0].noise_scale)) if runs else NOISIER
         self.inertia = comparison.problem.motor.si("inertia") - self.seen.added_inertia_kg_m2
 
-    def higher(self) -> float:
-        """A level higher than the highest, at which the motor without load does not turn faster than it may.
+    def allowed(self) -> float:
+        """The highest level at which the motor without load turns no faster than it may; infinite where none tells.
 
         Without load the speed goes about with the pressure above the ambient.
         """
-        fastest = float(np.nanmax(np.append(self.speeds, 0.0)))
-        if fastest <= 0.0:
-            return HIGHER * self.top
-        allowed = OF_THE_LIMIT * self.speed_limit / fastest
-        return min(HIGHER * self.top, math.floor(10.0 * (self.ambient + allowed * (self.top - self.ambient))) / 10.0)
+        if not np.any(self.speeds > 0.0):
+            return math.inf
+        fastest = int(np.nanargmax(self.speeds))
+        above = float(self.pressures[fastest]) - self.ambient
+        share = OF_THE_LIMIT * self.speed_limit / float(self.speeds[fastest])
+        return math.floor(10.0 * (self.ambient + share * above)) / 10.0
+
+    def higher(self) -> float:
+        """A level higher than the highest, as far as the motor may turn; the highest where no speed tells how far."""
+        allowed = self.allowed()
+        return min(HIGHER * self.top, allowed) if math.isfinite(allowed) else self.top
 
     def plan(self, words: str, file: RecordingFile, flywheel: float = 0.0) -> Planned:
         anchor = replace(self.steady(np.array([self.top]), 0.0), file=ANCHOR)

@@ -14,6 +14,7 @@ from calibration.diagnosis import gauge
 from calibration.diagnosis.information import Expected
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.name import Candidate
+from calibration.diagnosis.planned import OF_THE_LIMIT
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.standing import standing_flow
 from model import layout as at
@@ -60,18 +61,22 @@ def quantities(comparison: Comparison, best: Candidate) -> list[Quantity]:
     """
     problem = comparison.problem
     state = best.mode.prediction.state
-    top = int(np.nanargmax(np.where(np.isfinite(best.mode.prediction.speed), state.pressure, np.nan)))
+    limit = problem.motor.si("speed_limit")
+    predicted = np.isfinite(best.mode.prediction.speed)
+    within = predicted & ~(problem.blocks.plateaus.speed > limit)  # nothing is asked for at a level that was too fast
+    top = int(np.nanargmax(np.where(within if within.any() else predicted, state.pressure, np.nan)))
     here = State(**{name: np.atleast_1d(values[top]) for name, values in vars(state).items()})
     flow, speed = best.mode.prediction.flow[top : top + 1], best.mode.prediction.speed[top : top + 1]
     zero = np.zeros(1)
-    driven = replace(here, load=zero, mass_flow=zero, pressure=here.ambient)
+    omega = np.minimum(here.omega, OF_THE_LIMIT * limit)  # a model that is off may predict more
+    driven = replace(here, omega=omega, load=zero, mass_flow=zero, pressure=here.ambient)
     level = f"at {float(here.pressure[0]) / 1e5:.1f} bar"
     found = [
         Quantity(
-            f"drive the shaft at {float(here.omega[0]) * at.RPM:.0f} rpm with the line vented",
+            f"drive the shaft at {float(omega[0]) * at.RPM:.0f} rpm with the line vented",
             f"a drive with a torque transducer ({TORQUE_N_M:g} N m)",
             TORQUE_N_M,
-            lambda p, e, c: float(p[at.F_OVERALL] * here.omega[0] + _sum(c, "torque", driven)),
+            lambda p, e, c: float(p[at.F_OVERALL] * omega[0] + _sum(c, "torque", driven)),
         ),
         Quantity(
             f"read the line beside a reference {level}",

@@ -14,6 +14,7 @@ from model.effects import effects
 RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
 NAMED = 0.95  # probability that a set needs to be named alone
 LISTED = 0.99  # probability that the sets listed as confounded have together
+LEAST_PROBABLE = 0.005  # of an effect over all sets weighed; what would be told as 0.00 is nothing to rest on
 SHARE = 0.01  # a set less probable than this beside the best is no alternative
 UNSETTLED = 0.2  # probability from which a set counts as not excluded where the base model explains the recording
 SUPERSET_ODDS = 20.0  # odds that a further effect needs before it is said beside those that suffice
@@ -119,6 +120,8 @@ def judge(
     allowed = [c for c in found if not c.refused and c.names]
     passing = [c for c in allowed if residual_p.get(c.names, 1.0) >= RESIDUAL_P]  # a rival not tested may pass
     tested = [c for c in passing if c.names in residual_p]  # what is named has passed
+    excluded = [c for c in tested if _least_of(c, found) < LEAST_PROBABLE]
+    tested = [c for c in tested if c not in excluded]
     if not tested:
         passing = []
     if not passing:
@@ -126,7 +129,10 @@ def judge(
         if likeliest and is_small(likeliest) and residual_p.get(likeliest.names, 0.0) >= RESIDUAL_P:
             why = "an instrument's error, no larger than declared"
             return Verdict("consistent", None, (), likeliest.probability, why)
-        return Verdict("unresolved", None, (), 0.0, "no set of listed effects explains what is left")
+        why = "no set of listed effects explains what is left"
+        if excluded:
+            why += f"; {' and '.join(excluded[0].names)} would, and others are far more probable that do not"
+        return Verdict("unresolved", None, (), 0.0, why)
     if base is not None and base.probability > 1.0 - NAMED:
         if base.probability > 0.5:
             return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
@@ -171,6 +177,11 @@ def judge(
             )
         return Verdict("named", best, (), share, "one set explains it alone")
     return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
+
+
+def _least_of(candidate: Weighed, found: Sequence[Weighed]) -> float:
+    """Probability of a set's least probable effect, over all sets weighed [-]."""
+    return min(sum(c.probability for c in found if name in c.names) for name in candidate.names)
 
 
 def _nearly(candidate: Candidate, residual_p: dict[tuple[str, ...], float]) -> bool:

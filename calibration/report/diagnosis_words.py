@@ -54,6 +54,9 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
         certain = "may be" if [] in [list(names) for names in found["alternatives"]] else "is"
         which = in_a_row(rivals, "or")
         return f"Something {certain} left out ({chance}), and this recording cannot tell which it is: {which}{more}."
+    if found.get("check"):
+        why = str(found["why"])
+        return f"{why[:1].upper()}{why[1:]} ({chance}). Nothing was looked for. Check {'; '.join(found['check'])}."
     words = f"Something is left out ({chance}), and no effect in the list explains it."
     if found["located"]:
         words += f" {place_in_words(found['located'][0])}"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.diagnosis.confirm import HeldOut
+from calibration.diagnosis.diagnose import CERTAIN_P, NOT_DESCRIBED
 from calibration.diagnosis.next_test import NextTest
 from calibration.diagnosis.verdict import MISMATCH_P, RESIDUAL_P, Verdict, is_small
 from calibration.rigs_diagnosis.confirm import cross_validate, unseen
@@ -26,6 +27,9 @@ TESTED = 6  # most probable sets whose residual is tested
 RESIDUAL_DRAWS, MORE_DRAWS = 200, 4000
 NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
 HOPELESS = 1e-3  # as probable as this beside one that passes, a set need not be tested
+# Share of a reading by which the base model may miss it, at the median: a drive that all goes into dry friction is
+# missed by half; units mixed up, or a drive of the other sign, are missed by nearly all of it and more.
+MOST_MISSED = 0.8
 MOSTLY = 0.05  # of the mismatch: a set that leaves less explains it, be the rest as certain as it may
 
 
@@ -57,6 +61,8 @@ class RigDiagnosis:
         Ranked.
     seconds : dict
         Of each step [s].
+    not_described : str
+        How far the base model is off where it does not describe the readings at all, and nothing was looked for.
     """
 
     problem: RigProblem
@@ -70,6 +76,7 @@ class RigDiagnosis:
     held_out: HeldOut | None
     next_tests: list[NextTest]
     seconds: dict[str, float]
+    not_described: str = ""
 
     def candidates_of(self, names: tuple[str, ...]) -> Candidate:
         """The candidate of a set that was weighed.
@@ -121,7 +128,12 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
     left: dict[tuple[str, ...], float] = {}
     found, best = None, None
     tests: list[NextTest] = []
-    if detection.p_value < MISMATCH_P:
+    far = not_described(problem, base)
+    if far:
+        detection = replace(detection, p_value=min(detection.p_value, CERTAIN_P))
+        residual_p[()] = detection.p_value
+        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
+    elif detection.p_value < MISMATCH_P:
         clock("name")
         candidates = search(problem, base, tell)
         passes = 0.0  # probability of the first set that leaves nothing
@@ -146,13 +158,34 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
         verdict = weigh(detection.p_value, candidates, residual_p, None)
     if verdict.chosen is not None and best is not None and verdict.chosen.names != best.names:
         found = _confirm(problem, candidates, verdict.chosen, other)
-    if verdict.kind in ("confounded", "unresolved"):
+    if verdict.kind in ("confounded", "unresolved") and not far:
         clock("next test")
         tests = propose(problem, _rivals(candidates, verdict))
     clock("")
     return RigDiagnosis(
-        problem, base, detection, free, candidates, residual_p, left, verdict, found, tests, clock.seconds
+        problem, base, detection, free, candidates, residual_p, left, verdict, found, tests, clock.seconds, far
     )
+
+
+def not_described(problem: RigProblem, base: RigFit) -> str:
+    """How far the base model is from the readings where it does not describe them at all; empty where it does.
+
+    Parameters
+    ----------
+    problem : RigProblem
+        The recording.
+    base : RigFit
+        Viscous friction, or displacement, alone.
+    """
+    far = []
+    for one, missed in zip(problem.readings, base.residuals, strict=True):
+        read = np.abs(one.value)
+        if not np.any(read > 0.0):
+            continue
+        share = float(np.median(np.abs(missed[read > 0.0]) / read[read > 0.0]))
+        if not share <= MOST_MISSED:  # nan too: nothing is predicted there
+            far.append(f"{one.label} is off by {100.0 * share:.0f} % at the median")
+    return "; ".join(far)
 
 
 def _other(problem: RigProblem, held_out: Recording | None) -> RigProblem | None:

@@ -12,6 +12,7 @@ from calibration.diagnosis.document import (
     MOST_PLACES,
     Q95,
     UNKNOWN,
+    finite,
     held_out_as_json,
     next_tests_as_json,
     size_as_json,
@@ -22,6 +23,14 @@ from calibration.rigs_diagnosis.name import Candidate
 from calibration.rigs_diagnosis.places import same_coordinates
 from calibration.rigs_diagnosis.words import sentence
 
+CHECK = (
+    "the units of each column",
+    "the motor's table: its inertia, mass or displacement",
+    "the clock",
+    "the tachometer's pulses per turn",
+    "the sign of the drive",
+    "whether the pressures are absolute or gauge",
+)
 FOUND_P = 0.01
 STANDS_OUT = 0.5  # share of the largest score that a piece needs to belong to the place
 NAMES = {
@@ -46,14 +55,14 @@ def as_json(found: RigDiagnosis) -> dict[str, Any]:
         "rig": found.problem.kind,
         "verdict": verdict.kind,
         "mismatch": {"p_value": found.detection.p_value, "beyond_the_draws": found.detection.extrapolated},
-        "located": _places(found) if verdict.kind != "consistent" else [],
+        "located": [] if verdict.kind == "consistent" or found.not_described else _places(found),
         "set_probability": verdict.set_probability,
         "effects": _effects(found),
         "alternatives": [list(names) for names in verdict.alternatives],
         "term": None,
         "improvement": {"held_out": held_out_as_json(found.held_out)},
-        "f_overall_before": _friction([found.candidates_of(())]),
-        "f_overall_after": _friction(_weighed(found)),
+        "f_overall_before": None if found.not_described else _friction([found.candidates_of(())]),
+        "f_overall_after": None if found.not_described else _friction(_weighed(found)),
         "next_tests": next_tests_as_json(found.next_tests),
         "suspect_rows": [],
         "left": _left(found),
@@ -68,10 +77,12 @@ def as_json(found: RigDiagnosis) -> dict[str, Any]:
             )
         ],
         "friction_unit": "N s/m" if found.problem.slides else "N m s",
+        "files": found.problem.files,
+        "check": list(CHECK) if found.not_described else [],
         "why": verdict.why,
     }
     document["sentence"] = sentence(document)
-    return document
+    return finite(document)
 
 
 def _places(found: RigDiagnosis) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from calibration.report.render import render
 from calibration.rigs_diagnosis import words
 from calibration.rigs_diagnosis.diagnose import RigDiagnosis
 from calibration.rigs_diagnosis.picture import picture
+from calibration.runs_in_time import few_used
 from model.effects import effects
 
 MOST = 12  # rows of a table
@@ -82,7 +83,11 @@ def context(found: RigDiagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
             ("readings", "noise over the declared", "correlation of neighbours"),
             tuple((n["readings"], f"{n['scale']:.2f}", f"{n['correlation']:.2f}") for n in document["noise"]),
         ),
-        "notes": list(dict.fromkeys(recording.warnings)),
+        "notes": list(dict.fromkeys([*few_used(document["files"]), *recording.warnings])),
+        "files": Grid(
+            ("file", "rows used", "why not the rest"),
+            tuple((one["file"], f"{one['rows_used']} of {one['rows']}", one["why"]) for one in document["files"]),
+        ),
         "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
         "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
         "sha256": recording.sha256,

@@ -50,8 +50,8 @@ def coordinates(problem: RigProblem) -> list[dict[str, np.ndarray]]:
             one = {name: blocks.mean(getattr(blocks, name))[blocks.used] for name in ("speed", "time", "pressure")}
             found.append({name: values for name, values in one.items() if np.all(np.isfinite(values))})
     elif problem.kind == "free_rotor":
-        for readings, (_, time) in zip(problem.readings, problem.seen.coasts, strict=True):
-            found.append({"speed": readings.value, "time": time})
+        for readings, (_, time, compared) in zip(problem.readings, problem.seen.coasts, strict=True):
+            found.append({"speed": readings.value, "time": time[compared]})
     else:
         speed, pressure, _, time = problem.seen.rows
         found = [{"speed": speed[has], "pressure": pressure[has], "time": time[has]} for has in problem.seen.has]

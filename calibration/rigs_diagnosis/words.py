@@ -30,6 +30,9 @@ def sentence(document: Mapping[str, Any]) -> str:
     named = [effect["id"] for effect in document["effects"]]
     if document["verdict"] == "consistent":
         return f"The model explains the recording ({chance}): {document['why']}."
+    if document["check"]:
+        why = str(document["why"])
+        return f"{why[:1].upper()}{why[1:]} ({chance}). Nothing was looked for. Check {'; '.join(document['check'])}."
     if document["verdict"] == "unresolved":
         return f"Something is left out ({chance}), and no listed effect explains it: {document['why']}."
     if document["verdict"] == "named":

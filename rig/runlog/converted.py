@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rig.recording import Column
 from rig.recording.mistakes import shown
+from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
 from rig.runlog.mapping import ColumnTable, FileTable, MappingFile
 from rig.runlog.tables import Cells, Table
@@ -21,7 +22,7 @@ from rig.runlog.units import unit_of
 ZERO_C = 273.15
 DAY_S = 86_400.0
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
-MOST_BACKWARDS_RPM = 30.0  # farther below 0 no tachometer's zero wanders
+ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read
 _NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)
 _CLOCK = re.compile(r"\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:\.[0-9]+)?)\s*", re.ASCII)
 _SIGN = {"": 0, "<": -1, ">": 1}
@@ -96,11 +97,11 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
             converted.columns[name] = Column(column.values * source.factor, censor)
     if isinstance(mapping.motor, str):
         _check(entry, converted, [table.lines[row] for row in rows], table.place)
-    return _thinned(mapping, converted, table.place)
+    return _at_rest(mapping, _thinned(mapping, converted, table.place), [table.lines[row] for row in rows], table.place)
 
 
 def _check(entry: FileTable, converted: Converted, lines: Sequence[int], place: str) -> None:
-    """What no run of this motor can hold: the times order its rows, and its speed has no sign."""
+    """What no run of this motor can hold: the times order its rows."""
     time = converted.columns.get("time_s")
     if time is not None:
         if np.isnan(time.values).any():
@@ -114,11 +115,27 @@ def _check(entry: FileTable, converted: Converted, lines: Sequence[int], place: 
             raise RunError(
                 f"{place}, line {lines[int(back.argmax()) + 1]}: time_s does not increase from the row before"
             )
-    speed = converted.columns.get("speed_rpm")
-    if speed is not None and (speed.values < -MOST_BACKWARDS_RPM).any():
-        at = int((speed.values < -MOST_BACKWARDS_RPM).argmax())
-        text = f"speed_rpm is {speed.values[at]:g} rpm; if it is counted the other way round, give factor = -1"
-        raise RunError(f"{place}, line {lines[at]}: {text}")
+
+
+def _at_rest(mapping: MappingFile, converted: Converted, lines: Sequence[int], place: str) -> Converted:
+    """Speeds below 0 as what they are: a tachometer's zero within its declared error, and otherwise a mistake."""
+    speed, source = converted.columns.get("speed_rpm"), mapping.columns.get("speed_rpm")
+    if speed is None or source is None or not (speed.values < 0.0).any():
+        return converted
+    figures = channel_of("speed_rpm", ChannelTable(**{key: getattr(source, key) for key in ChannelTable.model_fields}))
+    scale = converted.entry.noise_scale
+    wanders = ZERO_NOISE * figures.noise_sd * scale + ZERO_BIAS * figures.bias_sd + figures.resolution
+    far = speed.values < -wanders
+    if far.any():
+        row = int(far.argmax())
+        line = lines[min((row + 1) * converted.entry.average_rows, len(lines)) - 1]
+        raise RunError(
+            f"{place}, line {line}: speed_rpm is {speed.values[row]:g} rpm, farther below 0 than the tachometer's "
+            f"declared errors allow ({wanders:.3g} rpm: {ZERO_NOISE:g} noise_sd + {ZERO_BIAS:g} bias_sd + resolution); "
+            "if it is counted the other way round, give factor = -1; if its zero wanders so far, state bias_sd"
+        )
+    converted.columns["speed_rpm"] = Column(np.where(speed.values < 0.0, 0.0, speed.values), speed.censor)
+    return converted
 
 
 def _taken(cells: Cells, rows: list[int]) -> list[str | float]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.readings import NS, Exchange, Quality, Reading
-from rig.recording import Ambient, Channel, Recording, RecordingFile, write_recording
+from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
 from rig.recording.columns import MEASURED
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
@@ -138,7 +138,10 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path) -> P
         for name, part in zip(named, parts, strict=True)
     )
     Path(folder).parent.mkdir(parents=True, exist_ok=True)
-    write_recording(Recording(Path(folder), mapping.file.motor, ambient, channels, recorded), Path(folder))
+    try:
+        write_recording(Recording(Path(folder), mapping.file.motor, ambient, channels, recorded), Path(folder))
+    except RecordingError as error:
+        raise RecordingError(_of_sources(str(error), Path(folder), named, parts)) from None
     paths = sorted({path for path, _ in _entries(files, mapping)})
     lines = [mapping.file.title, f"source: {mapping.file.source}", f"licence: {mapping.file.licence}"]
     lines += [f"imported with {mapping.path.name} from {path.name}, SHA-256 {sha256_of(path)}" for path in paths]
@@ -187,6 +190,14 @@ def _names(parts: list[Converted]) -> list[str]:
             number += 1
         names.append(name)
     return names
+
+
+def _of_sources(text: str, folder: Path, names: Sequence[str], parts: Sequence[Converted]) -> str:
+    """What is wrong with a recording that was not written, told of the files that it would be made of."""
+    for name, part in zip(names, parts, strict=True):
+        text = text.replace(f"{folder / name}, row ", f"{part.entry.file}, of the rows taken the number ")
+        text = text.replace(str(folder / name), part.entry.file)
+    return text
 
 
 def _channel(mapping: Mapping, name: str) -> Channel:
