@@ -49,7 +49,8 @@ def by_diagnosis(recording: Recording, blocks: Blocks) -> list[dict[str, Any]]:
     for i in np.flatnonzero(known):
         used.setdefault(plateaus.file[i], set()).add(int(plateaus.row[i]))
     for run in blocks.runs:
-        used[run.file] = set((np.flatnonzero(run.used) + 1).tolist())
+        first, last = np.flatnonzero(run.used)[[0, -1]]
+        used[run.file] = set(range(int(run.row[first - 1]) + 1 if first else 1, int(run.row[last]) + 1))
     for file in recording.files:
         if file.kind == "steady" and file.file in blocks.standing.file:
             flow = file.columns["flow_l_min"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.base import base_of
-from calibration.diagnosis.linear import PHASE, Comparison
+from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.mode import Mode, close, suiting_noise
 from calibration.diagnosis.noise import ROWS, SAMPLES, SPREAD
 from calibration.diagnosis.problem import Problem
@@ -58,16 +58,9 @@ def test_whitened_noise_is_standard_normal_whatever_its_correlations(comparison,
     assert np.abs((plain[1:] * plain[:-1]).mean(axis=1)).max() > 5.0 / np.sqrt(count)
 
 
-def test_a_coast_down_s_pulses_are_left_to_chance_wholly_only_while_a_search_is_on_its_way(comparison):
-    runs = comparison.problem.blocks.runs
-    of_run = np.repeat(np.arange(len(runs)), comparison.sizes)
-    coasting = ~np.array([run.from_rest for run in runs])[of_run]
-    assert coasting.any() and (~coasting).any() and np.all(comparison.swing > 0.0)
-    with pytest.raises(ArithmeticError), comparison.on_its_way():
-        assert np.array_equal(comparison.angle_sd, comparison.swing)
-        raise ArithmeticError
-    share = comparison.angle_sd / comparison.swing
-    assert np.allclose(share[coasting], PHASE) and np.allclose(share[~coasting], 1.0)
+def test_how_the_shaft_stood_is_left_to_chance(comparison):
+    assert np.all(comparison.swing > 0.0)
+    assert np.array_equal(comparison.angle_sd, comparison.swing)  # no teeth are stated
 
 
 def test_the_density_of_whitened_readings_is_that_of_the_covariance(comparison, prediction):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis.blocks import levels
+from calibration.diagnosis.blocks import RunInTime, levels
 from calibration.diagnosis.carried import carried
 from calibration.diagnosis.function import Function, Predicts
 from calibration.diagnosis.information import Expected
@@ -187,7 +187,9 @@ def expected_readings(plan: Planned, seen: Problem, rivals: Sequence[Candidate])
     first = carried(seen, rivals[0].mode, there.problem)[0]
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
         likely = _mean(there, rivals[0].names)(first)
-        there = Comparison(Problem(_with_speeds(plan.recording, likely.runs[0]), any_turn=True))
+        there = Comparison(
+            Problem(_with_speeds(plan.recording, there.problem.blocks.runs[0], likely.runs[0]), any_turn=True)
+        )
     common = None
     found = []
     for one in rivals:
@@ -214,9 +216,10 @@ def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:
     return functools.partial(Function(there, names), smooth=True)
 
 
-def _with_speeds(recording: Recording, speed: np.ndarray) -> Recording:
+def _with_speeds(recording: Recording, planned: RunInTime, speed: np.ndarray) -> Recording:
     anchor, run = recording.files
     name = next(name for name in run.columns if name.startswith("speed_rpm"))
-    held = run.columns[name]
-    shown = np.where(held.values > 0.0, np.maximum(np.nan_to_num(speed) * RPM, 0.1), 0.0)
+    held, told = run.columns[name], np.isfinite(speed)
+    likely = np.interp(run.columns["time_s"].values, planned.time[told], speed[told]) if told.any() else 0.0
+    shown = np.where(held.values > 0.0, np.maximum(likely * RPM, 0.1), 0.0)
     return replace(recording, files=(anchor, replace(run, columns={**run.columns, name: Column(shown, held.censor)})))
