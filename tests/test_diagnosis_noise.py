@@ -17,7 +17,7 @@ U = np.array([0.1, -0.2, 0.05, 0.4, 0.5])
 
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
-    recording, _ = null_recording("declared", True, np.random.default_rng(11))
+    recording, _ = null_recording("declared", True, np.random.default_rng(7))
     return Comparison(Problem(recording))
 
 

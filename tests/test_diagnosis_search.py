@@ -21,6 +21,7 @@ from calibration.diagnosis.forces import forces
 from calibration.diagnosis.function import Function
 from calibration.diagnosis.in_time import Plan, Pulses
 from calibration.diagnosis.linear import RUN, VENTED, Comparison
+from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import screen
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.search import Search
@@ -48,6 +49,13 @@ def with_zero(folder: Path, reading_bar: float) -> Recording:
     text = text.replace('{ file = "sweep.csv", kind = "steady" }', both)
     (folder / "recording.toml").write_text(text, encoding="utf-8")
     return read_recording(folder)
+
+
+def delay(comparison: Comparison, base: Mode, line: str) -> float:
+    """By how much a line follows its valve late on the average [s]: its moment, and both its lags."""
+    names = [one.name for one in comparison.problem.nuisances]
+    places = [names.index(f"{line}_{what}") for what in ("late", "time", "valve")]
+    return sum(float(comparison.problem.nuisances[i].value(base.z[i])) for i in places)
 
 
 def test_a_step_along_the_valley_keeps_the_plateaus_speeds(tmp_path: Path) -> None:
@@ -218,7 +226,7 @@ def test_what_the_pulses_add_is_much_the_same_near_by(tmp_path: Path) -> None:
         kept = f(moved).runs[0]
         comparison.see_pulses(moved)
         anew = f(moved).runs[0]
-        assert np.linalg.norm((anew - kept)[used]) < 0.1 * np.linalg.norm((anew - before)[used]), name
+        assert np.linalg.norm((anew - kept)[used]) < 0.2 * np.linalg.norm((anew - before)[used]), name
 
 
 @pytest.mark.parametrize(
@@ -251,8 +259,7 @@ def test_derivatives_are_those_of_plateaus_solved_in_full(tmp_path: Path, names:
 
 
 def test_two_starts_end_at_the_same_evidence(tmp_path: Path) -> None:
-    recordings.sweep(tmp_path, 3, DRAG)
-    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 3, DRAG)))
     base = base_of(comparison)
     ends = [find(comparison, ("coulomb_friction",), start).log_evidence for start in (base, None)]
     assert abs(ends[0] - ends[1]) < 0.5
@@ -302,9 +309,7 @@ def test_a_line_that_empties_late_is_no_missing_physics(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 4, {})
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 4, {}, late=0.004)))
     base = base_of(comparison)
-    place = next(i for i, one in enumerate(comparison.problem.nuisances) if one.name == "coast_down.csv.venting_late")
-    late = float(comparison.problem.nuisances[place].value(base.z[place]))
-    assert late == pytest.approx(0.004, abs=0.0015)
+    assert delay(comparison, base, "coast_down.csv.venting") == pytest.approx(0.004, abs=0.0015)
     detection = detect(
         comparison, base, signatures(comparison, base), forces(comparison, base), np.random.default_rng(1)
     )
@@ -315,10 +320,8 @@ def test_air_that_enters_late_is_no_missing_physics(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 6, {})
     comparison = Comparison(Problem(recordings.add_spin_up(tmp_path, 6, {}, late=0.006)))
     base = base_of(comparison)
-    place = comparison.problem.place("spin_up.csv.opening_late")
-    assert place is not None
-    late = float(comparison.problem.nuisances[place].value(base.z[place]))
-    assert late == pytest.approx(0.006, abs=0.002)  # where the rotor stood makes a start a millisecond or so later
+    # Where the rotor stood makes a start a millisecond or so later.
+    assert delay(comparison, base, "spin_up.csv.opening") == pytest.approx(0.006, abs=0.003)
     detection = detect(
         comparison, base, signatures(comparison, base), forces(comparison, base), np.random.default_rng(1)
     )

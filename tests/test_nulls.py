@@ -93,7 +93,7 @@ def test_a_null_with_runs_starts_from_rest_and_comes_to_rest_and_is_a_recording(
     speed = coast_down.columns["speed_rpm"].values
     assert speed[-1] < 0.1 * speed[0]
     vented = coast_down.columns["pressure_bar_abs"].values[coast_down.columns["supply_open"].values < 0.5]
-    assert np.mean(vented) == pytest.approx(truth["ambient_pressure"] / 1e5, abs=0.02)
+    assert np.mean(vented[-20:]) == pytest.approx(truth["ambient_pressure"] / 1e5, abs=0.02)
     assert 0.0 < truth["coast_down.csv.venting_time"] < 1.0
 
 

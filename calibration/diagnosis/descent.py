@@ -149,6 +149,8 @@ def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[
         z[:k], u[SCALES] = start.z[:k], np.clip(start.u[SCALES], -NOISE_SD, NOISE_SD)
         D[:, :k] = start.D[:, :k]
         values = {(e, x.name): start.z[k + i] for i, (e, x) in enumerate(problem.effect_unknowns(start.names))}
+    elif problem.blocks.runs:
+        z[:k] = with_lines(Function(comparison, ()), comparison, z[:k], u)
     values |= first
     amplitudes = []
     for i, (name, unknown) in enumerate(extra):

@@ -303,8 +303,9 @@ class Noise:
         """What each sample of the runs takes over from the one before, and the factor of the rest, in banded form."""
         if not self.step.size:
             return np.zeros(0), np.zeros((3, 0))
-        rho = np.where(self.first, 0.0, math.tanh(u[SAMPLES]))
-        own = self._of_samples_sd(u) ** 2 * (1.0 - rho * rho)
+        sd, share = self._of_samples_sd(u), np.where(self.first, 0.0, math.tanh(u[SAMPLES]))
+        rho = share * sd / np.maximum(_one_on(sd), 1e-30)
+        own = sd * sd * (1.0 - share * share)
         # Rounding, and the angle that a sample shares with the next: a band, which following the noise widens by one.
         now, before = angle / self.step, _one_on(angle)
         last = np.where(self.first, now, before / self.step)

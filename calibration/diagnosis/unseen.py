@@ -79,7 +79,7 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarra
     """
     f = Function(there, mode.names)
     z, covariance, _ = carried(seen.problem, mode, there.problem, OF_THE_MOTOR)
-    z = with_lines(f, there, z, mode.u)
+    z = with_lines(f, there, turned(f, there, z, mode.u, f(z))[0], mode.u)
     there.see_pulses(z[: f.k])
     z, predicted = turned(f, there, z, mode.u, f(z))
     precision = np.linalg.inv(covariance)
