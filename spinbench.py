@@ -6,6 +6,7 @@ What is slow to import is imported inside the commands, so that `spinbench --hel
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from rig.sweep.ambient import Ambient, Given
     from rig.sweep.course import Course
 
+Command = Callable[..., None]
+
 PUBLISHED_SWEEP = Path(__file__).resolve().parent / "logs" / "published_sweep"
 
 LOGS = Path("logs")  # of the folder that the program is started in: runs are data, not part of the program
@@ -35,6 +38,7 @@ LOGS = Path("logs")  # of the folder that the program is started in: runs are da
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED, MODEL_DOES_NOT_FIT = 2, 3, 4, 5
+INTERRUPTED = 130  # as a shell has it for what Ctrl-C ends
 # Errors that are told in words instead of with a traceback, by their class's full name (which needs no import), and
 # the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.
 EXIT_CODES = {
@@ -270,7 +274,37 @@ def sensitivity(
     _deliver(data, tables, None, json_file, None)
 
 
+def _kept_when_interrupted(kept: Callable[[Path | None], str]) -> Callable[[Command], Command]:
+    """Ctrl-C in a command ends it with exit code 130, in words: what is kept of it, by its folder of results."""
+
+    def around(command: Command) -> Command:
+        @functools.wraps(command)
+        def told(**given: Any) -> None:
+            try:
+                command(**given)
+            except KeyboardInterrupt:
+                print(f"spinbench: interrupted; {kept(given['out'])}", file=sys.stderr)
+                raise typer.Exit(INTERRUPTED) from None
+
+        return told
+
+    return around
+
+
+def _kept_of_a_fit(out: Path | None) -> str:
+    if out is None:
+        return "nothing is kept; with -o DIR the chain is kept as it grows, and the same command goes on from it"
+    if not any((out / "chain").glob("*")):
+        return "nothing was drawn yet; the same command begins again"
+    return f"what was drawn is kept in {out / 'chain'}; the same command goes on from there"
+
+
+def _kept_of_a_diagnosis(out: Path | None) -> str:
+    return "nothing is kept of an unfinished diagnosis; the same command begins again"
+
+
 @app.command()
+@_kept_when_interrupted(_kept_of_a_fit)
 def fit(
     recording: Annotated[
         Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder, or a run as RUN elsewhere.")
@@ -351,6 +385,7 @@ def fit(
 
 
 @app.command()
+@_kept_when_interrupted(_kept_of_a_diagnosis)
 def diagnose(
     recording: Annotated[
         list[Path],

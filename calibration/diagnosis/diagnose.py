@@ -266,10 +266,10 @@ def _diagnose(
         base = search.modes[()]
         candidates = search.weighed()
         # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
-        far = min(1.0, TESTS * evidence_p(comparison, search.modes)) if comparison.problem.blocks.runs else 1.0
-        if far < MISMATCH_P:
-            detection = replace(detection, p_value=far, extrapolated=True)
-            residual_p[()] = far
+        elsewhere = min(1.0, TESTS * evidence_p(comparison, search.modes)) if comparison.problem.blocks.runs else 1.0
+        if elsewhere < MISMATCH_P:
+            detection = replace(detection, p_value=elsewhere, extrapolated=True)
+            residual_p[()] = elsewhere
     if detection.p_value < MISMATCH_P:
         clock("name")
         if len(search.modes) == 1:

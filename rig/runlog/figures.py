@@ -43,13 +43,13 @@ class Figures:
             The quantity.
         """
         record = self._records[name]
-        stated = {
-            "noise_sd": self.noise_sd(name),
-            "bias_sd": record.bias_sd,
-            "scale_sd": record.scale_sd,
-            "resolution": record.resolution,
-        }
-        return channel_of(name, ChannelTable(**stated))
+        stated = ChannelTable(
+            noise_sd=self.noise_sd(name),
+            bias_sd=record.bias_sd,
+            scale_sd=record.scale_sd,
+            resolution=record.resolution,
+        )
+        return channel_of(name, stated)
 
     def noise_sd(self, name: str) -> float | None:
         """Noise of one row of the steady file; the instrument's own where the plateaus do not show it.
