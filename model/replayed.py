@@ -10,6 +10,8 @@ from model.motor import Motor
 from model.transient import Supply, simulate
 
 VENTED_PA = 2000.0  # above the ambient; below that the line counts as vented
+STILL_PA = 500.0  # from one reading to the next, below which a line is taken to stand still
+PIECE_S = 0.01  # of a line that moves
 LONGEST_GAP_S = 2.0  # without a pressure: what is simulated there means nothing
 
 
@@ -55,7 +57,7 @@ def in_room(
 
 
 def drive(motor: Motor, time_s: np.ndarray, pressure_pa: np.ndarray, step_s: float) -> Simulated:
-    """Simulate from rest through a record of the line's pressure, which holds from each reading to the next.
+    """Simulate from rest through a record of the line's pressure, which goes in a straight line between readings.
 
     Parameters
     ----------
@@ -79,9 +81,15 @@ def drive(motor: Motor, time_s: np.ndarray, pressure_pa: np.ndarray, step_s: flo
     if time_s.size < 2:
         raise ValueError("a record of the pressure needs at least two readings")
     P_a = motor.si("ambient_pressure")
+    moves = np.abs(np.diff(pressure_pa)) > STILL_PA
+    pieces = np.where(moves & (np.diff(time_s) < LONGEST_GAP_S), np.ceil(np.diff(time_s) / PIECE_S), 1).astype(int)
+    begins = np.concatenate(
+        [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(time_s[:-1], time_s[1:], pieces, strict=True)]
+    )
+    middles = np.where(np.repeat(pieces, pieces) > 1, begins + 0.5 * PIECE_S, begins)
     supply = [
         Supply(float(at), float(P) if P_a + VENTED_PA < P else P_a, bool(P_a + VENTED_PA < P))
-        for at, P in zip(time_s, pressure_pa, strict=True)
+        for at, P in zip(begins, np.interp(middles, time_s, pressure_pa), strict=True)
     ]
     ends = np.arange(time_s[0], time_s[-1], step_s)
     run = simulate(motor, supply, ends)
