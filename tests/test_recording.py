@@ -22,6 +22,7 @@ from rig.recording import (
     Recording,
     RecordingError,
     RecordingFile,
+    SupplyFigures,
     read_recording,
     write_recording,
 )
@@ -178,6 +179,39 @@ def test_ambient_flywheel_and_clock_are_read(tmp_path):
     assert recording.ambient == Ambient(1.0, 0.001, 20.0, 1.0, 0.4)
     assert recording.added_inertia_kg_m2 == 0.01
     assert (recording.files[0].start_s, recording.files[0].noise_scale) == (1100.0, 2.0)
+
+
+TACHOMETER = "pulses_per_rev = 60\npitch_error_sd = 0.01\nwindow_s = 0.5\nlag_s = 0.1\n"
+SUPPLY = """\
+[supply]
+regulator_time_s = 0.3
+regulator_time_s_sd = 0.1
+line_volume_l = 0.4
+valve_time_s = 0
+"""
+
+
+def test_the_supply_is_read_with_what_it_leaves_out(tmp_path):
+    assert read_recording(put(tmp_path)).supply == SupplyFigures()
+    supply = read_recording(put(tmp_path, TOML + SUPPLY)).supply
+    assert supply == SupplyFigures(regulator_time_s=0.3, regulator_time_s_sd=0.1, line_volume_l=0.4, valve_time_s=0.0)
+
+
+def test_how_a_speed_is_made_is_read(tmp_path):
+    plain = read_recording(put(tmp_path)).channels["speed_rpm"]
+    assert (plain.pulses_per_rev, plain.pitch_error_sd, plain.window_s, plain.lag_s) == (None, None, None, None)
+    stated = read_recording(put(tmp_path, TOML.replace("noise_sd = 0.4\n", "noise_sd = 0.4\n" + TACHOMETER)))
+    speed = stated.channels["speed_rpm"]
+    assert (speed.pulses_per_rev, speed.pitch_error_sd, speed.window_s, speed.lag_s) == (60, 0.01, 0.5, 0.1)
+    assert speed.defaulted == ()
+
+
+def test_where_a_recording_comes_from_is_read(tmp_path):
+    assert read_recording(put(tmp_path)).origin == {}
+    toml = TOML.replace("noise_sd = 0.5", 'serial = "F-17"\ncalibrated = "2026-03-01"\nnoise_sd = 0.5')
+    found = read_recording(put(tmp_path, toml + '[origin]\ndate = "2026-04-01"\noil = "none"\n'))
+    assert found.origin == {"date": "2026-04-01", "oil": "none"}
+    assert (found.channels["flow_l_min"].serial, found.channels["flow_l_min"].calibrated) == ("F-17", "2026-03-01")
 
 
 def test_unknown_columns_are_kept_as_text_and_named(tmp_path):
@@ -378,6 +412,8 @@ def test_a_bad_table_is_refused(tmp_path, case):
     assert all(letter.isprintable() or letter == "\n" for letter in text)
 
 
+SUPPLY_EXACT = TOML + "[supply]\nvalve_time_s = 0.1\nvalve_time_s_sd = 0\n"
+
 BAD_TOML = {
     "format": (TOML.replace("recording/1", "recording/9"), ["'format'", '"recording/1"', "recording/9"]),
     "no_format": (TOML.replace('format = "recording/1"\n', ""), ["the key 'format' is missing"]),
@@ -396,6 +432,31 @@ BAD_TOML = {
         TOML.replace("noise_sd = 0.4", "noise_sd = 0").replace("resolution = 0.1", "resolution = 0"),
         ["[channels.speed_rpm]", "no instrument is exact"],
     ),
+    "supply_key": (TOML + "[supply]\nregulator_tim_s = 1\n", ["supply.regulator_tim_s", "'regulator_time_s'"]),
+    "supply_negative": (TOML + "[supply]\nline_volume_l = -1\n", ["supply.line_volume_l", "greater than", "-1"]),
+    "supply_lone_deviation": (TOML + "[supply]\nvalve_time_s_sd = 1\n", ["valve_time_s_sd", "give both"]),
+    "supply_exact": (SUPPLY_EXACT, ["supply.valve_time_s_sd", "greater than 0"]),
+    "tachometer_key": (
+        TOML.replace("noise_sd = 0.4", "pulse_per_rev = 60"),
+        ["pulse_per_rev", "did you mean 'pulses_per_rev'"],
+    ),
+    "tachometer_without_pulses": (
+        TOML.replace("noise_sd = 0.4", "pulses_per_rev = 0"),
+        ["channels.speed_rpm.pulses_per_rev", "greater than 0"],
+    ),
+    "pitch_without_teeth": (
+        TOML.replace("noise_sd = 0.4", "pitch_error_sd = 0.01"),
+        ["channels.speed_rpm", "pitch_error_sd", "without pulses_per_rev"],
+    ),
+    **{
+        f"{key}_of_a_flow_meter": (
+            TOML.replace("noise_sd = 0.5", f"noise_sd = 0.5\npulses_per_rev = 60\n{key} = 0.5"),
+            ["[channels.flow_l_min]", f"{key} is for [channels.speed_rpm] only"],
+        )
+        for key in ("pitch_error_sd", "window_s", "lag_s")
+    },
+    "origin_key": (TOML + '[origin]\noperater = "me"\n', ["origin.operater", "did you mean 'operator'"]),
+    "origin_number": (TOML + "[origin]\nmotor_serial = 3600\n", ["origin.motor_serial", "string", "3600"]),
     "noise_scale": (TOML + "noise_scale = 0.0\n", ["files.0.noise_scale", "greater than 0"]),
     "humidity_in_percent": (TOML + "[ambient]\nrelative_humidity = 50.0\n", ["ambient.relative_humidity", "50"]),
     "ambient_in_pascal": (TOML + "[ambient]\npressure_bar_abs = 101325.0\n", ["ambient.pressure_bar_abs", "101325"]),
@@ -529,7 +590,11 @@ def same_numbers(one: Column, other: Column) -> bool:
 
 def assert_same(one: Recording, other: Recording) -> None:
     assert (one.motor, one.ambient, one.channels) == (other.motor, other.ambient, other.channels)
-    assert one.added_inertia_kg_m2 == other.added_inertia_kg_m2
+    assert (one.added_inertia_kg_m2, one.supply, one.origin) == (
+        other.added_inertia_kg_m2,
+        other.supply,
+        other.origin,
+    )
     assert len(one.files) == len(other.files)
     for ours, theirs in zip(one.files, other.files, strict=True):
         for name in ("file", "kind", "start_s", "noise_scale", "rows"):
@@ -599,10 +664,22 @@ def recordings(draw) -> Recording:
             figures |= {"noise_sd": 1.0, "bias_sd": 1.0}
             stated |= {"noise_sd", "bias_sd"}
         left_out = tuple(figure for figure in FIGURES if figure not in stated)
-        channels[name] = Channel(name, defaulted=left_out, **figures)
+        teeth = draw(st.none() | st.floats(0.5, 1e4))
+        of_speed = {
+            "pulses_per_rev": teeth,
+            "pitch_error_sd": teeth and draw(st.none() | st.floats(0.0, 0.5)),
+            "window_s": draw(st.none() | st.floats(1e-6, 10.0)),
+            "lag_s": draw(st.none() | st.floats(0.0, 10.0)),
+        }
+        told = {"serial": draw(st.none() | st.just('N "1"\n\u20ac'))} | (of_speed if name == "speed_rpm" else {})
+        channels[name] = Channel(name, defaulted=left_out, **figures, **told)
     taken = tuple(replace(file, noise_scale=max(file.noise_scale, 0.5)) for file in taken)
     inline = {"kind": "radial_piston", "name": 'a "\\\n', "lap": {"value deg": 8, "fixed": [True, 1e-7]}}
     ambient = Ambient(draw(st.none() | st.floats(0.5, 1.1)), None, draw(st.none() | st.floats(0.0, 40.0)), None, None)
+    line = {name: draw(st.none() | st.floats(0.0, 10.0)) for name in ("regulator_time_s", "line_volume_l")}
+    known = {f"{name}_sd": value and draw(st.none() | st.floats(1e-6, 10.0)) for name, value in line.items()}
+    supply = SupplyFigures(**line, **{name: value or None for name, value in known.items()})
+    origin = draw(st.dictionaries(st.sampled_from(["date", "operator", "oil", "note"]), st.text(min_size=1).map(repr)))
     return Recording(
         folder=Path(),
         motor=draw(st.sampled_from(["ptm3600", inline])),
@@ -610,6 +687,8 @@ def recordings(draw) -> Recording:
         channels=channels,
         files=taken,
         added_inertia_kg_m2=draw(st.sampled_from([0.0, 0.0125])),
+        supply=supply,
+        origin=origin,
     )
 
 

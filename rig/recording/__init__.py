@@ -13,7 +13,15 @@ docs/recording.md tells a person how to write one.
     read, write
 """
 
-from rig.recording.contents import Ambient, Channel, Column, Recording, RecordingError, RecordingFile
+from rig.recording.contents import (
+    Ambient,
+    Channel,
+    Column,
+    Recording,
+    RecordingError,
+    RecordingFile,
+    SupplyFigures,
+)
 from rig.recording.read import read_recording
 from rig.recording.write import write_recording
 
@@ -24,6 +32,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "RecordingFile",
+    "SupplyFigures",
     "read_recording",
     "write_recording",
 ]

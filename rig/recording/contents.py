@@ -35,6 +35,18 @@ class Channel:
         The step that readings are rounded to; 0 for none.
     defaulted : tuple of str
         The figures that the recording left out and that took the documented default.
+    pulses_per_rev : float or None
+        speed_rpm only: pulses of the tachometer in one revolution.
+    pitch_error_sd : float or None
+        speed_rpm only: error of a tooth's place, one standard deviation, as a share of the tooth pitch; no unit.
+    window_s : float or None
+        speed_rpm only: a sample is the mean over this time [s]; None: since the sample before.
+    lag_s : float or None
+        speed_rpm only: time constant of a first-order lag [s].
+    serial : str or None
+        The instrument's serial number; the same instrument in several recordings shares its errors.
+    calibrated : str or None
+        When, or by what certificate, it was calibrated.
     """
 
     column: str
@@ -43,6 +55,12 @@ class Channel:
     scale_sd: float
     resolution: float
     defaulted: tuple[str, ...] = ()
+    pulses_per_rev: float | None = None
+    pitch_error_sd: float | None = None
+    window_s: float | None = None
+    lag_s: float | None = None
+    serial: str | None = None
+    calibrated: str | None = None
 
 
 @dataclass(frozen=True)
@@ -64,6 +82,28 @@ class Ambient:
     temperature_c: float | None = None
     temperature_sd_k: float | None = None
     relative_humidity: float | None = None
+
+
+@dataclass(frozen=True)
+class SupplyFigures:
+    """The line between regulator and motor. None: not stated, whoever needs it takes a default.
+
+    Attributes
+    ----------
+    regulator_time_s, regulator_time_s_sd : float or None
+        Time constant of the regulator and its standard deviation, s.
+    line_volume_l, line_volume_l_sd : float or None
+        Volume between regulator and motor, and its standard deviation, L.
+    valve_time_s, valve_time_s_sd : float or None
+        Time that the valve takes to open or close, and its standard deviation, s.
+    """
+
+    regulator_time_s: float | None = None
+    regulator_time_s_sd: float | None = None
+    line_volume_l: float | None = None
+    line_volume_l_sd: float | None = None
+    valve_time_s: float | None = None
+    valve_time_s_sd: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +184,10 @@ class Recording:
         What was assumed, and what was not used.
     sha256 : str
         Over recording.toml and the data files, in their order; empty for a recording that was never read.
+    supply : SupplyFigures
+        What is stated of the line between regulator and motor.
+    origin : mapping of str to str
+        Who took it, when and on what: date, operator, motor_serial, oil, note, parent, as far as stated.
     """
 
     folder: Path
@@ -154,3 +198,5 @@ class Recording:
     added_inertia_kg_m2: float = 0.0
     warnings: tuple[str, ...] = ()
     sha256: str = ""
+    supply: SupplyFigures = SupplyFigures()
+    origin: Mapping[str, str] = field(default_factory=dict)

@@ -23,6 +23,7 @@ from rig.recording.schema import (
     check_channels,
     check_motor,
     default_warnings,
+    supply_of,
 )
 from rig.recording.table import EXTRA_BYTES, Plan, Table, read_table
 
@@ -191,6 +192,8 @@ def _assembled(folder: Path, table: RecordingTable, tables: list[Table], sha256:
         added_inertia_kg_m2=table.rig.added_inertia_kg_m2,
         warnings=tuple(warnings),
         sha256=sha256,
+        supply=supply_of(table.supply),
+        origin=table.origin.model_dump(exclude_none=True),
     )
 
 

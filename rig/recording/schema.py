@@ -9,13 +9,22 @@ from pydantic import Field, field_validator, model_validator
 
 from configs import FOLDER, ConfigError, Strict, validate
 from rig.recording.columns import FIGURES, MEASURED, NAMES, NUMERIC, nearest, other_spelling
-from rig.recording.contents import Ambient, Channel, Kind
+from rig.recording.contents import Ambient, Channel, Kind, SupplyFigures
 from rig.recording.mistakes import Mistakes, shown
 
 FORMAT = "recording/1"
 NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
 Positive = Annotated[float, Field(gt=0.0, le=1e9)]
+Seconds = Annotated[float, Field(ge=0.0, le=1e4)]
+PositiveSeconds = Annotated[float, Field(gt=0.0, le=1e4)]
+Text = Annotated[str, Field(min_length=1, max_length=2000)]
+OF_SPEED = ("pulses_per_rev", "pitch_error_sd", "window_s", "lag_s")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+
+
+def _check_pair(table: Strict, value: str, deviation: str) -> None:
+    if getattr(table, value) is None and getattr(table, deviation) is not None:
+        raise ValueError(f"{deviation} is given without {value}; give both, or neither")
 
 
 class AmbientTable(Strict):
@@ -30,9 +39,36 @@ class AmbientTable(Strict):
     @model_validator(mode="after")
     def _a_deviation_needs_its_value(self) -> AmbientTable:
         for value, deviation in (("pressure_bar_abs", "pressure_sd_bar"), ("temperature_c", "temperature_sd_k")):
-            if getattr(self, value) is None and getattr(self, deviation) is not None:
-                raise ValueError(f"{deviation} is given without {value}; give both, or neither")
+            _check_pair(self, value, deviation)
         return self
+
+
+class SupplyTable(Strict):
+    """[supply]: the line between regulator and motor, and how well it is known."""
+
+    regulator_time_s: Seconds | None = None
+    regulator_time_s_sd: PositiveSeconds | None = None
+    line_volume_l: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
+    line_volume_l_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
+    valve_time_s: Seconds | None = None
+    valve_time_s_sd: PositiveSeconds | None = None
+
+    @model_validator(mode="after")
+    def _a_deviation_needs_its_value(self) -> SupplyTable:
+        for value in ("regulator_time_s", "line_volume_l", "valve_time_s"):
+            _check_pair(self, value, f"{value}_sd")
+        return self
+
+
+class OriginTable(Strict):
+    """[origin]: who took the recording, when and on what."""
+
+    date: Text | None = None
+    operator: Text | None = None
+    motor_serial: Text | None = None
+    oil: Text | None = None
+    note: Text | None = None
+    parent: Text | None = None
 
 
 class ChannelTable(Strict):
@@ -42,6 +78,18 @@ class ChannelTable(Strict):
     bias_sd: NotNegative | None = None
     scale_sd: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     resolution: NotNegative | None = None
+    pulses_per_rev: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    pitch_error_sd: Annotated[float, Field(ge=0.0, le=0.5)] | None = None
+    window_s: PositiveSeconds | None = None
+    lag_s: Seconds | None = None
+    serial: Text | None = None
+    calibrated: Text | None = None
+
+    @model_validator(mode="after")
+    def _a_pitch_needs_teeth(self) -> ChannelTable:
+        if self.pitch_error_sd is not None and self.pulses_per_rev is None:
+            raise ValueError("pitch_error_sd is given without pulses_per_rev; give both, or neither")
+        return self
 
 
 class FileTable(Strict):
@@ -67,6 +115,8 @@ class RecordingTable(Strict):
     ambient: AmbientTable = AmbientTable()
     channels: dict[str, ChannelTable] = Field(default_factory=dict)
     rig: RigTable = RigTable()
+    supply: SupplyTable = SupplyTable()
+    origin: OriginTable = OriginTable()
     files: Annotated[list[FileTable], Field(min_length=1, max_length=1000)]
 
     @field_validator("format")
@@ -177,6 +227,11 @@ def ambient_of(table: AmbientTable) -> Ambient:
     return Ambient(**table.model_dump())
 
 
+def supply_of(table: SupplyTable) -> SupplyFigures:
+    """The line between regulator and motor, as the calibration sees it."""
+    return SupplyFigures(**table.model_dump())
+
+
 def channel_of(column: str, table: ChannelTable | None) -> Channel:
     """One instrument's figures, the documented default for each that is left out.
 
@@ -206,6 +261,9 @@ def check_channels(channels: dict[str, ChannelTable], place: str, mistakes: Mist
             channel = channel_of(name, table)
             if channel.noise_sd == 0.0 and channel.resolution == 0.0:
                 mistakes.add(where, "noise_sd and resolution are both 0; no instrument is exact, state one of them")
+            for key in OF_SPEED if name != "speed_rpm" else ():
+                if getattr(table, key) is not None:
+                    mistakes.add(where, f"{key} is for [channels.speed_rpm] only; take it out, or move it there")
         elif name in NAMES:
             mistakes.add(where, f"this column is no instrument; those with figures are {', '.join(MEASURED)}")
         elif (spelling := other_spelling(name)) is not None:

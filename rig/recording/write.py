@@ -20,7 +20,7 @@ from rig.recording.columns import FIGURES, FLAGS
 from rig.recording.contents import Channel, Column, Recording, RecordingError, RecordingFile
 from rig.recording.folder import RefusedError, parts
 from rig.recording.read import TOML, read_recording
-from rig.recording.schema import FORMAT
+from rig.recording.schema import FORMAT, OF_SPEED
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _FORMULA = ("=", "+", "-", "@")  # what a spreadsheet would take for a formula
@@ -145,6 +145,7 @@ def _toml(recording: Recording) -> str:
     tables += [(f"channels.{_key(name)}", _figures(channel)) for name, channel in recording.channels.items()]
     if recording.added_inertia_kg_m2:
         tables.append(("rig", {"added_inertia_kg_m2": recording.added_inertia_kg_m2}))
+    tables += [("supply", vars(recording.supply)), ("origin", recording.origin)]
     head = {"format": FORMAT, "motor": recording.motor}
     text = "".join(f"{key} = {_value(value)}\n" for key, value in head.items())
     for name, table in tables:
@@ -160,8 +161,9 @@ def _table(header: str, table: Mapping[str, Any]) -> str:
     return f"\n{header}\n{''.join(stated)}" if stated else ""
 
 
-def _figures(channel: Channel) -> dict[str, float]:
-    return {name: getattr(channel, name) for name in FIGURES if name not in channel.defaulted}
+def _figures(channel: Channel) -> dict[str, float | str | None]:
+    stated = [name for name in FIGURES if name not in channel.defaulted]
+    return {name: getattr(channel, name) for name in (*stated, *OF_SPEED, "serial", "calibrated")}
 
 
 def _key(key: str) -> str:
