@@ -3,7 +3,7 @@
     format = "bench/1"
     title = "the paper's bench"
     motor = "ptm3600"
-    [ambient] [lines.NAME] [devices.NAME] [roles] [safety] [sweep] [virtual]
+    [ambient] [supply] [lines.NAME] [devices.NAME] [roles] [safety] [sweep] [virtual]
 
 docs/bench.md explains each key.
 """
@@ -22,6 +22,7 @@ import configs
 from configs import ConfigError, Strict
 from rig.instruments.instrument import FOLDER as INSTRUMENTS
 from rig.instruments.instrument import ChannelFile, Instrument, InstrumentFile, instrument_of
+from rig.recording.schema import SupplyTable
 
 FORMAT = "bench/1"
 BENCH_SOURCE = "bench.toml"
@@ -131,6 +132,7 @@ class BenchFile(Strict):
     motor: str = "ptm3600"
     lubrication: str = ""
     ambient: AmbientTable = AmbientTable()
+    supply: SupplyTable = SupplyTable()
     lines: dict[str, LineTable]
     devices: dict[str, DeviceTable]
     roles: RolesTable

@@ -2,8 +2,9 @@
 
 import pytest
 
+from configs import ConfigError
 from rig.bench import DeviceTable, LineTable, Place
-from rig.instruments.instrument import FOLDER, families, read_instrument
+from rig.instruments.instrument import FOLDER, families, instrument_of, read_instrument
 
 NAMES = sorted(path.stem for path in FOLDER.glob("*.toml"))
 SETTERS = {"adam_4024_regulator", "alicat_pc_ascii", "alicat_pc_modbus"}
@@ -43,6 +44,40 @@ def test_figures_of_uncertainty_have_a_source(name):
     for channel in read_instrument(name).channels.values():
         figures = (channel.noise_sd, channel.bias_sd, channel.scale_sd)
         assert bool(channel.figures_source) is any(figure is not None for figure in figures)
+
+
+def test_teeth_say_the_pulses_and_a_display_shows_the_mean_over_its_update():
+    counter = read_instrument("edge_counter_60").speed_made()
+    assert (counter["pulses_per_rev"], counter["window_s"]) == (60.0, None)
+    assert 0.0 < counter["pitch_error_sd"] < 0.02
+    display = read_instrument("lutron_tachometer")
+    assert display.speed_made()["window_s"] == display.update_s == 1.0
+    assert display.speed_made()["pulses_per_rev"] is None
+
+
+def changed(name, old, new):
+    text = (FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+    assert old in text
+    return instrument_of(text.replace(old, new, 1).encode(), "file.toml")
+
+
+def test_a_file_may_say_otherwise_of_window_and_lag():
+    made = changed("lutron_tachometer", 'unit = "rpm"', 'unit = "rpm"\nwindow_s = 0.4\nlag_s = 0.2').speed_made()
+    assert (made["window_s"], made["lag_s"]) == (0.4, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("name", "new", "words"),
+    [
+        ("siargo_mf5700", "lag_s = 0.2", "channels.flow_sl_min.lag_s: is for channels.speed_rpm only"),
+        ("edge_counter_60", "pulses_per_rev = 30", "take it out; teeth says it"),
+        ("lutron_tachometer", "pitch_error_sd = 0.1", "given without pulses_per_rev"),
+        ("lutron_tachometer", "window_s = 0", "channels.speed_rpm.window_s"),
+    ],
+)
+def test_how_a_speed_is_made_is_said_once_and_of_a_speed(name, new, words):
+    with pytest.raises(ConfigError, match=words):
+        changed(name, "unit = ", f"{new}\nunit = ")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from rig.readings import NS, Exchange, Quality
-from rig.recording import RecordingError, read_recording
+from rig.recording import RecordingError, SupplyFigures, read_recording
 from rig.runlog import RunError, RunWriter, read_run
 from rig.runlog.export import export_recording, recording_of
 from rig.runlog.parquet import export_parquet
-from rig.runlog.schema import ChannelRecord, DeviceRecord
+from rig.runlog.schema import ChannelRecord, DeviceRecord, SupplyRecord
 from tests.synthetic_runs import FLOW, PRESSURE, SPEED, SWEEP, Bench, poll, reading, start_of, write_sweep
 
 
@@ -81,6 +81,37 @@ def test_figures_come_from_the_instruments_and_noise_from_the_plateaus(exported)
     flow = exported[0].channels["flow_l_min"]
     assert (flow.bias_sd, flow.scale_sd, flow.resolution, flow.defaulted) == (0.5, 0.02, 0.5, ())
     assert flow.noise_sd == pytest.approx(0.5 / np.sqrt(30))
+
+
+def test_what_a_run_does_not_say_of_supply_and_speed_is_left_out(exported):
+    speed = exported[0].channels["speed_rpm"]
+    assert (speed.pulses_per_rev, speed.pitch_error_sd, speed.window_s, speed.lag_s) == (None, None, None, None)
+    assert exported[0].supply == SupplyFigures()
+
+
+def test_the_supply_and_how_a_speed_is_made_go_with_the_export(tmp_path):
+    start = start_of()
+    made = {"pulses_per_rev": 60.0, "pitch_error_sd": 0.008, "window_s": 0.5, "lag_s": 0.1}
+    speed = start.devices["tach"].channels[SPEED].model_copy(update=made)
+    tach = start.devices["tach"].model_copy(
+        update={"channels": {SPEED: speed}, "serial_number": "T-7", "calibration": "2026-01-05"}
+    )
+    supply = SupplyRecord(regulator_time_s=0.3, regulator_time_s_sd=0.1, line_volume_l=0.2)
+    run = written(
+        tmp_path,
+        lambda bench: bench.plateau(1, SWEEP[0], "up"),
+        devices=start.devices | {"tach": tach},
+        supply=supply,
+        lubrication="none",
+    )
+    export_recording(run, tmp_path / "recording")
+    for recording in (read_recording(tmp_path / "recording"), recording_of(run).recording):
+        channel = recording.channels["speed_rpm"]
+        assert {name: getattr(channel, name) for name in made} == made
+        assert (channel.serial, channel.calibrated) == ("T-7", "2026-01-05")
+        assert recording.supply == SupplyFigures(regulator_time_s=0.3, regulator_time_s_sd=0.1, line_volume_l=0.2)
+        assert (recording.origin["operator"], recording.origin["oil"]) == ("a test", "none")
+        assert recording.origin["date"] == start.utc_start
 
 
 def test_zero_phases_become_the_zero_file_a_row_each(exported):

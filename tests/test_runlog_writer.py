@@ -15,8 +15,10 @@ from pathlib import Path
 
 import pytest
 
+from rig.bench import read_bench
+from rig.clock import Clock
 from rig.readings import NS, Event, Exchange, Quality
-from rig.runlog import RunError, RunWriter, lines, read_run, verify
+from rig.runlog import RunError, RunWriter, lines, read_run, start_record, verify
 from rig.runlog.folder import Lock, is_locked
 from rig.runlog.listing import list_runs
 from tests.synthetic_runs import UTC_START_NS, Bench, poll, reading, start_of, write_sweep
@@ -291,6 +293,16 @@ def test_the_start_record_says_what_the_run_was(tmp_path):
     assert (record["format"], record["parent"], record["lubrication"]) == ("run/1", "an_earlier_run", "oil mist")
     assert record["clock"] == {"rate": 1.0, "utc_start_ns": UTC_START_NS}
     assert record["devices"]["gauge"]["channels"]["pressure_bar_abs"]["bias_sd"] == 0.005
+
+
+def test_the_start_record_keeps_the_supply_and_how_the_speed_is_made():
+    record = start_record(read_bench(Path("virtual")), "sweep", Clock(), {})
+    assert (record.supply.regulator_time_s, record.supply.line_volume_l) == (0.3, None)
+    speed = record.devices["tach"].channels["speed_rpm"]
+    assert (speed.pulses_per_rev, speed.window_s) == (60.0, None)
+    assert record.devices["gauge"].channels["pressure_bar_abs"].pulses_per_rev is None
+    display = start_record(read_bench(Path("virtual_alicat")), "sweep", Clock(), {}).devices["tach"]
+    assert display.channels["speed_rpm"].window_s == 1.0
 
 
 def test_a_lock_ends_with_its_process(tmp_path):

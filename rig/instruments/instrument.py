@@ -16,9 +16,11 @@ import configs
 from configs import ConfigError, Strict
 from rig.lines import Line
 from rig.readings import Reading
+from rig.recording.schema import OF_SPEED, SpeedKeys
 
 FORMAT = "instrument/1"
 FOLDER = configs.FOLDER / "instruments"
+SPEED = "speed_rpm"
 
 Positive = Annotated[float, pydantic.Field(gt=0.0)]
 NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
@@ -41,8 +43,8 @@ class Reference(Strict):
     note: str = ""
 
 
-class ChannelFile(Strict):
-    """One channel of an instrument: unit, limits, and 1-sigma figures in that unit."""
+class ChannelFile(SpeedKeys):
+    """One channel of an instrument: unit, limits, 1-sigma figures in that unit and, of speed_rpm, how it is made."""
 
     unit: str
     lowest: float | None = None  # outside, the reading is over-range
@@ -67,6 +69,40 @@ class InstrumentFile(Strict):
     update_s: NotNegative = 0.0  # the instrument's own; a value repeated within it is not news
     timeout_s: Positive | None = None  # the line's when left out
     slowest_reply_s: Positive | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _only_a_speed_is_made_of_pulses(self) -> InstrumentFile:
+        channels: dict[str, ChannelFile] = getattr(self, "channels", {})
+        teeth = getattr(self, "teeth", None)
+        mistakes = [
+            f"channels.{name}.{key}: is for channels.{SPEED} only; take it out, or move it there"
+            for name, channel in channels.items()
+            for key in OF_SPEED
+            if name != SPEED and getattr(channel, key) is not None
+        ]
+        if (speed := channels.get(SPEED)) is not None:
+            if teeth is not None and speed.pulses_per_rev is not None:
+                mistakes.append(f"channels.{SPEED}.pulses_per_rev: take it out; teeth says it")
+            if teeth is None and speed.pulses_per_rev is None and speed.pitch_error_sd is not None:
+                mistakes.append(f"channels.{SPEED}.pitch_error_sd: is given without pulses_per_rev; give both")
+        if mistakes:
+            raise ValueError("\n".join(mistakes))
+        return self
+
+    def speed_made(self) -> dict[str, float | None]:
+        """How the instrument makes its speed: the keys of `SpeedKeys`, as far as they are known.
+
+        Pulses are those of the wheel. A display that makes a new value every so often shows the mean over that time,
+        unless its file says otherwise.
+        """
+        channel = getattr(self, "channels", {}).get(SPEED, SpeedKeys())
+        found: dict[str, float | None] = {key: getattr(channel, key) for key in OF_SPEED}
+        teeth = getattr(self, "teeth", None)
+        if teeth is not None:
+            found["pulses_per_rev"] = float(teeth)
+        elif found["window_s"] is None and self.update_s > 0.0:
+            found["window_s"] = self.update_s
+        return found
 
 
 class Instrument(Protocol):

@@ -17,8 +17,8 @@ NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
 Positive = Annotated[float, Field(gt=0.0, le=1e9)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e4)]
 PositiveSeconds = Annotated[float, Field(gt=0.0, le=1e4)]
-Text = Annotated[str, Field(min_length=1, max_length=2000)]
-OF_SPEED = ("pulses_per_rev", "pitch_error_sd", "window_s", "lag_s")
+MOST_TEXT = 2000
+Text = Annotated[str, Field(min_length=1, max_length=MOST_TEXT)]
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
@@ -71,17 +71,25 @@ class OriginTable(Strict):
     parent: Text | None = None
 
 
-class ChannelTable(Strict):
+class SpeedKeys(Strict):
+    """How a tachometer makes a speed."""
+
+    pulses_per_rev: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    pitch_error_sd: Annotated[float, Field(ge=0.0, le=0.5)] | None = None
+    window_s: PositiveSeconds | None = None
+    lag_s: Seconds | None = None
+
+
+OF_SPEED = tuple(SpeedKeys.model_fields)
+
+
+class ChannelTable(SpeedKeys):
     """[channels.COLUMN]: one instrument's figures, one standard deviation each, in the column's unit."""
 
     noise_sd: NotNegative | None = None
     bias_sd: NotNegative | None = None
     scale_sd: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     resolution: NotNegative | None = None
-    pulses_per_rev: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    pitch_error_sd: Annotated[float, Field(ge=0.0, le=0.5)] | None = None
-    window_s: PositiveSeconds | None = None
-    lag_s: Seconds | None = None
     serial: Text | None = None
     calibrated: Text | None = None
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from rig.readings import NS
 from rig.recording import Ambient, Column, Recording, RecordingFile, write_recording
+from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
 from rig.runlog.figures import Figures
 from rig.runlog.folder import HASHED, RunError, sha256_of, write_whole
 from rig.runlog.phases import DERIVED_DEVICE, Phase, Series, captures, quantity_channels, series, zeros
@@ -113,8 +114,23 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
         channels={name: figures.channel(name) for name in channels if name in columns},
         files=tuple(_at_rest_below(file) for file in files),
         sha256=_digest(run),
+        supply=supply_of(SupplyTable(**{key: getattr(run.start.supply, key) for key in SupplyTable.model_fields})),
+        origin=_origin(run),
     )
     return Exported(recording, notes)
+
+
+def _origin(run: Run) -> dict[str, str]:
+    """Where the recording comes from, as far as the run says it."""
+    start = run.start
+    said = {
+        "date": start.utc_start,
+        "operator": start.operator,
+        "oil": start.lubrication,
+        "note": f"run {run.name}, bench {start.bench}",
+        "parent": start.parent or "",
+    }
+    return {key: text[:MOST_TEXT] for key, text in said.items() if text}
 
 
 def _about(run: Run) -> list[str]:

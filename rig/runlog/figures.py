@@ -1,16 +1,17 @@
-"""The figures of a run's instruments, as a recording states them: noise of a row, offset, scale, resolution."""
+"""The figures of a run's instruments, as a recording states them: noise, offset, scale, how a speed is made."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from rig.recording import Channel
-from rig.recording.schema import ChannelTable, channel_of
+from rig.recording.schema import MOST_TEXT, OF_SPEED, ChannelTable, channel_of
 from rig.runlog.reader import Run
-from rig.runlog.schema import ChannelRecord
+from rig.runlog.schema import ChannelRecord, DeviceRecord
 
 TEMPERATURE_SHARE = (
     2.0 / 293.0
@@ -30,6 +31,7 @@ class Figures:
 
     def __init__(self, run: Run, channels: Mapping[str, str]) -> None:
         self.channels = dict(channels)
+        self._devices = {name: self._device(run, name) for name in channels}
         self._records = {name: self._record(run, name) for name in channels}
         self._errors = {name: _rms(self._plateau_errors(run, name)) for name in channels}
         self._scatter = {name: _rms(self._plateau_scatter(run, name)) for name in channels}
@@ -42,14 +44,18 @@ class Figures:
         name : str
             The quantity.
         """
-        record = self._records[name]
-        stated = ChannelTable(
-            noise_sd=self.noise_sd(name),
-            bias_sd=record.bias_sd,
-            scale_sd=record.scale_sd,
-            resolution=record.resolution,
-        )
-        return channel_of(name, stated)
+        record, device = self._records[name], self._devices[name]
+        stated: dict[str, Any] = {
+            "noise_sd": self.noise_sd(name),
+            "bias_sd": record.bias_sd,
+            "scale_sd": record.scale_sd,
+            "resolution": record.resolution,
+            "serial": device.serial_number[:MOST_TEXT] or None,
+            "calibrated": device.calibration[:MOST_TEXT] or None,
+        }
+        if name == "speed_rpm":
+            stated |= {key: getattr(record, key) for key in OF_SPEED}
+        return channel_of(name, ChannelTable(**stated))
 
     def noise_sd(self, name: str) -> float | None:
         """Noise of one row of the steady file; the instrument's own where the plateaus do not show it.
@@ -88,6 +94,12 @@ class Figures:
             _ratio(_rms(found), self.noise_sd(name)) for name, found in errors.items() if found and name != "speed_rpm"
         ]
         return max(ratios, default=1.0)
+
+    def _device(self, run: Run, name: str) -> DeviceRecord:
+        device, _, _ = self.channels[name].partition(".")
+        if device == "derived":
+            device, _, _ = (run.start.roles.get("flow") or "").partition(".")
+        return run.start.devices.get(device) or DeviceRecord()
 
     def _record(self, run: Run, name: str) -> ChannelRecord:
         device, _, channel = self.channels[name].partition(".")

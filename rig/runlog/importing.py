@@ -11,7 +11,7 @@ import numpy as np
 
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
-from rig.recording.columns import MEASURED
+from rig.recording.columns import FIGURES, MEASURED
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.converted import Converted, convert
@@ -202,7 +202,7 @@ def _of_sources(text: str, folder: Path, names: Sequence[str], parts: Sequence[C
 
 def _channel(mapping: Mapping, name: str) -> Channel:
     table = mapping.file.columns[name]
-    return channel_of(name, ChannelTable(**{key: getattr(table, key) for key in ChannelTable.model_fields}))
+    return channel_of(name, ChannelTable(**{key: getattr(table, key) for key in FIGURES}))
 
 
 def _start(mapping: Mapping, columns: set[str]) -> StartRecord:

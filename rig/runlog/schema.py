@@ -56,6 +56,10 @@ class ChannelRecord(Record):
     scale_sd: NotNegative | None = None
     resolution: NotNegative | None = None
     repeatability_sd: NotNegative | None = None
+    pulses_per_rev: Annotated[float, Field(gt=0.0, le=1e6)] | None = None  # of speed_rpm, as the three below
+    pitch_error_sd: Annotated[float, Field(ge=0.0, le=0.5)] | None = None
+    window_s: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
+    lag_s: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
     reference: dict[str, Any] | None = None
 
 
@@ -80,6 +84,17 @@ class SourceRecord(Record):
     text: Annotated[str, Field(max_length=2_000_000)]
 
 
+class SupplyRecord(Record):
+    """The line between regulator and motor, from the bench file; a figure and its standard deviation."""
+
+    regulator_time_s: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
+    regulator_time_s_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
+    line_volume_l: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
+    line_volume_l_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
+    valve_time_s: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
+    valve_time_s_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
+
+
 class StartRecord(Record):
     """start.json."""
 
@@ -96,6 +111,7 @@ class StartRecord(Record):
     lubrication: Text = ""
     minutes_running: NotNegative | None = None
     ambient: AmbientRecord = AmbientRecord()
+    supply: SupplyRecord = SupplyRecord()
     roles: dict[str, Text | None] = Field(default_factory=dict)
     devices: dict[str, DeviceRecord] = Field(default_factory=dict)
     versions: dict[str, Text] = Field(default_factory=dict)

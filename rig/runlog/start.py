@@ -11,6 +11,7 @@ from typing import Any
 
 from rig.bench import Bench
 from rig.clock import Clock
+from rig.instruments.instrument import SPEED
 from rig.runlog.rows import clean, plain, utc_text
 from rig.runlog.schema import (
     AmbientRecord,
@@ -20,6 +21,7 @@ from rig.runlog.schema import (
     Kind,
     SourceRecord,
     StartRecord,
+    SupplyRecord,
 )
 
 PACKAGES = ("spinbench", "numpy", "scipy", "pandas", "pydantic", "pyserial", "pymodbus")
@@ -92,6 +94,7 @@ def start_record(
         "lubrication": file.lubrication if circumstances.lubrication is None else circumstances.lubrication,
         "minutes_running": circumstances.minutes_running,
         "ambient": circumstances.ambient or AmbientRecord(**file.ambient.model_dump()),
+        "supply": SupplyRecord(**file.supply.model_dump()),
         "roles": file.roles.model_dump(),
         "devices": {name: _device(bench, name, identities.get(name, "")) for name in file.devices},
         "versions": versions(),
@@ -105,7 +108,8 @@ def start_record(
 def _device(bench: Bench, name: str, identity: str) -> DeviceRecord:
     table, settings = bench.file.devices[name], bench.instruments[name]
     channels = {
-        channel: ChannelRecord(**figures.model_dump()) for channel, figures in bench.build(name).channels.items()
+        channel: ChannelRecord(**(figures.model_dump() | (settings.speed_made() if channel == SPEED else {})))
+        for channel, figures in bench.build(name).channels.items()
     }
     return DeviceRecord(
         instrument=table.instrument,
