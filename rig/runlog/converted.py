@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.recording import Column
+from rig.recording.columns import FIGURES
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
@@ -122,7 +123,7 @@ def _at_rest(mapping: MappingFile, converted: Converted, lines: Sequence[int], p
     speed, source = converted.columns.get("speed_rpm"), mapping.columns.get("speed_rpm")
     if speed is None or source is None or not (speed.values < 0.0).any():
         return converted
-    figures = channel_of("speed_rpm", ChannelTable(**{key: getattr(source, key) for key in ChannelTable.model_fields}))
+    figures = channel_of("speed_rpm", ChannelTable(**{key: getattr(source, key) for key in FIGURES}))
     scale = converted.entry.noise_scale
     wanders = ZERO_NOISE * figures.noise_sd * scale + ZERO_BIAS * figures.bias_sd + figures.resolution
     far = speed.values < -wanders
