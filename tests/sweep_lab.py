@@ -141,6 +141,12 @@ class LabAcquisition:
             self.lab.set_bar = AMBIENT + argument
         return Exchange("bus", device, action, argument)
 
+    def hurry(self, device):
+        self.commands.append((device, "hurry", None))
+
+    def relax(self, device):
+        self.commands.append((device, "relax", None))
+
     def between(self, channel, start_ns, end_ns):
         return self.lab.window(channel, start_ns, end_ns)
 

@@ -124,8 +124,11 @@ class Bench:
             row[f"{column}_n"] = DWELL
         self.writer.plateau(row | changes)
 
-    def capture(self, which: str) -> None:
-        """Half a second of lead, then the speed falls or rises with a time constant of 0.08 s."""
+    def capture(self, which: str, gauge_until: int = 300, lowest: float = 1.013, **details: Any) -> None:
+        """Half a second of lead, then the speed falls or rises with a time constant of 0.08 s.
+
+        The gauge is read up to a step, and shows no less than the lowest pressure.
+        """
         start_ns = self.time_ns
         event_s = start_ns / NS + 0.5
         for step in range(300):
@@ -134,11 +137,12 @@ class Bench:
             share = math.exp(-passed / 0.08)
             speed = 394.8 * (share if which == "coast-down" else 1.0 - share)
             self.writer.exchange(poll("tach", {SPEED: max(speed, 0.0)}, time_ns))
-            if step % 20 == 0:
-                self.writer.exchange(poll("gauge", {PRESSURE: 1.013 + (2.0 - 1.013) * share}, time_ns + 1_000_000))
+            if step % 20 == 0 and step < gauge_until:
+                shown = max(1.013 + (2.0 - 1.013) * share, lowest)
+                self.writer.exchange(poll("gauge", {PRESSURE: shown}, time_ns + 1_000_000))
         self.time_ns = start_ns + 1_500_000_000
         span = {"start_s": start_ns / NS, "event_s": event_s, "end_s": self.time_ns / NS}
-        self.writer.event("capture end", self.time_ns, capture=which, **span)
+        self.writer.event("capture end", self.time_ns, capture=which, **span, **details)
 
 
 def write_sweep(root: Path, seal: bool = True, wire: bool = True, captures: bool = True, **changes: Any) -> Path:

@@ -172,6 +172,46 @@ def test_rate_jitter_and_failures_are_counted(acquiring, tmp_path):
     assert found["queue_high_water"] >= 1
 
 
+def test_a_hurried_gauge_is_read_as_fast_as_its_line_bears_and_disturbs_nobody_on_it(acquiring, tmp_path):
+    with serving(bench(MODBUS), tmp_path, rate=1.0) as served:
+        acquisition, sink = acquiring(served)
+        asked = lambda name: len(sink.readings(name))  # noqa: E731
+
+        def rates(seconds=3.0):
+            names = ("gauge.pressure_bar_abs", "dac.setpoint_bar_gauge", "tach.speed_rpm")
+            begin, before = served.clock.now_ns(), [asked(name) for name in names]
+            time.sleep(seconds)
+            spent_s = (served.clock.now_ns() - begin) / 1e9
+            return [(asked(name) - count) / spent_s for name, count in zip(names, before, strict=True)]
+
+        wait_until(lambda: asked("gauge.pressure_bar_abs") > 2)
+        acquisition.hurry("gauge")
+        wrote = acquisition.command("dac", "write", 1.0, 1.0)  # gets through within a second
+        assert "reads back" in wrote.outcome
+        gauge, dac, tach = rates()
+        assert gauge > 12.0  # its own period is 0.2 s
+        assert 4.0 < dac < 5.5
+        assert tach > 3.5
+        acquisition.relax("gauge")
+        time.sleep(0.2)
+        assert 4.0 < rates()[0] < 6.0
+        told = acquisition.statistics()["devices"]["gauge"]
+        assert told["achieved_hz"] == pytest.approx(5.0, rel=0.15)  # of its own period, the hurry left aside
+
+
+def test_a_hurried_gauge_that_does_not_answer_is_not_asked_at_once_again(acquiring, tmp_path):
+    text = MODBUS.replace("baud = 19200", "baud = 19200\ntimeout_s = 0.05\nslowest_reply_s = 0.06")
+    with serving(bench(text, paced=False), tmp_path, rate=1.0) as served:
+        acquisition, sink = acquiring(served, bench(text, paced=False))
+        served.ask(do="fault", kind="dropped", device="gauge", chance=1.0)
+        acquisition.hurry("gauge")
+        failed = lambda: [r for r in sink.readings("gauge.pressure_bar_abs") if r.quality is Quality.TIMEOUT]  # noqa: E731
+        wait_until(lambda: len(failed()) >= 3, 20.0)
+        count = len(failed())
+        time.sleep(2.0)
+        assert len(failed()) - count <= 2
+
+
 def test_a_log_that_cannot_be_written_ends_the_run(acquiring, tmp_path):
     class Full(Kept):
         def exchange(self, exchange):

@@ -192,6 +192,24 @@ def test_unusable_readings_are_not_in_a_transient(tmp_path):
     assert list(np.isnan(file.columns["speed_rpm"].values)) == [False, False, True, False, False]
 
 
+@pytest.mark.parametrize(
+    ("which", "changes", "words"),
+    [
+        ("spin-up", {"gauge_until": 110}, "spin_up.csv: no reading of the pressure from 0.50 to 1.50 s"),
+        ("coast-down", {"lowest": 1.2}, "coast_down.csv: ends before the line is vented: the gauge showed 1.200 bar"),
+        ("coast-down", {"cut_short": True}, "coast_down.csv: the run ended within this capture"),
+    ],
+)
+def test_what_is_missing_in_a_capture_is_in_the_notes(tmp_path, which, changes, words):
+    made = export_recording(written(tmp_path, lambda bench: bench.capture(which, **changes)), tmp_path / "recording")
+    assert any(note.startswith(words) for note in made.notes)
+    assert [file.kind for file in read_recording(tmp_path / "recording").files] == ["transient"]
+
+
+def test_a_whole_capture_needs_no_note(exported):
+    assert not any(note.startswith(("spin_up", "coast_down")) for note in exported[1].notes)
+
+
 def test_standard_litres_are_exported_as_the_flow_derived_from_them(tmp_path):
     meter = ChannelRecord(unit="sL/min", noise_sd=0.5, bias_sd=0.6, scale_sd=0.01, resolution=0.1)
     devices = start_of().devices | {"meter": DeviceRecord(channels={"flow_sl_min": meter})}

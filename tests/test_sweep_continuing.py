@@ -5,12 +5,12 @@ import dataclasses
 import pytest
 
 from rig.bench import read_bench
-from rig.runlog import RunError, read_run
+from rig.runlog import RunError, RunWriter, read_run
 from rig.sweep.ambient import Given, at_start
 from rig.sweep.continuing import taken
 from rig.sweep.plan import SweepError
 from rig.sweep.planning import sweep_course
-from tests.synthetic_runs import write_sweep
+from tests.synthetic_runs import Bench, start_of, write_sweep
 
 BENCH = read_bench("virtual")
 SWEEP = BENCH.file.sweep.model_dump()
@@ -51,6 +51,14 @@ def test_captures_that_are_there_are_not_taken_again():
     ambient = at_start(BENCH, Given(minutes_running=0.0))
     course, _ = sweep_course(BENCH, ambient, (), ("coast-down",))
     assert [task.kind for task in course.captures] == ["spin-up"]
+
+
+def test_a_capture_that_was_cut_short_is_taken_again(tmp_path):
+    for cut, have in ((True, set()), (False, {"coast-down"})):
+        with RunWriter.create(tmp_path, start_of(bench="virtual", sweep=SWEEP)) as writer:
+            Bench(writer).capture("coast-down", **({"cut_short": True} if cut else {}))
+            writer.end("aborted", vented=True)
+        assert taken(read_run(writer.folder), BENCH, tmp_path).captures == have
 
 
 def test_a_level_beyond_the_regulator_s_span_is_refused_and_not_clipped():

@@ -184,6 +184,67 @@ def test_teeth_are_read_while_a_capture_is_made():
     assert end["start_s"] < end["event_s"] < end["end_s"]
 
 
+class Heard:
+    def __init__(self):
+        self.said = []
+
+    def say(self, text, warning=False):
+        self.said.append((text, warning))
+
+    def advance(self, done, total, text):
+        pass
+
+
+def capturing(kind="coast-down", **lab):
+    bench = LabBench(teeth=60, captures=[kind], capture_level_bar_abs=2.0, levels_bar_abs=[1.6])
+    acquisition = LabAcquisition(bench)
+    for name, value in lab.items():
+        setattr(acquisition.lab, name, value)
+    return acquisition
+
+
+def test_the_gauge_is_hurried_from_the_start_of_a_capture_to_its_end_and_the_rate_is_told():
+    acquisition, heard = capturing(), Heard()
+    run(acquisition, progress=heard)
+    asked = [command for command in acquisition.commands if command[1] in ("hurry", "relax", "capture")]
+    assert asked[0] == ("gauge", "hurry", None)
+    last_tooth = max(i for i, command in enumerate(asked) if command[1] == "capture")
+    assert ("gauge", "relax", None) in asked[last_tooth:]
+    (end,) = [details for kind, details in acquisition.events if kind == "capture end"]
+    assert end["pressure_hz"] == pytest.approx(10.0, rel=0.1)
+    assert any("the pressure was read" in text and "times a second" in text for text, _ in heard.said)
+
+
+def test_a_gauge_is_at_its_own_period_again_whatever_ends_the_run():
+    acquisition = capturing()
+    acquisition.before["capture start"] = lambda a: setattr(a.lab, "stops", 1)
+    stops = lambda: acquisition.lab.stops  # noqa: E731
+    assert run(acquisition, stops=stops).outcome == "aborted"
+    assert [c for c in acquisition.commands if c[1] in ("hurry", "relax")][-1] == ("gauge", "relax", None)
+    (end,) = [details for kind, details in acquisition.events if kind == "capture end"]
+    assert end["cut_short"] is True
+
+
+def test_a_coast_down_lasts_until_the_line_is_vented():
+    acquisition = capturing(tau_pressure_s=1.5)
+    assert run(acquisition).outcome == "finished"
+    (end,) = [details for kind, details in acquisition.events if kind == "capture end"]
+    assert 1.5 * 2.5 < end["end_s"] - end["event_s"] < 1.5 * 6.0
+    pressure = acquisition.between("pressure", round(end["event_s"] * 1e9), round(end["end_s"] * 1e9)).value
+    assert pressure[-1] - AMBIENT < 0.06
+    assert "cut_short" not in end
+
+
+def test_a_coast_down_from_a_line_that_does_not_vent_ends_with_a_warning():
+    acquisition, heard = capturing(), Heard()
+    acquisition.before["capture start"] = lambda a: setattr(a.lab, "offset_bar", 0.3)
+    run(acquisition, progress=heard)
+    (end,) = [details for kind, details in acquisition.events if kind == "capture end"]
+    assert end["end_s"] - end["event_s"] == pytest.approx(30.0, abs=0.5)
+    (words,) = [text for text, warning in heard.said if warning and text.startswith("the coast-down ends")]
+    assert "the gauge shows 1.3" in words
+
+
 def test_a_capture_that_the_bench_cannot_resolve_is_left_out_with_the_reason():
     bench = LabBench(captures=["coast-down"], levels_bar_abs=[1.6])
     course, remarks = sweep_course(bench, at_start(bench, GIVEN))

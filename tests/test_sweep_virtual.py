@@ -66,6 +66,21 @@ def test_the_zeros_and_the_states_are_in_the_log(swept):
     assert {"zero", "ramp", "settle", "dwell", "capture", "vent", "done"} <= set(states)
 
 
+def test_the_gauge_is_polled_as_fast_as_its_line_bears_in_the_coast_down_and_not_beside(swept):
+    run_, _ = swept
+    (event,) = [event.details for event in run_.events if event.event == "capture end"]
+    samples = run_.samples
+    gauge = samples[(samples["device"] == "gauge") & (samples["channel"] == "pressure_bar_abs")]["time_ns"].to_numpy()
+    seconds = event["end_s"] - event["start_s"]
+    within = ((gauge >= event["start_s"] * NS) & (gauge <= event["end_s"] * NS)).sum()
+    before = ((gauge >= (event["start_s"] - seconds) * NS) & (gauge < event["start_s"] * NS)).sum()
+    assert event["pressure_hz"] == pytest.approx(within / seconds, rel=0.2)
+    assert within > 1.5 * before
+    assert event["speed_hz"] > 0.0
+    dac = samples[(samples["device"] == "dac") & samples["value"].notna()]["time_s"]
+    assert ((dac > event["start_s"]) & (dac < event["end_s"])).any()
+
+
 def test_the_coast_down_has_every_tooth(swept):
     run_, _ = swept
     (event,) = [event.details for event in run_.events if event.event == "capture end"]

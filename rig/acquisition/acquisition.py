@@ -159,6 +159,26 @@ class Acquisition:
                 done.cancel()
             raise NoReplyError(f"{device}: '{action}' was not done within {wait_s:g} s; its line is busy") from None
 
+    def hurry(self, device: str) -> None:
+        """Poll a device as fast as its line bears, until `relax`; commands and other devices go first.
+
+        Parameters
+        ----------
+        device : str
+            In the bench file.
+        """
+        self.workers[self._line_of[device]].hurry(device, self.bench.instruments[device].update_s)
+
+    def relax(self, device: str) -> None:
+        """Poll a device at its own period again.
+
+        Parameters
+        ----------
+        device : str
+            In the bench file.
+        """
+        self.workers[self._line_of[device]].relax(device)
+
     def event(self, kind: str, time_ns: int | None = None, **details: Any) -> None:
         """Write an event into the log, in its place among the readings.
 

@@ -27,6 +27,7 @@ PROBE_S = 2.0  # a failing device is asked no more often than this,
 PROBE_SHARE = 0.05  # and takes no more than this share of the line's time
 IDLE_S = 0.5
 CAPTURE_PAUSE_S = 0.2  # of real time after a capture, in which the device is not polled
+FASTEST_REAL_S = 0.002  # between two polls of a device that is polled as fast as its line bears
 KEPT_TIMES = 20_000
 
 
@@ -47,6 +48,10 @@ class Device:
         Whether it answered as itself since the line was last opened.
     identity : str
         What it answered.
+    hurried_ns : int or None
+        While it is polled as fast as its line bears: the least between two polls [ns].
+    hurry_since_ns, hurry_total_ns : int
+        When that began, and how long it has lasted before [ns]: its own period is judged without that time.
     starts, latenesses, latencies : list of int
         Of the latest polls: start, start after the schedule, and request to reply [ns].
     """
@@ -60,6 +65,9 @@ class Device:
     skipped: int = 0
     identified: bool = False
     identity: str = ""
+    hurried_ns: int | None = None
+    hurry_since_ns: int = 0
+    hurry_total_ns: int = 0
     starts: list[int] = field(default_factory=list)
     latenesses: list[int] = field(default_factory=list)
     latencies: list[int] = field(default_factory=list)
@@ -167,6 +175,40 @@ class Worker(threading.Thread):
         self._wake.set()
         return done
 
+    def hurry(self, device: str, update_s: float = 0.0) -> None:
+        """Poll a device as fast as the line bears, until `relax`. Commands, and the other devices' polls, go first.
+
+        Parameters
+        ----------
+        device : str
+            On this line; one that is only asked on command stays so.
+        update_s : float
+            How often it makes a new value [s]: it is not asked more often.
+        """
+        chosen = self.devices[device]
+        if chosen.period_ns is None or chosen.hurried_ns is not None:
+            return
+        chosen.hurry_since_ns = self.clock.now_ns()
+        least_ns = int(max(FASTEST_REAL_S * self.clock.rate, update_s) * NS)
+        chosen.hurried_ns = min(least_ns, chosen.period_ns)
+        if not getattr(chosen.driver, "failing", False):
+            chosen.due_ns = min(chosen.due_ns, chosen.hurry_since_ns)
+        self._wake.set()
+
+    def relax(self, device: str) -> None:
+        """Poll a device at its own period again.
+
+        Parameters
+        ----------
+        device : str
+            On this line.
+        """
+        chosen = self.devices[device]
+        if chosen.hurried_ns is None:
+            return
+        chosen.hurried_ns = None
+        chosen.hurry_total_ns += self.clock.now_ns() - chosen.hurry_since_ns
+
     def stop(self) -> None:
         """End the thread after what it is doing, and close the line."""
         self._stopping.set()
@@ -255,29 +297,50 @@ class Worker(threading.Thread):
         exchange, fault = actions.perform(self.line, name, device.driver, actions.POLL)
         end_ns = self.clock.now_ns()
         self._put(exchange)
-        self._count(device, exchange, start_ns, end_ns)
+        hurried_ns = device.hurried_ns
+        if hurried_ns is None:
+            self._count(device, exchange, start_ns, end_ns)
+        else:
+            self._count_hurried(device, exchange, start_ns, end_ns, hurried_ns)
         if isinstance(fault, LostError):
             raise fault
 
     def _count(self, device: Device, exchange: Exchange, start_ns: int, end_ns: int) -> None:
         period_ns = device.period_ns or 0
-        device.polls += 1
-        device.failures += not any(reading.usable for reading in exchange.readings)
-        device.last_cost_ns = end_ns - start_ns
-        device.starts.append(start_ns)
+        self._count_poll(device, exchange, start_ns, end_ns)
+        device.starts.append(start_ns - device.hurry_total_ns)
         device.latenesses.append(start_ns - device.due_ns)
         device.latencies += [reading.reply_ns - reading.request_ns for reading in exchange.readings[:1]]
         if len(device.starts) > KEPT_TIMES:
             for kept in (device.starts, device.latenesses, device.latencies):
                 del kept[: len(kept) // 2]
-        if getattr(device.driver, "failing", False):
-            device.due_ns = end_ns + int(max(PROBE_S * NS, device.last_cost_ns / PROBE_SHARE))
+        if self._put_off(device, end_ns):
             return
         device.due_ns += period_ns
         late = (end_ns - device.due_ns) // period_ns + 1 if end_ns > device.due_ns else 0
         if late > 1:  # one late poll is made at once; older slots are gone
             device.skipped += late - 1
             device.due_ns += (late - 1) * period_ns
+
+    def _count_hurried(self, device: Device, exchange: Exchange, start_ns: int, end_ns: int, hurried_ns: int) -> None:
+        """The next poll comes after those that fell due during this one; after a failure at the own period."""
+        usable = self._count_poll(device, exchange, start_ns, end_ns)
+        if not self._put_off(device, end_ns):
+            device.due_ns = max(end_ns, start_ns + (hurried_ns if usable else device.period_ns or 0))
+
+    def _count_poll(self, device: Device, exchange: Exchange, start_ns: int, end_ns: int) -> bool:
+        usable = any(reading.usable for reading in exchange.readings)
+        device.polls += 1
+        device.failures += not usable
+        device.last_cost_ns = end_ns - start_ns
+        return usable
+
+    def _put_off(self, device: Device, end_ns: int) -> bool:
+        """Whether a device fails, and is asked rarely."""
+        failing = bool(getattr(device.driver, "failing", False))
+        if failing:
+            device.due_ns = end_ns + int(max(PROBE_S * NS, device.last_cost_ns / PROBE_SHARE))
+        return failing
 
     def _introduce(self, name: str) -> None:
         """Open and identify a device; its fault is raised."""

@@ -23,6 +23,8 @@ from rig.runlog.reader import Run
 from rig.runlog.schema import AmbientRecord
 
 NOTES = "notes.txt"
+GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
+VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less
 
 
 @dataclass(frozen=True)
@@ -242,7 +244,26 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
             if found.unusable or found.unverified:
                 words = f"{found.unusable} readings unusable and left out, {found.unverified} unverified"
                 notes.append(f"{name}, {column}: {words}")
+        notes += [f"{name}: {text}" for text in _remarks(run, phase, read)]
     return files
+
+
+def _remarks(run: Run, phase: Phase, read: dict[str, Series]) -> list[str]:
+    """What a person should know of a capture: where it ends early, and where its pressure is not known."""
+    found = ["the run ended within this capture"] if phase.cut_short else []
+    column = next((name for name in PRESSURES if name in read and read[name].value.size), None)
+    if column is None:
+        return found
+    pressure = read[column]
+    times = np.concatenate(([phase.start_s], pressure.time_ns / NS, [phase.end_s]))
+    longest = int(np.argmax(np.diff(times)))
+    if times[longest + 1] - times[longest] > max(GAP_S, GAP * float(np.median(np.diff(times)))):
+        ends = (f"{when - phase.start_s:.2f}" for when in times[longest : longest + 2])
+        found.append(f"no reading of the pressure from {' to '.join(ends)} s; the gauge was not read there")
+    room = 0.0 if column.endswith("_gauge") else run.start.ambient.pressure_bar_abs
+    if phase.kind == "coast-down" and room is not None and pressure.value[-1] - room > VENTED_WITHIN_BAR:
+        found.append(f"ends before the line is vented: the gauge showed {pressure.value[-1]:.3f} bar last")
+    return found
 
 
 def _transient(name: str, phase: Phase, read: dict[str, Series], figures: Figures) -> RecordingFile:

@@ -31,12 +31,15 @@ class Phase:
         On the bench's clock [s].
     event_s : float or None
         Of a capture: when the supply was shut or opened [s].
+    cut_short : bool
+        Of a capture: whether the run ended within it.
     """
 
     kind: str
     start_s: float
     end_s: float
     event_s: float | None = None
+    cut_short: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,8 @@ def captures(run: Run) -> list[Phase]:
         which = event.details.get("capture")
         if event.event == CAPTURE and which in CAPTURES and "end_s" in event.details:
             when = event.details.get("event_s")
-            phases.append(Phase(which, *_span(event), float(when) if isinstance(when, int | float) else None))
+            event_s = float(when) if isinstance(when, int | float) else None
+            phases.append(Phase(which, *_span(event), event_s, event.details.get("cut_short") is True))
     if not phases and run.start.kind in CAPTURES and run.start.imported:
         phases.append(_whole(run, run.start.kind))
     return phases

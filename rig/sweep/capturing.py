@@ -12,6 +12,7 @@ LEAD_S = 0.5  # recorded before the event
 REST_TIMEOUT_S = 30.0
 LONGER = 3.0  # the event's predicted duration, times this, is recorded,
 LEAST_S = 2.0  # and no less: valves and regulators have their own delay
+LONGEST_S = 30.0  # how long a coast-down waits for the line to be vented and the rotor to stand
 
 
 @dataclass(frozen=True)
@@ -86,11 +87,19 @@ class Capturing:
         if self._by_hand and view.answer is None:
             self._event_ns = now_ns  # the person has the valve in hand: it is moved within this second
             return []
-        if now_ns - self._event_ns < self.duration_s * NS:
+        passed_s = (now_ns - self._event_ns) / NS
+        if passed_s < self.duration_s:
             return []
-        self.over = True
         end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns)
-        return [end] if self.task.kind == "coast-down" else [SetPressure(VENTED), end]
+        if self.task.kind == "spin-up":
+            self.over = True
+            return [SetPressure(VENTED), end]
+        unquiet = judge.not_at_rest(view, self._ambient_bar)
+        if unquiet and passed_s < max(LONGEST_S, self.duration_s):
+            return []  # the line is still emptying, or the rotor still runs out: that belongs to the coast-down
+        self.over = True
+        left = [Say(f"the coast-down ends after {passed_s:.0f} s, not at rest: {unquiet}", warning=True)]
+        return [*(left if unquiet else []), end]
 
     def _event(self) -> list[Order]:
         down = self.task.kind == "coast-down"
@@ -110,7 +119,7 @@ class Capturing:
         self.over = True
         if self._start_ns is None:
             return []
-        return [CaptureEnd(self.task.kind, self._start_ns, self._event_ns or now_ns, now_ns)]
+        return [CaptureEnd(self.task.kind, self._start_ns, self._event_ns or now_ns, now_ns, cut_short=True)]
 
     def _in_rest(self, now_ns: int, view: View) -> list[Order]:
         if self.task.kind == "spin-up":

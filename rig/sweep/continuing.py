@@ -59,7 +59,7 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
             for plateau in at.plateaus
             if plateau.settled and plateau.level_bar_abs is not None
         ]
-        kinds |= {phase.kind for phase in captures(at)}
+        kinds |= {phase.kind for phase in captures(at) if not phase.cut_short}
         at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
     return Taken(tuple(steps), frozenset(kinds))
 

@@ -130,6 +130,7 @@ class CaptureEnd:
     start_ns: int
     event_ns: int
     end_ns: int
+    cut_short: bool = False
 
 
 @dataclass(frozen=True)

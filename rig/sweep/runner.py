@@ -133,6 +133,7 @@ class Runner:
         self.to_set_point = set_points(bench, course.ambient_bar)
         self.speed_device = bench.file.roles.speed.partition(".")[0]
         self.reads_teeth = hasattr(bench.build(self.speed_device), "poll_edges")
+        self.gauge = bench.file.roles.pressure.partition(".")[0]
         self.columns = columns_of(bench.file.roles.model_dump())
         self.total = len(course.steps) + len(course.captures)
         self.left_out: list[Step] = []
@@ -153,6 +154,7 @@ class Runner:
                 self._turn()
         finally:
             released = self._release()
+            self.acquisition.relax(self.gauge)
         finish = self.finish
         vented = finish.vented and released
         return Outcome(finish.outcome, finish.reason, vented, list(self.machine.plateaus), self.left_out)
@@ -196,6 +198,8 @@ class Runner:
                 self._note("level refused", level_bar_abs=order.level_bar_abs, text=order.text, left_out=levels)
             case CaptureStart():
                 self._capturing = self.reads_teeth
+                if not (self.reads_teeth and self.gauge == self.speed_device):
+                    self.acquisition.hurry(self.gauge)
                 self._note("capture start", capture=order.kind, level_bar_abs=order.level_bar_abs)
             case CaptureEnd():
                 self._end_capture(order)
@@ -240,8 +244,17 @@ class Runner:
 
     def _end_capture(self, order: CaptureEnd) -> None:
         self._capturing = False
+        self.acquisition.relax(self.gauge)
         times = {"start_s": order.start_ns / NS, "event_s": order.event_ns / NS, "end_s": order.end_ns / NS}
-        self._note("capture end", capture=order.kind, **times)
+        counts = {
+            role: int(self.acquisition.between(role, order.start_ns, order.end_ns).size)
+            for role in ("pressure", "speed")
+        }
+        seconds = (order.end_ns - order.start_ns) / NS
+        rates = {f"{role}_hz": round(count / seconds, 3) for role, count in counts.items() if seconds > 0.0}
+        cut = {"cut_short": True} if order.cut_short else {}
+        self._note("capture end", capture=order.kind, **times, **rates, **cut)
+        self.hooks.progress.say(_captured(order, rates, seconds))
 
     def _release(self) -> bool:
         """No pressure, whatever happened before; True when the regulator took the order, or a person has the valve."""
@@ -295,6 +308,15 @@ def _zero_details(order: Zero) -> dict[str, Any]:
         "vented": order.vented,
         "channels": {name: {"mean": mean.mean, "se": mean.se, "n": mean.n} for name, mean in order.means.items()},
     }
+
+
+def _captured(order: CaptureEnd, rates: dict[str, float], seconds: float) -> str:
+    pressure, speed = rates.get("pressure_hz", 0.0), rates.get("speed_hz", 0.0)
+    ends = ", cut short" if order.cut_short else ""
+    return (
+        f"{order.kind}: {seconds:.1f} s recorded{ends}; the pressure was read {pressure:.3g} times a second, the speed "
+        f"{speed:.3g} times"
+    )
 
 
 def _words(order: Entered) -> str:
