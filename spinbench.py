@@ -642,7 +642,7 @@ def sweep(
         from rig.sweep.planning import sweep_course
 
         have = taken(parent, read, logs) if parent else Taken()
-        return sweep_course(read, ambient, have.steps, have.captures)
+        return sweep_course(read, ambient, have.steps, have.captures, have.plateaus)
 
     wanted = Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate)
     _take(bench, given, course, wanted, check)
@@ -709,7 +709,26 @@ def _take(
     if not outcome.vented:
         print(f"spinbench: {UNVENTED}", file=sys.stderr)
     if outcome.outcome != "finished":
+        if wanted.kind == "sweep":
+            print(f"go on with: {_continuing(path, folder, wanted, given, check)}")
         raise typer.Exit(RUN_FAILED)
+
+
+def _continuing(path: Path, folder: Path, wanted: Wanted, given: Given, check: bool) -> str:
+    """The command that goes on where a sweep ended, with the options of that sweep."""
+    import shlex
+
+    from rig.sweep.ambient import OPTIONS
+
+    words = ["spinbench", "sweep", str(path), "--continue", folder.name]
+    words += ["--logs", str(wanted.root)] if wanted.root != LOGS else []
+    words += ["--operator", wanted.operator] if wanted.operator else []
+    words += [f"--rate={wanted.rate:g}"] if wanted.rate is not None else []
+    stays = {name: value for name, value in vars(given).items() if value is not None and name != "minutes_running"}
+    words += [f"{OPTIONS[name]}={value}" for name, value in stays.items()]
+    words += [] if wanted.wire else ["--no-wire"]
+    words += [] if check else ["--no-check"]
+    return shlex.join(words)
 
 
 def _say_beside(text: str) -> None:

@@ -7,6 +7,7 @@ import os
 import pty
 import re
 import select
+import shlex
 import signal
 import subprocess
 import sys
@@ -177,15 +178,15 @@ def stopped(bench, tmp_path_factory):
             lambda: any(e["event"] == "set-point" and e.get("bar_abs") == HIGH for e in event_lines(folder)), "no ramp"
         )
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=ENOUGH_S)
+        printed, said = process.communicate(timeout=ENOUGH_S)
     finally:
         process.kill()
         process.wait()
-    return process.returncode, said, folder
+    return process.returncode, said, folder, printed
 
 
 def test_ctrl_c_once_seals_the_run_as_aborted_and_exits_with_4(stopped):
-    code, said, folder = stopped
+    code, said, folder, _ = stopped
     assert code == 4
     assert "Traceback" not in said
     end = read_run(folder).end
@@ -194,7 +195,7 @@ def test_ctrl_c_once_seals_the_run_as_aborted_and_exits_with_4(stopped):
 
 
 def test_ctrl_c_once_leaves_the_regulator_at_zero_and_the_line_at_the_rooms_pressure(stopped):
-    _, _, folder = stopped
+    _, _, folder, _ = stopped
     exchanges = [json.loads(line) for line in (folder / "wire.jsonl").read_text().splitlines()]
     orders = [exchange for exchange in exchanges if exchange["action"] == "write"]
     assert max(order["argument"] for order in orders) == pytest.approx(HIGH - 1.01325)
@@ -206,15 +207,18 @@ def test_ctrl_c_once_leaves_the_regulator_at_zero_and_the_line_at_the_rooms_pres
 
 
 def test_the_watchdog_of_a_stopped_run_had_nothing_to_do(stopped):
-    _, _, folder = stopped
+    _, _, folder, _ = stopped
     said = [json.loads(line)["event"] for line in (folder / "watchdog.jsonl").read_text().splitlines()]
     assert said == ["watching", "released"]
 
 
-def test_a_continued_sweep_names_its_parent_and_takes_what_is_missing(bench, stopped):
-    _, _, folder = stopped
+def test_the_command_that_a_stopped_sweep_prints_takes_what_is_missing_and_names_its_parent(bench, stopped):
+    _, _, folder, printed = stopped
     assert [plateau.level_bar_abs for plateau in read_run(folder).plateaus] == [LOW]
-    result = run("sweep", bench, "--logs", folder.parent, "--continue", folder.name, *DAY)
+    (command,) = [line.partition(": ")[2] for line in printed.splitlines() if line.startswith("go on with: ")]
+    name, *arguments = shlex.split(command)
+    assert (name, arguments[:4]) == ("spinbench", ["sweep", str(bench), "--continue", folder.name])
+    result = run(*arguments)
     assert result.returncode == 0, result.stderr
     child = read_run(Path(result.stdout.partition(": ")[0]))
     assert child.start.parent == folder.name

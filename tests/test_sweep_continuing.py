@@ -5,9 +5,12 @@ import dataclasses
 import pytest
 
 from rig.bench import read_bench
+from rig.interlock.guard import Guard
 from rig.runlog import RunError, RunWriter, read_run
 from rig.sweep.ambient import Given, at_start
+from rig.sweep.capture import motor_of
 from rig.sweep.continuing import taken
+from rig.sweep.hooks import guarded
 from rig.sweep.plan import SweepError
 from rig.sweep.planning import sweep_course
 from tests.synthetic_runs import Bench, start_of, write_sweep
@@ -51,6 +54,20 @@ def test_captures_that_are_there_are_not_taken_again():
     ambient = at_start(BENCH, Given(minutes_running=0.0))
     course, _ = sweep_course(BENCH, ambient, (), ("coast-down",))
     assert [task.kind for task in course.captures] == ["spin-up"]
+
+
+def test_the_guard_knows_what_the_parents_measured(tmp_path):
+    """It refused 2.00 bar although the run that was continued had measured 1.95 bar."""
+    first = run_of(tmp_path)
+    second = run_of(tmp_path, parent=first.name)
+    ambient = at_start(BENCH, Given(minutes_running=0.0))
+    predict = guarded(Guard(motor_of(BENCH, ambient), 600.0, 580.0), ambient.pressure_bar_abs, False)
+    assert not predict(2.0, []).allowed
+    for run, times in ((first, 1), (second, 2)):
+        have = taken(run, BENCH, tmp_path)
+        course, _ = sweep_course(BENCH, ambient, have.steps, have.captures, have.plateaus)
+        assert len(course.known) == times * len(run.plateaus)
+        assert predict(2.0, course.known).allowed
 
 
 def test_a_capture_that_was_cut_short_is_taken_again(tmp_path):

@@ -1,5 +1,6 @@
 """The machine of a sweep, walked through every state and every way out, against a bench of two first-order lags."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -219,6 +220,19 @@ def test_the_guard_is_asked_before_each_step_with_the_plateaus_so_far():
     asked = []
     Walk(predict=lambda level, plateaus: asked.append((level, len(plateaus))) or ALLOWED).go()
     assert asked == [(1.3, 0), (1.6, 1), (1.9, 2), (1.9, 3), (1.6, 4), (1.3, 5)]
+
+
+def test_the_guard_is_asked_with_the_plateaus_of_the_run_that_is_continued():
+    walk = Walk(steps=plan([1.3, 1.6], "up"))
+    earlier = Walk(steps=plan([1.4], "up")).go().of(orders.Record)[0].plateau
+    asked = []
+    course = dataclasses.replace(walk.machine.course, known=(earlier,))
+    walk.machine = SweepMachine(
+        course, lambda level, p: asked.append((level, p[0], len(p))) or ALLOWED, lambda *_: None
+    )
+    walk.go()
+    assert asked == [(1.3, earlier, 1), (1.6, earlier, 2)]
+    assert [record.plateau.number for record in walk.of(orders.Record)] == [1, 2]
 
 
 def test_a_level_that_the_guard_refuses_is_left_out_with_all_above_it():

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.bench import Bench
-from rig.runlog import Run, RunError, read_run
+from rig.readings import NS
+from rig.runlog import Run, RunError, columns_of, read_run
 from rig.runlog.listing import find_run
 from rig.runlog.phases import captures
 from rig.sweep.plan import Step
+from rig.sweep.plateau import Mean, Plateau
 
 MOST_PARENTS = 100
 
@@ -24,10 +26,13 @@ class Taken:
         Those whose plateau counts and had settled.
     captures : frozenset of str
         Kinds of runs in time.
+    plateaus : tuple of Plateau
+        All that count, oldest first, those that had not settled too: what the guard learns from.
     """
 
     steps: tuple[Step, ...] = ()
     captures: frozenset[str] = frozenset()
+    plateaus: tuple[Plateau, ...] = ()
 
 
 def taken(run: Run, bench: Bench, logs: Path) -> Taken:
@@ -49,6 +54,7 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
     """
     steps: list[Step] = []
     kinds: set[str] = set()
+    plateaus: list[Plateau] = []
     seen: set[str] = set()
     at: Run | None = run
     while at is not None and at.name not in seen and len(seen) < MOST_PARENTS:
@@ -59,9 +65,26 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
             for plateau in at.plateaus
             if plateau.settled and plateau.level_bar_abs is not None
         ]
+        plateaus = [*_plateaus(at), *plateaus]
         kinds |= {phase.kind for phase in captures(at) if not phase.cut_short}
         at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
-    return Taken(tuple(steps), frozenset(kinds))
+    return Taken(tuple(steps), frozenset(kinds), tuple(plateaus))
+
+
+def _plateaus(run: Run) -> list[Plateau]:
+    """A run's plateaus as the sweep has them."""
+    columns = columns_of(run.start.roles)
+    found = []
+    for row in run.plateaus:
+        means = {
+            role: Mean(mean.mean, mean.se, mean.n, mean.n_eff or 0.0, mean.censored)
+            for role, column in columns.items()
+            if (mean := row.means.get(column)) is not None
+        }
+        step = Step(row.level_bar_abs or 0.0, row.direction, row.repeat)
+        times = (round(row.start_s * NS), round(row.end_s * NS))
+        found.append(Plateau(row.n, step, *times, row.settled, means, row.note))
+    return found
 
 
 def _check(run: Run, bench: Bench) -> None:

@@ -9,6 +9,7 @@ from enum import StrEnum
 from rig.bench import SweepTable
 from rig.sweep.capturing import CaptureTask
 from rig.sweep.plan import Step
+from rig.sweep.plateau import Plateau
 
 
 class State(StrEnum):
@@ -51,6 +52,8 @@ class Course:
         Whether a person sets the pressure.
     zeros : tuple of str
         ``start``, ``end`` or both.
+    known : sequence of Plateau
+        Of the runs that this one continues, oldest first: the guard learns from them too.
     """
 
     steps: Sequence[Step]
@@ -61,3 +64,4 @@ class Course:
     zero_channels: tuple[str, ...]
     by_hand: bool = False
     zeros: tuple[str, ...] = ("start", "end")
+    known: Sequence[Plateau] = ()

@@ -213,7 +213,7 @@ class SweepMachine:
         if not self._tasks:
             return [*self._release(), *self._enter(State.VENT, now_ns)]
         task = self._tasks.popleft()
-        verdict = self._predict(task.level_bar_abs, self.plateaus)
+        verdict = self._verdict(task.level_bar_abs)
         self._task, self._notes, self._settled = task, [], True
         if not verdict.allowed:
             return self._before(task, verdict, now_ns) or self._refuse(task, verdict.text)
@@ -222,15 +222,23 @@ class SweepMachine:
             return [*self._release(), *self._enter(State.CAPTURE, now_ns, capture=task.kind)]
         self._targets = deque([task.level_bar_abs])
         way = task.by_way_of_bar_abs if isinstance(task, Step) else None
-        if way is not None and self._predict(way, self.plateaus).allowed:
+        if way is not None and self._verdict(way).allowed:
             self._targets.appendleft(way)
         return self._start_ramp(now_ns)
 
+    @property
+    def _known(self) -> list[Plateau]:
+        """What was measured here, and in the runs that this one continues."""
+        return [*self.course.known, *self.plateaus]
+
+    def _verdict(self, level_bar_abs: float) -> Verdict:
+        return self._predict(level_bar_abs, self._known)
+
     def _before(self, task: Step | CaptureTask, verdict: Verdict, now_ns: int) -> list[Order]:
         """A plateau on the way to a refused level, where that lets the guard see farther; nothing where not."""
-        taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self.plateaus)]
+        taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
         stone = stepping_stone(task.level_bar_abs, verdict.highest_pa_abs / PA_IN_BAR, taken)
-        if stone is None or not self._predict(stone, self.plateaus).allowed:
+        if stone is None or not self._verdict(stone).allowed:
             return []
         self._tasks.appendleft(task)
         self._task = Step(stone, UP, 1)

@@ -101,11 +101,11 @@ class ManualSweep:
 
     def _step(self, step: Step) -> None:
         """One level, until it is taken, left out, or left."""
-        verdict = self.hooks.predict(step.level_bar_abs, self.plateaus)
+        verdict = self.hooks.predict(step.level_bar_abs, self._known)
         if not verdict.allowed:
-            taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self.plateaus)]
+            taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
             stone = stepping_stone(step.level_bar_abs, verdict.highest_pa_abs / PA_IN_BAR, taken)
-            if stone is None or not self.hooks.predict(stone, self.plateaus).allowed:
+            if stone is None or not self.hooks.predict(stone, self._known).allowed:
                 self._refuse(step, verdict.text)
                 return
             self.person.say(f"  a plateau at {stone:g} bar abs comes first: {verdict.text}")
@@ -116,6 +116,11 @@ class ManualSweep:
             self._take(step)
         except JumpedError as jump:
             self._jump(step, jump.command)
+
+    @property
+    def _known(self) -> list[Plateau]:
+        """What was measured here, and in the runs that this one continues."""
+        return [*self.course.known, *self.plateaus]
 
     def _take(self, step: Step) -> None:
         self.prompter.note = ""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 from rig.bench import Bench
@@ -11,10 +12,15 @@ from rig.sweep.ambient import Ambient
 from rig.sweep.capturing import CaptureTask
 from rig.sweep.course import Course
 from rig.sweep.plan import Step, SweepError, plan
+from rig.sweep.plateau import Plateau
 
 
 def sweep_course(
-    bench: Bench, ambient: Ambient, finished: Collection[Step] = (), captured: Collection[str] = ()
+    bench: Bench,
+    ambient: Ambient,
+    finished: Collection[Step] = (),
+    captured: Collection[str] = (),
+    known: Sequence[Plateau] = (),
 ) -> tuple[Course, list[str]]:
     """What a sweep goes through.
 
@@ -28,6 +34,8 @@ def sweep_course(
         What the run that this one continues has taken.
     captured : collection of str
         Kinds of captures that it has taken.
+    known : sequence of Plateau
+        What it has measured, for the guard.
 
     Returns
     -------
@@ -53,7 +61,7 @@ def sweep_course(
             captures.append(capture.capture_task(bench, ambient, kind))
         except capture.CaptureError as error:
             remarks.append(str(error))
-    return _course(bench, ambient, steps, captures, ("start", "end")), remarks
+    return replace(_course(bench, ambient, steps, captures, ("start", "end")), known=tuple(known)), remarks
 
 
 def capture_course(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: float | None = None) -> Course:
