@@ -62,7 +62,7 @@ class RigDiagnosis:
     seconds : dict
         Of each step [s].
     not_described : str
-        How far the base model is off where it does not describe the readings at all, and nothing was looked for.
+        How far the base model is off where it does not describe the readings at all and no effect explains them.
     """
 
     problem: RigProblem
@@ -128,12 +128,7 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
     left: dict[tuple[str, ...], float] = {}
     found, best = None, None
     tests: list[NextTest] = []
-    far = not_described(problem, base)
-    if far:
-        detection = replace(detection, p_value=min(detection.p_value, CERTAIN_P))
-        residual_p[()] = detection.p_value
-        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
-    elif detection.p_value < MISMATCH_P:
+    if detection.p_value < MISMATCH_P:
         clock("name")
         candidates = search(problem, base, tell)
         passes = 0.0  # probability of the first set that leaves nothing
@@ -158,7 +153,13 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
         verdict = weigh(detection.p_value, candidates, residual_p, None)
     if verdict.chosen is not None and best is not None and verdict.chosen.names != best.names:
         found = _confirm(problem, candidates, verdict.chosen, other)
-    if verdict.kind in ("confounded", "unresolved") and not far:
+    # A base model that misses nearly all is told so where no effect explains what it misses.
+    far = not_described(problem, base) if verdict.kind == "unresolved" else ""
+    if far:
+        detection = replace(detection, p_value=min(detection.p_value, CERTAIN_P))
+        residual_p[()] = detection.p_value
+        verdict = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
+    elif verdict.kind in ("confounded", "unresolved"):
         clock("next test")
         tests = propose(problem, _rivals(candidates, verdict))
     clock("")
