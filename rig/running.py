@@ -35,7 +35,7 @@ from rig.sweep.by_hand import is_manual
 from rig.sweep.capture import motor_of
 from rig.sweep.conversation import Conversation, StoppedError, ValveHand
 from rig.sweep.course import Course
-from rig.sweep.hooks import Hooks, Progress, Silent, guarded
+from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded
 from rig.sweep.manual import run_manual
 from rig.sweep.orders import View
 from rig.sweep.plateau import Plateau
@@ -203,6 +203,8 @@ def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Ou
                 raise AmbientError("stopped at a question about the room; there is no run") from None
         if ambient is None:
             raise AmbientError(f"{bench.name}: nothing is known of the room")
+        if conversation is not None:
+            conversation.room = ambient
         course, remarks = plan(bench, ambient)
         for words in remarks:
             wanted.progress.say(words, True)
@@ -324,6 +326,7 @@ class _Run:
             self.wanted.progress,
             Silent() if self.conversation is None else ValveHand(self.conversation),
             taken,
+            expecting(guard, self.ambient.pressure_bar_abs, is_gauge),
         )
 
     def _seal(self, writer: RunWriter, outcome: Outcome, begin_ns: int, watchdog: Watchdog | None) -> str:
@@ -332,6 +335,8 @@ class _Run:
         A line that is not known to be vented is left to the watchdog, which tries on by itself. What is known of the
         line is returned in words, and goes with every error.
         """
+        if self.conversation is not None and self.conversation.room is not None:
+            self.ambient = self.conversation.room  # as the person has put it right meanwhile
         minutes = (self.place.clock.now_ns() - begin_ns) / NS / 60.0
         statistics = self.acquisition.statistics()
         self.acquisition.event("statistics", None, **statistics)

@@ -101,3 +101,14 @@ def test_at_the_end_only_what_was_asked_is_asked_again_and_enter_keeps_it(unknow
 def test_the_room_fits_the_run_s_record():
     record = at_start(LabBench(), Given(minutes_running=0.0)).record()
     assert (record.pressure_bar_abs, record.relative_humidity) == (1.013, 0.5)
+
+
+def test_back_at_a_question_puts_the_one_before_once_more(unknown):
+    person = Person("back", "1103", "back", "1003", "20", "50", "wrong", "back", "oil", "10")
+    room = at_start(unknown, Given(), person)
+    assert person.answers == []
+    assert room.pressure_bar_abs == pytest.approx(1.003)
+    assert (room.temperature_c, room.minutes_running) == (20.0, 10.0)
+    assert ["back" in prompt for prompt in person.prompts[:4]] == [False, False, True, False]
+    assert (room.lubrication, room.relative_humidity) == ("oil", 0.5)
+    assert [prompt[:7] for prompt in person.prompts[:4]] == ["Ambient", "Ambient", "Room te", "Ambient"]

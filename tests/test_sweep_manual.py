@@ -8,6 +8,7 @@ import select
 import termios
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,18 +17,23 @@ from model.performance import operating_points
 from rig.acquisition import Acquisition
 from rig.bench import read_bench
 from rig.clock import Clock
+from rig.interlock.guard import Guard
 from rig.interlock.limits import Limits
 from rig.interlock.step import Verdict
 from rig.lines.keyboard import KeyboardPort
 from rig.readings import Quality
 from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
+from rig.runlog.export import recording_of
 from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
 from rig.sweep.conversation import Conversation, ValveHand
-from rig.sweep.hooks import Hooks
+from rig.sweep.entry import doubt_of_speed
+from rig.sweep.hooks import Hooks, expecting
 from rig.sweep.manual import run_manual
+from rig.sweep.plan import Step
 from rig.sweep.planning import sweep_course
+from rig.sweep.plateau import Mean, Plateau
 from rig.virtual.person import answer
 
 GIVEN = Given(1.01325, 20.0, 0.5, "none", 0.0)
@@ -167,7 +173,9 @@ def whole(tmp_path_factory):
         terminal.expect("write the decimals after a dot")
         terminal.expect(ENTRY)
         terminal.type("")  # it is set: count down
-        terminal.expect(r"\d s ")
+        terminal.expect(r"wait: 1 s over\r\n  pressure_bar_abs")
+        assert not re.search(r"\r[^\n]", terminal.seen)  # nothing is written over
+        terminal.unread = terminal.seen[-200:]
         terminal.expect(ENTRY)
         terminal.type("note the float sticks")
         terminal.expect(ENTRY)
@@ -333,12 +341,149 @@ def test_a_typed_speed_beyond_the_limit_closes_the_run(tmp_path):
         begin(terminal)
         terminal.expect(ENTRY)
         terminal.type("1.60 44 632")
+        terminal.expect(r"\? a speed of 632 rpm is beyond the bench's limit of 600 rpm; if it is so, close the valve")
+        terminal.expect(ENTRY)
+        terminal.type("1.60 44  632")
         terminal.expect(r"\*\*\* speed 632 rpm")
         terminal.expect(CLOSED)
         terminal.type("")
     assert session.outcome.outcome == "aborted"
     assert "limit 600 rpm" in session.outcome.reason
     assert session.outcome.vented
+
+
+def expected_to_the_point(bar_abs, plateaus):
+    speed = operating_points(MOTOR, [bar_abs * 1e5])[0].speed_rpm
+    return 0.95 * speed, 1.05 * speed
+
+
+@pytest.mark.parametrize("slip", ["1.60 44 23.3", "1.60 44 2323", "1.60 44 >9999", "2.60 44 233", "5.60 44 233"])
+def test_a_slip_of_the_hand_is_asked_for_again_and_is_no_reading(tmp_path, slip):
+    bench = bench_of()
+    trip = Limits(bench.file.safety, bench.file.roles, 1.01325).trip
+    session = Session(tmp_path, bench, trip=trip, expect=expected_to_the_point)
+    with session as terminal:
+        begin(terminal)
+        terminal.expect(ENTRY)
+        terminal.type(slip)
+        terminal.expect(r"\? .*Type the right figures, or the same again if they are right\.")
+        terminal.expect(ENTRY)
+        terminal.type(dials(1.6))
+        terminal.expect(AFTER)
+        terminal.type("6.0" if slip.startswith("5") else "1.06")
+        terminal.expect(r"\? .*Type the right figures")
+        terminal.expect(AFTER)
+        terminal.type("1.60")
+        take(terminal, 1.8)
+        finish(terminal)
+    assert (session.outcome.outcome, session.outcome.reason) == ("finished", "")
+    assert slip in [event["text"] for event in session.events("typed")]
+    assert len(session.events("doubted")) == 2
+    assert [plateau.means["pressure"].mean for plateau in session.outcome.plateaus] == [1.6, 1.8]
+    assert session.read().samples["value"].max() < 400.0  # the slip is not among the readings
+
+
+def test_what_is_typed_twice_is_believed(tmp_path):
+    session = Session(tmp_path, bench_of((1.6,)), expect=expected_to_the_point)
+    with session as terminal:
+        begin(terminal)
+        for _ in range(2):
+            terminal.expect(ENTRY)
+            terminal.type("1.60 44 120")
+        terminal.expect(AFTER)
+        terminal.type("")
+        finish(terminal)
+    (plateau,) = session.outcome.plateaus
+    assert plateau.means["speed"].mean == 120.0
+
+
+def test_a_zero_that_is_none_is_asked_for_again(tmp_path):
+    session = Session(tmp_path, bench_of((1.6,)))
+    with session as terminal:
+        terminal.expect(ENTRY)
+        terminal.type("1.60 44 232")
+        terminal.expect(r"\? 1\.600 bar abs was typed where 1\.01\d* was expected; a speed of 232 rpm is far from")
+        terminal.expect(ENTRY)
+        terminal.type(ZERO)
+        take(terminal, 1.6)
+        finish(terminal)
+    assert session.outcome.outcome == "finished"
+
+
+def test_the_guard_knows_what_to_expect_after_the_first_plateaus():
+    """272 rpm at 1.7 bar: 27.2 and 2720 are slips, 0 is a rotor that does not run, 260 is another motor."""
+    means = {"pressure": Mean(1.6, None, 1), "speed": Mean(232.0, None, 1)}
+    known = [Plateau(1, Step(1.6, "up", 1), 0, 1, True, means)]
+    expected = expecting(Guard(MOTOR, 600.0, 5540.0), 1.01325, False)(1.7, known)
+    doubts = {
+        speed: doubt_of_speed(SimpleNamespace(value=speed, censored=0, raw=str(speed)), expected, 600.0)
+        for speed in (0.0, 27.2, 260.0, 272.0, 285.0, 2720.0)
+    }
+    assert {speed for speed, why in doubts.items() if not why} == {260.0, 272.0, 285.0}
+    assert expecting(Guard(MOTOR, 600.0, 5540.0), 1.01325, False)(50.0, known) is None
+
+
+def test_undo_goes_back_to_the_zero_and_from_the_closed_valve(session):
+    with session as terminal:
+        terminal.expect(ENTRY)
+        terminal.type("1.10 <10 0")
+        terminal.expect(r"set 1\.600")
+        terminal.expect(ENTRY)
+        terminal.type("undo")
+        begin(terminal)
+        take(terminal, 1.6)
+        terminal.expect(r"set 1\.800")
+        terminal.expect(ENTRY)
+        terminal.type("1.80 54 333")
+        terminal.expect(AFTER)
+        terminal.type("1.80")
+        terminal.expect(CLOSED)
+        terminal.type("undo")
+        terminal.expect(r"plateau 2 at 1\.8 bar abs is taken back")
+        take(terminal, 1.8)
+        finish(terminal)
+    assert (session.outcome.outcome, session.outcome.vented) == ("finished", True)
+    run = session.read()
+    (zero,) = [file for file in recording_of(run).recording.files if file.kind == "zero"]
+    assert zero.columns["pressure_bar_abs"].values.tolist() == [1.01, 1.01]
+    assert len(run.plateaus) == 2
+    assert run.plateaus[1].means["speed_rpm"].mean != 333.0
+
+
+def test_what_was_said_of_the_room_is_put_right_at_any_prompt(session):
+    session.conversation.room = session.ambient
+    with session as terminal:
+        begin(terminal)
+        terminal.expect(r"set 1\.600 bar abs = 0\.587 bar gauge")
+        terminal.expect(ENTRY)
+        terminal.type("room")
+        for prompt, text in (
+            (r"Ambient pressure .*\(Enter for 1013.25, as said before\)", "913"),
+            ("Room temperature", "back"),
+            ("Ambient pressure", "983"),
+            ("Room temperature", ""),
+            ("Relative humidity", "40"),
+            ("Minutes that the motor", ""),
+            ("Lubrication", ""),
+        ):
+            terminal.expect(prompt)
+            terminal.type(text)
+        terminal.expect("the room: 983 mbar, 20 degC, 40 %, 0 min running, lubrication none")
+        terminal.expect(ENTRY)
+        terminal.type(dials(1.6))
+        terminal.expect(AFTER)
+        terminal.type("1.60")
+        terminal.expect(r"set 1\.800 bar abs = 0\.817 bar gauge")
+        terminal.expect(ENTRY)
+        terminal.type(dials(1.8))
+        terminal.expect(AFTER)
+        terminal.type("1.80")
+        finish(terminal)
+    assert session.conversation.room.pressure_bar_abs == pytest.approx(0.983)
+    recording = recording_of(session.read()).recording
+    assert recording.ambient.pressure_bar_abs == pytest.approx(0.983)
+    assert recording.ambient.relative_humidity == pytest.approx(0.4)
+    assert session.read().start.ambient.pressure_bar_abs == 1.01325  # what was said first stays
 
 
 def test_the_guard_is_asked_before_each_level_is_prompted(tmp_path):

@@ -17,7 +17,7 @@ from rig.recording import Ambient, Column, Recording, RecordingFile, write_recor
 from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
 from rig.runlog.figures import Figures
 from rig.runlog.folder import HASHED, RunError, sha256_of, write_whole
-from rig.runlog.phases import DERIVED_DEVICE, Phase, Series, captures, quantity_channels, series, zeros
+from rig.runlog.phases import DERIVED_DEVICE, ROOM, Phase, Series, captures, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
 from rig.runlog.reader import Run
 from rig.runlog.schema import AmbientRecord
@@ -315,12 +315,24 @@ def _counted(run: Run, channels: dict[str, str], plateaus: list[PlateauRow]) -> 
 
 def _ambient(run: Run) -> Ambient:
     """The room: start and end halved, half their difference as an error when that is larger than the stated one."""
-    start = run.start.ambient
+    start = _room_said(run)
     end = (run.end.ambient_end if run.end is not None else None) or AmbientRecord()
     pressure, pressure_sd = _between(start.pressure_bar_abs, end.pressure_bar_abs, start.pressure_sd_bar)
     temperature, temperature_sd = _between(start.temperature_c, end.temperature_c, start.temperature_sd_k)
     humidity, _ = _between(start.relative_humidity, end.relative_humidity, None)
     return Ambient(pressure, pressure_sd, temperature, temperature_sd, humidity)
+
+
+def _room_said(run: Run) -> AmbientRecord:
+    """The room at the start, as the person has put it right since."""
+    corrections = [event.details for event in run.events if event.event == ROOM]
+    if not corrections:
+        return run.start.ambient
+    said = {key: value for key, value in corrections[-1].items() if key in AmbientRecord.model_fields}
+    try:
+        return AmbientRecord(**(run.start.ambient.model_dump() | said))
+    except ValueError:
+        raise RunError(f"{run.folder}: the room in its events makes no sense; the file is damaged") from None
 
 
 def _between(start: float | None, end: float | None, sd: float | None) -> tuple[float | None, float | None]:

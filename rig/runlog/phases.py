@@ -15,6 +15,7 @@ from rig.runlog.reader import Run
 from rig.runlog.schema import EventLine
 
 ZERO, CAPTURE = "zero", "capture end"
+ZERO_TAKEN_BACK, ROOM = "zero taken back", "room"
 CAPTURES = ("coast-down", "spin-up")
 _USABLE = [quality.value for quality in USABLE]
 
@@ -119,7 +120,13 @@ def zeros(run: Run) -> tuple[list[Phase], list[str]]:
     run : Run
         Its events ``zero`` hold ``start_s``, ``end_s`` and ``vented``.
     """
-    events = [event for event in run.events if event.event == ZERO]
+    events: list[EventLine] = []
+    for event in run.events:
+        if event.event == ZERO:
+            events.append(event)
+        elif event.event == ZERO_TAKEN_BACK:
+            which = event.details.get("which")
+            events = [zero for zero in events if zero.details.get("which") != which]
     phases = [Phase(ZERO, *_span(event)) for event in events if event.details.get("vented") is not False]
     notes = [f"a zero phase was left out: the line was not vented ({len(events) - len(phases)} times)"]
     if not events and run.start.kind == ZERO:

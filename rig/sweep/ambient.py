@@ -5,7 +5,7 @@ line, or the person.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from rig.runlog import AmbientRecord
 Ask = Callable[[str], str]  # from a prompt to what was typed; EOFError when nobody is there
 MOST_TEXT = 200
 MOST_TRIES = 5
+BACK = "back"  # typed at a question: the one before once more
 
 
 class AmbientError(ValueError):
@@ -75,6 +76,15 @@ class Ambient:
             relative_humidity=self.relative_humidity,
         )
 
+    def told(self) -> dict[str, float | str]:
+        """What a person has told of it, as the log keeps it."""
+        return {name: getattr(self, name) for name in (*ROOM, "minutes_running", "lubrication")}
+
+    def words(self) -> str:
+        """For people."""
+        figures = (f"{getattr(self, name) / figure.factor:.6g} {figure.unit}" for name, figure in FIGURES.items())
+        return f"{', '.join(figures)} running, lubrication {self.lubrication}"
+
 
 @dataclass(frozen=True)
 class _Figure:
@@ -132,10 +142,27 @@ def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -
             f"{bench.name}: the room is not known and nobody can be asked; give {wanted}, or put the room's figures in "
             "[ambient] and lubrication in the bench file"
         )
-    for name in missing:
-        known[name] = _asked(name, ask)
-        sources[name] = "asked"
+    known |= _all_asked(missing, ask, {})
+    sources |= dict.fromkeys(missing, "asked")
     return Ambient(pressure_sd_bar=bench.file.ambient.pressure_sd_bar, sources=sources, **known)
+
+
+def again(start: Ambient, ask: Ask) -> Ambient:
+    """The room asked for once more, to put an answer right; an empty answer keeps what was said.
+
+    Parameters
+    ----------
+    start : Ambient
+        As it was said.
+    ask : callable
+        As in `at_start`.
+
+    Raises
+    ------
+    AmbientError
+        When nobody answers usably.
+    """
+    return replace(start, **_all_asked(list(start.told()), ask, start.told(), "said before"))
 
 
 def at_end(start: Ambient, minutes: float, ask: Ask | None = None) -> Ambient:
@@ -153,11 +180,8 @@ def at_end(start: Ambient, minutes: float, ask: Ask | None = None) -> Ambient:
     end = replace(start, minutes_running=start.minutes_running + minutes)
     if ask is None:
         return end
-    changed = {}
-    for name in ROOM:
-        if start.sources.get(name) == "asked":
-            changed[name] = _asked(name, ask, getattr(start, name))
-    return replace(end, **changed)
+    names = [name for name in ROOM if start.sources.get(name) == "asked"]
+    return replace(end, **_all_asked(names, ask, start.told()))
 
 
 def _known(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
@@ -187,22 +211,48 @@ def _plausible(name: str, option: Any) -> Any:
     return float(option)
 
 
-def _asked(name: str, ask: Ask | None, default: float | None = None) -> Any:
+def _all_asked(
+    names: Sequence[str], ask: Ask | None, defaults: Mapping[str, float | str], when: str = "at the start"
+) -> dict[str, Any]:
+    """The answers to questions, one after the other; `BACK` puts the one before once more."""
+    answers: dict[str, Any] = {}
+    at = 0
+    while at < len(names):
+        hint = f"; {BACK} for the question before" if at == 1 else ""  # told once
+        try:
+            answers[names[at]] = _asked(names[at], ask, defaults.get(names[at]), when, hint)
+        except _BackError:
+            at = max(at - 1, 0)
+        else:
+            at += 1
+    return answers
+
+
+class _BackError(Exception):
+    """The person wants the question before once more."""
+
+
+def _asked(name: str, ask: Ask | None, default: float | str | None, when: str, hint: str = "") -> Any:
     """Put the question until the answer is plausible."""
     if ask is None:
         raise AmbientError(f"give {OPTIONS[name]}")
     figure = FIGURES.get(name)
-    prompt = "Lubrication (oil, when last given; Enter for none)" if figure is None else figure.prompt
-    if figure is not None and default is not None:
-        prompt += f" (Enter for {default / figure.factor:.6g}, as at the start)"
+    if figure is None:
+        prompt = f"Lubrication (oil, when last given; Enter for {default or 'none'})"
+    else:
+        prompt = figure.prompt
+        if isinstance(default, float):
+            prompt += f" (Enter for {default / figure.factor:.6g}, as {when})"
     why = ""
     for _ in range(MOST_TRIES):
         try:
-            text = ask(f"{why}{prompt}: ").strip()[:MOST_TEXT]
+            text = ask(f"{why}{prompt}{hint}: ").strip()[:MOST_TEXT]
         except EOFError:
             raise AmbientError(f"nobody answered '{prompt}'; give {OPTIONS[name]}") from None
+        if text.lower() == BACK:
+            raise _BackError
         if figure is None:
-            return text or "none"
+            return text or default or "none"
         if not text and default is not None:
             return default
         value, why = _number(text, figure)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,9 +12,11 @@ from rig.lines import LostError, Port
 from rig.lines.keyboard import KeyboardPort
 from rig.lines.opening import port_of
 from rig.readings import NS
+from rig.sweep.ambient import Ambient
 
 MOST_CHARACTERS = 200
 MOST_BUFFER = 65_536
+MOST_MARKS = 10  # of a countdown
 LOOK_REAL_S = 0.2  # how often a wait looks whether the operator has asked to stop
 
 
@@ -53,11 +56,17 @@ class Conversation:
         The bench's.
     stops : callable
         How often the operator has asked to stop by other means than typing, such as Ctrl-C.
+
+    Attributes
+    ----------
+    room : Ambient or None
+        What the person has said of the room, as far as it is known here.
     """
 
     def __init__(self, port: KeyboardPort, clock: Clock, stops: Callable[[], int] = lambda: 0) -> None:
         self.port, self.clock = port, clock
         self.stops = stops
+        self.room: Ambient | None = None
         self.log: Callable[..., None] = _unlogged
         self._seen_stops = 0
         self._buffer = b""
@@ -93,8 +102,8 @@ class Conversation:
         self.port.write(f"{text}\n".encode("utf-8", "replace"))
 
     def show(self, text: str) -> None:
-        """Show text without an end of line, over what stands there."""
-        self.port.write(f"\r{text}".encode("utf-8", "replace"))
+        """Show text without an end of line."""
+        self.port.write(text.encode("utf-8", "replace"))
 
     def ask(self, prompt: str) -> Typed:
         """Show a prompt and wait for a line.
@@ -151,7 +160,7 @@ class Conversation:
         return _printable(line)
 
     def wait(self, seconds: float) -> None:
-        """Count down.
+        """Count down, with marks behind each other so that nothing is written over; a typed line ends it.
 
         Parameters
         ----------
@@ -159,11 +168,25 @@ class Conversation:
             Bench time [s].
         """
         end_ns = self.clock.now_ns() + int(seconds * NS)
-        while (left_ns := end_ns - self.clock.now_ns()) > 0:
+        mark_ns = max(1, math.ceil(seconds / MOST_MARKS)) * NS
+        next_ns = int(seconds * NS)
+        self.show("  wait:")
+        while (left_ns := end_ns - self.clock.now_ns()) > 0 and not self._is_typed():
             self._look_for_stop()
-            self.show(f"  {left_ns / NS:4.0f} s ")
-            self.clock.sleep(min(left_ns / NS, self.clock.rate))
-        self.show("         \r")
+            if left_ns <= next_ns:
+                next_ns -= mark_ns
+                self.show(f" {math.ceil(left_ns / NS)} s")
+            self.clock.sleep(min(left_ns / NS, LOOK_REAL_S * self.clock.rate))
+        self.say(" over")
+
+    def _is_typed(self) -> bool:
+        """Whether a line with something in it is there already; it is kept for the next prompt."""
+        try:
+            _, data = self.port.read(self.clock.now_ns())
+        except LostError:
+            return True  # the next prompt tells
+        self._buffer = (self._buffer + data.replace(b"\r", b"\n"))[-MOST_BUFFER:].lstrip(b"\n")
+        return b"\n" in self._buffer
 
     def _look_for_stop(self) -> None:
         if self.stops() > self._seen_stops:
@@ -226,6 +249,7 @@ COMMANDS = {
     "undo": "take the last plateau back, and do it again",
     "skip": "leave this level out",
     "note": "note TEXT: keep a remark with this plateau",
+    "room": "put right what was said of the room",
     "stop": "end the run; the valve is closed first",
     "help": "this",
 }

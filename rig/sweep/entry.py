@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rig.instruments.instrument import ChannelFile
+from rig.instruments.values import Value
 from rig.readings import Reading
 from rig.sweep.plan import UP
 from rig.sweep.plateau import Mean, mean_of
@@ -16,6 +17,8 @@ AGREE_NOISE = 3.0  # standard deviations of a difference
 AGREE_RESOLUTION = 2.0
 OVERSHOT_BAR = 0.02
 FAR_BAR, FAR = 0.05, 0.03  # a reading so far from the level may be a slip of the pen
+DOUBT_BAR = 0.25  # one so far from it is asked for again
+DOUBT, DOUBT_RPM = 1.25, 10.0  # likewise a speed that is beyond what was expected by this factor and this much
 
 
 def agree(first: Mapping[str, Reading], second: Mapping[str, Reading], channels: Mapping[str, ChannelFile]) -> bool:
@@ -77,6 +80,57 @@ def with_drift(before: Mean, after: Reading | None) -> Mean:
     se = math.hypot(before.se or 0.0, drift / math.sqrt(12.0))
     qualities = before.qualities | {str(after.quality): before.qualities.get(str(after.quality), 0) + 1}
     return Mean(before.mean + 0.5 * drift, se, before.n + 1, before.n + 1.0, 0, drift, None, qualities, before.note)
+
+
+def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, limit_bar: float) -> str:
+    """Why a typed pressure may be a slip; empty when it is plausible.
+
+    Parameters
+    ----------
+    value : Value or None
+        As typed; None when it is not typed.
+    added_bar : float
+        From the channel's zero to absolute [bar].
+    near_bar : float
+        Where it should be, absolute [bar].
+    limit_bar : float
+        Of the bench, absolute [bar].
+    """
+    if value is None or value.value is None or value.censored < 0:
+        return ""
+    bar_abs = value.value + added_bar
+    if value.censored > 0 or bar_abs > limit_bar:
+        limit = f"the bench's limit of {limit_bar:g} bar abs"
+        return f"a pressure of {value.raw} is beyond {limit}; if it is so, close the valve"
+    if abs(bar_abs - near_bar) > DOUBT_BAR:
+        return f"{bar_abs:.3f} bar abs was typed where {near_bar:g} was expected"
+    return ""
+
+
+def doubt_of_speed(value: Value | None, expected: tuple[float, float] | None, limit_rpm: float) -> str:
+    """Why a typed speed may be a slip; empty when it is plausible.
+
+    Parameters
+    ----------
+    value : Value or None
+        As typed; None when it is not typed.
+    expected : tuple of two float, or None
+        The lowest and the highest speed to be believed [rpm].
+    limit_rpm : float
+        Of the bench [rpm].
+    """
+    if value is None or value.value is None or value.censored < 0:
+        return ""
+    if value.censored > 0 or value.value > limit_rpm:
+        return (
+            f"a speed of {value.raw} rpm is beyond the bench's limit of {limit_rpm:g} rpm; if it is so, close the valve"
+        )
+    if expected is None:
+        return ""
+    low, high = max(expected[0], 0.0), expected[1]
+    if low / DOUBT - DOUBT_RPM <= value.value <= high * DOUBT + DOUBT_RPM:
+        return ""
+    return f"a speed of {value.raw} rpm is far from what was expected, {low:.0f} to {high:.0f} rpm"
 
 
 def remarks(pressure_bar_abs: float | None, level_bar_abs: float, direction: str) -> list[str]:

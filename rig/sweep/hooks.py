@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from rig.interlock.step import Point, Verdict
+from rig.interlock import SafetyError
+from rig.interlock.step import Point, Prediction, Verdict
 from rig.sweep.orders import Predict, Trip, View
 from rig.sweep.plateau import Plateau
 
@@ -81,6 +82,23 @@ def allow_all(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
     return Verdict(True, "no guard", level_bar_abs * BAR)
 
 
+# From an absolute pressure [bar] and the plateaus so far: the lowest and the highest speed to be believed [rpm].
+Expect = Callable[[float, Sequence[Plateau]], tuple[float, float] | None]
+
+
+def expect_anything(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
+    """Any speed is believed.
+
+    Parameters
+    ----------
+    bar_abs : float
+        The pressure [bar].
+    plateaus : sequence of Plateau
+        So far.
+    """
+    return None
+
+
 def never_trip(view: View, now_ns: int, pressurised: bool) -> str | None:
     """Limits that nothing passes.
 
@@ -123,6 +141,8 @@ class Hooks:
         Who turns a hand valve.
     on_plateau : callable
         Called with each `Plateau`.
+    expect : callable
+        The speeds that a typed one is held against; `expecting` makes one.
     """
 
     predict: Predict = allow_all
@@ -131,6 +151,7 @@ class Hooks:
     progress: Progress = field(default_factory=Silent)
     person: Person = field(default_factory=Silent)
     on_plateau: Callable[[Plateau], None] = field(default_factory=lambda: ignored)
+    expect: Expect = expect_anything
 
 
 class Guarding(Protocol):
@@ -168,6 +189,44 @@ def guarded(guard: Guarding, ambient_bar: float, is_gauge: bool, pressure_sd_bar
         return guard.verdict(level_bar_abs * BAR, points)
 
     return predict
+
+
+class Expecting(Protocol):
+    """`rig.interlock.guard.Guard`."""
+
+    def predict(self, level_pa_abs: float, points: Sequence[Point]) -> Prediction:
+        """The speed at a level.
+
+        Parameters
+        ----------
+        level_pa_abs : float
+            Absolute pressure [Pa].
+        points : sequence of Point
+            The plateaus so far.
+        """
+
+
+def expecting(guard: Expecting, ambient_bar: float, is_gauge: bool) -> Expect:
+    """The speeds that the guard holds for possible, for readings that a person types.
+
+    Parameters
+    ----------
+    guard : Guard
+        Of the motor.
+    ambient_bar : float
+        The room's pressure [bar].
+    is_gauge : bool
+        Whether the bench's pressure channel counts from the room's.
+    """
+
+    def expect(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
+        try:
+            expected = guard.predict(bar_abs * BAR, points_of(plateaus, ambient_bar if is_gauge else 0.0))
+        except SafetyError:  # no pressure that the model reaches: other checks are for that
+            return None
+        return expected.lower99_rpm, expected.upper99_rpm
+
+    return expect
 
 
 def points_of(plateaus: Sequence[Plateau], added_bar: float, pressure_sd_bar: float = 0.0) -> list[Point]:

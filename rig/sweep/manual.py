@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from rig.acquisition import Acquisition
 from rig.bench import Bench
+from rig.instruments.values import Value
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.sweep import entry
@@ -66,6 +69,7 @@ class ManualSweep:
         self.plateaus: list[Plateau] = []
         self.left_out: list[Step] = []
         self._numbered = 0
+        self._begun = False
         conversation.log = self._event
 
     def run(self) -> Outcome:
@@ -76,20 +80,13 @@ class ManualSweep:
         Outcome
             ``vented`` is what the person said.
         """
-        outcome, reason = FINISHED, ""
         self.person.say("Type help for what can be typed.")
-        try:
-            self._zero("start")
-            while self.steps:
-                self._step(self.steps.popleft())
-        except StoppedError:
-            outcome, reason = ABORTED, "stopped by the operator"
-        except EndedError as error:
-            outcome, reason = ABORTED, str(error)
-        except TrippedError as error:
-            outcome, reason = ABORTED, str(error)
-            self.person.say(f"*** {reason} ***")
-        vented = self._close_valve()
+        while True:
+            outcome, reason = self._levels()
+            vented = self._close_valve(may_undo=outcome == FINISHED and bool(self.plateaus))
+            if vented is not None:
+                break
+            self._undo()
         if vented and outcome == FINISHED:
             try:
                 self._zero("end")
@@ -98,6 +95,23 @@ class ManualSweep:
         if not vented:
             reason = f"{reason}; nobody has said that the valve is closed".removeprefix("; ")
         return Outcome(outcome, reason, vented, list(self.plateaus), self.left_out)
+
+    def _levels(self) -> tuple[str, str]:
+        """The zero, where there is none yet, and the levels that are left; outcome and reason."""
+        try:
+            if not self._begun:
+                self._begun = True
+                self._zero("start")
+            while self.steps:
+                self._step(self.steps.popleft())
+        except StoppedError:
+            return ABORTED, "stopped by the operator"
+        except EndedError as error:
+            return ABORTED, str(error)
+        except TrippedError as error:
+            self.person.say(f"*** {error} ***")
+            return ABORTED, str(error)
+        return FINISHED, ""
 
     def _step(self, step: Step) -> None:
         """One level, until it is taken, left out, or left."""
@@ -126,17 +140,37 @@ class ManualSweep:
         self.prompter.note = ""
         self.person.say(self._heading(step))
         start_ns = self.clock.now_ns()
-        entries = [self.prompter.entry()]
+        doubt = partial(self._doubt, step.level_bar_abs)
+        entries = [self.prompter.entry(doubt=doubt)]
         wanted = self.table.agreeing_readings or 1
         while not self._agreed(entries, wanted) and len(entries) < MOST_ENTRIES:
             left = f"again, until {wanted} agree: " if len(entries) < wanted else "they differ; again: "
-            entries.append(self.prompter.entry(left))
+            entries.append(self.prompter.entry(left, doubt))
         settled = self._agreed(entries, wanted)
         said = entry.remarks(self._shown_bar(), step.level_bar_abs, step.direction)
         for text in said:
             self.person.say(f"  ! {text}")
-        after = self.prompter.pressure_now() if self.prompter.pressure_is_typed else None
+        after = None
+        if self.prompter.pressure_is_typed:
+            after = self.prompter.pressure_now(partial(self._doubt, self._shown_bar() or step.level_bar_abs))
         self._record(step, start_ns, entries[-wanted:], after, said if settled else [*said, self._differ()])
+
+    def _doubt(self, level_bar_abs: float, values: Mapping[str, Value], at_rest: bool = False) -> str:
+        """Why typed values may be a slip of the hand: held against the limits, the level and what the guard expects."""
+        safety, pressure = self.bench.file.safety, values.get("pressure")
+        added_bar = self._ambient_bar if self.is_gauge else 0.0
+        why = entry.doubt_of_pressure(pressure, added_bar, level_bar_abs, safety.highest_pressure_bar_abs)
+        there = level_bar_abs
+        if not why and pressure is not None and pressure.value is not None and not pressure.censored:
+            there = pressure.value + added_bar
+        expected = (0.0, 0.0) if at_rest else self.hooks.expect(there, self._known)
+        doubts = [why, entry.doubt_of_speed(values.get("speed"), expected, safety.highest_speed_rpm)]
+        return "; ".join(filter(None, doubts))
+
+    @property
+    def _ambient_bar(self) -> float:
+        """The room's pressure [bar], as the person has put it right."""
+        return self.course.ambient_bar if self.person.room is None else self.person.room.pressure_bar_abs
 
     def _agreed(self, entries: list[dict[str, Reading]], wanted: int) -> bool:
         last = entries[-wanted:]
@@ -168,7 +202,7 @@ class ManualSweep:
         return mean_of(window.time_s, window.value, window.censored, window.quality)
 
     def _heading(self, step: Step) -> str:
-        gauge = step.level_bar_abs - self.course.ambient_bar
+        gauge = step.level_bar_abs - self._ambient_bar
         side = "from below" if step.direction == UP else "from above"
         way = "" if step.by_way_of_bar_abs is None else f" (go up to {step.by_way_of_bar_abs:.2f} first)"
         wait = f"wait {self.table.dwell_s:g} s"
@@ -199,7 +233,8 @@ class ManualSweep:
 
     def _undo(self) -> None:
         if not self.plateaus:
-            self.person.say("  there is no plateau to take back")
+            self._event("zero taken back", which="start")
+            self._zero("start")
             return
         last = self.plateaus.pop()
         self.sink.plateau(last.row(self.columns) | {"used": False})
@@ -222,13 +257,13 @@ class ManualSweep:
         start_ns = self.clock.now_ns()
         while True:
             try:
-                found = self.prompter.entry()
+                found = self.prompter.entry(doubt=partial(self._doubt, self._ambient_bar, at_rest=True))
                 break
             except JumpedError as jump:
                 if jump.command.word == "skip":
                     self._event("note", text=f"no zero at the {which}")
                     return
-                self.person.say("  there is nothing to go back to")
+                self.person.say("  there is nothing before it to go back to")
         end_ns = max(self.clock.now_ns(), *(reading.time_ns for reading in found.values()))
         channels = {
             f"{self.prompter.device}.{name}": {
@@ -241,19 +276,25 @@ class ManualSweep:
         }
         self._event("zero", which=which, start_s=start_ns / NS, end_s=end_ns / NS, vented=True, channels=channels)
 
-    def _close_valve(self) -> bool:
-        """Say it, and wait until the person says that it is done. Until then the bench counts as unvented."""
+    def _close_valve(self, may_undo: bool) -> bool | None:
+        """Say it, and wait until the person says that it is done; None when the last plateau is taken back instead.
+
+        Until then the bench counts as unvented.
+        """
         self._event("unvented", text="the valve is open until the person says otherwise")
         self.person.say("CLOSE THE VALVE.")
+        more = "; undo: the last plateau again" if may_undo else ""
         while True:
             try:
-                answer = self.person.ask("  Is it closed, and the line vented? (Enter for yes) ")
+                answer = self.person.ask(f"  Is it closed, and the line vented? (Enter for yes{more}) ")
             except (EndedError, StoppedError):
                 self._event("unvented", text="nobody has said that the valve is closed")
                 return False
             if answer.text.lower() in ("", "y", "yes", "closed"):
                 self._event("vented", text="said by the person")
                 return True
+            if may_undo and answer.text.lower() == "undo":
+                return None
 
     def _differ(self) -> str:
         return f"no {self.table.agreeing_readings} readings agreed"
@@ -263,7 +304,7 @@ class ManualSweep:
         reading = self.acquisition.last("pressure")
         if reading is None or not reading.usable or reading.value is None:
             return None
-        return reading.value + (self.course.ambient_bar if self.is_gauge else 0.0)
+        return reading.value + (self._ambient_bar if self.is_gauge else 0.0)
 
     def _event(self, kind: str, **details: Any) -> None:
         self.acquisition.event(kind, None, **details)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 from rig.acquisition import Acquisition
 from rig.bench import Bench
 from rig.instruments.manual import EntryError, ManualEntry, decode_entry, example
+from rig.instruments.values import Value
 from rig.readings import Reading
+from rig.sweep import ambient as room
 from rig.sweep.by_hand import manual_device
 from rig.sweep.conversation import Command, Conversation, StoppedError, Typed, command_of, help_text
 from rig.sweep.course import Course
@@ -14,6 +18,20 @@ from rig.sweep.runner import BenchView
 
 COMMAND_REAL_S = 5.0
 RECORDED_REAL_S = 2.0  # in which a reading is in the log
+
+
+Doubt = Callable[[Mapping[str, Value]], str]
+
+
+def believed(values: Mapping[str, Value]) -> str:
+    """No doubt.
+
+    Parameters
+    ----------
+    values : mapping of str to Value
+        As typed, by role.
+    """
+    return ""
 
 
 class JumpedError(Exception):
@@ -50,6 +68,8 @@ class Prompter:
         That a person reads.
     typed : dict of str to ChannelFile
         The channels of an entry, in order.
+    typed_roles : dict of str to str
+        The roles that are typed, and their channels.
     note : str
         Remarks typed since it was last cleared.
     """
@@ -65,16 +85,24 @@ class Prompter:
         self.typed = driver.channels if isinstance(driver, ManualEntry) else {}
         device, _, self.pressure = bench.file.roles.pressure.partition(".")
         self.pressure_is_typed = device == self.device
+        named = {role: getattr(bench.file.roles, role) or "" for role in self.roles}
+        self.typed_roles = {
+            role: name.partition(".")[2] for role, name in named.items() if name.partition(".")[0] == self.device
+        }
         self.note = ""
         self._view = BenchView(acquisition)
 
-    def entry(self, lead: str = "") -> dict[str, Reading]:
+    def entry(self, lead: str = "", doubt: Doubt = believed) -> dict[str, Reading]:
         """Ask for one line of readings, and obey commands until there is one; by channel, and by role.
+
+        What is doubted is asked for again, and is no reading before the same has been typed twice.
 
         Parameters
         ----------
         lead : str
             Before the prompt.
+        doubt : callable
+            Says why typed values, by role, may be a slip; empty when they are plausible.
 
         Raises
         ------
@@ -84,20 +112,39 @@ class Prompter:
             When the run ends here.
         """
         prompt = f"  {lead}{example(self.typed)}: "
+        doubted: list[str] = []
         while True:
             typed = self._asked(prompt)
             if not typed.text:
                 self.person.wait(self.wait_s)
                 continue
             try:
-                decode_entry(typed.text, self.typed)
+                values = decode_entry(typed.text, self.typed)
             except EntryError as error:
                 self.person.say(f"  {error}")
                 continue
+            if typed.text.split() != doubted and self._doubts(values, doubt):
+                doubted = typed.text.split()
+                continue
             return self._read(typed.text, typed)
 
-    def pressure_now(self) -> Reading | None:
-        """The pressure read again, to see whether it has drifted."""
+    def _doubts(self, values: Mapping[str, Value], doubt: Doubt) -> bool:
+        """Whether values are doubted; then it is said why."""
+        why = doubt({role: values[name] for role, name in self.typed_roles.items()})
+        if why:
+            self.acquisition.event("doubted", None, text=why)
+            self.person.say(f"  ? {why}. Type the right figures, or the same again if they are right.")
+        return bool(why)
+
+    def pressure_now(self, doubt: Doubt = believed) -> Reading | None:
+        """The pressure read again, to see whether it has drifted.
+
+        Parameters
+        ----------
+        doubt : callable
+            As in `entry`.
+        """
+        doubted = ""
         while True:
             typed = self._asked("  pressure now? (Enter when it was not read) ")
             if not typed.text:
@@ -105,9 +152,12 @@ class Prompter:
             words = [typed.text if name == self.pressure else "-" for name in self.typed]
             text = " ".join(words)
             try:
-                decode_entry(text, self.typed)
+                values = decode_entry(text, self.typed)
             except EntryError as error:
                 self.person.say(f"  {error}")
+                continue
+            if typed.text != doubted and self._doubts(values, doubt):
+                doubted = typed.text
                 continue
             return self._read(text, typed)["pressure"]
 
@@ -122,11 +172,27 @@ class Prompter:
                 raise StoppedError
             if command.word == "help":
                 self.person.say(help_text())
+            elif command.word == "room":
+                self._correct_room()
             elif command.word == "note":
                 self.note = f"{self.note}; {command.rest}".removeprefix("; ")
                 self.acquisition.event("note", None, text=command.rest)
             else:
                 raise JumpedError(command)
+
+    def _correct_room(self) -> None:
+        """Ask for the room once more; what is put right goes into the log, and stands for the start too."""
+        if self.person.room is None:
+            self.person.say("  the room's figures are not at hand here")
+            return
+        try:
+            now = room.again(self.person.room, self.person.ask_text)
+        except room.AmbientError as error:
+            self.person.say(f"  {error}")
+            return
+        self.person.room = now
+        self.acquisition.event("room", None, **now.told())
+        self.person.say(f"  the room: {now.words()}")
 
     def _read(self, text: str, typed: Typed) -> dict[str, Reading]:
         """Have the entry decoded and logged as any instrument's; by role, and by channel."""
