@@ -32,7 +32,7 @@ from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
 from calibration.diagnosis.threads import threads
 from calibration.diagnosis.unseen import predict_unseen, refuse_another_motor
-from calibration.diagnosis.usable import not_described, refuse_at_rest, refuse_starved
+from calibration.diagnosis.usable import not_described, refuse_unusable
 from calibration.diagnosis.verdict import (
     ERRORS,
     MISMATCH_P,
@@ -208,14 +208,13 @@ def diagnose(
     Raises
     ------
     RecordingError
-        When a gauge's pressure is declared absolute, the rotor turns nowhere, the run held out is of another motor, or
-        the motor's model gives no reading of the recording at all.
+        When `refuse_unusable` says so, the run held out is of another motor, or the motor's model gives no reading of
+        the recording at all.
     """
-    refuse_starved(recording)
-    refuse_at_rest(recording)
+    refuse_unusable(recording)
     if hold_out is not None:
         refuse_another_motor(recording, hold_out)
-        refuse_starved(hold_out)
+        refuse_unusable(hold_out)
     in_time = any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
