@@ -239,14 +239,14 @@ def _diagnose(
     detection = first.detection
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
-    if far := not_described(comparison, base):
+    if off := not_described(comparison, base):
         if not detection.p_value < MISMATCH_P:
             detection = replace(detection, p_value=CERTAIN_P, extrapolated=True)
             residual_p[()] = CERTAIN_P
         clock("")
-        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
+        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
         return Diagnosis(
-            comparison, base, detection, [], candidates, residual_p, verdict, seconds=clock.seconds, not_described=far
+            comparison, base, detection, [], candidates, residual_p, verdict, seconds=clock.seconds, not_described=off
         )
     held_out, term, correction, beside, tests = None, None, None, None, []
     best: Candidate | None = None
