@@ -416,3 +416,15 @@ def test_a_gross_mismatch_is_certain_whatever_the_test_of_it_says(tmp_path: Path
     found = as_json(diagnose(read_recording(mirrored(tmp_path / "joined", 6)), 1))
     assert found["mismatch"]["p_value"] < 0.01
     assert sentence(found).startswith("The model does not describe these readings at all")
+
+
+def test_a_run_whose_gauge_was_never_read_ends_in_words(tmp_path: Path) -> None:
+    folder = run_of_motor(tmp_path / "run", OPEN_FIRST, FALLING).folder
+    place = folder / "run.csv"
+    head, *rows = place.read_text(encoding="utf-8").splitlines()
+    cells = [row.split(",") for row in rows]
+    unread = [f"{t},{'' if flag == '1' else P},{n},{flag}" for t, P, n, flag in cells]
+    place.write_text("\n".join([head, *unread]) + "\n", encoding="utf-8")
+    result = run("diagnose", str(folder))
+    assert "Traceback" not in result.stderr
+    assert result.returncode in (0, 2)

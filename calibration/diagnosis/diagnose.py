@@ -171,12 +171,15 @@ def detect_mismatch(
     """
     tell("base model")
     with threads(workers):
-        comparison = Comparison(Problem(recording))
         try:
+            comparison = Comparison(Problem(recording))
             base = base_of(comparison)
-        except ArithmeticError as problem:
+        except RecordingError:
+            raise
+        except (ArithmeticError, ValueError) as problem:  # such as a pressure that no air has, or none at all
             raise RecordingError(
-                f"{recording.folder}: {problem}; are the pressures absolute or gauge as declared, and is it this motor?"
+                f"{recording.folder}: the model gives no reading of it ({problem}); are the pressures absolute or "
+                "gauge as declared, was the gauge read in every run, and is it this motor?"
             ) from None
     tell("detect")
     found, free = signatures(comparison, base), forces(comparison, base)
