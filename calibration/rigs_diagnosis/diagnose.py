@@ -30,6 +30,7 @@ HOPELESS = 1e-3  # as probable as this beside one that passes, a set need not be
 # Share of a reading by which the base model may miss it, at the median: a drive that all goes into dry friction is
 # missed by half; units mixed up, or a drive of the other sign, are missed by nearly all of it and more.
 MOST_MISSED = 0.8
+LOUD = 5.0  # ... and how many times the declared noise that is
 MOSTLY = 0.05  # of the mismatch: a set that leaves less explains it, be the rest as certain as it may
 
 
@@ -183,7 +184,8 @@ def not_described(problem: RigProblem, base: RigFit) -> str:
         if not np.any(read > 0.0):
             continue
         share = float(np.median(np.abs(missed[read > 0.0]) / read[read > 0.0]))
-        if not share <= MOST_MISSED:  # nan too: nothing is predicted there
+        loud = base.noise_scale.get(one.label, np.inf)  # a reading that is all noise is missed too, and says nothing
+        if not share <= MOST_MISSED and not loud <= LOUD:  # nan too: nothing is predicted there
             far.append(f"{one.label} is off by {100.0 * share:.0f} % at the median")
     return "; ".join(far)
 
