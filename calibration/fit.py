@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import measurement, posterior, priors, sampling, with_effects
+from calibration.diagnosis.usable import refuse_mixed_units
 from calibration.likelihood import Likelihood
 from calibration.measurement import Measurement
 from calibration.posterior import FitQuality, Posterior
@@ -164,6 +165,7 @@ def prepare(
     motor = set_values(priors.at_ambient(read_motor(recording.motor), recording), list(assignments))
     measured = measurement.gather(recording, channels)
     measurement.check_against_model(recording, measured, motor)
+    refuse_mixed_units(recording)
     seen = dataclasses.replace(
         recording, channels={c: f for c, f in recording.channels.items() if _channel_of(c) in measured.channels}
     )

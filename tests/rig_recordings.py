@@ -7,6 +7,7 @@ a volume. `torque` and `pressure` laws are plain functions, not those of model/e
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -150,3 +151,13 @@ def machine(
     }
     figures = {name: four for name, four in figures.items() if name != without}
     return recording({"kind": "displacement_machine", "displacement_m3_per_rev": 1e-4}, figures, [columns])
+
+
+def with_force(one: Recording, factor: float) -> Recording:
+    """An axis whose force was recorded with another factor, such as the other sign."""
+    files = []
+    for file in one.files:
+        force = file.columns["force_n"]
+        columns = {**file.columns, "force_n": Column(factor * force.values, force.censor)}
+        files.append(replace(file, columns=columns))
+    return replace(one, files=tuple(files))

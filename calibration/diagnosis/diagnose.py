@@ -32,7 +32,7 @@ from calibration.diagnosis.side_by_side import SideBySide
 from calibration.diagnosis.signatures import Signature, signatures
 from calibration.diagnosis.threads import threads
 from calibration.diagnosis.unseen import predict_unseen, refuse_another_motor
-from calibration.diagnosis.usable import not_described, refuse_at_rest, refuse_starved
+from calibration.diagnosis.usable import not_described, refuse_unusable
 from calibration.diagnosis.verdict import (
     ERRORS,
     MISMATCH_P,
@@ -178,12 +178,15 @@ def detect_mismatch(
     """
     tell("base model")
     with threads(workers):
-        comparison = Comparison(Problem(recording, motor))
         try:
+            comparison = Comparison(Problem(recording, motor))
             base = base_of(comparison)
-        except ArithmeticError as problem:
+        except RecordingError:
+            raise
+        except (ArithmeticError, ValueError) as problem:  # such as a pressure that no air has, or none at all
             raise RecordingError(
-                f"{recording.folder}: {problem}; are the pressures absolute or gauge as declared, and is it this motor?"
+                f"{recording.folder}: the model gives no reading of it ({problem}); are the pressures absolute or "
+                "gauge as declared, was the gauge read in every run, and is it this motor?"
             ) from None
     tell("detect")
     found, free = signatures(comparison, base), forces(comparison, base)
@@ -215,14 +218,13 @@ def diagnose(
     Raises
     ------
     RecordingError
-        When a gauge's pressure is declared absolute, the rotor turns nowhere, the run held out is of another motor, or
-        the motor's model gives no reading of the recording at all.
+        When `refuse_unusable` says so, the run held out is of another motor, or the motor's model gives no reading of
+        the recording at all.
     """
-    refuse_starved(recording)
-    refuse_at_rest(recording)
+    refuse_unusable(recording)
     if hold_out is not None:
         refuse_another_motor(recording, hold_out)
-        refuse_starved(hold_out)
+        refuse_unusable(hold_out)
     in_time = any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
@@ -247,14 +249,14 @@ def _diagnose(
     detection = first.detection
     candidates: list[Candidate] = [Candidate((), base, base.log_evidence, 1.0, "")]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
-    if far := not_described(comparison, base):
+    if off := not_described(comparison, base):
         if not detection.p_value < MISMATCH_P:
             detection = replace(detection, p_value=CERTAIN_P, extrapolated=True)
             residual_p[()] = CERTAIN_P
         clock("")
-        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
+        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
         return Diagnosis(
-            comparison, base, detection, [], candidates, residual_p, verdict, seconds=clock.seconds, not_described=far
+            comparison, base, detection, [], candidates, residual_p, verdict, seconds=clock.seconds, not_described=off
         )
     held_out, term, correction, beside, tests = None, None, None, None, []
     best: Candidate | None = None

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from calibration.diagnosis.linear import FLOW, RUN, SPEED, Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.priors import at_ambient
+from calibration.runs_in_time import lone_zeros, release
+from model import geometry
+from model.layout import LOBE, N_CYLINDERS, N_LOBES
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError
 
@@ -21,7 +26,172 @@ CHECK = (
     "the tachometer's pulses per turn",
     "whether the pressures are absolute or gauge",
 )
+FULL = 0.9  # share of the swept volume that a turn takes in, measured on this motor; beside a leak up to 1.5
+MOST_OFF = 3.0  # factor on flow over speed that no leak and no wrong meter makes
+FEWEST_ROWS = 3
+ANGLES = 361  # of one lobe
+ALIKE = 1.35  # factor within which flow over speed is what a mix-up of units makes it
+# What flow over speed is multiplied by where a column holds another unit than its name says; the nearest is said.
+MIX_UPS = {
+    9.5493: "speeds in rad/s under speed_rpm; multiply them by 9.5493",
+    60.0: "speeds in Hz (turns a second) under speed_rpm, which is to be multiplied by 60, or flows in L/h",
+    1.0 / 6.0: "speeds in degrees a second under speed_rpm; divide them by 6",
+    1000.0: "flows in mL/min under flow_l_min; divide them by 1000",
+    1.0 / 60.0: "flows in L/s under flow_l_min, which is to be multiplied by 60, or pulses of 60 a turn for turns",
+    60.0 / 1000.0: "flows in m3/h under flow_l_min; multiply them by 16.667",
+    1.0 / 28.317: "flows in cubic feet a minute under flow_l_min; multiply them by 28.317",
+    1.0 / 1000.0: "flows in m3/min under flow_l_min; multiply them by 1000",
+    1.0 / 60_000.0: "flows in m3/s under flow_l_min; multiply them by 60000",
+}
+# Share of a run's highest speed by which it may go the wrong way: fall while the supply is open, or rise while it is
+# closed. A regulator that overshoots, and a valve that is late, make 0.1 of it.
+WRONG_WAY = 0.2
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
+
+
+def refuse_unusable(recording: Recording) -> None:
+    """Refuse what no diagnosis can be made of.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a motor by name; another one passes.
+
+    Raises
+    ------
+    RecordingError
+        File and row where there is one, what is wrong, and what to do.
+    """
+    refuse_starved(recording)
+    refuse_at_rest(recording)
+    refuse_mixed_units(recording)
+    refuse_wrong_supply(recording)
+
+
+def refuse_mixed_units(recording: Recording) -> None:
+    """Refuse flows and speeds that cannot both be in the units of their names: a turn takes in what the cylinders hold.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a motor by name.
+
+    Raises
+    ------
+    RecordingError
+        When the plateaus' flow over speed is three times what the displacement allows, or a third of it, at the median.
+    """
+    if not isinstance(recording.motor, str):
+        return
+    ratios, files = [], []
+    for file in recording.files:
+        flow, speed = file.columns.get("flow_l_min"), file.columns.get("speed_rpm")
+        if file.kind != "steady" or flow is None or speed is None:
+            continue
+        turns = (speed.censor == 0) & (speed.values > 0.0) & (flow.censor == 0) & (flow.values > 0.0)
+        if "rotor_locked" in file.columns:
+            turns &= ~(file.columns["rotor_locked"].values > 0.5)
+        ratios += (flow.values[turns] / speed.values[turns]).tolist()
+        files += [file.file] * bool(turns.any())
+    if len(ratios) < FEWEST_ROWS:
+        return
+    volume = swept_volume(read_motor(recording.motor).vector())
+    factor = float(np.median(ratios)) / (1000.0 * volume * FULL)
+    if 1.0 / MOST_OFF <= factor <= MOST_OFF:
+        return
+    known = min(MIX_UPS, key=lambda one: abs(np.log(factor / one)))
+    like = MIX_UPS[known] if abs(np.log(factor / known)) < np.log(ALIKE) else ""
+    said = f"that looks like {like}" if like else "is another quantity in one of the columns, or is it another motor?"
+    raise RecordingError(
+        f"{recording.folder}/{', '.join(files)}: flow over speed is {factor:.2g} times what the displacement allows "
+        f"({1000.0 * volume:.3g} L a turn by the motor's geometry); {said}"
+    )
+
+
+def refuse_wrong_supply(recording: Recording) -> None:
+    """Refuse runs in time whose speed contradicts supply_open, and those in which the rotor never turns.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a motor by name.
+
+    Raises
+    ------
+    RecordingError
+        When the speed falls by a fifth of its highest while the supply is said or taken to be open, or rises by as much
+        while it is closed.
+    """
+    if not isinstance(recording.motor, str):
+        return
+    for file in recording.files:
+        time, read = file.columns.get("time_s"), file.columns.get("speed_rpm")
+        if file.kind != "transient" or time is None or read is None:
+            continue
+        known = np.isfinite(read.values) & ~lone_zeros(read.values)
+        t, speed = time.values[known], read.values[known]
+        if not np.any(speed > 0.0):
+            raise RecordingError(
+                f"{recording.folder}/{file.file}: the rotor turns in no row of this run (the motor did not break "
+                "away?), so there is nothing to compare; take the file out of recording.toml"
+            )
+        flags = file.columns.get("supply_open")
+        opened = np.ones(t.size, dtype=bool) if flags is None else flags.values[known] > 0.5
+        _hold_against_supply(f"{recording.folder}/{file.file}", t, speed, opened, flags is not None)
+
+
+def _hold_against_supply(place: str, time: np.ndarray, speed: np.ndarray, opened: np.ndarray, is_said: bool) -> None:
+    top = float(speed.max())
+    edges = [0, *(np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist(), time.size]
+    wrong = []  # how far it goes the wrong way in each span
+    for begin, end in itertools.pairwise(edges):
+        part = speed[begin:end]
+        last = float(np.median(part[-3:]))
+        falls, rises = (float(part.max()) - last) / top, (float(part.max()) - float(part[0])) / top
+        wrong.append((falls if opened[begin] else rises, begin, end))
+    share, begin, end = max(wrong)
+    if share <= WRONG_WAY:
+        return
+    says = "falls" if opened[begin] else "rises"
+    by = f"the speed {says} by {100.0 * share:.0f} % of its highest"
+    if not is_said:
+        turning = np.flatnonzero(speed > 0.0)
+        at = time[turning[max(release(time[turning], speed[turning]) - 1, 0)]]
+        raise RecordingError(
+            f"{place}: {by}, from about {at:.3g} s on, and the file does not say when the supply closed; add the "
+            "column supply_open (1 while it is open, 0 once it is closed)"
+        )
+    before = float(speed[edges[edges.index(begin) - 1] : begin].max()) / top if begin else np.nan
+    if (
+        (before > 1.0 - WRONG_WAY) if opened[begin] else (before < WRONG_WAY)
+    ):  # it ran while closed, or stood while open
+        now, then, did = ("open", "closed", "ran") if opened[begin] else ("closed", "open", "stood")
+        raise RecordingError(
+            f"{place}: {by} while supply_open says {now}, and before that it {did} while supply_open said {then}; is "
+            "supply_open inverted (1 is open)?"
+        )
+    if opened[begin]:
+        at = time[begin + max(release(time[begin:end], speed[begin:end]) - 1, 0)]
+        raise RecordingError(
+            f"{place}: {by} from about {at:.3g} s on, before supply_open says that it closes at {time[end - 1]:.3g} s; "
+            "correct the times of supply_open"
+        )
+    raise RecordingError(
+        f"{place}: {by} before supply_open says that it opens at {time[end - 1]:.3g} s; correct the times of "
+        "supply_open"
+    )
+
+
+def swept_volume(parameters: np.ndarray) -> float:
+    """What the cylinders sweep in a turn [m3].
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (24,)
+        One parameter set [SI].
+    """
+    volumes = geometry.table(parameters, np.linspace(0.0, LOBE, ANGLES))["V_m3"]
+    return float(np.ptp(volumes)) * N_CYLINDERS * N_LOBES
 
 
 def refuse_starved(recording: Recording) -> None:

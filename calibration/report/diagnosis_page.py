@@ -19,6 +19,7 @@ from calibration.report import diagnosis_words as words
 from calibration.report.fit_page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit_words import LEAST_P, figure, probability, rounded
 from calibration.report.render import render
+from calibration.runs_in_time import few_used
 from model.effects import effects
 from model.effects.effect import EffectParameter
 
@@ -109,7 +110,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "resolves": _resolve_table(found),
         "tests": _test_table(found, False),
         "apart": _test_table(found, True),
-        "notes": _notes(found),
+        "notes": [*few_used(document.get("files", [])), *_notes(found)],
         "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
         "instruments": _instrument_table(found),
         "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),

@@ -30,6 +30,7 @@ HOPELESS = 1e-3  # as probable as this beside one that passes, a set need not be
 # Share of a reading by which the base model may miss it, at the median: a drive that all goes into dry friction is
 # missed by half; units mixed up, or a drive of the other sign, are missed by nearly all of it and more.
 MOST_MISSED = 0.8
+LOUD = 5.0  # ... and how many times the declared noise that is
 MOSTLY = 0.05  # of the mismatch: a set that leaves less explains it, be the rest as certain as it may
 
 
@@ -62,7 +63,7 @@ class RigDiagnosis:
     seconds : dict
         Of each step [s].
     not_described : str
-        How far the base model is off where it does not describe the readings at all and no effect explains them.
+        How far the base model is off where it does not describe the readings at all, and nothing was looked for.
     """
 
     problem: RigProblem
@@ -128,7 +129,12 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
     left: dict[tuple[str, ...], float] = {}
     found, best = None, None
     tests: list[NextTest] = []
-    if detection.p_value < MISMATCH_P:
+    far = not_described(problem, base)
+    if far:
+        detection = replace(detection, p_value=min(detection.p_value, CERTAIN_P))
+        residual_p[()] = detection.p_value
+        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
+    elif detection.p_value < MISMATCH_P:
         clock("name")
         candidates = search(problem, base, tell)
         passes = 0.0  # probability of the first set that leaves nothing
@@ -153,13 +159,7 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
         verdict = weigh(detection.p_value, candidates, residual_p, None)
     if verdict.chosen is not None and best is not None and verdict.chosen.names != best.names:
         found = _confirm(problem, candidates, verdict.chosen, other)
-    # A base model that misses nearly all is told so where no effect explains what it misses.
-    far = not_described(problem, base) if verdict.kind == "unresolved" else ""
-    if far:
-        detection = replace(detection, p_value=min(detection.p_value, CERTAIN_P))
-        residual_p[()] = detection.p_value
-        verdict = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
-    elif verdict.kind in ("confounded", "unresolved"):
+    if verdict.kind in ("confounded", "unresolved") and not far:
         clock("next test")
         tests = propose(problem, _rivals(candidates, verdict))
     clock("")
@@ -184,7 +184,8 @@ def not_described(problem: RigProblem, base: RigFit) -> str:
         if not np.any(read > 0.0):
             continue
         share = float(np.median(np.abs(missed[read > 0.0]) / read[read > 0.0]))
-        if not share <= MOST_MISSED:  # nan too: nothing is predicted there
+        loud = base.noise_scale.get(one.label, np.inf)  # a reading that is all noise is missed too, and says nothing
+        if not share <= MOST_MISSED and not loud <= LOUD:  # nan too: nothing is predicted there
             far.append(f"{one.label} is off by {100.0 * share:.0f} % at the median")
     return "; ".join(far)
 

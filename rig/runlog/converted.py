@@ -131,9 +131,9 @@ def _at_rest(mapping: MappingFile, converted: Converted, lines: Sequence[int], p
         row = int(far.argmax())
         line = lines[min((row + 1) * converted.entry.average_rows, len(lines)) - 1]
         raise RunError(
-            f"{place}, line {line}: speed_rpm is {speed.values[row]:g} rpm, farther below 0 than the tachometer's "
-            f"declared errors allow ({wanders:.3g} rpm: {ZERO_NOISE:g} noise_sd + {ZERO_BIAS:g} bias_sd + resolution); "
-            "if it is counted the other way round, give factor = -1; if its zero wanders so far, state bias_sd"
+            f"{place}, line {line}: speed_rpm is {speed.values[row]:g} rpm; if it is counted the other way round, give "
+            f"factor = -1; what is rest lies within {wanders:.3g} rpm below 0 ({ZERO_NOISE:g} noise_sd + "
+            f"{ZERO_BIAS:g} bias_sd + resolution): if the zero wanders farther, state its bias_sd"
         )
     converted.columns["speed_rpm"] = Column(np.where(speed.values < 0.0, 0.0, speed.values), speed.censor)
     return converted
