@@ -112,12 +112,10 @@ class Turning(Protocol):
     ----------
     time_ns : int
         To which it has been carried on [ns].
-    ambient_bar, pressure_bar, target_bar : float
-        Of the room, of the line at its gauge, and ordered, absolute [bar].
+    ambient_bar, target_bar : float
+        Of the room, and ordered, absolute [bar].
     room_k, inlet_k : float
         Temperature of the room, and of the line's air [K].
-    flow_kg_s : float
-        Through the meter [kg/s].
     line : LineTruth
         How the bench besides the motor is.
     listeners : list of callable
@@ -139,6 +137,10 @@ class Turning(Protocol):
     @property
     def pressure_bar(self) -> float:
         """Of the line at its gauge, absolute."""
+
+    @property
+    def line_bar(self) -> float:
+        """Of the line, whatever its gauge reads, absolute."""
 
     @property
     def flow_kg_s(self) -> float:
@@ -264,6 +266,11 @@ class Plant:
         self._taken_kg_s = 0.0  # by the motor, over the time of a pulse
         self._turn_ns = FINE_NS
         self._air = None if not self.line.holds_air else self._air_line()
+
+    @property
+    def line_bar(self) -> float:
+        """Pressure of the line, whatever its gauge reads, absolute."""
+        return self.pressure_bar
 
     @property
     def speed_rpm(self) -> float:

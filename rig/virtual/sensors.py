@@ -73,15 +73,15 @@ def _flow(plant: Turning, channel: str, reference: Reference | None, inlet_k: fl
     if channel not in ("flow_l_min", "flow_sl_min"):
         raise ValueError(f"the virtual bench knows flow_l_min and flow_sl_min, not '{channel}'")
     if reference is None:
-        return lambda: plant.volume_flow_l_min(plant.pressure_bar, inlet_k)
+        return lambda: plant.volume_flow_l_min(plant.line_bar, inlet_k)
     state_bar, state_k = reference.pressure_bar_abs, reference.temperature_c + ZERO_C
     if reference.kind == "standard_volume":
         return lambda: plant.volume_flow_l_min(state_bar, state_k)
 
     def on_the_scale() -> float:
         """The float sees flow times the root of density; its scale was made for the density of one state."""
-        lighter = (plant.pressure_bar / state_bar) * (state_k / inlet_k)
-        return plant.volume_flow_l_min(plant.pressure_bar, inlet_k) * math.sqrt(lighter)
+        lighter = (plant.line_bar / state_bar) * (state_k / inlet_k)
+        return plant.volume_flow_l_min(plant.line_bar, inlet_k) * math.sqrt(lighter)
 
     return on_the_scale
 
