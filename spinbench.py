@@ -132,6 +132,21 @@ PageOption = Annotated[
 KeyOption = Annotated[
     Path | None, typer.Option("--key", metavar="FILE", help="The seal's key; beside the seal if left out.")
 ]
+SealOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--conceal", metavar="SEAL", help="Of a virtual bench: what is concealed is drawn, and sealed in this folder."
+    ),
+]
+ConcealSeedOption = Annotated[
+    int | None, typer.Option("--conceal-seed", min=0, help="Of what is concealed; drawn itself if left out.")
+]
+OnlyOption = Annotated[
+    str, typer.Option("--only", metavar="ID", help="Conceal this effect, or something of this category, such as none.")
+]
+SealKeyOption = Annotated[
+    Path | None, typer.Option("--key", metavar="FILE", help="The seal's key; in your state folder if left out.")
+]
 ManyArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")
 ]
@@ -629,6 +644,10 @@ def sweep(
     check: Annotated[
         bool, typer.Option("--check/--no-check", help="Hold the plateaus against the model while it runs, and warn.")
     ] = True,
+    conceal: SealOption = None,
+    conceal_seed: ConcealSeedOption = None,
+    only: OnlyOption = "",
+    key: SealKeyOption = None,
 ) -> None:
     """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
     from rig.running import Wanted
@@ -644,7 +663,8 @@ def sweep(
         have = taken(parent, read, logs) if parent else Taken()
         return sweep_course(read, ambient, have.steps, have.captures, have.plateaus)
 
-    wanted = Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate)
+    server = _server(conceal, conceal_seed, only, key)
+    wanted = Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate, server)
     _take(bench, given, course, wanted, check)
 
 
@@ -663,6 +683,10 @@ def capture(
     relative_humidity: Annotated[float | None, typer.Option(help="Of the room, 0 to 1.")] = None,
     lubrication: Annotated[str | None, typer.Option(help="Oil, and when it was last given.")] = None,
     minutes_running: Annotated[float | None, typer.Option(help="How long the motor has run today [min].")] = None,
+    conceal: SealOption = None,
+    conceal_seed: ConcealSeedOption = None,
+    only: OnlyOption = "",
+    key: SealKeyOption = None,
 ) -> None:
     """Take a coast-down, a spin-up or a vented zero at the highest rate; refused where the bench cannot resolve it."""
     from rig.running import Wanted
@@ -675,7 +699,19 @@ def capture(
 
         return capture_course(read, ambient, kind.value, level_bar_abs), []
 
-    _take(bench, given, course, Wanted(kind.value, logs, operator, rate=rate))
+    server = _server(conceal, conceal_seed, only, key)
+    _take(bench, given, course, Wanted(kind.value, logs, operator, rate=rate, server=server))
+
+
+def _server(conceal: Path | None, seed: int | None, only: str, key: Path | None) -> tuple[str, ...] | None:
+    """The process that serves a bench which conceals something; None for one that does not."""
+    if conceal is None:
+        if seed is not None or only or key is not None:
+            raise typer.BadParameter("--conceal-seed, --only and --key belong to --conceal SEAL")
+        return None
+    from calibration.challenge.concealed_bench import command
+
+    return command(conceal.resolve(), None if key is None else key.resolve(), seed, only)
 
 
 def _take(
@@ -696,6 +732,8 @@ def _take(
 
     place = bench_path(path)
     bench = read_bench(place)
+    if wanted.server is not None and bench.file.virtual is None:
+        raise typer.BadParameter(f"{place} is no virtual bench: there is nothing behind it to conceal anything in")
     say: Callable[[str], None] = _say_beside
     with contextlib.ExitStack() as shown:
         if bench.file.roles.regulator is not None:
@@ -834,14 +872,51 @@ def virtual(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of noise, errors and faults; the file's if left out.")
     ] = None,
+    conceal: SealOption = None,
+    conceal_seed: ConcealSeedOption = None,
+    only: OnlyOption = "",
+    key: SealKeyOption = None,
 ) -> None:
     """Serve a virtual bench until Ctrl-C, for another program; a sweep on a virtual bench starts its own."""
     from rig.bench import bench_path
     from rig.virtual.serve import serve
 
+    _server(conceal, conceal_seed, only, key)
     state.mkdir(parents=True, exist_ok=True)
     print(f"serving {bench} until Ctrl-C; {state / 'ports.json'} tells the ports", file=sys.stderr)
-    serve(bench_path(bench), state, rate, None, seed)
+    if conceal is None:
+        serve(bench_path(bench), state, rate, None, seed)
+        return
+    from calibration.challenge.concealed_bench import serve_concealed
+
+    serve_concealed(bench_path(bench), state, conceal, key, conceal_seed, only, rate, None, seed)
+
+
+@app.command()
+def reveal(
+    seal: Annotated[Path, typer.Argument(metavar="SEAL", help="The folder that --conceal named.")],
+    diagnosis: Annotated[
+        Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `diagnose --json` wrote, to be scored.")
+    ] = None,
+    key: SealKeyOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Open the seal of a concealed bench: what was concealed, and what a diagnosis of it is worth."""
+    from calibration.challenge import revealing
+    from calibration.report import files, simulation
+
+    _check_places(None, json_file)
+    found = None if diagnosis is None else revealing.read_diagnosis(diagnosis)
+    contents = revealing.reveal(seal, key)
+    scored = None if found is None else revealing.score(contents, found)
+    data = simulation.json_bytes({"format": "reveal/1", **contents, "score": scored})
+    if json_file is not None and str(json_file) == "-":
+        sys.stdout.write(data.decode())
+        return
+    if json_file is not None:
+        files.write_file(json_file, data)
+    for words in (*revealing.in_words(contents), *([] if scored is None else revealing.score_in_words(scored))):
+        print(words)
 
 
 @app.command()

@@ -27,7 +27,7 @@ BEGINS_AT = 3  # settled plateaus: the process then has some plateaus' time to l
 IN_A_ROW = 2  # checks that have to find a difference before the person is told
 PATIENCE_S = 60.0  # real time that the end of a sweep waits for its last check; the regulator is at zero then
 TELL_AFTER_S = 2.0  # of it, before the person is told what is waited for
-NICE = 5
+NICE = 15
 CHECK, FAILED, WARNING = "model check", "model check failed", "warning"  # events
 
 

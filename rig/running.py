@@ -94,6 +94,8 @@ class Wanted:
         Whether the bytes are kept.
     rate : float or None
         Seconds of a virtual bench in one of the wall [-]; the file's when left out.
+    server : tuple of str or None
+        Module and options of the process that serves a virtual bench, see `rig.virtual.launch`; its own when left out.
     progress : Progress
         Who is told.
     ask : callable or None
@@ -110,6 +112,7 @@ class Wanted:
     parent: str | None = None
     wire: bool = True
     rate: float | None = None
+    server: tuple[str, ...] | None = None
     progress: Progress = field(default_factory=Silent)
     ask: Ask | None = None
     on_plateau: Callable[[Plateau], None] = nobody
@@ -126,7 +129,9 @@ class Place:
 
 
 @contextlib.contextmanager
-def place_of(bench: Bench, path: Path, rate: float | None = None) -> Iterator[Place]:
+def place_of(
+    bench: Bench, path: Path, rate: float | None = None, server: tuple[str, ...] | None = None
+) -> Iterator[Place]:
     """The bench as it stands, or a virtual one that is started and ended here.
 
     Parameters
@@ -137,6 +142,8 @@ def place_of(bench: Bench, path: Path, rate: float | None = None) -> Iterator[Pl
         Its file.
     rate : float or None
         Seconds of a virtual bench in one of the wall [-]; the file's when left out.
+    server : tuple of str or None
+        Module and options of the process that serves a virtual bench; its own when left out.
 
     Raises
     ------
@@ -146,9 +153,9 @@ def place_of(bench: Bench, path: Path, rate: float | None = None) -> Iterator[Pl
     if bench.file.virtual is None:
         yield Place(Clock(), port_of, None)
         return
-    from rig.virtual import launch
+    from rig.virtual.launch import SERVER, launch
 
-    with launch(path, rate) as virtual:
+    with launch(path, rate, server=server or SERVER) as virtual:
         yield Place(virtual.clock, virtual.port_for, virtual.ports["lines"])
 
 
@@ -192,7 +199,7 @@ def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Ou
     by_hand = bench.file.roles.regulator is None
     # Before the operator's stop is listened to: at a question, Ctrl-C ends the program, and there is no run yet.
     ambient = None if by_hand else at_start(bench, given, wanted.ask)
-    with Stop(_tell_stop) as stop, place_of(bench, path, wanted.rate) as place:
+    with Stop(_tell_stop) as stop, place_of(bench, path, wanted.rate, wanted.server) as place:
         conversation = None
         if by_hand:
             conversation = Conversation(KeyboardPort(place.clock), place.clock, lambda: stop.asked)

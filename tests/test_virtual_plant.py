@@ -13,11 +13,12 @@ from model.motor import read_motor
 from model.steady import steady
 from rig.instruments.instrument import ChannelFile, Reference
 from rig.readings import NS
+from rig.virtual.air_line import AirLine
 from rig.virtual.faults import Faults, Place
 from rig.virtual.person import FLOW_L_MIN, PRESSURE_BAR_ABS, SPEED_RPM, answer, read_dial
 from rig.virtual.plant import LineTruth, Plant, read_truth
 from rig.virtual.sensors import Sensor, generator, truth_of
-from rig.virtual.served_edge_counter import crossing_ns
+from rig.virtual.served_edge_counter import crossing_ns, wheel
 
 MOTOR = read_motor("ptm3600")
 
@@ -81,6 +82,97 @@ def test_how_often_the_plant_is_asked_does_not_change_where_it_goes():
     assert often.angle_rad == pytest.approx(once.angle_rad, rel=1e-3)
 
 
+def a_line(volume_l=1.0, valve_time_s=0.02, area_mm2=50.0, lag_s=1e-3, droop=0.0):
+    return AirLine(volume_l, valve_time_s, area_mm2, lag_s, droop, 1.0, 287.05 * 293.15)
+
+
+def time_to(plant, pressure_bar, span_s=3.0):
+    """How long until the line has passed a pressure [s]."""
+    start, rises = plant.time_ns, plant.pressure_bar < pressure_bar
+    while (plant.pressure_bar < pressure_bar) == rises and plant.time_ns - start < span_s * NS:
+        plant.advance(plant.time_ns + 2_000_000)
+    return (plant.time_ns - start) / NS
+
+
+def test_a_closed_line_keeps_its_mass_balance():
+    line = a_line(valve_time_s=0.0)
+    line.step(2.0, True, 0.0, 1.0)
+    kept_kg = (line.pressure_bar - 1.0) * 1e5 * 1e-3 / (287.05 * 293.15)
+    assert line.entered_kg == pytest.approx(kept_kg, rel=1e-9)
+    assert line.pressure_bar == pytest.approx(2.0, abs=1e-4)
+
+
+def test_a_line_empties_by_choked_flow_at_first():
+    line = a_line(valve_time_s=0.0)
+    line.step(3.0, True, 0.0, 1.0)
+    line.step(1.0, False, 0.0, 0.01)  # 3 bar to 1: choked, so exponential with V / (0.6847 A sqrt(R T))
+    time_constant_s = 1e-3 / (0.6847 * 50e-6 * math.sqrt(287.05 * 293.15))
+    assert line.pressure_bar == pytest.approx(3.0 * math.exp(-0.01 / time_constant_s), rel=2e-2)
+
+
+def test_a_larger_line_fills_and_empties_more_slowly():
+    took = []
+    for volume_l in (0.1, 1.0, 5.0):
+        plant = Plant(MOTOR, LineTruth(regulator_lag_s=0.01, line_volume_l=volume_l, valve_time_s=0.005))
+        plant.order(2.0)
+        rise = time_to(plant, 1.8)
+        plant.advance(3 * NS)
+        plant.order(0.0)
+        took.append((rise, time_to(plant, 1.2)))
+    assert took == sorted(took)
+    assert took[-1][0] > 5.0 * took[0][0]
+    assert took[-1][1] > 0.2 > 0.02 > took[0][1]
+
+
+def test_a_valve_that_takes_its_time_vents_later():
+    took = []
+    for valve_time_s in (0.005, 0.1):
+        plant = Plant(MOTOR, LineTruth(regulator_lag_s=0.01, line_volume_l=0.2, valve_time_s=valve_time_s))
+        plant.order(2.0)
+        plant.advance(3 * NS)
+        plant.order(0.0)
+        took.append(time_to(plant, 1.5))
+    assert took[1] - took[0] > 0.02
+
+
+def test_a_regulator_with_droop_loses_pressure_with_the_flow():
+    plant = Plant(MOTOR, LineTruth(line_volume_l=0.5, regulator_droop_bar_min_l=0.002))
+    plant.order(2.0)
+    plant.advance(5 * NS)
+    flow_l_min = plant.volume_flow_l_min(plant.pressure_bar, plant.inlet_k)
+    assert 2.0 - plant.pressure_bar == pytest.approx(0.002 * flow_l_min, abs=0.01)
+    assert plant.pressure_bar < 1.95
+
+
+def test_a_line_that_holds_air_runs_the_motor_as_one_that_does_not_at_the_same_pressure():
+    plant = Plant(MOTOR, LineTruth(line_volume_l=0.5, valve_time_s=0.02))
+    plant.order(2.0)
+    plant.advance(5 * NS)
+    found = steady(MOTOR, [plant.pressure_bar * 1e5])
+    assert mean_speed_rpm(plant) == pytest.approx(float(found.speed_rad_s[0, 0]) * RPM, rel=3e-3)
+
+
+def test_a_tachometer_with_a_window_tells_the_mean_over_it():
+    plant = Plant(MOTOR, LineTruth(tachometer_window_s=0.1))
+    tells = truth_of(plant, "speed_rpm", None)
+    plant.order(2.0)
+    plant.advance(int(0.2 * NS))
+    start_rad = plant.angle_rad
+    plant.advance(int(0.3 * NS))
+    assert tells() == pytest.approx((plant.angle_rad - start_rad) / 0.1 * RPM, rel=1e-3)
+    assert tells() < 0.95 * plant.speed_rpm  # it still rises
+
+
+def test_the_errors_of_a_wheel_are_its_own_and_the_same_for_the_same_seed():
+    pitch = 2.0 * math.pi / 60
+    found = wheel(60, 0.05, 1, "tach")
+    errors = found / pitch - np.arange(60)
+    assert np.array_equal(found, wheel(60, 0.05, 1, "tach"))
+    assert not np.array_equal(found, wheel(60, 0.05, 2, "tach"))
+    assert 0.03 < np.std(errors) < 0.07
+    assert np.all(np.diff(wheel(60, 0.3, 1, "tach")) > 0.0)
+
+
 def test_the_truth_changes_motor_and_line():
     motor, line = read_truth(MOTOR, {"f_overall": 0.07, "vent_lag_s": 0.1}, "bench.toml")
     assert motor["f_overall"].value == 0.07
@@ -92,6 +184,8 @@ def test_the_truth_changes_motor_and_line():
     [
         ({"f_overal": 0.07}, "bench.toml: virtual.truth.f_overal: no such parameter; did you mean 'f_overall'?"),
         ({"vent_lag_s": 0.0}, "bench.toml: virtual.truth.vent_lag_s: 0 is outside 0.001..100"),
+        ({"line_volume_l": 99.0}, "bench.toml: virtual.truth.line_volume_l: 99 is outside 0..50"),
+        ({"pitch_error_sd": 0.5}, "bench.toml: virtual.truth.pitch_error_sd: 0.5 is outside 0..0.3"),
         ({"f_overall": 99.0}, "parameters.f_overall: 99 N m s is outside"),
     ],
 )

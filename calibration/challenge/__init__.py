@@ -14,5 +14,6 @@ opening    score: the seal is opened last, and the campaign enters the ledger
 ledger     every scored campaign, a line each, chained by hashes
 keeping    scored campaigns as files, and counting them together
 tables, figures, page: what a person reads
+concealed_bench, revealing  a virtual bench with the second rig behind its instruments, sealed, and its seal opened
 second_rig the rig that makes the recordings; shares rig.recording alone with what it tests
 """

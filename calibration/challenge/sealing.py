@@ -18,6 +18,7 @@ from calibration.challenge.layout import ChallengeError, canonical, sha256
 from calibration.report.files import write_file
 
 FOLDER, TRUTHS, KEY, HASH = "sealed", "truths.bin", "key", "hash"
+CONCEALED = "concealed/1"  # format of what the seal of a bench that conceals something holds
 
 
 class SealError(ChallengeError):
@@ -50,6 +51,12 @@ def seal(folder: Path, contents: Mapping[str, Any], key: Path | None = None) -> 
     write_file(place / HASH, f"{digest}\n".encode())
     write_file(place / TRUTHS, Fernet(secret).encrypt(salted))  # last: where it is, the rest is
     return digest
+
+
+def default_key() -> Path:
+    """Where the key of a concealed bench lies when no other place is named: of the user, and away from every seal."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state) / "spinbench" / "conceal.key"
 
 
 def is_sealed(folder: Path) -> bool:
@@ -94,7 +101,7 @@ def open_seal(folder: Path, key: Path | None = None) -> tuple[dict[str, Any], st
         secret = (place / KEY if key is None else key).read_bytes().strip()
     except OSError as problem:
         raise SealError(
-            f"{problem.filename}: {problem.strerror}; a campaign is scored with its seal and its key"
+            f"{problem.filename}: {problem.strerror}; a seal is opened with its key: name that with --key"
         ) from None
     try:
         salted = Fernet(secret).decrypt(locked)

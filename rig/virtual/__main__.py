@@ -7,16 +7,29 @@ import sys
 from pathlib import Path
 
 
-def main() -> int:
-    """Serve, and return the exit code: 0, or 2 when the bench file cannot be served."""
-    parser = argparse.ArgumentParser(prog="python -m rig.virtual", description="Serve a bench that is not there.")
+def options_of(program: str, words: str) -> argparse.ArgumentParser:
+    """The options of a process that serves a bench.
+
+    Parameters
+    ----------
+    program : str
+        How it is called.
+    words : str
+        What it does.
+    """
+    parser = argparse.ArgumentParser(prog=program, description=words)
     parser.add_argument("bench", type=Path, help="bench file, or the name of one in configs/benches")
     parser.add_argument("--state", type=Path, required=True, metavar="DIR", help="where ports.json and the links go")
     parser.add_argument("--rate", type=float, help="seconds of the bench in one of the wall; the file's when left out")
     parser.add_argument("--owner", type=int, metavar="PID", help="end some time after this process")
     parser.add_argument("--linger", type=float, default=10.0, metavar="S", help="how long after it, in real seconds")
     parser.add_argument("--seed", type=int, help="of noise, errors and faults; the file's when left out")
-    options = parser.parse_args()
+    return parser
+
+
+def main() -> int:
+    """Serve, and return the exit code: 0, or 2 when the bench file cannot be served."""
+    options = options_of("python -m rig.virtual", "Serve a bench that is not there.").parse_args()
 
     from rig.virtual.serve import serve
 

@@ -97,7 +97,6 @@ class Control:
         newest = itertools.islice(reversed(plant.history), MOST_POINTS)
         points = list(itertools.takewhile(lambda point: point[0] >= since_s, newest))[::-1]
         columns = list(zip(*points, strict=True)) or [(), (), (), ()]
-        inlet_k = plant.motor.si("inlet_temperature")
         return {
             "time_s": plant.time_ns / NS,
             "rate": server.clock.rate,
@@ -107,7 +106,7 @@ class Control:
             "speed_rpm": plant.speed_rpm,
             "angle_rad": plant.angle_rad,
             "flow_kg_s": plant.flow_kg_s,
-            "flow_l_min": plant.volume_flow_l_min(plant.pressure_bar, inlet_k),
+            "flow_l_min": plant.volume_flow_l_min(plant.pressure_bar, plant.inlet_k),
             "setpoints": [
                 {"time_s": time_s, "real_ns": self._real_ns(time_s), "pressure_bar_abs": bar}
                 for time_s, bar in plant.setpoints

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from rig.lines.tcp import TcpPort
 
 ROOT = configs.FOLDER.parent
 PORTS = "ports.json"
+SERVER = ("rig.virtual",)
 START_S = 180.0  # the first time on a machine the model is compiled
 STOP_S = 5.0
 ANSWER_S = 10.0
@@ -164,7 +165,11 @@ def port_for(ports: Mapping[str, Any], line_name: str, line_table: LineTable, cl
 
 
 def launch(
-    bench_path: Path | str, rate: float | None = None, seed: int | None = None, owner: bool = True
+    bench_path: Path | str,
+    rate: float | None = None,
+    seed: int | None = None,
+    owner: bool = True,
+    server: Sequence[str] = SERVER,
 ) -> VirtualBench:
     """Start a virtual bench and wait until it serves.
 
@@ -178,6 +183,8 @@ def launch(
         Of noise, errors and faults [-]; the file's when left out.
     owner : bool
         Whether it ends by itself some seconds after this process, however that ends.
+    server : sequence of str
+        The module whose process serves the bench, and options that it has besides those of `rig.virtual`.
 
     Raises
     ------
@@ -185,7 +192,8 @@ def launch(
         When it does not start, with its own words.
     """
     folder = Path(tempfile.mkdtemp(prefix="virtual-bench-"))
-    command = [sys.executable, "-m", "rig.virtual", str(bench_path), "--state", str(folder)]
+    module, *options = server
+    command = [sys.executable, "-m", module, str(bench_path), "--state", str(folder), *options]
     for key, value in (("--rate", rate), ("--seed", seed), ("--owner", os.getpid() if owner else None)):
         command += [key, str(value)] if value is not None else []
     paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]

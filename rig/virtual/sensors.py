@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from rig.instruments.instrument import ChannelFile, Reference
 from rig.readings import NS
 from rig.virtual.faults import Faults
-from rig.virtual.plant import Plant
+from rig.virtual.plant import Turning
 
 ZERO_C = 273.15
 DRIFT = 0.2  # of bias_sd in DRIFT_S, 1 sigma
@@ -31,12 +32,12 @@ def generator(seed: int, *names: str) -> np.random.Generator:
     return np.random.default_rng([seed, *(zlib.crc32(name.encode()) for name in names)])
 
 
-def truth_of(plant: Plant, channel: str, reference: Reference | None) -> Callable[[], float]:
+def truth_of(plant: Turning, channel: str, reference: Reference | None) -> Callable[[], float]:
     """What a channel would read without any error.
 
     Parameters
     ----------
-    plant : Plant
+    plant : Turning
         Line and motor.
     channel : str
         The channel's name, which carries quantity and unit.
@@ -48,8 +49,7 @@ def truth_of(plant: Plant, channel: str, reference: Reference | None) -> Callabl
     ValueError
         When the virtual bench has no such quantity.
     """
-    motor = plant.motor
-    room_k, inlet_k = motor.si("ambient_temperature"), motor.si("inlet_temperature")
+    room_k, inlet_k = plant.room_k, plant.inlet_k
     if channel.startswith("flow"):
         return _flow(plant, channel, reference, inlet_k)
     quantities: dict[str, Callable[[], float]] = {
@@ -57,7 +57,7 @@ def truth_of(plant: Plant, channel: str, reference: Reference | None) -> Callabl
         "pressure_bar_gauge": lambda: plant.pressure_bar - plant.ambient_bar,
         "setpoint_bar_abs": lambda: plant.target_bar,
         "setpoint_bar_gauge": lambda: plant.target_bar - plant.ambient_bar,
-        "speed_rpm": lambda: abs(plant.speed_rpm),
+        "speed_rpm": _Averaged(plant, plant.line.tachometer_window_s),
         "angle_rad": lambda: plant.angle_rad,
         "temperature_c": lambda: (room_k if plant.vented else inlet_k) - ZERO_C,
         "inlet_temperature_c": lambda: (room_k if plant.vented else inlet_k) - ZERO_C,
@@ -68,22 +68,50 @@ def truth_of(plant: Plant, channel: str, reference: Reference | None) -> Callabl
     return quantities[channel]
 
 
-def _flow(plant: Plant, channel: str, reference: Reference | None, inlet_k: float) -> Callable[[], float]:
+def _flow(plant: Turning, channel: str, reference: Reference | None, inlet_k: float) -> Callable[[], float]:
     """A meter's own flow: at the inlet's state, at a standard one, or by the float of a rotameter."""
     if channel not in ("flow_l_min", "flow_sl_min"):
         raise ValueError(f"the virtual bench knows flow_l_min and flow_sl_min, not '{channel}'")
     if reference is None:
-        return lambda: plant.volume_flow_l_min(plant.pressure_bar, inlet_k)
+        return lambda: plant.volume_flow_l_min(plant.line_bar, inlet_k)
     state_bar, state_k = reference.pressure_bar_abs, reference.temperature_c + ZERO_C
     if reference.kind == "standard_volume":
         return lambda: plant.volume_flow_l_min(state_bar, state_k)
 
     def on_the_scale() -> float:
         """The float sees flow times the root of density; its scale was made for the density of one state."""
-        lighter = (plant.pressure_bar / state_bar) * (state_k / inlet_k)
-        return plant.volume_flow_l_min(plant.pressure_bar, inlet_k) * math.sqrt(lighter)
+        lighter = (plant.line_bar / state_bar) * (state_k / inlet_k)
+        return plant.volume_flow_l_min(plant.line_bar, inlet_k) * math.sqrt(lighter)
 
     return on_the_scale
+
+
+class _Averaged:
+    """The speed that a tachometer tells: at present, or the mean over a fixed time until now [rpm]."""
+
+    def __init__(self, plant: Turning, window_s: float) -> None:
+        self.plant, self.window_ns = plant, window_s * NS
+        self._samples: deque[tuple[float, float]] = deque([(float(plant.time_ns), plant.angle_rad)])
+        if window_s > 0.0:
+            plant.listeners.append(self._watch)
+
+    def __call__(self) -> float:
+        if self.window_ns == 0.0:
+            return abs(self.plant.speed_rpm)
+        end_ns, end_rad = self._samples[-1]
+        start_ns, start_rad = self._samples[0]
+        if end_ns <= start_ns:
+            return abs(self.plant.speed_rpm)
+        if len(self._samples) > 1 and end_ns - start_ns > self.window_ns:  # the window begins between two samples
+            later_ns, later_rad = self._samples[1]
+            share = (end_ns - self.window_ns - start_ns) / (later_ns - start_ns)
+            start_ns, start_rad = end_ns - self.window_ns, start_rad + share * (later_rad - start_rad)
+        return abs(end_rad - start_rad) / (end_ns - start_ns) * NS * 30.0 / math.pi
+
+    def _watch(self, times_ns: np.ndarray, angles: np.ndarray, speeds: np.ndarray) -> None:
+        self._samples.extend(zip(times_ns[1:].tolist(), angles[1:].tolist(), strict=True))
+        while len(self._samples) > 2 and self._samples[1][0] <= self._samples[-1][0] - self.window_ns:
+            self._samples.popleft()
 
 
 class Sensor:

@@ -6,11 +6,12 @@ import contextlib
 import json
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from configs import ConfigError
-from model.motor import read_motor
+from model.motor import Motor, read_motor
 from rig.bench import Bench, BenchFile, LineTable, read_bench
 from rig.clock import Clock
 from rig.lines.opening import timing_of
@@ -19,7 +20,7 @@ from rig.virtual.bus import Bus
 from rig.virtual.control import Control
 from rig.virtual.faults import ONCE, Fault, Faults, Place, read_fault
 from rig.virtual.loop import Loop
-from rig.virtual.plant import BAR, Plant, read_truth
+from rig.virtual.plant import BAR, Plant, Turning, read_truth
 from rig.virtual.sensors import ZERO_C, generator
 from rig.virtual.served import World, serve_bench
 from rig.virtual.sockets import SocketWire
@@ -29,6 +30,8 @@ PORTS = "ports.json"
 TICK_S = 0.004  # of the wall
 OWNER_LOOK_S = 0.5
 LINGER_S = 10.0  # of the wall: long enough for a watchdog to send the regulator to zero
+
+PlantOf = Callable[[Bench], Turning]
 
 
 def virtual_lines(file: BenchFile) -> dict[str, LineTable]:
@@ -55,9 +58,18 @@ class VirtualServer:
         Seconds of the bench in one of the wall [-]; the file's when left out.
     seed : int or None
         Of everything that is left to chance [-]; the file's when left out.
+    plant_of : callable or None
+        Makes line and motor of the bench file; the project's own model when left out.
     """
 
-    def __init__(self, bench: Bench, folder: Path, rate: float | None = None, seed: int | None = None) -> None:
+    def __init__(
+        self,
+        bench: Bench,
+        folder: Path,
+        rate: float | None = None,
+        seed: int | None = None,
+        plant_of: PlantOf | None = None,
+    ) -> None:
         virtual = bench.file.virtual
         if virtual is None:
             raise ConfigError(f"{bench.name}: the bench file has no [virtual] table, so there is nothing to simulate")
@@ -67,7 +79,7 @@ class VirtualServer:
         devices_of = {
             name: [device for device, table in bench.file.devices.items() if table.line == name] for name in lines
         }
-        plant = _plant(bench)
+        plant = (plant_of or _plant)(bench)
         place = Place(devices_of, frozenset())
         self.faults = Faults(generator(self.seed, "faults"), place)
         self.clock = Clock(virtual.rate if rate is None else rate)
@@ -213,8 +225,14 @@ def _lives(process: int) -> bool:
     return True
 
 
-def _plant(bench: Bench) -> Plant:
-    """Line and motor as they really are: the motor's file, in the bench's room, with the truth of the bench file."""
+def motor_in_room(bench: Bench) -> Motor:
+    """The motor's file, in the room of the bench file.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    """
     ambient = bench.file.ambient
     room: dict[str, float] = {}
     if ambient.pressure_bar_abs is not None:
@@ -223,9 +241,13 @@ def _plant(bench: Bench) -> Plant:
         room["ambient_temperature"] = room["inlet_temperature"] = ambient.temperature_c + ZERO_C
     if ambient.relative_humidity is not None:
         room["relative_humidity"] = ambient.relative_humidity
-    motor = read_motor(bench.file.motor).with_values(room)
+    return read_motor(bench.file.motor).with_values(room)
+
+
+def _plant(bench: Bench) -> Plant:
+    """Line and motor as they really are: the motor's file, in the bench's room, with the truth of the bench file."""
     truth = bench.file.virtual.truth if bench.file.virtual else {}
-    motor, line = read_truth(motor, truth, bench.name)
+    motor, line = read_truth(motor_in_room(bench), truth, bench.name)
     trial = Plant(motor, line)  # compiles the model before the clock starts
     trial.order(2.0)
     trial.advance(NS // 10)
@@ -246,6 +268,7 @@ def serve(
     owner: int | None = None,
     seed: int | None = None,
     linger_s: float = LINGER_S,
+    plant_of: PlantOf | None = None,
 ) -> None:
     """Read a bench file and serve it.
 
@@ -263,9 +286,11 @@ def serve(
         Of chance [-].
     linger_s : float
         How long after the owner this process ends, on the wall's clock [s].
+    plant_of : callable or None
+        Makes line and motor of the bench file; the project's own model when left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    server = VirtualServer(read_bench(path), folder.resolve(), rate, seed)
+    server = VirtualServer(read_bench(path), folder.resolve(), rate, seed, plant_of)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.loop.stop())
     server.run(owner, linger_s)

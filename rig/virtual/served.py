@@ -15,7 +15,7 @@ from configs import ConfigError
 from rig.bench import Bench, Place
 from rig.instruments.instrument import ChannelFile
 from rig.virtual.faults import Faults
-from rig.virtual.plant import Plant
+from rig.virtual.plant import Turning
 from rig.virtual.sensors import Sensor, truth_of
 
 
@@ -23,7 +23,7 @@ from rig.virtual.sensors import Sensor, truth_of
 class World:
     """What every simulated instrument shares: line and motor, faults, the source of chance, and the clock's rate."""
 
-    plant: Plant
+    plant: Turning
     faults: Faults
     seed: int
     rate: float = 1.0

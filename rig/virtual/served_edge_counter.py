@@ -84,7 +84,8 @@ class EdgeCounter:
         self.pace = 1.0 + CLOCK_PPM * 1e-6 * chance.standard_normal()
         self.plant = world.plant
         self._first_ticks = int(chance.integers(2**32))
-        self._tooth = math.floor(self.plant.angle_rad / (TURN / self.teeth))
+        self._pattern = wheel(self.teeth, self.plant.line.pitch_error_sd, world.seed, device)
+        self._tooth = int(self._teeth_passed(np.array([self.plant.angle_rad]))[0])
         self._started_ns = 0
         self._running = False
         self._edges: list[tuple[float, bool]] = []  # time [ns], index tooth
@@ -187,10 +188,16 @@ class EdgeCounter:
         self._sequence = (self._sequence + 1) & 0xFF
         return head + bytes([crc8(head)])
 
+    def _teeth_passed(self, angles: np.ndarray) -> np.ndarray:
+        """Number of the last edge at or before each angle."""
+        turns = np.floor(angles / TURN)
+        return (turns * self.teeth + np.searchsorted(self._pattern, angles - turns * TURN, "right") - 1).astype(
+            np.int64
+        )
+
     def _watch(self, times_ns: np.ndarray, angles: np.ndarray, speeds: np.ndarray) -> None:
         """Find the teeth that have passed between samples of the shaft."""
-        pitch = TURN / self.teeth
-        tooth = np.floor(angles / pitch).astype(np.int64)
+        tooth = self._teeth_passed(angles)
         tooth[0] = self._tooth  # where the last call ended: rounding must not lose an edge, nor count it twice
         self._tooth = int(tooth[-1])
         if not self._running:
@@ -199,11 +206,32 @@ class EdgeCounter:
             step = 1 if tooth[i + 1] > tooth[i] else -1
             for number in range(int(tooth[i]), int(tooth[i + 1]), step):
                 edge = number + 1 if step > 0 else number  # the line between two teeth that is crossed
-                time_ns = crossing_ns(times_ns[i : i + 2], angles[i : i + 2], speeds[i : i + 2], edge * pitch)
-                self._edges.append((time_ns, edge % self.teeth == 0))
+                turns, place = divmod(edge, self.teeth)
+                angle = turns * TURN + float(self._pattern[place])
+                time_ns = crossing_ns(times_ns[i : i + 2], angles[i : i + 2], speeds[i : i + 2], angle)
+                self._edges.append((time_ns, place == 0))
         if len(self._edges) > MOST_WAITING:
             self._edges.clear()
             self._lost = True
+
+
+def wheel(teeth: int, pitch_error_sd: float, seed: int, device: str) -> np.ndarray:
+    """Where the edges of a wheel are within a turn [rad], shape (teeth,); the first at 0, and they stay in order.
+
+    Parameters
+    ----------
+    teeth : int
+        Of the wheel [-].
+    pitch_error_sd : float
+        Error of each edge's place as a share of the pitch, 1 sigma [-].
+    seed : int
+        Of the bench [-].
+    device : str
+        In the bench file.
+    """
+    errors = np.clip(pitch_error_sd * generator(seed, device, "pitch").standard_normal(teeth), -0.45, 0.45)
+    errors[0] = 0.0  # the turn counts from it
+    return (np.arange(teeth) + errors) * (TURN / teeth)
 
 
 def crossing_ns(times_ns: np.ndarray, angles: np.ndarray, speeds: np.ndarray, angle: float) -> float:

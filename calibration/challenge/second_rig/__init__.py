@@ -9,6 +9,7 @@ curve, flows, losses, motor, marches    the motor: geometry, gas, torques, a ste
 concealed, instruments  effects: their laws on the motor, and on what is read
 bench       what the instruments would read without noise
 sizes, draws, truth    what a case conceals
+live        motor and line carried on in a bench's time, behind the virtual bench's instruments
 sheets, recordings     recording/1, and a further test
 signatures, small_torques, separable  what a recording can tell apart
 """

@@ -1,0 +1,367 @@
+"""The second rig carried on in a bench's time, for instruments that ask it whenever they like.
+
+The motor is marched as everywhere here (`motor.step`). Ahead of it is a line that holds air: a regulator with a lag and
+a droop, a three-way valve that takes its time, a volume. What the attributes tell is what instruments without errors of
+their own would read, so that a concealed gauge or tachometer comes in front of the instrument's own errors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from calibration.challenge.second_rig import concealed, instruments, marches, motor
+from calibration.challenge.second_rig.bench import Rig
+from calibration.challenge.second_rig.concealed import Concealed
+from calibration.challenge.second_rig.flows import nozzle, relaxed
+from calibration.challenge.second_rig.motor import DROP_IN, DROP_OUT, IN, OMEGA, PA, THETA, TIN, step
+from calibration.challenge.second_rig.slots import BAR, L_MIN, R_AIR, RPM
+
+NS = 1_000_000_000
+SAMPLE_NS = 1_000_000  # of the shaft's angle
+CHUNK_NS = 250_000_000  # in one call of the march
+STEPS = 25  # of the march in a sample
+METER_LAG_S = 0.2  # the flow meter's, first order
+HISTORY_NS = 20_000_000
+MOST_HISTORY, MOST_SETPOINTS = 60_000, 10_000
+SETTLED_BAR = 1e-7
+LEAST_L = 0.01
+MM2 = 1e-6  # in m2
+
+# State of the line: pressure [Pa], regulator's pressure [Pa], share of the valve that is open, mass through the
+# regulator [kg].
+LINE, REGULATED, OPENED, ENTERED = 0, 1, 2, 3
+
+Listener = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
+
+
+@njit(cache=True)
+def supply(
+    p: np.ndarray, s: np.ndarray, figures: np.ndarray, target: float, is_open: bool, taken: float, dt: float
+) -> None:
+    """The line after a step: the motor's draught, then each way of the valve by backward Euler.
+
+    Parameters
+    ----------
+    p : ndarray
+        Figures of the motor, laid out as in `slots`.
+    s : ndarray, shape (4,)
+        State of the line; changed.
+    figures : ndarray, shape (5,)
+        Lag of the regulator [s], droop [Pa s/m3], time of the valve [s], its area [m2], volume of the line [m3].
+    target : float
+        What the regulator is set to [Pa].
+    is_open : bool
+        Whether the valve is driven towards the regulator.
+    taken : float
+        Mass that the motor took in this step [kg].
+    dt : float
+        Step [s].
+    """
+    lag, droop, valve_time, area, volume = figures
+    way = 1.0 if is_open else 0.0
+    share = dt / valve_time if valve_time > dt else 1.0
+    s[OPENED] += min(share, max(-share, way - s[OPENED]))
+    gas = R_AIR * p[TIN]
+    if is_open or s[OPENED] == 0.0:
+        wanted = max(p[PA], target - droop * taken / dt * gas / s[LINE])
+        s[REGULATED] += (wanted - s[REGULATED]) * (1.0 - math.exp(-dt / lag))
+    stiff = gas / volume
+    s[LINE] = max(s[LINE] - stiff * taken, p[PA] if taken > 0.0 else 0.0)
+    before = s[LINE]
+    s[LINE] = through(s[OPENED] * area, s[LINE], s[REGULATED], p[TIN], dt * stiff)
+    s[ENTERED] += (s[LINE] - before) / stiff
+    s[LINE] = through((1.0 - s[OPENED]) * area, s[LINE], p[PA], p[TIN], dt * stiff)
+
+
+@njit(cache=True)
+def through(area: float, P: float, far: float, T: float, rate: float) -> float:
+    """Pressure of a volume after a step in which an orifice joins it to another pressure [Pa].
+
+    Parameters
+    ----------
+    area : float
+        Of the orifice [m2].
+    P, far : float
+        Before the step, and beyond the orifice [Pa].
+    T : float
+        Temperature [K].
+    rate : float
+        Step times pressure per mass [Pa s/kg].
+    """
+    gap = far - P
+    if area <= 0.0 or abs(gap) < 0.1:
+        return P
+    one = nozzle(area, max(far, P), min(far, P), T)
+    return far - math.copysign(relaxed(abs(gap), rate * one), gap)
+
+
+@njit(cache=True)
+def carry_on(
+    p: np.ndarray,
+    table: np.ndarray,
+    y: np.ndarray,
+    s: np.ndarray,
+    figures: np.ndarray,
+    target: float,
+    is_open: bool,
+    less: float,
+    dt: float,
+    samples: np.ndarray,
+) -> None:
+    """March motor and line together.
+
+    Parameters
+    ----------
+    p : ndarray
+        Figures of the motor, laid out as in `slots`.
+    table : ndarray
+        The guide curve, of `curve.table`.
+    y : ndarray
+        State of the motor, laid out as at the top of `motor`; changed.
+    s : ndarray, shape (4,)
+        State of the line; changed.
+    figures : ndarray, shape (5,)
+        Of the line, see `supply`.
+    target : float
+        What the regulator is set to [Pa].
+    is_open : bool
+        Whether the valve is driven towards the regulator.
+    less : float
+        How much less than the line's pressure the motor gets [Pa].
+    dt : float
+        Step [s].
+    samples : ndarray, shape (n, 4)
+        Filled: angle [rad], speed [rad/s], pressure of the line [Pa], mean mass flow into the motor [kg/s].
+    """
+    drops = p[PA] + p[DROP_IN] + p[DROP_OUT]
+    for k in range(samples.shape[0]):
+        passed = 0.0
+        for _ in range(STEPS):
+            feed = s[LINE] - less
+            feeds = feed > drops
+            y[IN] = 0.0
+            step(p, table, y, feed, feeds, dt)
+            taken = y[IN] if feeds else 0.0
+            passed += taken
+            supply(p, s, figures, target, is_open, taken, dt)
+        samples[k, 0], samples[k, 1] = y[THETA], y[OMEGA]
+        samples[k, 2], samples[k, 3] = s[LINE], passed / (STEPS * dt)
+
+
+class Tachometer:
+    """What a concealed tachometer makes of the shaft, sample after sample: the angle that its wheel seems to turn.
+
+    Parameters
+    ----------
+    effects : sequence of Concealed
+        What is at work.
+    """
+
+    def __init__(self, effects: tuple[Concealed, ...]) -> None:
+        self.effects = effects
+        self.is_true = not any(
+            effect.id in ("speed_scale", "speed_lag", "tachometer_slips_from_a_moment_on") for effect in effects
+        )
+        self.angle = self.speed = 0.0
+        self._lag = next((effect for effect in effects if effect.id == "speed_lag"), None)
+        cells = 0 if self._lag is None else max(1, round(self._lag.values["time_s"] * NS / SAMPLE_NS))
+        if self._lag is not None and self._lag.form == "moving_average":
+            cells *= 2  # so that the delay is the same
+        self._past: deque[float] = deque([0.0] * (cells + 1), maxlen=cells + 1)
+
+    def follow(self, speeds: np.ndarray, span_s: float, clock_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Angles [rad] and speeds [rad/s] as they are seen, shape (n,).
+
+        Parameters
+        ----------
+        speeds : ndarray, shape (n,)
+            Mean speed of the shaft in each sample [rad/s].
+        span_s : float
+            Of a sample [s].
+        clock_s : float
+            At the start of the first [s].
+        """
+        shown = instruments.read_speed(self.effects, speeds, clock_s + span_s * (1.0 + np.arange(speeds.size)))
+        shown = self._late(shown, span_s)
+        angles = self.angle + np.cumsum(shown) * span_s
+        self.angle, self.speed = float(angles[-1]), float(shown[-1])
+        return angles, shown
+
+    def _late(self, speeds: np.ndarray, span_s: float) -> np.ndarray:
+        if self._lag is None:
+            return speeds
+        out = np.empty_like(speeds)
+        kept = math.exp(-span_s / self._lag.values["time_s"])
+        now = self.speed
+        for k, speed in enumerate(speeds.tolist()):
+            self._past.append(speed)
+            if self._lag.form == "delay":
+                now = self._past[0]
+            elif self._lag.form == "moving_average":
+                now = sum(self._past) / len(self._past)
+            else:
+                now = speed + (now - speed) * kept
+            out[k] = now
+        return out
+
+
+class LivePlant:
+    """Line and motor; `advance` carries them on, the attributes tell how they stand.
+
+    Parameters
+    ----------
+    rig : Rig
+        The motor as built, and what is concealed; the instruments' own errors are not taken from it.
+    line : object
+        Figures of a bench's line: ``regulator_lag_s``, ``regulator_gain``, ``regulator_droop_bar_min_l``,
+        ``line_volume_l``, ``valve_time_s``, ``valve_area_mm2``; the instruments read what else there is of it.
+    room_k : float
+        Temperature of the room [K].
+    """
+
+    def __init__(self, rig: Rig, line: Any, room_k: float) -> None:
+        self.line, self.effects = line, rig.effects
+        self._base = rig.figures() | {"ambient_k": room_k}
+        self.room_k, self.inlet_k = room_k, self._base["inlet_k"]
+        self.time_ns = 0
+        self.ambient_bar = self.target_bar = self._base["ambient_pa"] / BAR
+        self.listeners: list[Listener] = []
+        self.setpoints: deque[tuple[float, float]] = deque([(0.0, self.ambient_bar)], maxlen=MOST_SETPOINTS)
+        self.history: deque[tuple[float, float, float, float]] = deque(maxlen=MOST_HISTORY)
+        self._next_history_ns = 0
+        self._way = 0.0  # 1 once the set-point has gone up, -1 down
+        p = np.array(list(self._base.values()))
+        self._y = motor.rest(p, marches.TABLE, 0.0, p[PA], False)
+        self._s = np.array([p[PA], p[PA], 0.0, 0.0])
+        droop = line.regulator_droop_bar_min_l * BAR * L_MIN
+        volume = max(line.line_volume_l, LEAST_L) * 1e-3
+        self._figures = np.array(
+            [line.regulator_lag_s, droop, line.valve_time_s, line.valve_area_mm2 * MM2, volume], dtype=float
+        )
+        self._passed_kg_s = 0.0  # through the meter, with its lag
+        self._float_m3_s = 0.0  # of a flow meter whose float sticks
+        self._tachometer = Tachometer(rig.effects)
+        self._sticks = next((e.values["half_width_m3_s"] for e in rig.effects if e.id == "flow_float_sticks"), None)
+        self._meter = tuple(e for e in rig.effects if e.id != "flow_float_sticks")
+
+    @property
+    def line_bar(self) -> float:
+        """Pressure of the line, whatever its gauge reads, absolute [bar]."""
+        return float(self._s[LINE]) / BAR
+
+    @property
+    def pressure_bar(self) -> float:
+        """What the gauge makes of it [bar]."""
+        return float(instruments.read_pressure(self.effects, self._s[LINE : LINE + 1].copy())[0]) / BAR
+
+    @property
+    def flow_kg_s(self) -> float:
+        """What the meter makes of the flow [kg/s]."""
+        density = self._s[LINE] / (R_AIR * self.inlet_k)
+        volume = self._passed_kg_s / density if self._sticks is None else self._float_m3_s
+        shown = instruments.read_flow(
+            self._meter, np.array([volume]), self._s[LINE : LINE + 1].copy(), self.inlet_k, np.zeros(1, dtype=bool)
+        )
+        return float(shown[0] * density)
+
+    @property
+    def speed_rpm(self) -> float:
+        """Instantaneous speed, as the tachometer's wheel turns."""
+        return float(self._y[OMEGA] if self._tachometer.is_true else self._tachometer.speed) * RPM
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle of the shaft since the start, as the tachometer's wheel turns."""
+        return float(self._y[THETA] if self._tachometer.is_true else self._tachometer.angle)
+
+    @property
+    def vented(self) -> bool:
+        """Whether the valve is driven to the vent: no gauge pressure is ordered."""
+        return self.target_bar <= self.ambient_bar
+
+    def order(self, pressure_bar_abs: float) -> None:
+        """Order a pressure, now.
+
+        Parameters
+        ----------
+        pressure_bar_abs : float
+            Absolute [bar]; the ambient's or less vents the line.
+        """
+        gauge = max(0.0, pressure_bar_abs - self.ambient_bar) * self.line.regulator_gain
+        target = self.ambient_bar + gauge
+        if abs(target - self.target_bar) > SETTLED_BAR:
+            self._way = math.copysign(1.0, target - self.target_bar)
+            self.target_bar = target
+            self.setpoints.append((self.time_ns / NS, target))
+
+    def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
+        """The present mass flow as a volume flow at a state.
+
+        Parameters
+        ----------
+        pressure_bar_abs : float
+            Absolute pressure of the state [bar].
+        temperature_k : float
+            Its temperature [K].
+        """
+        return self.flow_kg_s * R_AIR * temperature_k / (pressure_bar_abs * BAR) * L_MIN
+
+    def advance(self, to_ns: int) -> None:
+        """Carry line and motor on to a time; an earlier one changes nothing.
+
+        Parameters
+        ----------
+        to_ns : int
+            Time of the bench [ns].
+        """
+        while self.time_ns < to_ns:
+            self._carry_on(min(to_ns, self.time_ns + CHUNK_NS))
+
+    def _carry_on(self, to_ns: int) -> None:
+        span_ns = to_ns - self.time_ns
+        count = max(1, round(span_ns / SAMPLE_NS))
+        span_s = span_ns / count / NS
+        clock_s = self.time_ns / NS
+        rows, lines = concealed.row_figures(
+            self._base, self.effects, np.array([clock_s]), np.array([self._way]), np.zeros(1)
+        )
+        before = self.angle_rad, self.speed_rpm / RPM
+        start_rad = float(self._y[THETA])
+        samples = np.empty((count, 4))
+        target, is_open = self.target_bar * BAR, not self.vented
+        dt = span_s / STEPS
+        carry_on(rows[0], marches.TABLE, self._y, self._s, self._figures, target, is_open, -lines[0], dt, samples)
+        if not np.all(np.isfinite(samples[-1])):
+            raise ArithmeticError("the second rig's march failed: are the figures of its line physical?")
+        angles, speeds = samples[:, 0], samples[:, 1]
+        if not self._tachometer.is_true:
+            means = np.diff(angles, prepend=start_rad) / span_s
+            angles, speeds = self._tachometer.follow(means, span_s, clock_s)
+        start_ns, self.time_ns = self.time_ns, to_ns
+        self._meters(samples, span_s, start_ns, speeds)
+        times_ns = start_ns + np.arange(count + 1) * (span_s * NS)
+        seen = np.concatenate([[before[0]], angles]), np.concatenate([[before[1]], speeds])
+        for listener in self.listeners:
+            listener(times_ns, *seen)
+
+    def _meters(self, samples: np.ndarray, span_s: float, start_ns: int, speeds: np.ndarray) -> None:
+        """The flow meter's lag, its float where it sticks, and the history; vented, nothing passes the meter."""
+        share = -math.expm1(-span_s / METER_LAG_S)
+        shut = self.vented
+        for k, (line_pa, flow) in enumerate(samples[:, 2:].tolist()):
+            self._passed_kg_s += ((0.0 if shut else flow) - self._passed_kg_s) * share
+            if self._sticks is not None:
+                volume = self._passed_kg_s * R_AIR * self.inlet_k / line_pa
+                self._float_m3_s = min(max(self._float_m3_s, volume - self._sticks), volume + self._sticks)
+            time_ns = start_ns + int((k + 1) * span_s * NS)
+            if time_ns >= self._next_history_ns:
+                self._next_history_ns = time_ns + HISTORY_NS
+                pressure = instruments.read_pressure(self.effects, np.array([line_pa]))
+                speed = float(speeds[k]) * RPM
+                self.history.append((time_ns / NS, float(pressure[0]) / BAR, speed, self._passed_kg_s))
