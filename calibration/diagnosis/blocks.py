@@ -15,7 +15,8 @@ from model.layout import L_MIN, PULSE, RPM
 from model.transient import Supply
 from rig.recording import Recording, RecordingError, RecordingFile
 
-REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed: below, it hangs on single pulses
+REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed,
+REST_AT = 5.0  # rad/s; ... and to this speed: below, it hangs on single pulses of the cylinders
 RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest speed on: how it broke away nobody knows
 FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
@@ -310,12 +311,16 @@ def _emptied(read: np.ndarray, noise: float) -> np.ndarray:
 
 
 def _settled(time: np.ndarray, opened: np.ndarray) -> np.ndarray:
-    """Samples in the second half of each vented span: by then the line has emptied."""
+    """Samples while the line is surely vented: the first half of a file that begins so, else the last half of a span.
+
+    The valve may have moved before it is said to have; by the end of a later span the line has emptied.
+    """
     kept = np.zeros(time.size, dtype=bool)
     edges = [0, *(np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist(), time.size]
     for begin, end in itertools.pairwise(edges):
         if end > begin and not opened[begin]:
-            kept[(begin + end) // 2 : end] = True
+            middle = (begin + end) // 2
+            kept[slice(middle, end) if begin else slice(0, max(middle, 1))] = True
     return kept
 
 
@@ -416,7 +421,7 @@ def _useful(
         if turning.size:
             used[: turning[0]] = False
         return used
-    slow = np.flatnonzero(speed < REST_SHARE * np.mean(speed[:5]))
+    slow = np.flatnonzero(speed < max(REST_SHARE * np.mean(speed[:5]), REST_AT))
     if slow.size:
         used[slow[0] :] = False
     coasting = begin > valve[1].start_s - 1e-9 if len(valve) > 1 else used
