@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from calibration.diagnosis import descent
-from calibration.diagnosis import search as search_module
 from calibration.diagnosis.base import base_of
 from calibration.diagnosis.descent import find
 from calibration.diagnosis.diagnose import detect_mismatch
@@ -101,33 +100,19 @@ def test_sets_are_the_same_to_the_bit_side_by_side(tmp_path: Path) -> None:
     assert ends[0] == ends[1]
 
 
-def test_where_every_effect_is_tried_the_rough_start_orders_them(tmp_path: Path, monkeypatch) -> None:
-    recordings.sweep(tmp_path, 3, DRAG)
-    comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
-    base = base_of(comparison)
-    found = [one for one in signatures(comparison, base) if one.effect in ("windage", "leakage", "speed_lag")]
-    right = find(comparison, ("windage",), base, None)
-    worst_first = [(one.effect, 0.0, {}) for one in sorted(found, key=lambda one: one.effect == "windage")]
-    monkeypatch.setattr(search_module, "screen", lambda *_, **__: worst_first)
-    monkeypatch.setattr(search_module, "SINGLES_WITH_RUNS", 1)
-    search = Search(comparison, base)
-    search.singles(found, base.u, every=True)
-    assert set(search.modes) == {(), ("windage",), ("speed_lag",)}  # the best, and the one that hides
-    assert np.array_equal(search.modes["windage",].z, right.z)
-
-
 def test_a_search_far_behind_ends_early(tmp_path: Path, monkeypatch) -> None:
     recordings.sweep(tmp_path, 3, DRAG)
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))
     base = base_of(comparison)
     right = find(comparison, ("windage",), base)
-    stages = []
-    stage = descent._with_pulses
-    monkeypatch.setattr(descent, "_with_pulses", lambda *given, **more: stages.append(more) or stage(*given, **more))
-    for ahead, count in ((200.0, 0), (70.0, 1), (0.0, 2)):
+    finished, descend = [], descent._descend
+    monkeypatch.setattr(
+        descent, "_descend", lambda *given, **more: finished.append("correlated" in more) or descend(*given, **more)
+    )
+    for ahead, ends in ((200.0, True), (0.0, False)):
         again = find(comparison, ("windage",), base, best=cost_of(comparison, right) - ahead)
-        assert len(stages) == count
-        stages.clear()
+        assert any(finished) is not ends
+        finished.clear()
     assert np.array_equal(again.z, right.z)
 
 
