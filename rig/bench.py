@@ -61,7 +61,7 @@ class LineTable(Strict):
 class DeviceTable(Strict):
     """One instrument on a line."""
 
-    instrument: str  # a file in configs/instruments
+    instrument: str  # a file in configs/instruments, or beside the bench file, without its ending
     line: str
     unit_id: Annotated[int, pydantic.Field(ge=0, le=255)] | None = None  # Modbus
     address: str = ""  # other protocols, such as Alicat's letter
@@ -222,8 +222,10 @@ def read_bench(path: Path) -> Bench:
     devices = data.get("devices")
     tables = devices.values() if isinstance(devices, dict) else ()
     for name in {table.get("instrument") for table in tables if isinstance(table, dict)}:
-        if isinstance(name, str) and (INSTRUMENTS / f"{name}.toml").is_file():
-            sources[instrument_source(name)] = configs.read_source(INSTRUMENTS / f"{name}.toml")
+        places = (INSTRUMENTS / f"{name}.toml", path.parent / f"{name}.toml") if isinstance(name, str) else ()
+        found = next((place for place in places if place.is_file()), None)
+        if found is not None:
+            sources[instrument_source(str(name))] = configs.read_source(found)
     return bench_of(path.stem, sources, str(path))
 
 
@@ -283,7 +285,7 @@ def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
             known = sorted(found.stem for found in INSTRUMENTS.glob("*.toml"))
             mistakes.append(
                 f"devices.{device}.instrument: there is no '{table.instrument}' in configs/instruments "
-                f"({', '.join(known)})"
+                f"({', '.join(known)}), nor '{table.instrument}.toml' beside the bench file"
             )
             continue
         try:
