@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from rig.recording import Recording, RecordingError, RecordingFile
 
 OBSERVED, MISSING, BELOW, ABOVE = 0, 1, 2, 3
 SHAPE_WRONG, SHAPE_RIGHT = 0.1, 0.03  # relative distances of speeds from the motor's curve, see `_shape_misfit`
+STANDS = 3.0  # sds of noise, or digits, up to which a speed read is that of a rotor at rest
 PRESSURE_LIMITS_BAR = (0.5, 8.0)  # absolute, of the air properties
 
 
@@ -107,13 +108,22 @@ def gather(recording: Recording, channels: tuple[str, ...] = ("pressure", "flow"
                 "or neither flow nor speed is)"
             )
         blocks[file.kind].append(rows)
-    steady_rows, zero_rows = (_joined(blocks[kind]) for kind in ("steady", "zero"))
+    steady_rows, zero_rows = (_at_rest(recording, _joined(blocks[kind])) for kind in ("steady", "zero"))
     if not len(steady_rows):
         raise RecordingError(
             f"{recording.folder}: no steady row with a pressure and a speed or flow; the fit needs at least one plateau"
         )
     present = tuple(c for c in ("pressure", "flow", "speed") if c in channels and column_of(recording, c))
     return Measurement(steady_rows, zero_rows, present, tuple(notes))
+
+
+def _at_rest(recording: Recording, rows: Rows) -> Rows:
+    """The rows with a speed of 0 where the speed read is no more than noise: a rotor at rest."""
+    declared = recording.channels.get("speed_rpm")
+    if declared is None:
+        return rows
+    stands = (rows.speed_state == OBSERVED) & (rows.speed <= max(STANDS * declared.noise_sd, declared.resolution))
+    return replace(rows, speed=np.where(stands, 0.0, rows.speed))
 
 
 def check_against_model(recording: Recording, measured: Measurement, motor: Motor) -> None:

@@ -32,7 +32,7 @@ INSTRUMENTS = ROOT / "configs" / "instruments"
 TRUE_F_OVERALL = 0.0625  # of configs/motors/ptm3600.toml, which stands behind a bench that conceals nothing
 LONGEST_S = 1200.0  # of one command
 RUNS, NOTHING_EVERY = 60, 3  # of the concealed: nothing in one of so many
-BENCHES = 24
+BENCHES = 36
 SWEEP = """levels_bar_abs = [1.30, 1.50, 1.70, 1.90, 2.10]
 order = "up"
 ramp_bar_s = 0.5
@@ -123,8 +123,8 @@ def bench_drawn(index: int) -> dict[str, Any]:
     def between(low: float, high: float) -> float:
         return float(math.exp(rng.uniform(math.log(low), math.log(high))))
 
-    gauge_s = (1.0, 0.1, 0.01)[index % 3]
-    tachometer = ("1 tooth", "20 teeth", "60 teeth", "mean")[index % 4]
+    gauge_s = (1.0, 0.1, 0.01)[(index + index // 6) % 3]
+    tachometer = ("60 teeth", "1 tooth", "mean", "60 teeth", "20 teeth", "mean")[index % 6]
     return {
         "regulator_s": between(0.01, 1.0),
         "volume_l": between(0.1, 5.0),

@@ -180,3 +180,10 @@ def test_a_pressure_beyond_the_air_properties_is_named(put_recording, row, word)
 
 def test_a_rotor_at_rest_below_the_ambient_is_no_mistake(put_recording):
     check(put_recording(("sweep.csv", "steady", f"{HEADER}1.0,<10,0\n2.0,70,394\n")))
+
+
+def test_a_speed_that_is_no_more_than_noise_is_that_of_a_rotor_at_rest(put_recording):
+    rows = measurement.gather(
+        read_recording(put_recording(("sweep.csv", "steady", f"{HEADER}1.2,<10,0.1\n2.0,70,394\n")))
+    ).steady
+    assert list(rows.speed) == [0.0, 394.0]

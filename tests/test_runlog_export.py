@@ -242,6 +242,16 @@ def test_a_zero_phase_that_was_not_vented_is_left_out(tmp_path):
     assert any("not vented" in note for note in made.notes)
 
 
+def test_a_plateau_whose_rotor_came_to_rest_in_it_is_left_out(tmp_path):
+    def fill(bench):
+        bench.plateau(1, SWEEP[0], "up")
+        bench.writer.plateau({"n": 2, "pressure_bar_abs": 1.25, "speed_rpm": 3e-4, "speed_rpm_se": 3e-4})
+
+    made = recording_of(written(tmp_path, fill))
+    assert len(made.recording.files[0].columns["speed_rpm"].values) == 1
+    assert any("plateau 2: left out, the rotor stood still" in note for note in made.notes)
+
+
 def test_a_run_with_nothing_usable_says_what_is_missing(tmp_path):
     def fill(bench):
         bench.writer.plateau({"n": 1, "speed_rpm": 100.0})

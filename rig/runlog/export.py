@@ -24,6 +24,7 @@ from rig.runlog.schema import AmbientRecord
 
 NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
+STANDS = 3.0  # standard errors of a mean speed that is none
 VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less
 
 
@@ -170,7 +171,8 @@ def _chosen(run: Run, unsettled: bool, notes: list[str]) -> list[PlateauRow]:
 
 
 def _stood(speed: Mean) -> bool:
-    return speed.mean == 0.0
+    """Whether the mean is no more than the last readings of a rotor that came to rest."""
+    return speed.mean <= STANDS * (speed.se or 0.0)
 
 
 def _steady(plateaus: list[PlateauRow], figures: Figures, notes: list[str]) -> RecordingFile | None:
