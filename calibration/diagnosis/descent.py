@@ -150,7 +150,9 @@ def _begin(comparison: Comparison, f: Function, start: Mode | None, first: dict[
         D[:, :k] = start.D[:, :k]
         values = {(e, x.name): start.z[k + i] for i, (e, x) in enumerate(problem.effect_unknowns(start.names))}
     elif problem.blocks.runs:
-        z[:k] = with_lines(Function(comparison, ()), comparison, z[:k], u)
+        if comparison.middle is None:  # the same for every set
+            comparison.middle = with_lines(Function(comparison, ()), comparison, z[:k], u)
+        z[:k] = comparison.middle
     values |= first
     amplitudes = []
     for i, (name, unknown) in enumerate(extra):

@@ -53,6 +53,8 @@ class Comparison:
         How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
     trusting : bool
         Whether no reading may be taken for bad.
+    middle : ndarray or None
+        The prior's middle with the lines of the runs where they suit the readings best [-], once a search began there.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -85,6 +87,7 @@ class Comparison:
         self.n = n
         self.swing = np.zeros(self.end - 2 * n)
         self.trusting = False
+        self.middle: np.ndarray | None = None
         pairs = list(zip(runs, self.used, strict=True))
         self.step = np.concatenate([(run.time - run.begin)[used] for run, used in pairs] or [np.zeros(0)])
         ends = np.concatenate([run.start_s + run.time[used] for run, used in pairs] or [np.zeros(0)])
@@ -126,7 +129,7 @@ class Comparison:
             Values by (effect, parameter) [own unit].
         """
         other = copy(self)
-        other.problem = self.problem.giving(given)
+        other.problem, other.middle = self.problem.giving(given), None
         return other
 
     @property
