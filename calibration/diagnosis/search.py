@@ -45,7 +45,10 @@ First = dict[tuple[str, str], float]  # values of effects' unknowns to start fro
 
 @dataclass(frozen=True)
 class _Job:
-    """A set to refit: from the mode of another set, and from the prior's middle if that is wanted."""
+    """A set to refit: from the mode of another set, and from the prior's middle too if that is wanted.
+
+    With runs in time a search takes seconds, and from so far away it ends behind that from the other set.
+    """
 
     names: Names
     near: Mode
@@ -54,7 +57,7 @@ class _Job:
 
     @property
     def starts(self) -> tuple[Mode | None, ...]:
-        return (self.near, None) if self.from_the_middle else (self.near,)
+        return (self.near, None) if self.from_the_middle and not self.near.prediction.runs else (self.near,)
 
 
 class Search:
