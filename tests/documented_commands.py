@@ -179,7 +179,9 @@ def fresh_copy(to: Path, *, kernels: bool) -> None:
         (environment / name).symlink_to(Path(sys.prefix) / name)
     (environment / ".installed").touch()  # or make would install
     if PUBLIC_DATA.is_dir():
-        (to / "public").symlink_to(PUBLIC_DATA.resolve())
+        (to / "public").mkdir()
+        for file in {path.name: path for path in PUBLIC_DATA.rglob("*") if path.is_file()}.values():
+            (to / "public" / file.name).symlink_to(file.resolve())
 
 
 def _environment(copy: Path) -> dict[str, str]:
