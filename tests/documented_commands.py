@@ -178,10 +178,13 @@ def fresh_copy(to: Path, *, kernels: bool) -> None:
     for name in ("bin", "lib", "pyvenv.cfg"):
         (environment / name).symlink_to(Path(sys.prefix) / name)
     (environment / ".installed").touch()  # or make would install
-    if PUBLIC_DATA.is_dir():
-        (to / "public").mkdir()
-        for file in {path.name: path for path in PUBLIC_DATA.rglob("*") if path.is_file()}.values():
-            (to / "public" / file.name).symlink_to(file.resolve())
+
+
+def _put_public_data(to: Path) -> None:
+    to.mkdir()
+    for file in PUBLIC_DATA.rglob("*"):
+        if file.is_file():
+            shutil.copyfile(file, to / file.name)
 
 
 def _environment(copy: Path) -> dict[str, str]:
@@ -325,6 +328,8 @@ def main() -> int:
             copy = options.out.resolve() / page.replace("/", "-").removesuffix(".md")
             shutil.rmtree(copy, ignore_errors=True)
             fresh_copy(copy, kernels=False)
+            if any("data" in command.kinds for command in wanted):
+                _put_public_data(copy / "public")
             wrong += run_page(wanted, copy, 6 * 3600.0, lambda text: print(text, flush=True))
     for command in left:
         print(f"  not run  {command} ({', '.join(sorted(command.kinds))}: {command.reason})")
