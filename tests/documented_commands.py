@@ -317,6 +317,9 @@ def main() -> int:
     parser.add_argument("--hours", action="store_true", help="also what takes hours")
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "docs-commands", help="gets the copies")
     options = parser.parse_args()
+    if unknown := set(options.pages) - set(PAGES):
+        parser.error(f"no such page: {', '.join(unknown)}; there are {', '.join(PAGES)}")
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # or what is started in the background ignores Ctrl-C too
     runs = {"long", "background", *(["data"] if PUBLIC_DATA.is_dir() else []), *(["hours"] if options.hours else [])}
     wrong: list[str] = []
     left: list[Command] = []
