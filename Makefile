@@ -18,7 +18,8 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo test lint kernels bench sbc nulls evidence kills challenge record demonstration figures lock clean clean-cache
+.PHONY: help setup demo test lint kernels bench sbc nulls evidence kills docs-commands challenge record demonstration figures lock \
+  clean clean-cache
 
 help:
 	@echo "make demo    install, sweep a virtual bench, replay and fit it; fit the published sweep; all in $(OUT)/demo"
@@ -26,6 +27,7 @@ help:
 	@echo "make setup   make $(VENV) with the command $(BIN)/spinbench"
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
 	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
+	@echo "make docs-commands   every command of README and docs as it stands there, on fresh copies (a campaign)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
@@ -77,6 +79,10 @@ bench: $(STAMP)
 
 kills: $(STAMP)
 	$(BIN)/python -m tests.kills --kills 50
+
+# PAGES="README.md docs/replay.md" takes these pages; HOURS=1 also runs what takes hours.
+docs-commands: $(STAMP)
+	$(ONE_THREAD) $(BIN)/python -m tests.documented_commands -o $(OUT)/docs-commands $(if $(HOURS),--hours) $(PAGES)
 
 sbc: $(STAMP)
 	$(ONE_THREAD) $(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures

@@ -883,13 +883,16 @@ def virtual(
 
     _server(conceal, conceal_seed, only, key)
     state.mkdir(parents=True, exist_ok=True)
-    print(f"serving {bench} until Ctrl-C; {state / 'ports.json'} tells the ports", file=sys.stderr)
+
+    def ready() -> None:
+        print(f"serving {bench} until Ctrl-C; {state / 'ports.json'} tells the ports", file=sys.stderr, flush=True)
+
     if conceal is None:
-        serve(bench_path(bench), state, rate, None, seed)
+        serve(bench_path(bench), state, rate, None, seed, ready=ready)
         return
     from calibration.challenge.concealed_bench import serve_concealed
 
-    serve_concealed(bench_path(bench), state, conceal, key, conceal_seed, only, rate, None, seed)
+    serve_concealed(bench_path(bench), state, conceal, key, conceal_seed, only, rate, None, seed, ready=ready)
 
 
 @app.command()

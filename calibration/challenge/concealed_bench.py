@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import secrets
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -191,6 +191,7 @@ def serve_concealed(
     owner: int | None = None,
     seed: int | None = None,
     linger_s: float = 10.0,
+    ready: Callable[[], None] = lambda: None,
 ) -> None:
     """Serve a bench that conceals something until told to stop.
 
@@ -216,12 +217,14 @@ def serve_concealed(
         Of noise, the instruments' errors and faults [-].
     linger_s : float
         How long after the owner this process ends, on the wall's clock [s].
+    ready : callable
+        Called when the lines answer.
     """
 
     def made(bench: Bench) -> LivePlant:
         return plant_of(opened_or_drawn(bench, seal, key or sealing.default_key(), conceal_seed, only), bench)
 
-    serve(path, state, rate, owner, seed, linger_s, made)
+    serve(path, state, rate, owner, seed, linger_s, made, ready)
 
 
 def _here(truth: Truth, bench: Bench) -> Truth:

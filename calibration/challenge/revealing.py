@@ -122,7 +122,7 @@ def score_in_words(scored: Mapping[str, Any]) -> list[str]:
         "listed": f"The diagnosis lists the truth ({true}) among the sets that it cannot tell apart.",
         "part named": f"The diagnosis names a part of it: {said} of {true}.",
         "wrong name": f"The diagnosis names the wrong thing: {said}, where {true} was concealed.",
-        "listed without the truth": f"The diagnosis lists {said} and others; {true} is not among them.",
+        "listed without the truth": f"The diagnosis lists {said} and others; the truth ({true}) is not among them.",
         "not excluded": f"The diagnosis sees a mismatch and names nothing; {true} was concealed.",
         "missed": f"The diagnosis sees nothing, where {true} was concealed.",
         FALSE_NAME: f"The diagnosis names {said}, where nothing was concealed.",

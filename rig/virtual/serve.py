@@ -155,7 +155,9 @@ class VirtualServer:
             switch_off()
         bus.switch_off(device, self.clock.now_ns() + int(span_s * NS))
 
-    def run(self, owner: int | None = None, linger_s: float = LINGER_S) -> None:
+    def run(
+        self, owner: int | None = None, linger_s: float = LINGER_S, ready: Callable[[], None] = lambda: None
+    ) -> None:
         """Serve until the loop is told to stop.
 
         Parameters
@@ -164,6 +166,8 @@ class VirtualServer:
             Process that this bench is for [-].
         linger_s : float
             How long after that process this one ends, on the wall's clock [s].
+        ready : callable
+            Called when the lines answer.
         """
         try:
             for bus in self.buses.values():
@@ -173,6 +177,7 @@ class VirtualServer:
             if owner is not None:
                 self.loop.every(OWNER_LOOK_S, _OwnerWatch(owner, linger_s, self.loop))
             _write_whole(self.folder / PORTS, json.dumps(self.ports()))
+            ready()
             self.loop.run()
         finally:
             for bus in self.buses.values():
@@ -269,6 +274,7 @@ def serve(
     seed: int | None = None,
     linger_s: float = LINGER_S,
     plant_of: PlantOf | None = None,
+    ready: Callable[[], None] = lambda: None,
 ) -> None:
     """Read a bench file and serve it.
 
@@ -288,9 +294,11 @@ def serve(
         How long after the owner this process ends, on the wall's clock [s].
     plant_of : callable or None
         Makes line and motor of the bench file; the project's own model when left out.
+    ready : callable
+        Called when the lines answer.
     """
     folder.mkdir(parents=True, exist_ok=True)
     server = VirtualServer(read_bench(path), folder.resolve(), rate, seed, plant_of)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.loop.stop())
-    server.run(owner, linger_s)
+    server.run(owner, linger_s, ready)
