@@ -17,7 +17,7 @@ from rig.instruments.edge_frames import EDGE, HEARTBEAT, DeviceClock, Frame, enc
 from rig.instruments.instrument import IdentityError, read_instrument
 from rig.lines import Line, Timing
 from rig.lines.serial import SerialPort
-from rig.readings import Quality
+from rig.readings import NS, Quality
 
 TIMING = Timing(timeout_s=0.2, slowest_reply_s=0.2, quiet_s=0.005)
 TICKS_A_SECOND = 1_000_000  # of 1000 ns, which a driver assumes until the device has told
@@ -211,15 +211,23 @@ def test_a_capture_goes_on_over_standstill_and_loss(tach):
 
 
 def test_a_tooth_s_time_is_the_device_s_on_the_quickest_way_here():
-    clock = DeviceClock(window_ns=1000)
+    clock = DeviceClock()
     clock.saw(arrival_ns=10_500, device_ns=100)  # 400 late
     assert clock.offset_ns == 10_400
     clock.saw(arrival_ns=10_300, device_ns=300)
     assert clock.offset_ns == 10_000
     clock.saw(arrival_ns=11_200, device_ns=500)  # late again, and the quick one still counts
     assert clock.offset_ns == 10_000
-    clock.saw(arrival_ns=12_000, device_ns=1900)  # the quick one is too old
-    assert clock.offset_ns == 10_100
+
+
+def test_however_long_nothing_comes_quickly_a_time_is_off_by_no_more_than_the_clocks_drift():
+    clock = DeviceClock()
+    clock.saw(arrival_ns=NS, device_ns=0)
+    for second in range(2, 62):  # a machine that is busy for a minute: everything is two seconds late
+        clock.saw(arrival_ns=(second + 2) * NS, device_ns=(second - 1) * NS)
+    assert NS <= clock.offset_ns <= NS + 7_000_000
+    clock.saw(arrival_ns=70 * NS, device_ns=69 * NS + 1_000_000)  # the device's clock is the faster one
+    assert clock.offset_ns == NS - 1_000_000
 
 
 def identify(tach, answer, serial_number=""):

@@ -40,7 +40,6 @@ class Settings(InstrumentFile):
     teeth: Annotated[int, pydantic.Field(ge=1, le=9999)]  # edges in a turn, as the wheel has them
     standstill_s: Positive = 0.5  # no edge for so long: the shaft stands
     silence_s: Positive = 0.2  # neither edge nor heartbeat for so long: the device is gone
-    clock_window_s: Positive = 5.0  # the device's clock is laid on the bench's by the quickest frame of this span
     channels: dict[str, ChannelFile]
 
     @pydantic.model_validator(mode="after")
@@ -175,7 +174,7 @@ class EdgeCounter:
         self._rest = b""
         self._started = False
         self._counting = Counting(int(MOST_GAP_S * NS / self._tick_ns))
-        self._clock = DeviceClock(int(self.settings.clock_window_s * NS))
+        self._clock = DeviceClock()
         self._from: Mark | None = None  # the last edge before what is not yet in a reading
         self._quiet_since: int | None = None  # ticks of the last edge, or of the first frame
         self._arrival_ns = 0
@@ -204,7 +203,7 @@ class EdgeCounter:
             raise BadReplyError(f"line {line.name}: bytes come, and no frame of an edge counter among them")
         marks = [mark for frame in frames if (mark := self._counting.take(frame)) is not None]
         if any(mark.restarted for mark in marks):
-            self._clock = DeviceClock(int(self.settings.clock_window_s * NS))
+            self._clock = DeviceClock()
             self._capture_offset_ns = self._last_ns = None
         if marks:
             self._clock.saw(arrival_ns, marks[-1].ticks * self._tick_ns)

@@ -7,13 +7,13 @@ wraps (sequence, ticks, edge counter) is carried on here. docs/instruments.md de
 from __future__ import annotations
 
 import struct
-from collections import deque
 from dataclasses import dataclass
 
 SYNC, EDGE, HEARTBEAT = 0xA5, 0x45, 0x48
 FRAME_BYTES = 10
 EDGES_LOST, INDEX, LEVEL = 1, 2, 4  # flags
 CRC_POLYNOMIAL = 0x07
+DRIFT = 100e-6  # by which two crystals part at most [s/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,17 +169,14 @@ class Counting:
 
 
 class DeviceClock:
-    """Lays the device's clock on the bench's: arrival less latency, where the latency is the least of late.
+    """Lays the device's clock on the bench's: arrival less latency, by the frame that was quickest.
 
-    Parameters
-    ----------
-    window_ns : int
-        How long an arrival counts [ns].
+    An older frame counts for less: since it came the clocks may have parted by `DRIFT`.
     """
 
-    def __init__(self, window_ns: int) -> None:
-        self._window_ns = window_ns
-        self._arrivals: deque[tuple[int, int]] = deque()  # arrival and offset, offsets rising
+    def __init__(self) -> None:
+        self._seen: tuple[int, int] | None = None  # arrival and offset of the quickest [ns]
+        self._now_ns = 0
 
     def saw(self, arrival_ns: int, device_ns: int) -> None:
         """Note a frame.
@@ -191,14 +188,14 @@ class DeviceClock:
         device_ns : int
             When it was made, on the device's [ns].
         """
-        offset = arrival_ns - device_ns
-        while self._arrivals and self._arrivals[-1][1] >= offset:
-            self._arrivals.pop()
-        self._arrivals.append((arrival_ns, offset))
-        while arrival_ns - self._arrivals[0][0] > self._window_ns:
-            self._arrivals.popleft()
+        self._now_ns = arrival_ns
+        if self._seen is None or arrival_ns - device_ns <= self.offset_ns:
+            self._seen = (arrival_ns, arrival_ns - device_ns)
 
     @property
     def offset_ns(self) -> int:
-        """The bench's time less the device's, by the quickest frame of late [ns]."""
-        return self._arrivals[0][1]
+        """The bench's time less the device's: no more than this, and close to it when the quickest frame came [ns]."""
+        if self._seen is None:
+            return 0
+        arrival_ns, offset_ns = self._seen
+        return offset_ns + int(DRIFT * (self._now_ns - arrival_ns))
