@@ -279,7 +279,7 @@ def a_bench(folder: Path, index: int) -> dict[str, Any]:
     done: dict[str, Any] = {"bench": drawn, "true": TRUE_F_OVERALL}
     done |= swept(folder, "bench.toml")
     another_noise(folder / "recording", drawn["declared"])
-    fit = ("fit", "recording", "-o", "fit", "--seed", "1", "--effective-samples", "1000")
+    fit = ("fit", "recording", "-o", "fit", "--seed", "1", "--effective-samples", "300")
     done["fit_s"], _ = spinbench(folder, *fit, ends=(0, 5))
     posterior = json.loads((folder / "fit" / "posterior.json").read_text(encoding="utf-8"))
     figure = posterior["parameters"]["f_overall"]
