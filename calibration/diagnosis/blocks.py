@@ -336,12 +336,13 @@ def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
         time[i] = file.start_s + (stamps.values[index] if stamps is not None else float(number))
         if file.direction is not None:
             up[i] = {"up": 1.0, "down": -1.0}.get(str(file.direction[index]), 0.0)
+    rests = (rows.speed_state == OBSERVED) & (rows.speed == 0.0)  # what flows then is no matter of the model's
     return Plateaus(
         rows.file,
         rows.row,
         rows.pressure * PASCAL_PER_BAR,
         rows.is_gauge,
-        np.where(rows.flow_state == OBSERVED, rows.flow / L_MIN, np.nan),
+        np.where((rows.flow_state == OBSERVED) & ~rests, rows.flow / L_MIN, np.nan),
         np.where((rows.speed_state == OBSERVED) & (rows.speed > 0.0), rows.speed / RPM, np.nan),
         time,
         up,

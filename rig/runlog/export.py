@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -237,6 +238,7 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
             for column, channel in channels.items()
             if column != "inlet_temperature_c"
         }
+        read |= {column: _news(run, channels[column], read[column]) for column in PRESSURES if column in read}
         sampled = {column for column, found in read.items() if found.value.size}
         if not sampled & set(PRESSURES) or not sampled & {"speed_rpm", "flow_l_min"}:
             notes.append(f"{phase.kind} from {phase.start_s:.1f} s: left out, no pressure, or neither speed nor flow")
@@ -248,6 +250,22 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
                 notes.append(f"{name}, {column}: {words}")
         notes += [f"{name}: {text}" for text in _remarks(run, phase, read)]
     return files
+
+
+def _news(run: Run, channel: str, found: Series) -> Series:
+    """The readings without those that an instrument only repeats until it has measured again."""
+    instrument = run.start.devices[channel.partition(".")[0]].instrument
+    source = run.start.sources.get(f"instruments/{instrument}.toml")
+    update_s = tomllib.loads(source.text).get("update_s", 0.0) if source is not None else 0.0
+    kept: list[int] = []
+    for i, (value, time_ns) in enumerate(zip(found.value, found.time_ns, strict=True)):
+        if not kept or value != found.value[kept[-1]] or time_ns - found.time_ns[kept[-1]] >= update_s * NS:
+            kept.append(i)
+    if len(kept) == found.value.size:
+        return found
+    return dataclasses.replace(
+        found, time_ns=found.time_ns[kept], value=found.value[kept], censored=found.censored[kept]
+    )
 
 
 def _remarks(run: Run, phase: Phase, read: dict[str, Series]) -> list[str]:
