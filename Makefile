@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test lint kernels bench sbc nulls evidence kills docs-commands challenge record demonstration figures lock \
+.PHONY: help setup demo demo-sweep test lint kernels bench chain sbc nulls evidence kills docs-commands challenge record demonstration figures lock \
   clean clean-cache
 
 help:
@@ -28,6 +28,7 @@ help:
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
 	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
 	@echo "make docs-commands   every command of README and docs as it stands there, on fresh copies (a campaign)"
+	@echo "make chain   from bytes to a verdict on benches of many kinds, and on benches that conceal something (hours)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
@@ -92,6 +93,11 @@ kills: $(STAMP)
 # PAGES="README.md docs/replay.md" takes these pages; HOURS=1 also runs what takes hours.
 docs-commands: $(STAMP)
 	$(ONE_THREAD) $(BIN)/python -m tests.documented_commands -o $(OUT)/docs-commands $(if $(HOURS),--hours) $(PAGES)
+
+# Goes on where it was interrupted; PAGE=docs/chain also writes the tables there.
+chain: $(STAMP)
+	$(BIN)/python -m tests.chain benches -o $(OUT)/chain $(if $(PAGE),--page $(PAGE))
+	$(BIN)/python -m tests.chain concealed -o $(OUT)/chain $(if $(PAGE),--page $(PAGE))
 
 sbc: $(STAMP)
 	$(ONE_THREAD) $(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests import chain
+
 ROOT = Path(__file__).resolve().parent.parent
 TRUE_F_OVERALL = 0.0625  # of configs/motors/ptm3600.toml, which stands behind the virtual bench
 
@@ -42,3 +44,13 @@ def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_pat
     after = said["f_overall_after"]
     assert abs(after["mean"] - TRUE_F_OVERALL) < 4.0 * after["sd"]
     assert after["sd"] < 0.005
+
+
+@pytest.mark.slow
+def test_a_line_that_holds_air_behind_a_gauge_with_one_value_a_second_is_explained(tmp_path: Path) -> None:
+    """One bench of `make chain`, from bytes to fit and verdict."""
+    found = chain.a_bench(tmp_path, 0)
+    assert found["bench"]["gauge_s"] == 1.0 and found["bench"]["tachometer"] == "60 teeth"
+    assert found["verdict"] == "consistent" and found["named"] == []
+    for figure in (found["fit"], found["f_overall"]):
+        assert abs(figure["mean"] - TRUE_F_OVERALL) < 4.0 * figure["sd"]

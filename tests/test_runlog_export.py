@@ -1,5 +1,6 @@
 """A run as a recording and as a Parquet file."""
 
+import hashlib
 import json
 import sys
 
@@ -11,7 +12,7 @@ from rig.recording import RecordingError, SupplyFigures, read_recording
 from rig.runlog import RunError, RunWriter, read_run
 from rig.runlog.export import export_recording, recording_of
 from rig.runlog.parquet import export_parquet
-from rig.runlog.schema import ChannelRecord, DeviceRecord, SupplyRecord
+from rig.runlog.schema import ChannelRecord, DeviceRecord, SourceRecord, SupplyRecord
 from tests.synthetic_runs import FLOW, PRESSURE, SPEED, SWEEP, Bench, poll, reading, start_of, write_sweep
 
 
@@ -190,6 +191,23 @@ def test_unusable_readings_are_not_in_a_transient(tmp_path):
 
     (file,) = recording_of(written(tmp_path, fill, kind="coast-down")).recording.files
     assert list(np.isnan(file.columns["speed_rpm"].values)) == [False, False, True, False, False]
+
+
+def test_what_a_slow_gauge_only_repeats_is_not_in_a_transient(tmp_path):
+    text = "update_s = 3.0\n"
+    held = {"instruments/slow.toml": SourceRecord(sha256=hashlib.sha256(text.encode()).hexdigest(), text=text)}
+    gauge = start_of().devices["gauge"].model_copy(update={"instrument": "slow"})
+
+    def fill(bench):
+        for step, pressure in enumerate((2.0, 2.0, 2.0, 2.0, 1.5, 1.5)):
+            bench.writer.exchange(poll("gauge", {PRESSURE: pressure}, step * NS))
+            bench.writer.exchange(poll("tach", {SPEED: 100.0}, step * NS))
+        bench.writer.event("capture end", 6 * NS, capture="coast-down", start_s=0.0, end_s=6.0)
+
+    devices = start_of().devices | {"gauge": gauge}
+    run = written(tmp_path, fill, kind="coast-down", devices=devices, sources=held)
+    (file,) = recording_of(run).recording.files
+    assert list(np.isnan(file.columns["pressure_bar_abs"].values)) == [False, True, True, False, False, True]
 
 
 @pytest.mark.parametrize(
