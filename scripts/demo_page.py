@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.challenge.revealing import in_words, score_in_words
-from calibration.report.diagnosis_words import effect_in_words, sentence
+from calibration.report.diagnosis_words import sentence
 from calibration.report.files import write_file
 from calibration.report.render import render
 from model.layout import L_MIN, RPM
@@ -22,7 +22,6 @@ LINKS = (
         "diagnosis/report.html",
         "the diagnosis: where the model does not close, and what is missing",
     ),
-    ("fit/report.html", "the fit without the missing physics, which says that it is not to be relied on"),
     ("replay/replay.png", "the run replayed, beside the model driven with its pressure"),
     ("recording/recording.toml", "the recording that was exported from the run"),
     ("logs", "the run itself: every byte, sample and event"),
@@ -39,19 +38,16 @@ def filled(folder: Path) -> dict[str, Any]:
     folder : Path
         Of the demo.
     """
-    diagnosis, revealed, fit = (
-        json.loads((folder / name).read_text(encoding="utf-8"))
-        for name in ("diagnosis/diagnosis.json", "revealed.json", "fit/posterior.json")
+    diagnosis, revealed = (
+        json.loads((folder / name).read_text(encoding="utf-8")) for name in ("diagnosis/diagnosis.json", "revealed.json")
     )
     true = revealed["score"]["f_overall"]["true"]
     rows = [
-        ("a fit of the model as it is", fit["parameters"]["f_overall"]),
         ("the diagnosis, before anything is added", diagnosis["f_overall_before"]),
         ("the diagnosis, with what it found", diagnosis["f_overall_after"]),
     ]
     return {
         "verdict": sentence(diagnosis),
-        "effects": [effect_in_words(one, {}) for one in diagnosis["effects"]],
         "revealed": in_words(revealed),
         "score": score_in_words(revealed["score"]),
         "friction": [(name, figure(one), one["q05"] <= true <= one["q95"]) for name, one in rows],

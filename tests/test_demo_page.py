@@ -31,7 +31,6 @@ def written(folder: Path, verdict: str, effects: list[dict[str, Any]], improveme
     files = {
         "diagnosis/diagnosis.json": diagnosis,
         "revealed.json": {"truth": truth, "line": line, "score": scored},
-        "fit/posterior.json": {"parameters": {"f_overall": FRICTION}},
     }
     for name, content in files.items():
         (folder / name).parent.mkdir(exist_ok=True)

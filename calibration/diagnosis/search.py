@@ -45,7 +45,7 @@ First = dict[tuple[str, str], float]  # values of effects' unknowns to start fro
 
 @dataclass(frozen=True)
 class _Job:
-    """A set to refit: from the mode of another set, and from the prior's middle too if that is wanted.
+    """A set to refit: from the mode of another set, and from the prior's middle too where nothing runs in time.
 
     With runs in time a search takes seconds, and from so far away it ends behind that from the other set.
     """
@@ -53,11 +53,10 @@ class _Job:
     names: Names
     near: Mode
     first: First = field(default_factory=dict)
-    from_the_middle: bool = True
 
     @property
     def starts(self) -> tuple[Mode | None, ...]:
-        return (self.near, None) if self.from_the_middle and not self.near.prediction.runs else (self.near,)
+        return (self.near,) if self.near.prediction.runs else (self.near, None)
 
 
 class Search:
@@ -162,7 +161,7 @@ class Search:
             close = mode.log_evidence - other.log_evidence < CLOSE
             if names and names != best and (close or set(names) < set(best)):
                 own = values_of(self.comparison.problem, other) | values
-                jobs.append(_Job(names, mode, {one: z for one, z in own.items() if one[0] in names}, False))
+                jobs.append(_Job(names, mode, {one: z for one, z in own.items() if one[0] in names}))
         self._refit(jobs)
 
     def swap(self) -> None:

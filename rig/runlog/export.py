@@ -254,8 +254,8 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
 
 def _news(run: Run, channel: str, found: Series) -> Series:
     """The readings without those that an instrument only repeats until it has measured again."""
-    instrument = run.start.devices[channel.partition(".")[0]].instrument
-    source = run.start.sources.get(f"instruments/{instrument}.toml")
+    device = run.start.devices.get(channel.partition(".")[0])
+    source = None if device is None else run.start.sources.get(f"instruments/{device.instrument}.toml")
     update_s = tomllib.loads(source.text).get("update_s", 0.0) if source is not None else 0.0
     kept: list[int] = []
     for i, (value, time_ns) in enumerate(zip(found.value, found.time_ns, strict=True)):
