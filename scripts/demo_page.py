@@ -39,7 +39,8 @@ def filled(folder: Path) -> dict[str, Any]:
         Of the demo.
     """
     diagnosis, revealed = (
-        json.loads((folder / name).read_text(encoding="utf-8")) for name in ("diagnosis/diagnosis.json", "revealed.json")
+        json.loads((folder / name).read_text(encoding="utf-8"))
+        for name in ("diagnosis/diagnosis.json", "revealed.json")
     )
     true = revealed["score"]["f_overall"]["true"]
     rows = [
