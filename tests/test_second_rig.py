@@ -24,6 +24,7 @@ from calibration.challenge.second_rig import (
     make_recording,
     marches,
     motor,
+    recordings,
     separable,
     sheets,
     sizes,
@@ -32,7 +33,7 @@ from calibration.challenge.second_rig import (
 from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.draws import ERRORS, MAKE_UP, WIDTHS
 from calibration.challenge.second_rig.separable import _taken_up
-from calibration.challenge.second_rig.signatures import STEP_S, Whitened, _later, asked_of
+from calibration.challenge.second_rig.signatures import Whitened, asked_of
 from calibration.challenge.second_rig.small_torques import SmallTorques
 from rig.recording import read_recording
 
@@ -389,6 +390,11 @@ def case_of(category, transients=True, family="proof", seed=11):
     return next(c for c in found if c.category == category and c.with_transients == transients)
 
 
+def stepped(case):
+    """The case behind an ideal step in pressure, its instruments read every 5 ms."""
+    return replace(case, supply={}, instruments={})
+
+
 def conceal(case, *effects):
     """The case with other effects, as plain data."""
     plain = [{"id": e.id, "form": e.form, "values": dict(e.values)} for e in effects]
@@ -406,9 +412,10 @@ def made(tmp_path_factory):
 class TestRecordings:
     def test_it_is_read_as_recording_1_without_a_warning(self, made):
         recording = read_recording(made[1])
-        assert [(file.file, file.kind, file.rows) for file in recording.files] == [
-            ("sweep.csv", "steady", 26), ("spin_up.csv", "transient", 200), ("coast_down.csv", "transient", 240)
+        assert [(file.file, file.kind) for file in recording.files] == [
+            ("sweep.csv", "steady"), ("spin_up.csv", "transient"), ("coast_down.csv", "transient")
         ]  # fmt: skip
+        assert recording.files[0].rows == 26
         assert recording.warnings == ()
 
     def test_a_sweep_alone_has_one_file(self, tmp_path):
@@ -422,12 +429,14 @@ class TestRecordings:
         words = [*listed, *unlisted, *forms, case.seed, case.family]
         assert not [word for word in {*words, case.category, "truth", "unknown"} if word in text]
 
-    def test_what_it_declares_is_the_same_for_every_case(self, tmp_path):
-        heads = set()
-        for number, case in enumerate([case_of("none"), case_of("pair"), case_of("not_in_library")]):
-            make_recording(case, tmp_path / str(number))
-            heads.add((tmp_path / str(number) / "recording.toml").read_text())
-        assert len(heads) == 1
+    def test_noise_and_errors_are_declared_the_same_whatever_is_concealed(self, tmp_path):
+        kept = []
+        for number, case in enumerate([case_of("none", transients=False), case_of("pair"), case_of("not_in_library")]):
+            make_recording(stepped(case), tmp_path / str(number))
+            channels = read_recording(tmp_path / str(number)).channels
+            figures = ("noise_sd", "bias_sd", "scale_sd", "resolution")
+            kept.append({name: [getattr(one, key) for key in figures] for name, one in channels.items()})
+        assert kept[0] == kept[1] == kept[2]
 
     def test_it_is_made_the_same_to_the_bit(self, made, tmp_path):
         case, folder = made
@@ -515,7 +524,7 @@ class TestFollowUps:
         follow_up(case, "coast-down from 1.8 bar with a flywheel of three times the inertia", tmp_path)
         recording = read_recording(tmp_path)
         assert recording.added_inertia_kg_m2 == pytest.approx(0.015)
-        assert recording.files[1].rows > 700
+        assert recording.files[1].columns["time_s"].values[-1] > 3.0  # four times the inertia
 
 
 def thinned(folder):
@@ -549,6 +558,7 @@ class TestSeparable:
             effect("flow_offset", offset_m3_s=3e-4),
             effect("leakage", conductance_kg_s_pa2=5e-14),
         )
+        both = stepped(both)
         make_recording(both, tmp_path)
         thinned(tmp_path)
         found = separable(both, tmp_path)
@@ -563,16 +573,6 @@ class TestSeparable:
         found = separable(faint, tmp_path)
         assert 0.0 < found["D"] < 7.0
         assert (found["rho"], found["rival"], found["separable"]) == (None, None, False)
-
-    @pytest.mark.parametrize("up", [True, False])
-    def test_a_later_supply_makes_all_that_follows_later(self, up):
-        rig, samples = bench.Rig({"f_overall": 0.0625}, {}, ()), np.arange(120)
-        opened = [samples >= first if up else samples < first for first in (20, 21)]
-        soon, late = (bench.run(rig, bench.Run(2e5, one, 0.0, 0.1), STEP_S, ripple=False).speed for one in opened)
-        assert np.abs(soon - late).max() > 2.0
-        fast = samples < (115 if up else 50)  # a coast-down's end depends on the angle
-        np.testing.assert_allclose(_later(soon, opened[0], bench.SAMPLE_S)[fast], late[fast], atol=0.05)
-        np.testing.assert_allclose(_later(soon, opened[0], 0.0), soon, atol=1e-9)
 
     def test_a_small_torque_changes_plateaus_as_a_march_says(self):
         """What swings once a turn changes none; what changes the gas is marched."""
@@ -598,13 +598,13 @@ class TestSeparable:
         quick, whole = both_ways(effect("exhaust_back_pressure", rise_pa_s2_m6=2e8))
         assert quick.tolist() == whole.tolist()
 
-    def test_what_the_nuisances_take_up_is_not_seen_however_bent_their_line(self, tmp_path):
+    def test_what_the_nuisances_take_up_is_not_seen_however_bent_their_line(self, tmp_path, monkeypatch):
         """A friction that f_overall takes up wholly: along a straight line what is left of it is the line's bend."""
-        case = case_of("none")
+        monkeypatch.setattr(recordings, "LEVELS_BAR", np.array([1.6, 2.0]))
+        case = stepped(case_of("none"))
         make_recording(case, tmp_path)
-        thinned(tmp_path)
         rest = case.rig()
-        whitened = Whitened(asked_of(read_recording(tmp_path), case.errors), rest)
+        whitened = Whitened(asked_of(read_recording(tmp_path), case), rest)
         thicker = replace(rest, nuisances=rest.nuisances | {"f_overall": 1.5 * rest.nuisances["f_overall"]})
         everything = whitened.readings(thicker)
         change, lines = everything - whitened.readings(rest), whitened.nuisances()
@@ -718,7 +718,7 @@ class TestWhatReachesARecording:
     @pytest.fixture(scope="class")
     def clean(self):
         quiet = {"noise_scale": 1.0, "correlation": 0.0, "tails": 0.0, "drift_bar": 0.0, "jitter_s": 0.0}
-        case = conceal(case_of("none"))
+        case = stepped(conceal(case_of("none")))
         return replace(case, sensors=quiet, errors=dict.fromkeys(case.errors, 0.0))
 
     @pytest.fixture(scope="class")

@@ -5,14 +5,16 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from calibration.challenge.second_rig import concealed, instruments, marches, motor
+from calibration.challenge.second_rig import concealed, instruments, line, marches, motor
 from calibration.challenge.second_rig.concealed import Concealed
-from calibration.challenge.second_rig.slots import BAR, PULSE, R_AIR
+from calibration.challenge.second_rig.line import Supply
+from calibration.challenge.second_rig.loaded import under_load
+from calibration.challenge.second_rig.slots import BAR, L_MIN, PULSE, R_AIR
 
 SAMPLE_S = 0.005  # between samples of a run in time
 CELL_S = 0.0005  # in which a run in time is kept before it is sampled
@@ -48,9 +50,9 @@ class Run:
     Attributes
     ----------
     line : float
-        Pressure when the supply is open [Pa].
+        What the regulator is set to; with an ideal supply, the line's pressure when it is open [Pa].
     opened : ndarray of bool, shape (n,)
-        Whether the supply is open, a sample each.
+        Whether the valve is driven towards the regulator, a sample of `SAMPLE_S` each.
     start_s : float
         On the recording's clock [s].
     angle : float
@@ -78,12 +80,15 @@ class Rig:
         What is concealed.
     added_inertia : float
         Of a flywheel [kg m2].
+    supply : Supply or None
+        The line; None where the pressure steps.
     """
 
     nuisances: Mapping[str, float]
     errors: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[Concealed, ...] = ()
     added_inertia: float = 0.0
+    supply: Supply | None = None
 
     def figures(self) -> dict[str, float]:
         """Figures of the motor with the effects in them."""
@@ -109,6 +114,22 @@ class Readings:
     pressure: np.ndarray
     flow: np.ndarray
     speed: np.ndarray
+
+
+@dataclass(frozen=True)
+class History:
+    """A run in time as it goes, at the ends of cells of `CELL_S`, arrays of shape (n + 1,).
+
+    Attributes
+    ----------
+    turned : ndarray
+        Angle by which the tachometer's wheel seems to have turned [rad].
+    pressure : ndarray
+        Of the line, at the gauge [Pa].
+    """
+
+    turned: np.ndarray
+    pressure: np.ndarray
 
 
 def figures_of(rig: Rig, asked: Plateaus) -> tuple[np.ndarray, np.ndarray]:
@@ -159,8 +180,8 @@ def plateaus(rig: Rig, asked: Plateaus, steady: Steady = marched) -> Readings:
     volume = found[:, 1] * R_AIR * inlet_k / lines
     follows = np.concatenate([[False], np.diff(asked.clock) < 120.0])
     flow = instruments.read_flow(rig.effects, volume, lines, float(inlet_k[0]), follows)
-    speed = instruments.read_speed(rig.effects, found[:, 0], asked.clock)
-    return _shown(rig, asked.lines, flow, speed)
+    speed = shown_speed(rig, found[:, 0], asked.clock)
+    return Readings(shown_pressure(rig, asked.lines), shown_flow(rig, flow), speed)
 
 
 def at_rest(rig: Rig, rows: int) -> Readings:
@@ -175,13 +196,54 @@ def at_rest(rig: Rig, rows: int) -> Readings:
     """
     ambient = np.full(rows, rig.figures()["ambient_pa"])
     flow = instruments.read_flow(rig.effects, np.zeros(rows), ambient, rig.figures()["inlet_k"], np.zeros(rows, bool))
-    return _shown(rig, ambient, flow, np.zeros(rows))
+    own = rig.errors.get("speed_offset_rpm", 0.0) * np.pi / 30.0
+    return Readings(shown_pressure(rig, ambient), shown_flow(rig, flow), np.full(rows, own))
+
+
+def delivered(rig: Rig, asked: Plateaus) -> np.ndarray:
+    """Pressure of the line in steady rows [Pa], of what the regulator is set to: it droops, and the valve takes some.
+
+    Parameters
+    ----------
+    rig : Rig
+        Motor and instruments.
+    asked : Plateaus
+        The rows, the regulator's setting in place of the line's pressure.
+    """
+    if rig.supply is None:
+        return asked.lines
+    p = np.array(list(rig.figures().values()))
+    return np.array([under_load(p, rig.supply, float(target), asked.locked)[0] for target in asked.lines])
+
+
+def history(rig: Rig, asked: Run, dt: float = marches.STEP_S, ripple: bool = True) -> History:
+    """What a run does in time, as tachometer and gauge are given it.
+
+    Parameters
+    ----------
+    rig : Rig
+        Motor and instruments.
+    asked : Run
+        The run.
+    dt : float
+        Largest step of the march [s].
+    ripple : bool
+        Whether the pulses of single cylinders are seen; without them a small change stays small however long the run.
+    """
+    moment = np.array([asked.start_s])
+    rows, lines = concealed.row_figures(rig.figures(), rig.effects, moment, np.zeros(1), np.array([asked.line]))
+    p, opened = rows[0], np.repeat(asked.opened, round(SAMPLE_S / CELL_S))
+    less = asked.line - float(lines[0])
+    found = _marched_run(p.tobytes(), asked.line, less, opened.tobytes(), asked.angle, dt, rig.supply)
+    angle = found[:, 0] if ripple else _from_pulse_to_pulse(found[:, 0])
+    shown = instruments.lagged(rig.effects, np.diff(angle) / CELL_S, CELL_S)
+    return History(np.concatenate([[0.0], np.cumsum(shown)]) * CELL_S, found[:, 1])
 
 
 def run(
     rig: Rig, asked: Run, dt: float = marches.STEP_S, jitter: np.ndarray | None = None, ripple: bool = True
 ) -> Readings:
-    """Readings of a run in time; a speed is the mean since the sample before. No flow is read.
+    """Readings of a run at every `SAMPLE_S`; a speed is the mean since the sample before. No flow is read.
 
     Parameters
     ----------
@@ -194,27 +256,17 @@ def run(
     jitter : ndarray, shape (n,), optional
         How late each sample really is [s].
     ripple : bool
-        Whether the pulses of single cylinders are seen; without them a small change stays small however long the run.
+        Whether the pulses of single cylinders are seen.
     """
-    one = np.array([asked.start_s])
-    rows, lines = concealed.row_figures(rig.figures(), rig.effects, one, np.zeros(1), np.array([asked.line]))
-    p, line = rows[0], float(lines[0])
-    cells = round(SAMPLE_S / CELL_S)
-    opened = np.repeat(asked.opened, cells)
-    angle = _angles(p.tobytes(), line, opened.tobytes(), asked.angle, dt)
-    if not ripple:
-        angle = _from_pulse_to_pulse(angle)
-    shown = instruments.lagged(rig.effects, np.diff(angle) / CELL_S, CELL_S)
-    turned = np.concatenate([[0.0], np.cumsum(shown)]) * CELL_S
-    grid = np.arange(turned.size) * CELL_S
+    found = history(rig, asked, dt, ripple)
+    grid = np.arange(found.turned.size) * CELL_S
     ends = np.arange(asked.opened.size + 1) * SAMPLE_S
     if jitter is not None:
         ends[1:] += jitter
-    speed = np.diff(np.interp(ends, grid, turned)) / np.diff(ends)
-    clock = asked.start_s + ends[1:]
-    speed = instruments.read_speed(rig.effects, speed, clock)
-    ambient = p[motor.PA]
-    return _shown(rig, np.where(asked.opened, asked.line, ambient), np.full(speed.size, np.nan), speed)
+    speed = np.diff(np.interp(ends, grid, found.turned)) / np.diff(ends)
+    pressure = np.interp(ends[1:], grid, found.pressure)
+    nothing = np.full(speed.size, np.nan)
+    return Readings(shown_pressure(rig, pressure), nothing, shown_speed(rig, speed, asked.start_s + ends[1:]))
 
 
 @functools.lru_cache(maxsize=16)
@@ -229,16 +281,37 @@ def _plateaus(rows: bytes, lines: bytes) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=32)
-def _angles(figures: bytes, line: float, opened: bytes, angle: float, dt: float) -> np.ndarray:
-    """Shaft angle at the ends of the cells of a run; kept for the same reason."""
+def _marched_run(
+    figures: bytes, target: float, less: float, opened: bytes, angle: float, dt: float, supply: Supply | None
+) -> np.ndarray:
+    """Shaft angle and line's pressure at the ends of the cells of a run; kept for the same reason."""
     p, is_open = np.frombuffer(figures), np.frombuffer(opened, dtype=bool)
-    if is_open[0]:
-        ahead = float(np.argmin(is_open)) * CELL_S if not is_open.all() else 0.0
-        y = marches.turning(p, marches.TABLE, line, marches.guess(p, line), angle, ahead, dt)
+    shuts = int(np.argmin(is_open)) if is_open[0] and not is_open.all() else 0
+    if supply is None:
+        y = _turning(p, target - less, angle, shuts * CELL_S, dt) if is_open[0] else _resting(p, angle)
+        angles = marches.run_in_time(p, marches.TABLE, y, target - less, is_open, CELL_S, dt)
+        pressure = np.where(is_open, target, p[motor.PA])
+        found = np.column_stack([angles, np.concatenate([pressure[:1], pressure])])
     else:
-        y = motor.rest(p, marches.TABLE, angle, line, False)
-    found: np.ndarray = marches.run_in_time(p, marches.TABLE, y, line, is_open, CELL_S, dt)
+        y, s = _resting(p, angle), line.at_rest(p)
+        if is_open[0]:
+            s[line.LINE], s[line.REGULATED] = under_load(p, supply, target)
+            s[line.OPENED] = 1.0
+            y = _turning(p, s[line.LINE] - less, angle, shuts * CELL_S, dt)
+        found = line.run_behind(p, marches.TABLE, y, s, supply.figures(), target, is_open, less, CELL_S, dt)
     found.flags.writeable = False
+    return found
+
+
+def _resting(p: np.ndarray, angle: float) -> np.ndarray:
+    """A motor at rest in a vented line."""
+    found: np.ndarray = motor.rest(p, marches.TABLE, angle, p[motor.PA], False)
+    return found
+
+
+def _turning(p: np.ndarray, feed: float, angle: float, ahead: float, dt: float) -> np.ndarray:
+    """A motor that turns steadily, and comes to an angle some time ahead."""
+    found: np.ndarray = marches.turning(p, marches.TABLE, feed, marches.guess(p, feed), angle, ahead, dt)
     return found
 
 
@@ -257,15 +330,50 @@ def _from_pulse_to_pulse(angle: np.ndarray) -> np.ndarray:
     return smooth
 
 
-def _shown(rig: Rig, pressure: np.ndarray, flow: np.ndarray, speed: np.ndarray) -> Readings:
-    """Readings with the instruments' own errors, which effects on a gauge come before."""
+def shown_pressure(rig: Rig, pressure: np.ndarray) -> np.ndarray:
+    """What the gauge shows of a pressure [Pa]: effects on it come before its own errors.
+
+    Parameters
+    ----------
+    rig : Rig
+        Motor and instruments.
+    pressure : ndarray, shape (n,)
+        At the gauge [Pa].
+    """
     e = rig.errors
-    return Readings(
-        instruments.read_pressure(rig.effects, pressure) * (1.0 + e.get("pressure_scale", 0.0))
-        + e.get("pressure_offset_bar", 0.0) * BAR,
-        flow * (1.0 + e.get("flow_scale", 0.0)) + e.get("flow_offset_l_min", 0.0) / 60_000.0,
-        speed * (1.0 + e.get("speed_scale", 0.0)) + e.get("speed_offset_rpm", 0.0) * np.pi / 30.0,
-    )
+    found = instruments.read_pressure(rig.effects, pressure)
+    return found * (1.0 + e.get("pressure_scale", 0.0)) + e.get("pressure_offset_bar", 0.0) * BAR
+
+
+def shown_speed(rig: Rig, speed: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """What the tachometer shows of a speed [rad/s]: effects on it come before its own errors.
+
+    Parameters
+    ----------
+    rig : Rig
+        Motor and instruments.
+    speed : ndarray, shape (n,)
+        Of the shaft [rad/s].
+    clock : ndarray, shape (n,)
+        On the recording's clock [s].
+    """
+    e = rig.errors
+    found = instruments.read_speed(rig.effects, speed, clock)
+    return found * (1.0 + e.get("speed_scale", 0.0)) + e.get("speed_offset_rpm", 0.0) * np.pi / 30.0
+
+
+def shown_flow(rig: Rig, flow: np.ndarray) -> np.ndarray:
+    """What the flow meter shows of a flow that effects have changed [m3/s].
+
+    Parameters
+    ----------
+    rig : Rig
+        Motor and instruments.
+    flow : ndarray, shape (n,)
+        Volume at the line's state [m3/s].
+    """
+    e = rig.errors
+    return flow * (1.0 + e.get("flow_scale", 0.0)) + e.get("flow_offset_l_min", 0.0) / L_MIN
 
 
 def without(rig: Rig, effects: Sequence[Concealed]) -> Rig:
@@ -278,4 +386,4 @@ def without(rig: Rig, effects: Sequence[Concealed]) -> Rig:
     effects : sequence of Concealed
         What is at work then.
     """
-    return Rig(rig.nuisances, rig.errors, tuple(effects), rig.added_inertia)
+    return replace(rig, effects=tuple(effects))

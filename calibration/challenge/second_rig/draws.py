@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration.challenge.second_rig import sizes
 from calibration.challenge.second_rig.concealed import LISTED, TRANSIENT_ONLY, USUAL, Concealed, figures
+from calibration.challenge.second_rig.equipment import draw_instruments, draw_supply
 from calibration.challenge.second_rig.losses import drag
 from calibration.challenge.second_rig.marches import gas_torque
 from calibration.challenge.second_rig.slots import BAR, DEFAULTS, vector
@@ -80,6 +81,8 @@ def draw(family: str, index: int, seed: int | bytes | str) -> Truth:
             break
     total = _totals(effects, nuisances, errors)
     alone = _totals(effects, DEFAULTS, dict.fromkeys(ERRORS, 0.0))
+    fitted = generator(key, "equipment")
+    supply = draw_supply(fitted)
     return Truth(
         family=family,
         index=index,
@@ -97,6 +100,8 @@ def draw(family: str, index: int, seed: int | bytes | str) -> Truth:
         misdeclared=misdeclared,
         near_nuisance=any(abs(size) <= NEAR_SDS for size in (*total.values(), *alone.values())),
         total_sds=total,
+        supply=supply,
+        instruments=draw_instruments(supply, fitted),
     )
 
 

@@ -18,8 +18,8 @@ from numba import njit
 from calibration.challenge.second_rig import concealed, instruments, marches, motor
 from calibration.challenge.second_rig.bench import Rig
 from calibration.challenge.second_rig.concealed import Concealed
-from calibration.challenge.second_rig.flows import nozzle, relaxed
-from calibration.challenge.second_rig.motor import DROP_IN, DROP_OUT, IN, OMEGA, PA, THETA, TIN, step
+from calibration.challenge.second_rig.line import LINE, Supply, at_rest, together
+from calibration.challenge.second_rig.motor import OMEGA, PA, THETA
 from calibration.challenge.second_rig.slots import BAR, L_MIN, R_AIR, RPM
 
 NS = 1_000_000_000
@@ -30,75 +30,8 @@ METER_LAG_S = 0.2  # the flow meter's, first order
 HISTORY_NS = 20_000_000
 MOST_HISTORY, MOST_SETPOINTS = 60_000, 10_000
 SETTLED_BAR = 1e-7
-LEAST_L = 0.01
-MM2 = 1e-6  # in m2
-
-# State of the line: pressure [Pa], regulator's pressure [Pa], share of the valve that is open, mass through the
-# regulator [kg].
-LINE, REGULATED, OPENED, ENTERED = 0, 1, 2, 3
 
 Listener = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
-
-
-@njit(cache=True)
-def supply(
-    p: np.ndarray, s: np.ndarray, figures: np.ndarray, target: float, is_open: bool, taken: float, dt: float
-) -> None:
-    """The line after a step: the motor's draught, then each way of the valve by backward Euler.
-
-    Parameters
-    ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    s : ndarray, shape (4,)
-        State of the line; changed.
-    figures : ndarray, shape (5,)
-        Lag of the regulator [s], droop [Pa s/m3], time of the valve [s], its area [m2], volume of the line [m3].
-    target : float
-        What the regulator is set to [Pa].
-    is_open : bool
-        Whether the valve is driven towards the regulator.
-    taken : float
-        Mass that the motor took in this step [kg].
-    dt : float
-        Step [s].
-    """
-    lag, droop, valve_time, area, volume = figures
-    way = 1.0 if is_open else 0.0
-    share = dt / valve_time if valve_time > dt else 1.0
-    s[OPENED] += min(share, max(-share, way - s[OPENED]))
-    gas = R_AIR * p[TIN]
-    if is_open or s[OPENED] == 0.0:
-        wanted = max(p[PA], target - droop * taken / dt * gas / s[LINE])
-        s[REGULATED] += (wanted - s[REGULATED]) * (1.0 - math.exp(-dt / lag))
-    stiff = gas / volume
-    s[LINE] = max(s[LINE] - stiff * taken, p[PA] if taken > 0.0 else 0.0)
-    before = s[LINE]
-    s[LINE] = through(s[OPENED] * area, s[LINE], s[REGULATED], p[TIN], dt * stiff)
-    s[ENTERED] += (s[LINE] - before) / stiff
-    s[LINE] = through((1.0 - s[OPENED]) * area, s[LINE], p[PA], p[TIN], dt * stiff)
-
-
-@njit(cache=True)
-def through(area: float, P: float, far: float, T: float, rate: float) -> float:
-    """Pressure of a volume after a step in which an orifice joins it to another pressure [Pa].
-
-    Parameters
-    ----------
-    area : float
-        Of the orifice [m2].
-    P, far : float
-        Before the step, and beyond the orifice [Pa].
-    T : float
-        Temperature [K].
-    rate : float
-        Step times pressure per mass [Pa s/kg].
-    """
-    gap = far - P
-    if area <= 0.0 or abs(gap) < 0.1:
-        return P
-    one = nozzle(area, max(far, P), min(far, P), T)
-    return far - math.copysign(relaxed(abs(gap), rate * one), gap)
 
 
 @njit(cache=True)
@@ -124,10 +57,10 @@ def carry_on(
         The guide curve, of `curve.table`.
     y : ndarray
         State of the motor, laid out as at the top of `motor`; changed.
-    s : ndarray, shape (4,)
+    s : ndarray, shape (5,)
         State of the line; changed.
-    figures : ndarray, shape (5,)
-        Of the line, see `supply`.
+    figures : ndarray, shape (6,)
+        Of `line.Supply`.
     target : float
         What the regulator is set to [Pa].
     is_open : bool
@@ -139,17 +72,10 @@ def carry_on(
     samples : ndarray, shape (n, 4)
         Filled: angle [rad], speed [rad/s], pressure of the line [Pa], mean mass flow into the motor [kg/s].
     """
-    drops = p[PA] + p[DROP_IN] + p[DROP_OUT]
     for k in range(samples.shape[0]):
         passed = 0.0
         for _ in range(STEPS):
-            feed = s[LINE] - less
-            feeds = feed > drops
-            y[IN] = 0.0
-            step(p, table, y, feed, feeds, dt)
-            taken = y[IN] if feeds else 0.0
-            passed += taken
-            supply(p, s, figures, target, is_open, taken, dt)
+            passed += together(p, table, y, s, figures, target, is_open, less, dt)
         samples[k, 0], samples[k, 1] = y[THETA], y[OMEGA]
         samples[k, 2], samples[k, 3] = s[LINE], passed / (STEPS * dt)
 
@@ -238,12 +164,15 @@ class LivePlant:
         self._way = 0.0  # 1 once the set-point has gone up, -1 down
         p = np.array(list(self._base.values()))
         self._y = motor.rest(p, marches.TABLE, 0.0, p[PA], False)
-        self._s = np.array([p[PA], p[PA], 0.0, 0.0])
-        droop = line.regulator_droop_bar_min_l * BAR * L_MIN
-        volume = max(line.line_volume_l, LEAST_L) * 1e-3
-        self._figures = np.array(
-            [line.regulator_lag_s, droop, line.valve_time_s, line.valve_area_mm2 * MM2, volume], dtype=float
-        )
+        self._s = at_rest(p)
+        self._figures = Supply.of(
+            line.regulator_lag_s,
+            line.regulator_droop_bar_min_l,
+            line.valve_time_s,
+            line.valve_area_mm2,
+            line.valve_area_mm2,
+            line.line_volume_l,
+        ).figures()
         self._passed_kg_s = 0.0  # through the meter, with its lag
         self._float_m3_s = 0.0  # of a flow meter whose float sticks
         self._tachometer = Tachometer(rig.effects)

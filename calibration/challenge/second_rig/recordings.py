@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.challenge.second_rig import bench, sheets
+from calibration.challenge.second_rig import bench, readout, sheets
 from calibration.challenge.second_rig.instruments import misread
 from calibration.challenge.second_rig.sheets import TRANSIENT_NOISE, File
 from calibration.challenge.second_rig.slots import BAR, PULSE
@@ -21,8 +21,14 @@ STEP_S = 40.0  # from plateau to plateau
 REGULATOR_BAR = 0.003  # how far a level is from what was meant
 RUN_BAR = 2.0  # of the runs in time
 SPIN_UP_S, COAST_DOWN_S = 1040.0, 1100.0  # when they begin, on the recording's clock
-SPIN_UP_SAMPLES, COAST_DOWN_SAMPLES = 200, 240
-SPIN_UP_FROM, COAST_DOWN_FROM = 10, 20  # samples before the supply opens, or shuts
+SPIN_UP_SAMPLES, COAST_DOWN_SAMPLES = 190, 220  # at least, once the supply opens, or shuts
+SPIN_UP_FROM, COAST_DOWN_FROM = 10, 20  # at least, before
+SETTLES = 2.5  # time constants of regulator and line that a run goes on for
+CHOKED_L_S_MM2 = 0.198  # volume that a square millimetre lets through at the line's state, choked
+DRAUGHT_L_S = 1.0  # and about what the motor takes
+FILLED_BAR = 1.0  # by which a line is filled: with the droop it takes its time, however quick the regulator
+MOST_S = 5.0
+HALF_STAMP_S = 5e-7
 LATER_S = 1200.0  # when a further test begins
 FLYWHEEL_KG_M2 = 0.015  # three times the rotor's inertia
 PLATEAUS = 10  # of a further test at one level
@@ -41,7 +47,7 @@ def make_recording(truth: Truth, folder: Path) -> None:
     folder : Path
         Where to; made when it is not there. Files of a recording in it are overwritten.
     """
-    _write(folder, _files(truth, 0.0, ""), 0.0)
+    _write(truth, folder, _files(truth, 0.0, ""), 0.0)
 
 
 def follow_up(truth: Truth, test: str | Mapping[str, Any], folder: Path) -> None:
@@ -65,7 +71,7 @@ def follow_up(truth: Truth, test: str | Mapping[str, Any], folder: Path) -> None
     inertia = FLYWHEEL_KG_M2 if "flywheel" in words else 0.0
     files = _files(truth, inertia, "with a flywheel" if inertia else "")
     files.append(_further(truth, words, inertia))
-    _write(folder, files, inertia)
+    _write(truth, folder, files, inertia)
 
 
 def _files(truth: Truth, inertia: float, session: str) -> list[File]:
@@ -107,7 +113,8 @@ def _sweep(truth: Truth, levels: np.ndarray, inertia: float, purpose: str, name:
     first = 1.0 if levels[0] < levels[levels.size // 2] else -1.0
     way = np.where(np.arange(levels.size) < levels.size // 2, first, -first)
     rig = truth.rig(inertia)
-    true = bench.plateaus(rig, bench.Plateaus(lines, (start or 0.0) + time, way))
+    asked = bench.Plateaus(lines, (start or 0.0) + time, way)
+    true = bench.plateaus(rig, replace(asked, lines=bench.delivered(rig, asked)))
     shown = sheets.noisy(true, truth.sensors, 1.0, (start or 0.0) + time, rng)
     turning = true.speed > 1.0
     shown = {channel: values[turning] for channel, values in shown.items()}
@@ -127,7 +134,8 @@ def _steady(
     rng = truth.rng(purpose)
     lines = (levels + REGULATOR_BAR * rng.standard_normal(levels.size)) * BAR
     time = 4.0 * np.arange(levels.size)
-    true = bench.plateaus(truth.rig(inertia), bench.Plateaus(lines, start + time, np.ones(levels.size), locked))
+    rig, asked = truth.rig(inertia), bench.Plateaus(lines, start + time, np.ones(levels.size), locked)
+    true = bench.plateaus(rig, replace(asked, lines=bench.delivered(rig, asked)))
     shown = sheets.cells(sheets.noisy(true, truth.sensors, 1.0, start + time, rng))
     columns = {"time_s": sheets.stamps(time)} | shown
     if locked:
@@ -148,21 +156,75 @@ def _run(truth: Truth, level: float, up: bool, start: float, inertia: float, pur
     """A spin-up or a coast-down."""
     rng = truth.rng(purpose)
     longer = 1.0 + inertia / truth.nuisances["inertia"]
-    samples = int((SPIN_UP_SAMPLES if up else COAST_DOWN_SAMPLES) * (1.0 if inertia == 0.0 else longer))
-    opened = np.arange(samples) >= SPIN_UP_FROM if up else np.arange(samples) < COAST_DOWN_FROM
+    rig, told = truth.rig(inertia), truth.told()
+    opened = valve(truth, up, longer)
     line = (level + REGULATOR_BAR * rng.standard_normal()) * BAR
-    asked = bench.Run(float(line), opened, start, float(rng.uniform(0.0, PULSE)))
-    jitter = truth.sensors["jitter_s"] * rng.standard_normal(samples)
-    jitter[-1] = 0.0
-    true = bench.run(truth.rig(inertia), asked, jitter=jitter)
-    time = bench.SAMPLE_S * (1.0 + np.arange(samples))
-    shown = sheets.noisy(replace(true, flow=np.zeros(samples)), truth.sensors, TRANSIENT_NOISE, start + time, rng)
-    columns = {"time_s": sheets.stamps(time), "supply_open": [str(int(is_open)) for is_open in opened]}
-    return File(name, "transient", start, TRANSIENT_NOISE, columns | sheets.cells(shown, ("flow",)))
+    went = bench.history(rig, bench.Run(float(line), opened, start, float(rng.uniform(0.0, PULSE))))
+    pitch = told["pitch_error_sd"] * truth.rng("wheel").standard_normal(max(told["teeth"], 1))
+    seen = readout.wheel(went.turned, told["lag_s"])
+    ends, speed = readout.speeds(told, seen, pitch, rng, truth.sensors["jitter_s"])
+    times, pressure = readout.pressures(told, went.pressure)
+    shown = {
+        "pressure": (times, bench.shown_pressure(rig, pressure)),
+        "speed": (ends, bench.shown_speed(rig, speed, start + ends)),
+    }
+    shown = {
+        channel: (at, sheets.noisy_one(channel, true, truth.sensors, TRANSIENT_NOISE, start + at, rng))
+        for channel, (at, true) in shown.items()
+    }
+    if told["zero_after_s"] > 0.0:
+        shown["speed"][1][speed == 0.0] = 0.0  # a counter shows nothing where no tooth came
+    stamps, columns = sheets.together(shown, ("pressure",) if told["gauge_held"] else ())
+    moment = bench.SAMPLE_S * before(truth, up) + told["supply_off_s"]
+    is_open = (stamps > moment + HALF_STAMP_S) == up
+    head = {"time_s": sheets.stamps(stamps), "supply_open": [str(int(one)) for one in is_open]}
+    columns = {"pressure": columns["pressure"], "flow": np.full(stamps.size, np.nan), "speed": columns["speed"]}
+    return File(name, "transient", start, TRANSIENT_NOISE, head | sheets.cells(columns))
 
 
-def _write(folder: Path, files: list[File], inertia: float) -> None:
+def valve(truth: Truth, up: bool, longer: float = 1.0) -> np.ndarray:
+    """Whether the valve is driven towards the regulator along a run, a sample of `bench.SAMPLE_S` each, shape (n,).
+
+    A slow line, a slow gauge and a slow tachometer are given their time.
+
+    Parameters
+    ----------
+    truth : Truth
+        The case.
+    up : bool
+        Whether the run is a spin-up.
+    longer : float
+        By what factor it is longer, with a flywheel [-].
+    """
+    first, supply = before(truth, up), truth.supply
+    after = (SPIN_UP_SAMPLES if up else COAST_DOWN_SAMPLES) * bench.SAMPLE_S
+    if supply:
+        volume, area = supply["line_volume_l"], supply["valve_area_mm2" if up else "vent_area_mm2"]
+        if up:
+            after += SETTLES * (supply["regulator_time_s"] + 60.0 * supply["droop_bar_min_l"] * volume / FILLED_BAR)
+        after += SETTLES * volume / (CHOKED_L_S_MM2 * area + (0.0 if up else DRAUGHT_L_S))
+    after = min(after * longer, MOST_S * longer)
+    place = np.arange(first + round(after / bench.SAMPLE_S))
+    return place >= first if up else place < first
+
+
+def before(truth: Truth, up: bool) -> int:
+    """Samples of `bench.SAMPLE_S` before the supply changes.
+
+    Parameters
+    ----------
+    truth : Truth
+        The case.
+    up : bool
+        Whether the run is a spin-up.
+    """
+    told = truth.told()
+    spans = [1.5 / told["gauge_hz"], 3.0 * told["window_s"], 0.6 / told["teeth"] if told["teeth"] else 0.0]
+    return max(SPIN_UP_FROM if up else COAST_DOWN_FROM, round(max(spans) / bench.SAMPLE_S))
+
+
+def _write(truth: Truth, folder: Path, files: list[File], inertia: float) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for file in files:
         sheets.write_file(folder, file)
-    (folder / "recording.toml").write_text(sheets.head(files, inertia), encoding="utf-8")
+    (folder / "recording.toml").write_text(sheets.head(files, inertia, truth.told()), encoding="utf-8")

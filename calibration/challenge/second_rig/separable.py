@@ -33,6 +33,7 @@ LEAST_PROBABILITY = 0.99
 FREE = 10.0  # another concealed effect is free within ten times its size
 STEPS = 16  # most that the nuisances go
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step, tried in turn until one comes nearer
+GAINED, AGAIN = 0.1, 0.1  # share of the distance that a step of f_overall has to gain; sds after which lines are new
 SETTLED = 1e-3  # share of the distance that a step has to gain
 FARTHEST = 5.0  # declared sds that a nuisance may go
 FAINT = 3.0  # D below which it does not matter how small it is
@@ -63,7 +64,7 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     recording = read_recording(Path(folder))
     rig = truth.rig(recording.added_inertia_kg_m2)
     base = bench.without(rig, ())
-    whitened = Whitened(asked_of(recording, truth.errors), base)
+    whitened = Whitened(asked_of(recording, truth), base)
     everything = whitened.readings(rig)
     nuisances = whitened.nuisances()
     rests = [bench.without(rig, [*rig.effects[:k], *rig.effects[k + 1 :]]) for k in range(len(rig.effects))]
@@ -227,6 +228,11 @@ def _nearest(
     Old lines are used as long as they lead nearer, what multiplies growing with its value; then they are taken anew.
     """
     k = z.size - free.shape[1]
+    moved = False
+    if whitened.asked.runs:
+        z, e, moved = _friction_first(whitened, left, z, e, N[:, 0])
+    if moved:
+        N, fresh = _lines(whitened, rest, z, free), True
     far = float(e @ e + z @ z)
     per_one = N[:, :k] / whitened.grown(z[:k])
     for _ in range(STEPS):
@@ -248,3 +254,29 @@ def _nearest(
         N, fresh = _lines(whitened, rest, z, free), True
         per_one = N[:, :k] / whitened.grown(z[:k])
     return z, e, N
+
+
+def _friction_first(
+    whitened: Whitened, left: Callable[[np.ndarray], np.ndarray], z: np.ndarray, e: np.ndarray, line: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """The point to which f_overall alone leads, what is left there, and whether that is another one.
+
+    It is the one nuisance that nothing declares: it goes far, and on a bent way the others would go astray with it.
+    """
+    start, far = z[0], float(e @ e + z @ z)
+    for _ in range(STEPS):
+        step = float(line @ e - z[0]) / (1.0 + float(line @ line))
+        for share in SHARES:
+            tried = z.copy()
+            tried[0] = np.clip(z[0] + share * step, -FARTHEST, FARTHEST)
+            there = left(tried)
+            distance = float(there @ there + tried @ tried)
+            if distance < far:
+                break
+        else:
+            break
+        gained, line = far - distance, line * whitened.grown(tried)[0] / whitened.grown(z)[0]
+        z, e, far = tried, there, distance
+        if gained < GAINED * far:
+            break
+    return z, e, abs(z[0] - start) > AGAIN

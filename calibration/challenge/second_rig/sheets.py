@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -66,12 +67,37 @@ def noisy(
     rng : numpy.random.Generator
         Source of randomness.
     """
-    found = {}
-    for channel, sd in NOISE.items():
-        shown = getattr(true, channel) * UNIT[channel]
-        found[channel] = shown + sd * noise_scale * sensors["noise_scale"] * unit_noise(sensors, clock.size, rng)
-    found["pressure"] = found["pressure"] + sensors["drift_bar"] * (clock / DRIFT_S - 0.5)
-    return found
+    return {channel: noisy_one(channel, getattr(true, channel), sensors, noise_scale, clock, rng) for channel in NOISE}
+
+
+def noisy_one(
+    channel: str,
+    true: np.ndarray,
+    sensors: Mapping[str, float],
+    noise_scale: float,
+    clock: np.ndarray,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Readings of one channel with noise, shape (n,), in its column's unit.
+
+    Parameters
+    ----------
+    channel : str
+        ``pressure``, ``flow`` or ``speed``.
+    true : ndarray, shape (n,)
+        Without noise [SI].
+    sensors : mapping of str to float
+        Of `truth.Truth`.
+    noise_scale : float
+        Of the file [-].
+    clock : ndarray, shape (n,)
+        On the recording's clock [s].
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+    sd = NOISE[channel] * noise_scale * sensors["noise_scale"]
+    found = true * UNIT[channel] + sd * unit_noise(sensors, clock.size, rng)
+    return found + sensors["drift_bar"] * (clock / DRIFT_S - 0.5) if channel == "pressure" else found
 
 
 def unit_noise(sensors: Mapping[str, float], n: int, rng: np.random.Generator) -> np.ndarray:
@@ -95,15 +121,36 @@ def unit_noise(sensors: Mapping[str, float], n: int, rng: np.random.Generator) -
     return white
 
 
-def cells(readings: Mapping[str, np.ndarray], empty: tuple[str, ...] = ()) -> dict[str, list[str]]:
+def together(
+    readings: Mapping[str, tuple[np.ndarray, np.ndarray]], held: tuple[str, ...]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Channels that were read at times of their own, on one list of times: shape (n,), and the same by channel.
+
+    Parameters
+    ----------
+    readings : mapping of str to (ndarray, ndarray)
+        By channel, times [s] and readings [own unit].
+    held : tuple of str
+        Channels of which the last reading is written again until the next; nan stands between those of others.
+    """
+    at = {channel: np.round(times, 6) for channel, (times, _) in readings.items()}
+    times = np.unique(np.concatenate(list(at.values())))
+    found = {}
+    for channel, (_, values) in readings.items():
+        place = np.searchsorted(at[channel], times, side="right") - 1
+        fresh = (place >= 0) & (at[channel][place] == times)
+        shown = (place >= 0) if channel in held else fresh
+        found[channel] = np.where(shown, values[place], np.nan)
+    return times, found
+
+
+def cells(readings: Mapping[str, np.ndarray]) -> dict[str, list[str]]:
     """Readings as an instrument of limited resolution shows them; a tachometer shows no negative speed.
 
     Parameters
     ----------
     readings : mapping of str to ndarray
-        By channel, in the columns' units.
-    empty : tuple of str
-        Channels that were not sampled.
+        By channel, in the columns' units; nan where one was not sampled.
     """
     found = {}
     for channel, values in readings.items():
@@ -113,10 +160,7 @@ def cells(readings: Mapping[str, np.ndarray], empty: tuple[str, ...] = ()) -> di
             shown = np.maximum(shown, 0.0)
         if channel == "flow":
             shown = np.maximum(shown, -4.0)  # the float lies on its stop
-        if channel in empty:
-            found[COLUMN[channel]] = [""] * values.size
-        else:
-            found[COLUMN[channel]] = [repr(round(float(value), digits)) for value in shown]
+        found[COLUMN[channel]] = ["" if np.isnan(value) else repr(round(float(value), digits)) for value in shown]
     return found
 
 
@@ -135,8 +179,8 @@ def write_file(folder: Path, file: File) -> None:
     (folder / file.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def head(files: list[File], added_inertia: float) -> str:
-    """recording.toml: what is declared of the instruments is the same for every case.
+def head(files: list[File], added_inertia: float, told: Mapping[str, Any]) -> str:
+    """recording.toml: every case declares the same noise and errors; how a speed is made, and the line, as it has them.
 
     Parameters
     ----------
@@ -144,6 +188,8 @@ def head(files: list[File], added_inertia: float) -> str:
         Of the recording.
     added_inertia : float
         Of a flywheel [kg m2].
+    told : mapping
+        The instruments, as in `readout`.
     """
     lines = ['format = "recording/1"', 'motor = "ptm3600"', "files = ["]
     for file in files:
@@ -155,6 +201,13 @@ def head(files: list[File], added_inertia: float) -> str:
     for channel, column in COLUMN.items():
         lines += ["", f"[channels.{column}]", f"noise_sd = {NOISE[channel]}", f"bias_sd = {BIAS[channel]}"]
         lines += [f"scale_sd = {SCALE[channel]}", f"resolution = {RESOLUTION[channel]}"]
+        if channel == "speed":
+            keys = {"pulses_per_rev": "teeth"}
+            lines += [f"{key} = {told[keys.get(key, key)]:.6g}" for key in told["told"]]
+    if told["supply_told"]:
+        lines += ["", "[supply]"]
+        for key, (value, sd) in told["supply_told"].items():
+            lines += [f"{key} = {value}", *([] if sd is None else [f"{key}_sd = {sd}"])]
     if added_inertia:
         lines += ["", "[rig]", f"added_inertia_kg_m2 = {added_inertia}"]
     return "\n".join(lines) + "\n"

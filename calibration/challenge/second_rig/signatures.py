@@ -8,31 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from calibration.challenge.second_rig import bench
 from calibration.challenge.second_rig.bench import Rig
 from calibration.challenge.second_rig.concealed import TRANSIENT_ONLY, USUAL
 from calibration.challenge.second_rig.draws import ERRORS, WIDTHS
 from calibration.challenge.second_rig.instruments import misread
-from calibration.challenge.second_rig.sheets import NOISE, RESOLUTION, UNIT
+from calibration.challenge.second_rig.runs_seen import RunAsked, RunsSeen, noise_sd, run_of
 from calibration.challenge.second_rig.sizes import OTHER_FORMS, in_form
-from calibration.challenge.second_rig.slots import BAR, PULSE
+from calibration.challenge.second_rig.slots import BAR
 from calibration.challenge.second_rig.small_torques import SmallTorques
+from calibration.challenge.second_rig.truth import Truth
 from rig.recording import Recording, RecordingFile
 
-STEP_S = 2.5e-5  # of the march of a run
 SLOPE_PA = 2000.0  # over which slopes with the line's pressure are taken
-ANGLE_RAD = 0.02  # likewise with a run's angle
-MOMENT_S = 5e-4  # likewise with the moment at which its supply changes
-MOMENT_SD = bench.SAMPLE_S / np.sqrt(12.0)  # s; the samples say between which two that was
 FLAT = float(np.log(0.4 / 0.01) / np.sqrt(12.0))  # sd of ln f_overall, log-uniform from 0.01 to 0.4
 LEVEL_PA = 4000.0  # rows nearer than this are of one level
-SLOWEST = 20.0  # rad/s; below it a coast-down depends on the phase at which the supply was shut, and not linearly
-ENDS = 3  # samples in which a pulse is not whole
 ROLLER, INERTIA = 2, 5  # places among the nuisances
+LINE = 6 + len(ERRORS)  # where those of the line begin, and then those of each run
 
 # Probes: effects of a small size in their usual form, with the shapes that it can have. One-sided ones have no negative
 # size.
@@ -74,13 +70,16 @@ class Asked:
         Rows, the file's noise scale, and whether it is the first sweep.
     zeros : list of (int, float)
         Number of rows, and noise scale.
-    runs : list of (Run, float)
-        Runs in time, and noise scale.
+    runs : list of RunAsked
+        Runs in time.
+    told : dict
+        The instruments of the runs, as in `readout`.
     """
 
     steady: list[tuple[bench.Plateaus, float, bool]]
     zeros: list[tuple[int, float]]
-    runs: list[tuple[bench.Run, float]]
+    runs: list[RunAsked]
+    told: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -103,34 +102,33 @@ class Probed:
     one_sided: bool
 
 
-def asked_of(recording: Recording, errors: dict[str, float], angle: float = 0.1) -> Asked:
+def asked_of(recording: Recording, truth: Truth, angle: float = 0.1) -> Asked:
     """The rows and runs of a recording, at the pressures that its gauge read.
 
     Parameters
     ----------
     recording : Recording
         The recording.
-    errors : dict
-        Of the instruments; the gauge's are taken off.
+    truth : Truth
+        The case: its gauge's errors are taken off, its line and its instruments are those of the runs.
     angle : float
         At which a supply changes, the same for all [rad].
     """
+    base = bench.without(truth.rig(recording.added_inertia_kg_m2), ())
     steady, zeros, runs = [], [], []
     for file in recording.files:
         if file.kind == "zero":
             zeros.append((file.rows, file.noise_scale))
             continue
-        lines = (file.columns["pressure_bar_abs"].values - errors.get("pressure_offset_bar", 0.0)) * BAR
-        lines = lines / (1.0 + errors.get("pressure_scale", 0.0))
-        clock = file.start_s + file.columns["time_s"].values
         if file.kind == "transient":
-            opened = file.columns["supply_open"].values > 0.5
-            line = float(np.mean(lines[opened]))
-            runs.append((bench.Run(line, opened, file.start_s, angle), file.noise_scale))
-        else:
-            plateaus = bench.Plateaus(_levels(lines), clock, _ways(file), "rotor_locked" in file.columns)
-            steady.append((plateaus, file.noise_scale, file.file == "sweep.csv"))
-    return Asked(steady, zeros, runs)
+            runs.append(run_of(file, truth, base, angle))
+            continue
+        lines = (file.columns["pressure_bar_abs"].values - truth.errors["pressure_offset_bar"]) * BAR
+        lines = lines / (1.0 + truth.errors["pressure_scale"])
+        clock = file.start_s + file.columns["time_s"].values
+        plateaus = bench.Plateaus(_levels(lines), clock, _ways(file), "rotor_locked" in file.columns)
+        steady.append((plateaus, file.noise_scale, file.file == "sweep.csv"))
+    return Asked(steady, zeros, runs, truth.told())
 
 
 def _levels(lines: np.ndarray) -> np.ndarray:
@@ -164,14 +162,7 @@ class Whitened:
         self.asked = asked
         self.base = base
         self._slopes = [self._row_slopes(rows) for rows, _, _ in asked.steady]
-        self._run_slopes, self._kept = [], []
-        for one, _ in asked.runs:
-            here = bench.run(base, one, STEP_S, ripple=False).speed
-            more = bench.run(base, replace(one, line=one.line + SLOPE_PA), STEP_S, ripple=False).speed
-            self._run_slopes.append((more - here) / SLOPE_PA)
-            kept = np.where(one.opened, here > 1.0, here > SLOWEST)
-            kept[:ENDS] = kept[-ENDS:] = False
-            self._kept.append(kept)
+        self.runs = RunsSeen(asked.runs, asked.told, base)
 
     def _row_slopes(self, rows: bench.Plateaus) -> np.ndarray:
         here = bench.plateaus(self.base, rows)
@@ -181,9 +172,7 @@ class Whitened:
     def readings(
         self,
         rig: Rig,
-        supply: Sequence[float] = (),
-        angle: Sequence[float] = (),
-        late: Sequence[float] = (),
+        line: np.ndarray | None = None,
         plateaus: Sequence[bench.Steady] = (),
     ) -> np.ndarray:
         """Whitened readings of a rig, shape (m,) [-].
@@ -192,9 +181,8 @@ class Whitened:
         ----------
         rig : Rig
             The rig.
-        supply, angle, late : sequence of float
-            By run, how much the line's pressure [Pa], the angle [rad] and the supply's moment [s] are changed; nothing
-            when left out.
+        line : ndarray, shape (k,), or None
+            By how many declared sds the nuisances of the line and of the runs are off; nothing when left out [-].
         plateaus : sequence of callable
             By file of steady rows, what gives its plateaus; marched when left out.
         """
@@ -208,21 +196,14 @@ class Whitened:
             parts.append(_white(p, q, n, slopes, scale, rows.locked))
         for count, scale in self.asked.zeros:
             found = bench.at_rest(rig, count)
-            parts += [found.pressure / _sd("pressure", scale), found.flow / _sd("flow", scale)]
-        for k, (one, scale) in enumerate(self.asked.runs):
-            more = supply[k] if len(supply) else 0.0
-            turned = angle[k] if len(angle) else 0.0
-            found = bench.run(rig, replace(one, line=one.line + more, angle=one.angle + turned), STEP_S, ripple=False)
-            read = float(np.mean(found.pressure[one.opened])) - more
-            turning = _later(found.speed, one.opened, late[k]) if len(late) else found.speed
-            speed = (turning - self._run_slopes[k] * read)[self._kept[k]]
-            parts.append(speed / _sd("speed", scale))
-        return np.concatenate(parts)
+            parts += [found.pressure / noise_sd("pressure", scale), found.flow / noise_sd("flow", scale)]
+        return np.concatenate([*parts, *self.runs.readings(rig, line)])
 
     def nuisances(self, rig: Rig | None = None, z: np.ndarray | None = None) -> np.ndarray:
         """Change per declared sd of each nuisance, shape (m, k) [-].
 
-        Figures of the motor come first, then the instruments' errors, then pressure, angle and moment of each run.
+        Figures of the motor come first, then the instruments' errors, then those of the line and of each run, see
+        `RunsSeen`.
 
         Parameters
         ----------
@@ -242,7 +223,9 @@ class Whitened:
     @property
     def mean_line(self) -> float:
         """Mean pressure of the steady rows' line, or of the runs' where there are none [Pa]."""
-        lines = [rows.lines for rows, _, _ in self.asked.steady] or [np.array([one.line for one, _ in self.asked.runs])]
+        lines = [rows.lines for rows, _, _ in self.asked.steady] or [
+            np.array([one.run.line for one in self.asked.runs])
+        ]
         return float(np.mean(np.concatenate(lines)))
 
     @property
@@ -257,17 +240,7 @@ class Whitened:
             3.0 / width["inlet_k"],
             np.log(1.05) / width["inertia"],
         )
-        runs = [
-            step for sd, turn in self._run_sds() for step in (SLOPE_PA / sd, ANGLE_RAD / turn, MOMENT_S / MOMENT_SD)
-        ]
-        return np.array([*motor, *np.ones(len(ERRORS)), *runs])
-
-    def _run_sds(self) -> list[tuple[float, float]]:
-        """Sds of each run's pressure [Pa] and angle [rad]."""
-        return [
-            (_sd("pressure", scale) / np.sqrt(max(int(one.opened.sum()), 1)), PULSE / np.sqrt(12.0))
-            for one, scale in self.asked.runs
-        ]
+        return np.array([*motor, *np.ones(len(ERRORS)), *self.runs.steps])
 
     def moved(self, rig: Rig, z: np.ndarray) -> np.ndarray:
         """Whitened readings of a rig whose nuisances are off by so many declared sds, shape (m,) [-].
@@ -289,17 +262,11 @@ class Whitened:
             "inlet_k": own["inlet_k"] + width["inlet_k"] * inlet,
             "inertia": own["inertia"] * np.exp(width["inertia"] * inertia),
         }
-        end = 6 + len(ERRORS)
         errors = {
-            name: rig.errors.get(name, 0.0) + sd * one for (name, sd), one in zip(ERRORS.items(), z[6:end], strict=True)
+            name: rig.errors.get(name, 0.0) + sd * one
+            for (name, sd), one in zip(ERRORS.items(), z[6:LINE], strict=True)
         }
-        sds = self._run_sds()
-        supply = [sd * one for (sd, _), one in zip(sds, z[end::3], strict=True)]
-        angle = [turn * one for (_, turn), one in zip(sds, z[end + 1 :: 3], strict=True)]
-        late = MOMENT_SD * z[end + 2 :: 3]
-        return self.readings(
-            replace(rig, nuisances=changed, errors=dict(rig.errors) | errors), supply, angle, list(late)
-        )
+        return self.readings(replace(rig, nuisances=changed, errors=dict(rig.errors) | errors), z[LINE:])
 
     def wrapped(self, rig: Rig, z: np.ndarray) -> np.ndarray:
         """The same nuisances with each run's angle counted from the nearest pulse, shape (k,) [-].
@@ -315,8 +282,9 @@ class Whitened:
         """
         if any(one.id == "once_per_rev_torque" for one in rig.effects):
             return z
-        found, angles = z.copy(), slice(6 + len(ERRORS) + 1, None, 3)
-        found[angles] -= np.sqrt(12.0) * np.round(found[angles] / np.sqrt(12.0))
+        found = z.copy()
+        angles = found[LINE:][self.runs.angles]  # a view
+        angles -= np.sqrt(12.0) * np.round(angles / np.sqrt(12.0))
         return found
 
     def grown(self, z: np.ndarray) -> np.ndarray:
@@ -360,24 +328,9 @@ class Whitened:
         return np.empty((size, 0))
 
 
-def _later(speed: np.ndarray, opened: np.ndarray, late: float) -> np.ndarray:
-    """Mean speeds of samples when the supply of a run changes later, and so all that follows [rad/s]."""
-    changes = np.flatnonzero(np.diff(opened)) + 1
-    if not changes.size:
-        return speed
-    first = int(changes[0])
-    turned = np.concatenate([[0.0], np.cumsum(speed)]) * bench.SAMPLE_S
-    ends = np.arange(turned.size) * bench.SAMPLE_S
-    after = CubicSpline(ends[first:], turned[first:])
-    shifted = ends - late
-    before = np.interp(shifted, ends[: first + 1], turned[: first + 1]) + speed[0] * np.minimum(shifted, 0.0)
-    found: np.ndarray = np.diff(np.where(shifted > ends[first], after(shifted), before)) / bench.SAMPLE_S
-    return found
-
-
 def _white(p: np.ndarray, q: np.ndarray, n: np.ndarray, slopes: np.ndarray, scale: float, locked: bool) -> np.ndarray:
     """Speed and flow of steady rows at equal gauge reading, in units of noise: Cholesky of each row's covariance."""
-    sp, sq, sn = (_sd(channel, scale) for channel in ("pressure", "flow", "speed"))
+    sp, sq, sn = (noise_sd(channel, scale) for channel in ("pressure", "flow", "speed"))
     if locked:
         alone: np.ndarray = (q - slopes[:, 1] * p) / np.hypot(sq, slopes[:, 1] * sp)
         return alone
@@ -386,8 +339,3 @@ def _white(p: np.ndarray, q: np.ndarray, n: np.ndarray, slopes: np.ndarray, scal
     c = np.sqrt(sq**2 + (slopes[:, 1] * sp) ** 2 - b**2)
     speed = (n - slopes[:, 0] * p) / a
     return np.concatenate([speed, (q - slopes[:, 1] * p - b * speed) / c])
-
-
-def _sd(channel: str, scale: float) -> float:
-    """Declared noise of a reading, its rounding included [SI]."""
-    return float(np.hypot(NOISE[channel] * scale, RESOLUTION[channel] / np.sqrt(12.0)) / UNIT[channel])

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from calibration.challenge.second_rig import concealed
 from calibration.challenge.second_rig.bench import Rig
+from calibration.challenge.second_rig.line import supply_of
+from calibration.challenge.second_rig.readout import PLAIN
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,11 @@ class Truth:
         Whether an effect with the form of a nuisance has, alone or with it, at most 4 declared standard deviations.
     total_sds : dict
         By id, effect and nuisance together in declared standard deviations [-].
+    supply : dict
+        The line between regulator and motor, as `line.Supply.of` takes it; empty for an ideal step in pressure.
+    instruments : dict
+        Tachometer and gauge of the runs in time, and what the recording says of them, as in `readout.PLAIN`; what is
+        not there is as it says.
     """
 
     family: str
@@ -69,6 +76,8 @@ class Truth:
     misdeclared: bool
     near_nuisance: bool
     total_sds: dict[str, float]
+    supply: dict[str, float] = field(default_factory=dict)
+    instruments: dict[str, Any] = field(default_factory=dict)
 
     def rig(self, added_inertia: float = 0.0) -> Rig:
         """The motor and its instruments as this case has them.
@@ -78,7 +87,12 @@ class Truth:
         added_inertia : float
             Of a flywheel [kg m2].
         """
-        return Rig(self.nuisances, self.errors, concealed.from_json(self.effects), added_inertia)
+        effects = concealed.from_json(self.effects)
+        return Rig(self.nuisances, self.errors, effects, added_inertia, supply_of(self.supply))
+
+    def told(self) -> dict[str, Any]:
+        """Tachometer and gauge, and what the recording says of them and of the line."""
+        return PLAIN | self.instruments
 
     def rng(self, purpose: str) -> np.random.Generator:
         """Random numbers of the case for one purpose, the same each time."""
