@@ -16,6 +16,7 @@ import numpy as np
 
 from calibration import priors
 from calibration.diagnosis.problem import CHANNELS, SI_OF, Prediction, Problem
+from calibration.runs_in_time import placeholders
 from model.effects.effect import unknown_state
 from model.effects.laws import readings_of
 from model.effects.transient import simulate
@@ -220,8 +221,8 @@ def _run(name: str) -> RecordingFile:
     columns = {
         "time_s": _column(SAMPLE_S * np.arange(1, n + 1)),
         "supply_open": _column(opened.astype(float)),
-        "pressure_bar_abs": _column(np.where(opened, RUN_BAR, ambient)),
-        "speed_rpm": _column(np.where(opened | (not opens), FULL_SPEED_RPM, 0.0)),
+        "pressure_bar_abs": _column(placeholders(np.where(opened, RUN_BAR, ambient))),
+        "speed_rpm": _column(placeholders(np.where(opened | (not opens), FULL_SPEED_RPM, 0.0))),
     }
     return RecordingFile(name, "transient", start_s, RUN_NOISE, n, columns)
 

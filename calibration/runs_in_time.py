@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import binom
 from scipy.stats import t as student
 
 TURNS = 0.1  # share of a run's highest speed above which a rotor is well on its way, and cannot stand a row later
@@ -22,6 +23,7 @@ LEAST_WINDOW = 4  # rows on each side of a release that is looked for in the spe
 LEVEL = 0.3  # of the fall after a release: what falls more slowly than this before it is driven
 NEAR_TOP = 0.9  # of the highest speed before it, which a rotor still has at its release
 CHANCE = 1e-4  # that noise alone looks like a release
+QUIETER = 2.0  # factor by which a gauge may be quieter than its declared noise, before readings that repeat are no news
 MOST_SPANS = 6  # of rows that a sentence names
 
 SLOWED = "before the coast-down begins"
@@ -56,6 +58,44 @@ def lone_zeros(speed: np.ndarray) -> np.ndarray:
         if behind - before > 1 and slow > least and slow > ALIKE * fast:
             bad[known[before + 1 : behind]] = True
     return bad
+
+
+def repeated(values: np.ndarray, noise: float, resolution: float) -> np.ndarray:
+    """Readings that only repeat the one before, shape (n,) of bool: an instrument is asked faster than it measures.
+
+    None where noise and resolution alone make as many neighbours equal as there are.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Readings as written; nan where there is none.
+    noise : float
+        Their standard deviation, in the same unit.
+    resolution : float
+        Step in which they are shown, in the same unit; 0 where that is not stated, and then the least between two.
+    """
+    found = np.zeros(values.size, dtype=bool)
+    known = np.flatnonzero(np.isfinite(values))
+    same = np.diff(values[known]) == 0.0
+    apart = np.diff(np.unique(values[known]))
+    step = resolution or (float(apart.min()) if apart.size else np.inf)
+    # Two readings of one value are shown alike with the chance r / (2 sqrt(pi) sigma), where the step r is not coarse.
+    chance = min(1.0, QUIETER * step / (2.0 * np.sqrt(np.pi) * noise)) if noise > 0.0 else 1.0
+    if same.size and binom.sf(int(same.sum()) - 1, same.size, chance) < CHANCE:
+        found[known[1:][same]] = True
+    return found
+
+
+def placeholders(values: np.ndarray) -> np.ndarray:
+    """Values for readings that nobody has taken yet, shape (n,): no two neighbours are equal, but where they are 0.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        About what they are, in any unit.
+    """
+    found: np.ndarray = values * (1.0 + 1e-9 * np.arange(values.size))
+    return found
 
 
 def release(time: np.ndarray, speed: np.ndarray) -> int:

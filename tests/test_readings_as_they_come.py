@@ -15,18 +15,20 @@ import numpy as np
 import pytest
 
 import spinbench
+from calibration.diagnosis.blocks import Blocks, blocks_of
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json, finite
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.planned import planned
 from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.supply import line_unknowns
 from calibration.diagnosis.usable import refuse_mixed_units, refuse_wrong_supply
 from calibration.diagnosis.verdict import judge
 from calibration.report.diagnosis_words import sentence
 from calibration.rigs_diagnosis import diagnose_rig
 from calibration.runs_in_time import coast_down, few_used, lone_zeros, release
 from model.layout import RPM
-from rig.recording import Recording, RecordingError, read_recording
+from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
 from tests.diagnosis_recordings import sweep
 from tests.rig_recordings import axis, with_force
 from tests.test_cli import refused, run
@@ -246,10 +248,52 @@ def test_a_supply_that_the_speed_contradicts_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("opened", "speed"), [(OPEN_FIRST, FALLING), (~OPEN_FIRST, RISING), (None, RISING), (np.arange(90) < 31, FALLING)]
+    ("opened", "speed"),
+    [
+        (OPEN_FIRST, FALLING),
+        (~OPEN_FIRST, RISING),
+        (None, RISING),
+        (np.arange(90) < 37, FALLING),
+        (np.arange(90) < 23, FALLING),
+        (np.arange(90) >= 37, RISING),
+        (np.arange(90) >= 23, RISING),
+    ],
 )
 def test_a_run_as_it_should_be_is_not_refused(tmp_path: Path, opened: np.ndarray | None, speed: np.ndarray) -> None:
     refuse_wrong_supply(run_of_motor(tmp_path / "run", opened, speed))
+
+
+def gauged(folder: Path, cells: list[str]) -> Blocks:
+    """A coast-down of the motor at 100 rows a second, with what stands in its pressure cells."""
+    folder.mkdir()
+    told = "[channels.pressure_bar_abs]\nnoise_sd = 0.0015\nresolution = 0.001\n[supply]\nvalve_time_s = 0\n[[files]]"
+    plateau = '[[files]]\nfile = "plateau.csv"\nkind = "steady"\n'
+    (folder / "recording.toml").write_text(RUN.replace("[[files]]", told) + plateau, encoding="utf-8")
+    (folder / "plateau.csv").write_text("pressure_bar_abs,speed_rpm\n2.0,390.0\n", encoding="utf-8")
+    read = enumerate(zip(cells, FALLING, strict=True))
+    rows = [f"{0.01 * (i + 1):.2f},{P},{n:.1f},{int(i < 30)}" for i, (P, n) in read]
+    (folder / "run.csv").write_text("\n".join(["time_s,pressure_bar_abs,speed_rpm,supply_open", *rows]) + "\n", "utf-8")
+    return blocks_of(read_recording(folder))
+
+
+def test_a_pressure_that_is_written_again_until_the_gauge_is_read_is_one_reading(tmp_path: Path) -> None:
+    noise = 0.0015 * np.random.default_rng(3).standard_normal(90)
+    line = np.where(np.arange(90) < 30, 2.0, 1.0 + np.exp(-0.1 * (np.arange(90) - 29))) + noise
+    held = [f"{line[i - i % 10] + 0.001 * (i // 10 % 2):.3f}" for i in range(90)]  # no two readings alike
+    once = [cell if i % 10 == 0 else "" for i, cell in enumerate(held)]
+    fresh = [f"{P:.3f}" for P in line]
+    found, same = gauged(tmp_path / "held", held).runs[0].line, gauged(tmp_path / "once", once).runs[0].line
+    assert np.array_equal(found.time, same.time)
+    assert np.array_equal(found.pressure, same.pressure)
+    assert np.array_equal(found.sd, same.sd)
+    assert gauged(tmp_path / "fresh", fresh).runs[0].line.time.size > 5 * found.time.size
+
+
+def test_a_valve_that_is_said_to_take_no_time_has_a_quick_one(tmp_path: Path) -> None:
+    run = gauged(tmp_path / "step", [f"{2.0 if i < 30 else 1.0:.3f}" for i in range(90)]).runs[0]
+    (valve,) = (one for one in line_unknowns(run, SupplyFigures(valve_time_s=0.0)) if one.name.endswith("_valve"))
+    assert 0.0 < valve.a < 0.003
+    assert valve.b > 1.0
 
 
 def mirrored(folder: Path, seed: int) -> Path:

@@ -29,6 +29,8 @@ from calibration.challenge.second_rig.line import Supply
 from calibration.challenge.second_rig.runs_seen import LINE_SDS, MOMENT_SD_S, moved_supply
 from calibration.challenge.second_rig.separable import Seen
 from calibration.challenge.second_rig.signatures import LINE, Whitened, asked_of
+from calibration.diagnosis.detect import MISMATCH_P
+from calibration.diagnosis.diagnose import detect_mismatch
 from rig.recording import read_recording
 
 P = slots.vector()
@@ -395,6 +397,41 @@ class TestRecordings:
             columns = in_time(read_recording(tmp_path / kind), "spin_up.csv")
             read = np.isfinite(columns["speed_rpm"].values)
             assert np.diff(columns["time_s"].values[read]) == pytest.approx(case.instruments["period_s"], abs=1e-6)
+
+
+# Teeth that are far off their places, and a gauge that is written again with every tooth.
+WHEEL = readout.PLAIN | {
+    "tachometer": "teeth",
+    "teeth": 20,
+    "pitch_error_sd": 0.01,
+    "zero_after_s": 0.15,
+    "gauge_hz": 100.0,
+    "gauge_phase": 0.6,
+    "gauge_held": True,
+    "gauge_lag_s": 0.003,
+    "supply_off_s": 0.058,
+    "told": ["pulses_per_rev", "pitch_error_sd"],
+}
+# A gauge with one value a second, and no row at all while the rotor stands and the valve is opened.
+ONCE_A_SECOND = WHEEL | {
+    "pitch_error_sd": 0.0008,
+    "zero_after_s": 0.0,
+    "gauge_hz": 1.0,
+    "gauge_phase": 0.58,
+    "supply_off_s": 0.043,
+    "told": [],
+    "supply_told": {"regulator_time_s": [0.012, None], "valve_time_s": [0.0, 0.0009]},
+}
+STIFF, LARGE = FIGURES | {"regulator_time_s": 0.81}, FIGURES | {"regulator_time_s": 0.013, "valve_time_s": 0.005}
+
+
+class TestDiagnosed:
+    @pytest.mark.parametrize(("figures", "instruments"), [(STIFF, WHEEL), (LARGE, ONCE_A_SECOND)])
+    def test_what_line_and_instruments_do_is_no_missing_physics(self, tmp_path, figures, instruments):
+        case = replace(cases(lambda one: one.category == "none", seed=30), supply=figures, instruments=instruments)
+        make_recording(case, tmp_path / "made")
+        found = detect_mismatch(read_recording(tmp_path / "made"), np.random.default_rng(1))
+        assert found.detection.p_value > MISMATCH_P
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ import numpy as np
 
 from calibration.measurement import OBSERVED, Measurement, gather
 from calibration.priors import PASCAL_PER_BAR
+from calibration.runs_in_time import lone_zeros, repeated
 from model.layout import L_MIN, PULSE, RPM
 from model.transient import Supply
 from rig.recording import Recording, RecordingError, RecordingFile
@@ -119,8 +120,10 @@ class RunInTime:
         Readings [rad/s]; negative-free.
     valve : tuple of Supply
         Spans of the valve: when it was moved, and where the gauge settled with it open.
+    unseen_s : tuple of float
+        Of each span, how long no row was between the last one before the valve was moved and the first one after [s].
     settled_sd : float
-        By how much that may be off, the gauge's own errors apart [Pa].
+        By how much the settled pressure may be off, the gauge's own errors apart [Pa].
     line : Line
         What the gauge read on the way.
     is_gauge : bool
@@ -143,6 +146,7 @@ class RunInTime:
     begin: np.ndarray
     speed: np.ndarray
     valve: tuple[Supply, ...]
+    unseen_s: tuple[float, ...]
     settled_sd: float
     line: Line
     is_gauge: bool
@@ -259,12 +263,13 @@ def _vented(recording: Recording) -> Vented:
                 after = np.flatnonzero(file.columns["supply_open"].values > 0.5)[:1]
                 if turning.size and after.size and after[0] < turning[-1]:
                     rest[after[0] : turning[-1] + 1] = False
-        read = file.columns[name].values[rest & (file.columns[name].censor == 0)] * PASCAL_PER_BAR
+        figures = recording.channels[name]
+        old = repeated(file.columns[name].values, figures.noise_sd * file.noise_scale, figures.resolution)
+        read = file.columns[name].values[rest & ~old & (file.columns[name].censor == 0)] * PASCAL_PER_BAR
         read = read[np.isfinite(read)]
         if file.kind == "transient":
-            read = _emptied(read, recording.channels[name].noise_sd * file.noise_scale * PASCAL_PER_BAR)
+            read = _emptied(read, figures.noise_sd * file.noise_scale * PASCAL_PER_BAR)
         if read.size:
-            figures = recording.channels[name]
             noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
             found.append((file.file, float(np.mean(read)), noise * PASCAL_PER_BAR / np.sqrt(read.size), gauge))
     columns = list(zip(*found, strict=True)) or [(), (), (), ()]
@@ -355,17 +360,21 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
     name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
     if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:
         raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")
-    clock, sampled = file.columns["time_s"].values, np.isfinite(file.columns["speed_rpm"].values)
-    speed = file.columns["speed_rpm"].values[sampled] / RPM
-    time = clock[sampled]
+    clock, shown = file.columns["time_s"].values, file.columns["speed_rpm"].values
+    tachometer = recording.channels["speed_rpm"]
+    turns = np.where(shown > 0.0, shown, np.nan)
+    sampled = np.isfinite(shown) & ~lone_zeros(shown)
+    sampled &= ~repeated(turns, tachometer.noise_sd * file.noise_scale, tachometer.resolution)
+    speed, time = shown[sampled] / RPM, clock[sampled]
     opened = file.columns["supply_open"].values > 0.5 if "supply_open" in file.columns else np.ones(clock.size, bool)
     pressure = file.columns[name].values * PASCAL_PER_BAR
-    pressure = np.where(file.columns[name].censor == 0, pressure, np.nan)
     figures = recording.channels[name]
+    old = repeated(file.columns[name].values, figures.noise_sd * file.noise_scale, figures.resolution)
+    pressure = np.where((file.columns[name].censor == 0) & ~old, pressure, np.nan)
     noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0))) * PASCAL_PER_BAR
     from_rest = bool(speed.size == 0 or np.mean(speed[:5]) < REST_RAD_S or not opened[0])
-    valve, settled_sd = _valve(clock, pressure, opened)
-    window = recording.channels["speed_rpm"].window_s
+    valve, unseen_s, settled_sd = _valve(clock, pressure, opened)
+    window = tachometer.window_s
     begin = _begin(time) if window is None else time - window
     row, scale = np.flatnonzero(sampled) + 1, np.full(time.size, file.noise_scale)
     if window is None:
@@ -374,7 +383,20 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
     over = float(time[used][-1]) if used.any() else -np.inf
     line = _line(clock, pressure, valve, noise, over)
     return RunInTime(
-        file.file, time, begin, speed, valve, settled_sd, line, gauge, file.start_s, scale, row, from_rest, used
+        file.file,
+        time,
+        begin,
+        speed,
+        valve,
+        unseen_s,
+        settled_sd,
+        line,
+        gauge,
+        file.start_s,
+        scale,
+        row,
+        from_rest,
+        used,
     )
 
 
@@ -421,18 +443,25 @@ def _useful(
         turning = np.flatnonzero(used & (speed > RISEN_SHARE * np.max(speed, where=used, initial=0.0)))
         if turning.size:
             used[: turning[0]] = False
+        closed = valve[-1].start_s if not valve[-1].is_open else np.inf
+        slow = np.flatnonzero((time > closed) & (speed < max(REST_SHARE * float(speed.max()), REST_AT)))
+        if slow.size:
+            used[slow[0] :] = False
         return used
     slow = np.flatnonzero(speed < max(REST_SHARE * np.mean(speed[:5]), REST_AT))
     if slow.size:
         used[slow[0] :] = False
-    coasting = begin > valve[1].start_s - 1e-9 if len(valve) > 1 else used
+    coasting = time > valve[1].start_s if len(valve) > 1 else used
     return used & coasting if np.any(used & coasting) else used
 
 
-def _valve(time: np.ndarray, pressure: np.ndarray, opened: np.ndarray) -> tuple[tuple[Supply, ...], float]:
-    """Spans of the valve, and by how much the gauge may not be where the open line settles [Pa]; 0 where it was silent.
+def _valve(
+    time: np.ndarray, pressure: np.ndarray, opened: np.ndarray
+) -> tuple[tuple[Supply, ...], tuple[float, ...], float]:
+    """Spans of the valve, how long no row was about each change [s], and by how much the gauge may not be where the
+    open line settles [Pa]; 0 where it was silent.
 
-    A change shows in the first row after it, so it is at the row before.
+    A change shows in the first row after it: it was somewhere between that and the row before.
 
     The pressure of an open span is where the gauge settled: the mean over the span before the valve is moved, over the
     last part of one that begins with the valve.
@@ -441,18 +470,19 @@ def _valve(time: np.ndarray, pressure: np.ndarray, opened: np.ndarray) -> tuple[
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
     known = np.isfinite(pressure)
     highest = float(np.max(pressure, where=known, initial=0.0))
-    spans, sd = [], 0.0
+    spans, unseen_s, sd = [], [], 0.0
     for begin, end in zip([0, *edges], [*edges, time.size], strict=True):
-        start_s = time[begin - 1] if begin else time[0] - step - BEFORE_S
+        start_s = 0.5 * (time[begin - 1] + time[begin]) if begin else time[0] - step - BEFORE_S
+        unseen_s.append(float(time[begin] - time[begin - 1]) if begin else 0.0)
         mine = np.flatnonzero(known[begin:end]) + begin
-        last = mine[round(SETTLING * mine.size) :] if begin else mine
+        last = mine[min(round(SETTLING * mine.size), mine.size - 1) :] if begin and mine.size else mine
         mean = float(np.mean(pressure[last])) if last.size else highest  # the gauge was silent then
         if opened[begin]:
             half = pressure[mine[mine.size // 2 :]] if begin else pressure[mine]
             told = max(UNSETTLED * mean, float(np.ptp(half)) if half.size > 1 else UNTOLD * mean)
             sd = max(sd, told) if mine.size else sd
         spans.append(Supply(float(start_s), mean, bool(opened[begin])))
-    return tuple(spans), sd
+    return tuple(spans), tuple(unseen_s), sd
 
 
 def _told(run: RunInTime, plateaus: Plateaus) -> RunInTime:

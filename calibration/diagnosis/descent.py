@@ -16,7 +16,7 @@ from calibration.diagnosis.linear import LINE, RUN, Comparison
 from calibration.diagnosis.mode import Mode, close, minus_log_posterior, robust_weights, suiting_noise
 from calibration.diagnosis.noise import NOISE_SD, SCALES, SPREAD
 from calibration.diagnosis.problem import Prediction, in_si
-from calibration.diagnosis.supply import own_of_line
+from calibration.diagnosis.supply import LATE_SD, own_of_line
 from calibration.diagnosis.threads import each
 from model.effects import effects
 
@@ -36,7 +36,7 @@ LOOSENS = ("roller_friction", "port_lap")  # what keeps a level standing
 LOOSER, LOOSER_BY = 24, 0.25  # steps of it with which a level that stands is made to turn [-]
 EDGE = math.sqrt(3.0)  # half a turn of the shaft, in sds of the angle's prior
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that there is
-LATE_S = np.arange(-0.12, 0.5, 0.03)  # moments at which a line begins to move, tried likewise,
+LATE_S = (-0.12, 0.5, 0.03)  # from, to, step; moments at which a line begins to move, tried likewise,
 SLOW = np.arange(-1.5, 2.1, 0.7)  # ... with time constants, in sds of their prior
 LOUDER, FOLLOWED, MOST_LOOKS = 10.0, 3, 12  # factor on the noise meanwhile, lines that are followed, steps of each
 FAR_OFF = 1e4  # noise sds; farther off is no worse
@@ -359,7 +359,9 @@ def _with_line(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray
 
     begun = []
     for late, slow in [(late, slow) for one, late, slow in f.lines if one == run]:
-        for when in LATE_S / problem.nuisances[late].b:
+        sd = problem.nuisances[late].b
+        more = math.sqrt(3.0 * max(sd * sd - LATE_SD * LATE_SD, 0.0))  # half of the time in which there was no row
+        for when in np.arange(LATE_S[0] - more, LATE_S[1] + more, LATE_S[2]) / sd:
             for constant in SLOW:
                 own = z[places].copy()
                 own[[places.index(late), places.index(slow)]] = when, constant

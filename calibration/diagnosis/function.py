@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from calibration.diagnosis import wheel
 from calibration.diagnosis.in_time import follows_angle
-from calibration.diagnosis.linear import FLOW, STANDING, Comparison
+from calibration.diagnosis.linear import FLOW, RUN, STANDING, Comparison
 from calibration.diagnosis.problem import SI_OF, Prediction
 from calibration.diagnosis.supply import ways_of
 from calibration.diagnosis.threads import each
@@ -187,6 +188,8 @@ class Function:
             if name.endswith(".turn") and not self._follows:
                 return np.zeros_like(raw)
             run = self.problem.run_of(i) if i < self.k else None
+            if run is not None and ".wheel_" in name:
+                return self._wheel(i, run, name)
 
             def differentiated(moved: np.ndarray) -> np.ndarray:
                 if run is None:
@@ -211,6 +214,14 @@ class Function:
         moved[i] += step if z[i] + step <= self.high[i] else -step
         change: np.ndarray = (of(moved) - start) / (moved[i] - z[i])
         return change
+
+    def _wheel(self, i: int, run: int, name: str) -> np.ndarray:
+        """A wheel's teeth need no simulation."""
+        found = np.zeros_like(self.comparison.read)
+        used = self.problem.blocks.runs[run].used
+        column = wheel.seen(self.problem.blocks.runs[run], name.rpartition(".")[2])[used]
+        found[self.comparison.kind == RUN + run] = column * self.problem.nuisances[i].b
+        return found
 
     def _instrument(self, i: int, name: str, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
         """An offset or a scale of flow or speed needs no simulation."""

@@ -13,7 +13,6 @@ pulse stays as sharp as it is.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from copy import copy
 
@@ -22,9 +21,9 @@ import numpy as np
 from calibration.diagnosis.blocks import levels
 from calibration.diagnosis.noise import Noise, Whitener
 from calibration.diagnosis.problem import Prediction, Problem
+from calibration.diagnosis.wheel import rest_sd
 
 LINE, STANDING, VENTED, FLOW, SPEED, RUN = -3, -2, -1, 0, 1, 2  # kinds of entries; run i is RUN + i
-PITCH_SD = 0.002  # of a tooth's place where nothing is stated, in shares of the pitch
 
 
 class Comparison:
@@ -93,7 +92,7 @@ class Comparison:
         ends = np.concatenate([run.start_s + run.time[used] for run, used in pairs] or [np.zeros(0)])
         begins = np.concatenate([run.start_s + run.begin[used] for run, used in pairs] or [np.zeros(0)])
         apart = np.abs(begins - np.roll(ends, 1)) > 1e-9  # no sample that ends where this one begins
-        self.pitch_sd = _pitch_sd(problem)
+        self.pitch_sd = rest_sd(problem.recording)
         known = np.flatnonzero(self.known)
         self.of_a_kind = tuple(known[self.kind[known] == kind] for kind in np.unique(self.kind[known]))
         rows = levels(plateaus) if n else []
@@ -211,12 +210,3 @@ class Comparison:
 def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:
     """Slopes of flow and speed with pressure [SI]; 0 where the model gives no reading."""
     return np.nan_to_num(predicted.flow_slope), np.nan_to_num(predicted.speed_slope)
-
-
-def _pitch_sd(problem: Problem) -> float:
-    """Error of the place of a tooth [rad]; 0 where the speed is not counted by teeth."""
-    figures = problem.recording.channels.get("speed_rpm")
-    if figures is None or not figures.pulses_per_rev:
-        return 0.0
-    share = PITCH_SD if figures.pitch_error_sd is None else figures.pitch_error_sd
-    return share * 2.0 * math.pi / figures.pulses_per_rev

@@ -17,6 +17,7 @@ from calibration.diagnosis.linear import RUN, Comparison
 from calibration.diagnosis.name import Candidate
 from calibration.diagnosis.problem import Problem
 from calibration.priors import PASCAL_PER_BAR, column_of
+from calibration.runs_in_time import placeholders
 from model.layout import RPM
 from rig.recording import Column, Recording, RecordingFile
 
@@ -163,7 +164,7 @@ class _Bench:
 def _file(
     name: str, kind: str, start: float, noise: float, values: dict[str, np.ndarray], way: np.ndarray | None = None
 ) -> RecordingFile:
-    columns = {key: Column(value, np.zeros(value.size, np.int8)) for key, value in values.items()}
+    columns = {key: Column(placeholders(value), np.zeros(value.size, np.int8)) for key, value in values.items()}
     rows = next(iter(values.values())).size
     return RecordingFile(name, kind, start, noise, rows, columns, way)  # type: ignore[arg-type]
 
@@ -221,5 +222,5 @@ def _with_speeds(recording: Recording, planned: RunInTime, speed: np.ndarray) ->
     name = next(name for name in run.columns if name.startswith("speed_rpm"))
     held, told = run.columns[name], np.isfinite(speed)
     likely = np.interp(run.columns["time_s"].values, planned.time[told], speed[told]) if told.any() else 0.0
-    shown = np.where(held.values > 0.0, np.maximum(likely * RPM, 0.1), 0.0)
+    shown = placeholders(np.where(held.values > 0.0, np.maximum(likely * RPM, 0.1), 0.0))
     return replace(recording, files=(anchor, replace(run, columns={**run.columns, name: Column(shown, held.censor)})))

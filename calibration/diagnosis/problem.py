@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis import gauge, in_time
+from calibration.diagnosis import gauge, in_time, wheel
 from calibration.diagnosis.blocks import Blocks, RunInTime, Vented, blocks_of
 from calibration.diagnosis.standing import standing_flow
 from calibration.diagnosis.supply import Course, line_unknowns
@@ -118,7 +118,7 @@ class Problem:
         everything = unknowns(self.motor, recording)
         self.nuisances: list[Unknown] = [u for u in everything if not u.name.endswith("_noise_scale")]
         for run in self.blocks.runs:
-            self.nuisances += line_unknowns(run, recording.supply)
+            self.nuisances += line_unknowns(run, recording.supply) + wheel.wheel_unknowns(run, recording)
             if run.from_rest:
                 self.nuisances.append(Unknown(f"{run.file}.begun", "-", "normal", 0.0, BEGUN_SD, "nobody set it"))
         # A torque that follows the shaft is told from where that stood in the first run.
@@ -418,7 +418,7 @@ class Problem:
         true = planned.read(pulses.beside(planned) if pulses else planned.mean_speed())
         reading = np.full(run.size, np.nan)
         reading[planned.wanted] = readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
-        return reading
+        return reading + wheel.added(run, split[2][run.file])
 
     def see_pulses(self, z: np.ndarray) -> list[np.ndarray]:
         """Take anew what the pulses of the cylinders add to the runs in time; predictions hold it from then on.

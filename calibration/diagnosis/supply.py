@@ -22,6 +22,7 @@ from rig.recording import SupplyFigures
 LATE_SD = 0.1  # s; by so much the line follows later, or earlier, than the samples say that the valve is moved
 GAUGE_LATE_SD = 0.02  # s; by so much what a gauge shows is older, or newer, than its time says
 REGULATOR_S, EMPTYING_S, VALVE_S = 0.05, 0.03, 0.01  # time constants where nothing is stated
+LEAST_S = 1e-3  # what is stated to be quicker, a step among them, is taken to need so long
 UNSTATED, UNSTATED_VALVE, STATED = 5.0, 3.0, 2.0  # factors by which they may be off
 FORMS = (0.4, 1.0, 2.5, 6.0)  # where the free deviations have their middles, in sums of the time constants
 FORM_SD = 0.04  # of each, in shares of the step
@@ -67,7 +68,9 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
             else (EMPTYING_S, UNSTATED)
         )
         name = f"{run.file}.{way}"
-        found.append(Unknown(f"{name}_late", "s", "normal", 0.0, LATE_SD, "when the valve moved"))
+        unseen = max(gap for gap, span in zip(run.unseen_s, run.valve, strict=True) if span.is_open == (way == OPENING))
+        moved = math.hypot(LATE_SD, unseen / math.sqrt(12.0))
+        found.append(Unknown(f"{name}_late", "s", "normal", 0.0, moved, "when the valve moved"))
         found.append(Unknown(f"{name}_time", "s", "lognormal", *slow, "a line that fills or empties"))
         found.append(Unknown(f"{name}_valve", "s", "lognormal", *valve, "a valve's time"))
         found += [
@@ -98,7 +101,8 @@ def _constant(stated: float | None, sd: float | None, otherwise: float, factor: 
     """Middle and factor of a time constant's prior: a stated one is seldom defined as it is here."""
     if stated is None:
         return otherwise, factor
-    return stated, max(STATED, math.exp(min((sd or 0.0) / stated, 2.0)))
+    middle = max(stated, LEAST_S)
+    return middle, max(STATED, math.exp(min((sd or 0.0) / middle, 2.0)))
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,7 @@ MIX_UPS = {
 # Share of a run's highest speed by which it may go the wrong way: fall while the supply is open, or rise while it is
 # closed. A regulator that overshoots, and a valve that is late, make 0.1 of it.
 WRONG_WAY = 0.2
+LATE_S = 0.1  # by which supply_open may be late or early: so much before and after the valve is moved says nothing
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
 
 
@@ -145,11 +146,18 @@ def _hold_against_supply(place: str, time: np.ndarray, speed: np.ndarray, opened
     edges = [0, *(np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist(), time.size]
     wrong = []  # how far it goes the wrong way in each span
     for begin, end in itertools.pairwise(edges):
-        part = speed[begin:end]
+        sure = np.ones(end - begin, dtype=bool)
+        if begin:
+            sure &= time[begin:end] > time[begin - 1] + LATE_S
+        if end < time.size:
+            sure &= time[begin:end] < time[end] - LATE_S
+        part = speed[begin:end][sure]
+        if not part.size:
+            continue
         last = float(np.median(part[-3:]))
         falls, rises = (float(part.max()) - last) / top, (float(part.max()) - float(part[0])) / top
         wrong.append((falls if opened[begin] else rises, begin, end))
-    share, begin, end = max(wrong)
+    share, begin, end = max(wrong, default=(0.0, 0, 0))
     if share <= WRONG_WAY:
         return
     says = "falls" if opened[begin] else "rises"
