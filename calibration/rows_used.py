@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from calibration.measurement import Measurement, Rows
 
 NOT_IN_A_FIT = "runs in time do not enter the fit"
+NEVER_TURNS = "the rotor turns in no row: it did not break away"
 OUTSIDE = "outside the part of the run that is compared, or without a speed"
 HELD = "the rotor is held"
 NOTHING_READ = "no pressure, or neither a flow nor a turning speed on the instrument's scale"
@@ -78,7 +79,8 @@ def _files(recording: Recording, used: Mapping[str, set[int]], in_time: str) -> 
 
 def _why(file: RecordingFile, left: np.ndarray, in_time: str) -> str:
     if file.kind == "transient":
-        return in_time
+        speed = file.columns.get("speed_rpm")
+        return in_time if speed is None or np.any(speed.values > 0.0) else NEVER_TURNS
     if file.kind == "zero":
         return NOTHING_AT_ZERO
     held = int(_held(file)[left].sum())

@@ -8,7 +8,7 @@ import numpy as np
 from rig.acquisition import Window
 from rig.bench import BenchFile
 from rig.lines import LostError
-from rig.readings import NS, Exchange, Quality, Reading
+from rig.readings import NS, Event, Exchange, Quality, Reading
 
 AMBIENT = 1.013
 ROLES = {"gauge.pressure_bar_abs": "pressure", "tach.speed_rpm": "speed", "meter.flow_l_min": "flow"}
@@ -19,7 +19,7 @@ class Lab:
 
     def __init__(self):
         self.now_ns = 0
-        self.stops, self.answer = 0, None
+        self.stops, self.answer, self.set_ns = 0, None, None
         self.set_bar = AMBIENT
         self.pressure, self.speed = AMBIENT, 0.0
         self.tau_pressure_s = 0.3
@@ -131,6 +131,7 @@ class LabAcquisition:
         self.clock = LabClock(self.lab)
         self.commands, self.events, self.plateaus = [], [], []
         self.dead_regulator = False
+        self.busy_s = 0.0  # for so long another device holds the line before a set-point goes over it
         self.before = {}  # a function of this, called once at the event of that name
 
     def command(self, device, action, argument=None, wait_s=5.0, take_back=True):
@@ -138,8 +139,10 @@ class LabAcquisition:
         if action == "write":
             if self.dead_regulator:
                 raise LostError("line bus: nothing within 0.3 s")
+            if self.busy_s:
+                self.clock.sleep(self.busy_s)
             self.lab.set_bar = AMBIENT + argument
-        return Exchange("bus", device, action, argument)
+        return Exchange("bus", device, action, argument, (Event("tx", self.lab.now_ns),))
 
     def hurry(self, device):
         self.commands.append((device, "hurry", None))

@@ -487,7 +487,9 @@ class TestSeparability:
         z = np.zeros(seen.runs.size)
         z[seen.runs.angles] = 0.5 * slots.PULSE / runs_seen.ANGLE_SD
         counted = seen.runs.readings(base, z)[0] - seen.runs.readings(base)[0]
-        allowed = runs_seen.AT_ODDS / runs_seen.noise_sd("speed", 2.0) * math.sqrt(seen.runs.asked[0].taken)
+        allowed = (
+            runs_seen.AT_ODDS / runs_seen.noise_sd(seen.asked.noise["speed"], 2.0) * math.sqrt(seen.runs.asked[0].taken)
+        )
         assert np.abs(counted).max() < 1.2 * allowed
 
     @pytest.fixture

@@ -184,6 +184,17 @@ def test_teeth_are_read_while_a_capture_is_made():
     assert end["start_s"] < end["event_s"] < end["end_s"]
 
 
+@pytest.mark.parametrize("kind", ["coast-down", "spin-up"])
+def test_a_capture_counts_from_when_the_valve_was_told_on_a_busy_line_too(kind):
+    bench = LabBench(teeth=60, captures=[kind], capture_level_bar_abs=2.0, levels_bar_abs=[1.6])
+    acquisition = LabAcquisition(bench)
+    acquisition.before["capture start"] = lambda busy: setattr(busy, "busy_s", 3.0)
+    assert run(acquisition).outcome == "finished"
+    (end,) = [details for what, details in acquisition.events if what == "capture end"]
+    assert end["event_s"] - end["start_s"] == pytest.approx(3.5, abs=0.2)
+    assert end["end_s"] - end["event_s"] >= 2.0
+
+
 class Heard:
     def __init__(self):
         self.said = []

@@ -110,7 +110,7 @@ def refuse_mixed_units(recording: Recording) -> None:
 
 
 def refuse_wrong_supply(recording: Recording) -> None:
-    """Refuse runs in time whose speed contradicts supply_open, and those in which the rotor never turns.
+    """Refuse runs in time whose speed contradicts supply_open.
 
     Parameters
     ----------
@@ -131,11 +131,8 @@ def refuse_wrong_supply(recording: Recording) -> None:
             continue
         known = np.isfinite(read.values) & ~lone_zeros(read.values)
         t, speed = time.values[known], read.values[known]
-        if not np.any(speed > 0.0):
-            raise RecordingError(
-                f"{recording.folder}/{file.file}: the rotor turns in no row of this run (the motor did not break "
-                "away?), so there is nothing to compare; take the file out of recording.toml"
-            )
+        if not np.any(speed > 0.0):  # it did not break away: nothing to compare
+            continue
         flags = file.columns.get("supply_open")
         opened = np.ones(t.size, dtype=bool) if flags is None else flags.values[known] > 0.5
         _hold_against_supply(f"{recording.folder}/{file.file}", t, speed, opened, flags is not None)
@@ -239,7 +236,7 @@ def refuse_starved(recording: Recording) -> None:
 
 
 def refuse_at_rest(recording: Recording) -> None:
-    """Refuse plateaus at none of which the rotor turns, with no run in time beside them: there is no speed to compare.
+    """Refuse recordings in which the rotor never turns: there is no speed to compare.
 
     Parameters
     ----------
@@ -251,7 +248,7 @@ def refuse_at_rest(recording: Recording) -> None:
     RecordingError
         When this is so. Rows in which no speed was read say nothing either way.
     """
-    if not isinstance(recording.motor, str) or any(file.kind == "transient" for file in recording.files):
+    if not isinstance(recording.motor, str):
         return
     speeds = [file.columns["speed_rpm"] for file in recording.files if "speed_rpm" in file.columns]
     read = [speed.values[np.isfinite(speed.values)] for speed in speeds]

@@ -134,8 +134,11 @@ def judge(
             why += f"; {' and '.join(excluded[0].names)} would, and others are far more probable that do not"
         return Verdict("unresolved", None, (), 0.0, why)
     if base is not None and base.probability > 1.0 - NAMED:
-        if base.probability > 0.5:
+        if base.probability > 0.5 and p_value >= RESIDUAL_P:
             return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
+        if base.probability > 0.5:  # held to what any set is held to
+            why = "what is left out is no listed effect: none is more probable than that nothing is left out"
+            return Verdict("unresolved", None, (), 0.0, why)
         likely = [c for c in found if (c is base or c in allowed) and c.probability > SHARE and c is not tested[0]]
         names, share = tuple(c.names for c in likely), tested[0].probability
         return Verdict("confounded", tested[0], names, share, "the base model is not excluded")

@@ -61,6 +61,7 @@ class Capturing:
         self._since_ns = now_ns
         self._start_ns: int | None = None
         self._event_ns: int | None = None
+        self._moved = by_hand  # whether it is known when the valve was moved
 
     @property
     def duration_s(self) -> float:
@@ -87,6 +88,8 @@ class Capturing:
         if self._by_hand and view.answer is None:
             self._event_ns = now_ns  # the person has the valve in hand: it is moved within this second
             return []
+        if view.set_ns is not None and view.set_ns > self._event_ns and not self._moved:
+            self._event_ns, self._moved = view.set_ns, True  # the line was busy when the order was given
         passed_s = (now_ns - self._event_ns) / NS
         if passed_s < self.duration_s:
             return []

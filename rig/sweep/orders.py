@@ -21,6 +21,7 @@ class View(Protocol):
 
     stops: int  # how often the operator has asked to stop
     answer: str | None  # to the last `Ask`, once
+    set_ns: int | None  # when the last set-point that was taken went over the wire [ns]
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
         """The usable readings between two times.

@@ -89,6 +89,7 @@ class BenchView:
         self._acquisition = acquisition
         self.stops = 0
         self.answer: str | None = None
+        self.set_ns: int | None = None
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
         """The usable readings between two times.
@@ -214,12 +215,13 @@ class Runner:
         for _ in range(SET_TRIES):
             try:
                 # An order to raise comes in time or never; one to vent is good at any time.
-                self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S, bar_abs != VENTED)
+                done = self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S, bar_abs != VENTED)
             except FAULTS as error:
                 self._note("set-point not taken", value=value, error=str(error))
                 fault = str(error)
             else:
                 self._dead = ""
+                self.view.set_ns = next((event.time_ns for event in done.events if event.kind == "tx"), None)
                 where = bar_abs if bar_abs != VENTED else None
                 self._note("set-point", device=self.regulator, value=value, bar_abs=where)
                 return True

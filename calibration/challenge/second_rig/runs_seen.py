@@ -19,10 +19,10 @@ from scipy.ndimage import uniform_filter1d
 from calibration.challenge.second_rig import bench, loaded, readout, recordings
 from calibration.challenge.second_rig.bench import CELL_S, Rig
 from calibration.challenge.second_rig.line import Supply
-from calibration.challenge.second_rig.sheets import NOISE, RESOLUTION, UNIT
-from calibration.challenge.second_rig.slots import BAR, PULSE
+from calibration.challenge.second_rig.sheets import COLUMN, UNIT
+from calibration.challenge.second_rig.slots import BAR, PULSE, RPM
 from calibration.challenge.second_rig.truth import Truth
-from rig.recording import RecordingFile
+from rig.recording import Recording, RecordingFile
 
 STEP_S = 2.5e-5  # of the march of a run
 SLOWEST = 20.0  # rad/s; below it a run depends on the phase at which it is shut, and not linearly
@@ -65,8 +65,8 @@ class RunAsked:
         Of the file [-].
     begins, ends : ndarray, shape (n,)
         Between which each speed is the mean [s].
-    tooth : ndarray of int, shape (n,)
-        Number of the tooth at which each speed ends.
+    tooth, tooth_before : ndarray of int, shape (n,)
+        Numbers of the teeth at which each speed ends and begins.
     gauged : ndarray, shape (m,)
         When the gauge was read [s].
     taken : int
@@ -78,11 +78,35 @@ class RunAsked:
     begins: np.ndarray
     ends: np.ndarray
     tooth: np.ndarray
+    tooth_before: np.ndarray
     gauged: np.ndarray
     taken: int = 1
 
 
-def run_of(file: RecordingFile, truth: Truth, rig: Rig, angle: float) -> RunAsked:
+def told_of(recording: Recording, truth: Truth) -> dict[str, Any]:
+    """Tachometer and gauge of a recording's runs, as in `readout`: behind a bench's wires they are the recording's own.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    truth : Truth
+        The case.
+    """
+    if not truth.is_behind_wires:
+        return truth.told()
+    speed, supply = recording.channels["speed_rpm"], recording.supply
+    told = {key: (getattr(supply, key), getattr(supply, f"{key}_sd")) for key in TOLD.values()}
+    return dict(readout.PLAIN) | {
+        "window_s": speed.window_s or 0.0,
+        "teeth": round(speed.pulses_per_rev or 0.0),
+        "pitch_error_sd": speed.pitch_error_sd or 0.0,
+        "lag_s": speed.lag_s or 0.0,
+        "supply_told": {key: list(one) for key, one in told.items() if one[0] is not None},
+    }
+
+
+def run_of(file: RecordingFile, truth: Truth, told: Mapping[str, Any], rig: Rig, angle: float) -> RunAsked:
     """A run of a recording, behind the line that the case has.
 
     Parameters
@@ -91,32 +115,53 @@ def run_of(file: RecordingFile, truth: Truth, rig: Rig, angle: float) -> RunAske
         In time.
     truth : Truth
         The case.
+    told : mapping
+        The instruments, as in `readout`.
     rig : Rig
         Without effects.
     angle : float
         At which its supply changes [rad].
     """
-    told, time = truth.told(), file.columns["time_s"].values
-    pressure = file.columns["pressure_bar_abs"].values
+    time, pressure = file.columns["time_s"].values, file.columns["pressure_bar_abs"].values
     up = not file.columns["supply_open"].values[0] > 0.5
-    opened = recordings.valve(truth, up, 1.0 + rig.added_inertia / truth.nuisances["inertia"])
+    if truth.is_behind_wires:
+        opened = _opened(time, file.columns["supply_open"].values)
+    else:
+        opened = recordings.valve(truth, up, 1.0 + rig.added_inertia / truth.nuisances["inertia"])
     fresh = np.isfinite(pressure)
     if told["gauge_held"]:
         fresh[1:] &= ~(pressure[1:] == pressure[:-1])
     gauged = time[fresh]
-    true = (pressure[fresh] - truth.errors["pressure_offset_bar"]) * BAR / (1.0 + truth.errors["pressure_scale"])
-    moment = bench.SAMPLE_S * recordings.before(truth, up)
+    true = (pressure[fresh] - truth.errors.get("pressure_offset_bar", 0.0)) * BAR
+    true /= 1.0 + truth.errors.get("pressure_scale", 0.0)
+    moment = bench.SAMPLE_S * int(np.flatnonzero(opened == opened[-1])[0])
     stands = gauged > (1.0 - SETTLED_SHARE) * time[-1] if up else gauged < moment
     stands = stands if np.any(stands) else true >= true.max()
     p = np.array(list(rig.figures().values()))
     target = loaded.set_for(p, rig.supply or QUICK, float(np.mean(true[stands])))
-    begins, ends = spans(told, time, file.columns["speed_rpm"].values)
+    begins, ends, rpm = spans(told, time, file.columns["speed_rpm"].values)
     run = bench.Run(target, opened, file.start_s, angle)
-    return RunAsked(run, file.noise_scale, begins, ends, np.arange(1, ends.size + 1), gauged)
+    tooth = np.arange(1, ends.size + 1)
+    before = tooth - 1
+    if told["teeth"] and told["tachometer"] != readout.TOOTH:  # several teeth from one sample to the next
+        passed = np.rint(told["teeth"] * rpm / RPM * (ends - begins) / (2.0 * np.pi)).astype(int)
+        tooth = np.cumsum(passed)
+        before = tooth - passed
+    return RunAsked(run, file.noise_scale, begins, ends, tooth, before, gauged)
 
 
-def spans(told: Mapping[str, Any], time: np.ndarray, speed_rpm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Between which times each speed is the mean [s], a row each that has one.
+def _opened(time: np.ndarray, supply_open: np.ndarray) -> np.ndarray:
+    """Whether the valve is driven towards the regulator, a sample of `bench.SAMPLE_S` each, as rows say it."""
+    at = bench.SAMPLE_S * (np.arange(int(np.ceil(time[-1] / bench.SAMPLE_S)) + 1) + 0.5)
+    place = np.clip(np.searchsorted(time, at), 0, time.size - 1)
+    found: np.ndarray = supply_open[place] > 0.5
+    return found
+
+
+def spans(
+    told: Mapping[str, Any], time: np.ndarray, speed_rpm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Between which times each speed is the mean [s], and the speed [rpm], a row each that has one.
 
     Parameters
     ----------
@@ -129,12 +174,12 @@ def spans(told: Mapping[str, Any], time: np.ndarray, speed_rpm: np.ndarray) -> t
     """
     counts = told["tachometer"] == readout.TOOTH
     read = np.isfinite(speed_rpm) & ((speed_rpm > 0.0) | (not counts))
-    ends = time[read]
+    ends, rpm = time[read], speed_rpm[read]
     if counts:
-        return ends - 60.0 / told["teeth"] / speed_rpm[read], ends
+        return ends - 60.0 / told["teeth"] / rpm, ends, rpm
     if told["window_s"]:
-        return ends - told["window_s"], ends
-    return np.concatenate([[0.0], ends[:-1]]), ends
+        return ends - told["window_s"], ends, rpm
+    return np.concatenate([[0.0], ends[:-1]]), ends, rpm
 
 
 def line_sds(told: Mapping[str, Any]) -> np.ndarray:
@@ -167,17 +212,29 @@ def moved_supply(supply: Supply, logs: np.ndarray) -> Supply:
     return replace(supply, **{name: float(getattr(supply, name) * factor) for name, factor in factors})
 
 
-def noise_sd(channel: str, scale: float) -> float:
+def noise_of(recording: Recording) -> dict[str, tuple[float, float]]:
+    """Declared noise and resolution of each channel [SI].
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    """
+    channels = {channel: recording.channels[column] for channel, column in COLUMN.items()}
+    return {name: (one.noise_sd / UNIT[name], one.resolution / UNIT[name]) for name, one in channels.items()}
+
+
+def noise_sd(noise: tuple[float, float], scale: float) -> float:
     """Declared noise of a reading, its rounding included [SI].
 
     Parameters
     ----------
-    channel : str
-        ``pressure``, ``flow`` or ``speed``.
+    noise : (float, float)
+        Of its channel, of `noise_of` [SI].
     scale : float
         Of the file [-].
     """
-    return float(np.hypot(NOISE[channel] * scale, RESOLUTION[channel] / np.sqrt(12.0)) / UNIT[channel])
+    return float(np.hypot(noise[0] * scale, noise[1] / np.sqrt(12.0)))
 
 
 def thinned(times: np.ndarray) -> np.ndarray:
@@ -200,12 +257,20 @@ class RunsSeen:
         The runs.
     told : mapping
         The instruments, as in `readout`.
+    noise : mapping
+        Of each channel, of `noise_of` [SI].
     base : Rig
         Without effects; which readings count is decided here.
     """
 
-    def __init__(self, asked: Sequence[RunAsked], told: Mapping[str, Any], base: Rig) -> None:
-        self.told = told
+    def __init__(
+        self,
+        asked: Sequence[RunAsked],
+        told: Mapping[str, Any],
+        noise: Mapping[str, tuple[float, float]],
+        base: Rig,
+    ) -> None:
+        self.told, self.noise = told, noise
         behind = replace(base, supply=base.supply or QUICK)
         self.asked = [self._kept(one, behind) for one in asked]
         self._lower = [self._noise(one) for one in self.asked]
@@ -271,7 +336,7 @@ class RunsSeen:
         """The run with the readings that count; of many, neighbours are taken together."""
         last = one.run.opened.size * bench.SAMPLE_S
         kept = self._reached(one, base) & (one.begins > END_S) & (one.ends < last - END_S)
-        begins, ends, tooth = one.begins[kept], one.ends[kept], one.tooth[kept]
+        begins, ends, tooth, before = (x[kept] for x in (one.begins, one.ends, one.tooth, one.tooth_before))
         many = max(1, -(-ends.size // MOST))
         follow = not self.told["window_s"] > self.told["period_s"]  # or the means overlap, and some are left out
         first = np.arange(0, max(ends.size - many + 1, 0), many)
@@ -282,6 +347,7 @@ class RunsSeen:
             begins=begins[first],
             ends=ends[last_one],
             tooth=tooth[last_one],
+            tooth_before=before[first],
             gauged=thinned(one.gauged[one.gauged < last - END_S]),
             taken=taken,
         )
@@ -302,10 +368,10 @@ class RunsSeen:
 
     def _noise(self, one: RunAsked) -> np.ndarray:
         """Cholesky factor of the speeds' covariance [rad/s]: each its own noise, and what teeth out of place do."""
-        covariance = np.eye(one.ends.size) * noise_sd("speed", one.noise_scale) ** 2 / one.taken
+        covariance = np.eye(one.ends.size) * noise_sd(self.noise["speed"], one.noise_scale) ** 2 / one.taken
         if self.told["pitch_error_sd"] > 0.0:
             teeth = np.eye(self.told["teeth"])
-            at = one.tooth % len(teeth), (one.tooth - one.taken) % len(teeth)
+            at = one.tooth % len(teeth), one.tooth_before % len(teeth)
             out = (teeth[at[0]] - teeth[at[1]]) / (one.ends - one.begins)[:, None]
             out *= self.told["pitch_error_sd"] * 2.0 * np.pi / len(teeth)
             covariance += out @ out.T
@@ -315,4 +381,4 @@ class RunsSeen:
     def _gauge_noise(self, one: RunAsked, base: Rig) -> np.ndarray:
         """Noise of each pressure [Pa]: the gauge's own, and what its time does to a line that moves."""
         (_, early), (_, late) = (self._seen(one, base, late=by) for by in (GAUGE_LATE_S, -GAUGE_LATE_S))
-        return np.hypot(noise_sd("pressure", one.noise_scale), 0.5 * (late - early))
+        return np.hypot(noise_sd(self.noise["pressure"], one.noise_scale), 0.5 * (late - early))

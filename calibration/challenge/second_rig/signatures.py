@@ -17,7 +17,8 @@ from calibration.challenge.second_rig.bench import Rig
 from calibration.challenge.second_rig.concealed import TRANSIENT_ONLY, USUAL
 from calibration.challenge.second_rig.draws import ERRORS, WIDTHS
 from calibration.challenge.second_rig.instruments import misread
-from calibration.challenge.second_rig.runs_seen import RunAsked, RunsSeen, noise_sd, run_of
+from calibration.challenge.second_rig.runs_seen import RunAsked, RunsSeen, noise_of, noise_sd, run_of, told_of
+from calibration.challenge.second_rig.sheets import COLUMN
 from calibration.challenge.second_rig.sizes import OTHER_FORMS, in_form
 from calibration.challenge.second_rig.slots import BAR
 from calibration.challenge.second_rig.small_torques import SmallTorques
@@ -74,12 +75,18 @@ class Asked:
         Runs in time.
     told : dict
         The instruments of the runs, as in `readout`.
+    noise : dict
+        Declared noise and resolution of each channel [SI].
+    errors : dict
+        Declared sds of the instruments' errors, by the names that a truth gives them.
     """
 
     steady: list[tuple[bench.Plateaus, float, bool]]
     zeros: list[tuple[int, float]]
     runs: list[RunAsked]
     told: dict[str, Any]
+    noise: dict[str, tuple[float, float]]
+    errors: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -115,20 +122,28 @@ def asked_of(recording: Recording, truth: Truth, angle: float = 0.1) -> Asked:
         At which a supply changes, the same for all [rad].
     """
     base = bench.without(truth.rig(recording.added_inertia_kg_m2), ())
-    steady, zeros, runs = [], [], []
+    steady, zeros, runs, told = [], [], [], told_of(recording, truth)
     for file in recording.files:
         if file.kind == "zero":
             zeros.append((file.rows, file.noise_scale))
             continue
         if file.kind == "transient":
-            runs.append(run_of(file, truth, base, angle))
+            runs.append(run_of(file, truth, told, base, angle))
             continue
-        lines = (file.columns["pressure_bar_abs"].values - truth.errors["pressure_offset_bar"]) * BAR
-        lines = lines / (1.0 + truth.errors["pressure_scale"])
+        lines = (file.columns["pressure_bar_abs"].values - truth.errors.get("pressure_offset_bar", 0.0)) * BAR
+        lines = lines / (1.0 + truth.errors.get("pressure_scale", 0.0))
         clock = file.start_s + file.columns["time_s"].values
         plateaus = bench.Plateaus(_levels(lines), clock, _ways(file), "rotor_locked" in file.columns)
         steady.append((plateaus, file.noise_scale, file.file == "sweep.csv"))
-    return Asked(steady, zeros, runs, truth.told())
+    return Asked(steady, zeros, runs, told, noise_of(recording), _errors_of(recording))
+
+
+def _errors_of(recording: Recording) -> dict[str, float]:
+    found = dict.fromkeys(ERRORS, 0.0)
+    for name in found:
+        channel = recording.channels[COLUMN[name.partition("_")[0]]]
+        found[name] = channel.scale_sd if name.endswith("_scale") else channel.bias_sd
+    return found
 
 
 def _levels(lines: np.ndarray) -> np.ndarray:
@@ -162,7 +177,7 @@ class Whitened:
         self.asked = asked
         self.base = base
         self._slopes = [self._row_slopes(rows) for rows, _, _ in asked.steady]
-        self.runs = RunsSeen(asked.runs, asked.told, base)
+        self.runs = RunsSeen(asked.runs, asked.told, asked.noise, base)
 
     def _row_slopes(self, rows: bench.Plateaus) -> np.ndarray:
         here = bench.plateaus(self.base, rows)
@@ -193,10 +208,10 @@ class Whitened:
             p, q, n = found.pressure, found.flow, found.speed
             if first:
                 p, q, n = (misread(rig.effects, c, x) for c, x in (("pressure", p), ("flow", q), ("speed", n)))
-            parts.append(_white(p, q, n, slopes, scale, rows.locked))
+            parts.append(self._white(p, q, n, slopes, scale, rows.locked))
         for count, scale in self.asked.zeros:
             found = bench.at_rest(rig, count)
-            parts += [found.pressure / noise_sd("pressure", scale), found.flow / noise_sd("flow", scale)]
+            parts += [getattr(found, one) / noise_sd(self.asked.noise[one], scale) for one in ("pressure", "flow")]
         return np.concatenate([*parts, *self.runs.readings(rig, line)])
 
     def nuisances(self, rig: Rig | None = None, z: np.ndarray | None = None) -> np.ndarray:
@@ -264,7 +279,7 @@ class Whitened:
         }
         errors = {
             name: rig.errors.get(name, 0.0) + sd * one
-            for (name, sd), one in zip(ERRORS.items(), z[6:LINE], strict=True)
+            for (name, sd), one in zip(self.asked.errors.items(), z[6:LINE], strict=True)
         }
         return self.readings(replace(rig, nuisances=changed, errors=dict(rig.errors) | errors), z[LINE:])
 
@@ -322,20 +337,21 @@ class Whitened:
                 found = np.zeros((size, 3 * n))
                 for column in range(3 * n):
                     p, q, one = (np.eye(n)[column % n] if column // n == i else nothing for i in range(3))
-                    found[before : before + 2 * n, column] = _white(p, q, one, slopes, scale, False)
+                    found[before : before + 2 * n, column] = self._white(p, q, one, slopes, scale, False)
                 return found
             before += n if rows.locked else 2 * n
         return np.empty((size, 0))
 
-
-def _white(p: np.ndarray, q: np.ndarray, n: np.ndarray, slopes: np.ndarray, scale: float, locked: bool) -> np.ndarray:
-    """Speed and flow of steady rows at equal gauge reading, in units of noise: Cholesky of each row's covariance."""
-    sp, sq, sn = (noise_sd(channel, scale) for channel in ("pressure", "flow", "speed"))
-    if locked:
-        alone: np.ndarray = (q - slopes[:, 1] * p) / np.hypot(sq, slopes[:, 1] * sp)
-        return alone
-    a = np.hypot(sn, slopes[:, 0] * sp)
-    b = slopes[:, 0] * slopes[:, 1] * sp**2 / a
-    c = np.sqrt(sq**2 + (slopes[:, 1] * sp) ** 2 - b**2)
-    speed = (n - slopes[:, 0] * p) / a
-    return np.concatenate([speed, (q - slopes[:, 1] * p - b * speed) / c])
+    def _white(
+        self, p: np.ndarray, q: np.ndarray, n: np.ndarray, slopes: np.ndarray, scale: float, locked: bool
+    ) -> np.ndarray:
+        """Speed and flow of steady rows at equal gauge reading in units of noise: Cholesky of each row's covariance."""
+        sp, sq, sn = (noise_sd(self.asked.noise[channel], scale) for channel in ("pressure", "flow", "speed"))
+        if locked:
+            alone: np.ndarray = (q - slopes[:, 1] * p) / np.hypot(sq, slopes[:, 1] * sp)
+            return alone
+        a = np.hypot(sn, slopes[:, 0] * sp)
+        b = slopes[:, 0] * slopes[:, 1] * sp**2 / a
+        c = np.sqrt(sq**2 + (slopes[:, 1] * sp) ** 2 - b**2)
+        speed = (n - slopes[:, 0] * p) / a
+        return np.concatenate([speed, (q - slopes[:, 1] * p - b * speed) / c])

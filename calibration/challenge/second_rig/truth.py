@@ -90,6 +90,11 @@ class Truth:
         effects = concealed.from_json(self.effects)
         return Rig(self.nuisances, self.errors, effects, added_inertia, supply_of(self.supply))
 
+    @property
+    def is_behind_wires(self) -> bool:
+        """Whether a bench's own instruments read it, and not those of a written recording."""
+        return not self.sensors
+
     def told(self) -> dict[str, Any]:
         """Tachometer and gauge, and what the recording says of them and of the line."""
         return PLAIN | self.instruments
