@@ -327,7 +327,7 @@ def could_be_told(folder: Path) -> dict[str, Any]:
     return separable(Truth(**told["truth"]), folder / "recording")
 
 
-def campaign(which: str, out: Path, cases: int) -> list[dict[str, Any]]:
+def campaign(which: str, out: Path, cases: int, first: int = 0) -> list[dict[str, Any]]:
     """Do what is left of a campaign.
 
     Parameters
@@ -338,6 +338,8 @@ def campaign(which: str, out: Path, cases: int) -> list[dict[str, Any]]:
         Folder of its cases.
     cases : int
         How many there are [-].
+    first : int
+        Those before it are left out [-].
 
     Returns
     -------
@@ -348,7 +350,7 @@ def campaign(which: str, out: Path, cases: int) -> list[dict[str, Any]]:
     kept = out / f"{which}.jsonl"
     lines = kept.read_text(encoding="utf-8").splitlines() if kept.exists() else []
     done = [json.loads(line) for line in lines]
-    for index in sorted(set(range(cases)) - {one["case"] for one in done}):
+    for index in sorted(set(range(first, cases)) - {one["case"] for one in done}):
         folder = out / f"{which}-{index:03d}"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
@@ -375,10 +377,11 @@ def main() -> int:
     parser.add_argument("which", choices=("benches", "concealed"))
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the cases; a campaign goes on in it")
     parser.add_argument("--cases", type=int, help=f"how many ({BENCHES} benches, {RUNS} concealed)")
+    parser.add_argument("--first", type=int, default=0, help="leave out the cases before this one")
     parser.add_argument("--page", type=Path, help="write the table and the cases in this folder")
     options = parser.parse_args()
     count = options.cases or {"benches": BENCHES, "concealed": RUNS}[options.which]
-    done = campaign(options.which, options.out, count)
+    done = campaign(options.which, options.out, count, options.first)
     print(write_page(options.which, done, options.page))
     return int(any("failed" in one for one in done))
 

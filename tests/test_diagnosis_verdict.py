@@ -245,6 +245,12 @@ def test_beside_a_base_model_that_is_not_excluded_it_is_listed() -> None:
     assert said.startswith("Something may be left out") and said.endswith("or nothing left out.")
 
 
+@pytest.mark.parametrize(("p", "kind"), [(0.005, "consistent"), (1e-9, "unresolved")])
+def test_a_likely_base_model_is_held_to_what_any_set_is_held_to(p: float, kind: str) -> None:
+    base, drag = Weighed((), 0.9), Weighed(("windage",), 0.1)
+    assert judge(p, [base, drag], {(): p, drag.names: 0.4}, None).kind == kind
+
+
 @pytest.mark.parametrize(("gain", "kind"), [(-3.0, "named"), (-5.0, "unresolved")])
 def test_an_instrument_far_off_need_not_predict_better_than_one_that_is_pulled(gain: float, kind: str) -> None:
     """Differences below 4 decide nothing, whatever few folds say of their error."""
