@@ -138,6 +138,16 @@ def test_what_a_sensor_conceals_is_read_and_the_motor_knows_nothing_of_it(effect
     assert told(with_effect) / told(plain) == pytest.approx(1.0 + expected, rel=1e-4)
 
 
+def test_what_begins_at_a_moment_counts_from_the_first_pressure():
+    made = plant(Concealed("torque_from_a_moment_on", "step", {"moment_s": 6.0, "torque_nm": 0.3}))
+    made.advance(20 * NS)  # a bench stands for a while before anybody looks
+    made.order(2.0)
+    made.advance(23 * NS)
+    before = mean_rpm(made)
+    made.advance(28 * NS)
+    assert mean_rpm(made) < 0.95 * before
+
+
 @pytest.mark.parametrize("form", ["first_order", "delay", "moving_average"])
 def test_a_slow_tachometer_comes_after_the_shaft_and_counts_all_its_turns(form):
     lag = Concealed("speed_lag", form, {"time_s": 0.05})

@@ -156,6 +156,7 @@ class LivePlant:
         self._base = rig.figures() | {"ambient_k": room_k}
         self.room_k, self.inlet_k = room_k, self._base["inlet_k"]
         self.time_ns = 0
+        self._begun_ns: int | None = None
         self.ambient_bar = self.target_bar = self._base["ambient_pa"] / BAR
         self.listeners: list[Listener] = []
         self.setpoints: deque[tuple[float, float]] = deque([(0.0, self.ambient_bar)], maxlen=MOST_SETPOINTS)
@@ -227,6 +228,8 @@ class LivePlant:
         if abs(target - self.target_bar) > SETTLED_BAR:
             self._way = math.copysign(1.0, target - self.target_bar)
             self.target_bar = target
+            if self._begun_ns is None and not self.vented:
+                self._begun_ns = self.time_ns
             self.setpoints.append((self.time_ns / NS, target))
 
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
@@ -256,7 +259,8 @@ class LivePlant:
         span_ns = to_ns - self.time_ns
         count = max(1, round(span_ns / SAMPLE_NS))
         span_s = span_ns / count / NS
-        clock_s = self.time_ns / NS
+        # What goes by the time counts from the first pressure: a bench stands for a while before anybody looks.
+        clock_s = 0.0 if self._begun_ns is None else (self.time_ns - self._begun_ns) / NS
         rows, lines = concealed.row_figures(
             self._base, self.effects, np.array([clock_s]), np.array([self._way]), np.zeros(1)
         )
