@@ -25,6 +25,7 @@ import numpy as np
 from calibration.challenge.second_rig.separable import separable
 from calibration.challenge.second_rig.truth import Truth
 from rig.bench import FOLDER
+from rig.virtual.plant import LineTruth
 from tests.chain_page import write_page
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -324,7 +325,16 @@ def could_be_told(folder: Path) -> dict[str, Any]:
         Of a case that is done.
     """
     told = json.loads((folder / "revealed.json").read_text(encoding="utf-8"))
-    return separable(Truth(**told["truth"]), folder / "recording")
+    line, area = told["line"], LineTruth().valve_area_mm2
+    supply = {
+        "regulator_time_s": line["regulator_lag_s"],
+        "droop_bar_min_l": line["regulator_droop_bar_min_l"],
+        "valve_time_s": line["valve_time_s"],
+        "valve_area_mm2": area,
+        "vent_area_mm2": area,
+        "line_volume_l": line["line_volume_l"],
+    }
+    return separable(Truth(**told["truth"] | {"supply": supply}), folder / "recording")
 
 
 def campaign(which: str, out: Path, cases: int, first: int = 0) -> list[dict[str, Any]]:

@@ -243,7 +243,7 @@ def _here(truth: Truth, bench: Bench) -> Truth:
         place["where"] = [edge * share for edge in place["where"]]
     return replace(
         truth, effects=effects, sizes=sizes, nuisances=nuisances, place=place, errors={}, sensors={},
-        with_transients=bool(bench.file.sweep.captures), misdeclared=False,
+        with_transients=bool(bench.file.sweep.captures), misdeclared=False, supply={}, instruments={},
     )  # fmt: skip
 
 
