@@ -26,6 +26,7 @@ from calibration.diagnosis.name import screen
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.search import Search
 from calibration.diagnosis.signatures import signatures
+from calibration.diagnosis.supply import FORMS, WANDERS, Course
 from calibration.diagnosis.unseen import predict_unseen
 from calibration.nulls_draw import null_recording
 from model.effects import effects
@@ -316,6 +317,22 @@ def test_a_line_that_empties_late_is_no_missing_physics(tmp_path: Path) -> None:
         comparison, base, signatures(comparison, base), forces(comparison, base), np.random.default_rng(1)
     )
     assert detection.p_value > 0.01
+
+
+def test_a_line_has_no_kink_where_its_two_lags_are_alike() -> None:
+    """A search that comes there would find no way on."""
+    own = {"opening_late": 0.0, "opening_time": 0.03} | {f"opening_form_{k}": 0.0 for k in range(len(FORMS))}
+    own |= {f"wander_{k}": 0.0 for k in range(WANDERS)}
+    time, valve = np.linspace(0.0, 0.3, 61), (Supply(-1.0, 1e5, False), Supply(0.0, 2e5, True))
+
+    def slope(fast: float) -> np.ndarray:
+        low, high = (Course(valve, own | {"opening_valve": fast + by}, 1.0).share(time) for by in (-1e-7, 1e-7))
+        return (high - low) / 2e-7
+
+    slopes = [slope(0.03 * share) for share in (0.99, 0.9995, 1.0, 1.0005, 1.01)]
+    assert np.abs(slopes[0]).max() > 1.0
+    for one in slopes[1:]:
+        assert one == pytest.approx(slopes[0], abs=0.02 * np.abs(slopes[0]).max())
 
 
 def test_air_that_enters_late_is_no_missing_physics(tmp_path: Path) -> None:

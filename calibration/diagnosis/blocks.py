@@ -21,6 +21,8 @@ REST_AT = 5.0  # rad/s; ... and to this speed: below, it hangs on single pulses 
 RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest speed on: how it broke away nobody knows
 FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
+WHOLE = 0.03  # of a tooth by which a sample that spans whole teeth may miss them
+ROWS_ARE_TEETH = 0.9  # share of the samples that span whole teeth, from which on the rows are teeth
 LEAST_PULSE = 0.8  # of a pulse of the cylinders that a sample has to span
 LEVEL_PA = 3000.0  # gap that parts two pressure levels
 SETTLING = 0.7  # share of a span that began with the valve, after which its line is taken to have settled at first
@@ -376,6 +378,8 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
     valve, unseen_s, settled_sd = _valve(clock, pressure, opened)
     window = tachometer.window_s
     begin = _begin(time) if window is None else time - window
+    if window is None and tachometer.pulses_per_rev:
+        begin = _at_the_tooth_before(time, begin, speed, tachometer.pulses_per_rev)
     row, scale = np.flatnonzero(sampled) + 1, np.full(time.size, file.noise_scale)
     if window is None:
         time, begin, speed, row, scale = _by_pulses(time, begin, speed, row, scale)
@@ -405,6 +409,20 @@ def _begin(time: np.ndarray) -> np.ndarray:
     if time.size < 2:
         return time - 1.0
     return np.concatenate([[time[0] - float(np.median(np.diff(time)))], time[:-1]])
+
+
+def _at_the_tooth_before(time: np.ndarray, begin: np.ndarray, speed: np.ndarray, teeth: float) -> np.ndarray:
+    """Where samples begin of a counter whose rows are teeth: where some were lost, at the tooth before.
+
+    A sample that spans whole teeth is the mean since the row before.
+    """
+    one = 2.0 * math.pi / teeth
+    turned = speed * (time - begin) / one
+    whole = np.abs(turned - np.rint(turned)) < WHOLE
+    if not speed.size or np.mean(whole[speed > 0.0]) < ROWS_ARE_TEETH:
+        return begin
+    since = one / np.maximum(speed, 1e-9)
+    return np.where(whole | (since > time - begin), begin, time - since)
 
 
 def _by_pulses(

@@ -20,7 +20,7 @@ from calibration.diagnosis.faint import Faint, faint
 from calibration.diagnosis.forces import Force, forces
 from calibration.diagnosis.linear import Comparison
 from calibration.diagnosis.locate import Place, locate, rows_as_places
-from calibration.diagnosis.misread import MISREAD, BadRow, bad_rows, by_chance, with_misread
+from calibration.diagnosis.misread import MISREAD, BadRow, alone_at_an_end, bad_rows, by_chance, with_misread
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import Candidate, evidence_p
 from calibration.diagnosis.next_test import NextTest, propose
@@ -318,6 +318,12 @@ def _diagnose(
         if chance < MISMATCH_P:
             detection = replace(detection, p_value=min(detection.p_value, chance))
             verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
+            if end := alone_at_an_end(comparison, base):
+                words = f"the {end[2]} in {end[0]}, row {end[1]}, is the only one at that end of the pressures: it may "
+                verdict = Verdict(
+                    "unresolved", None, (), 0.0, words + "be misread, or the motor does something else there"
+                )
+                bad, misread = [], frozenset()
         else:
             verdict = replace(verdict, why=f"{verdict.why}; readings stand out no more than heavy tails would")
     step = None

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtr
 
+from calibration.diagnosis.blocks import LEVEL_PA
 from calibration.diagnosis.linear import FLOW, Comparison
 from calibration.diagnosis.mode import Mode
 from calibration.diagnosis.name import Candidate
@@ -50,6 +51,31 @@ def by_chance(comparison: Comparison, mode: Mode) -> float:
     """
     farthest = float(np.max(np.abs(mode.r[_bad(comparison, mode)]), initial=0.0))
     return float(min(1.0, 2.0 * comparison.n * 2.0 * stdtr(TAILS, -farthest * math.sqrt(TAILS / (TAILS - 2.0)))))
+
+
+def alone_at_an_end(comparison: Comparison, mode: Mode) -> BadRow | None:
+    """A reading taken for bad at the lowest or highest level, where no other of its channel was taken; None if none is.
+
+    Nothing tells there whether it is misread, or the motor does something that it does nowhere else.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    """
+    places, n = _bad(comparison, mode), comparison.n
+    good = comparison.known[: 2 * n].copy()
+    good[places] = False
+    for rank, place in enumerate(places):
+        mine = slice(n, 2 * n) if place >= n else slice(0, n)
+        pressure = comparison.problem.blocks.plateaus.pressure
+        apart = pressure[good[mine]] - pressure[place % n]
+        beside = np.abs(apart) < LEVEL_PA
+        if not beside.any() and (np.all(apart > 0.0) or np.all(apart < 0.0)):
+            return bad_rows(comparison, mode)[rank]
+    return None
 
 
 def with_misread(

@@ -31,6 +31,7 @@ FLOOR_PA = 1000.0  # by which a line that is being vented stays above the ambien
 WANDERS, WANDER_SD = 8, 0.002  # pieces in which an open line goes up and down, and by how much, in shares of the step
 STEADY_STEP_S = 0.02  # of the staircase, once the line has settled
 MOST_SHARE = 1.5
+ALIKE = 1e-3  # share by which two time constants differ that count as one
 # Of the staircase that stands for the line: its edges, in sums of the time constants after the line begins to move.
 EDGES = np.concatenate([np.linspace(0.0, 1.0, 41), np.geomspace(1.0, 12.0, 121)[1:]])
 OPENING, VENTING = "opening", "venting"
@@ -182,10 +183,12 @@ class Course:
         """How far the line has come a time after the valve is said to be moved [-]."""
         after = np.asarray(time) - self.own[f"{way}_late"]
         slow, fast = self.own[f"{way}_time"], self.own[f"{way}_valve"]
-        if abs(slow - fast) < 1e-3 * slow:
-            fast = slow * (1.0 - 1e-3)
         begun = np.maximum(after, 0.0)
-        found = 1.0 - (slow * np.exp(-begun / slow) - fast * np.exp(-begun / fast)) / (slow - fast)
+        if abs(slow - fast) < ALIKE * slow:  # the limit, to second order the same
+            mean = begun / (0.5 * (slow + fast))
+            found = 1.0 - (1.0 + mean) * np.exp(-mean)
+        else:
+            found = 1.0 - (slow * np.exp(-begun / slow) - fast * np.exp(-begun / fast)) / (slow - fast)
         place = np.log(np.maximum(begun / (slow + fast), 1e-6))
         for k, middle in enumerate(FORMS):
             hat = np.maximum(0.0, 1.0 - np.abs(place - math.log(middle)) / LOG_WIDTH)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from calibration.diagnosis.linear import FLOW, RUN, SPEED, Comparison
 from calibration.diagnosis.mode import Mode
@@ -139,6 +140,7 @@ def refuse_wrong_supply(recording: Recording) -> None:
 
 
 def _hold_against_supply(place: str, time: np.ndarray, speed: np.ndarray, opened: np.ndarray, is_said: bool) -> None:
+    speed = median_filter(speed, 3, mode="nearest")  # a rotor that rocks to rest over a tooth makes a lone peak
     top = float(speed.max())
     edges = [0, *(np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist(), time.size]
     wrong = []  # how far it goes the wrong way in each span

@@ -25,6 +25,7 @@ from rig.runlog.schema import AmbientRecord
 
 NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
+SAME = 1e-6  # share within which two ways to a speed give the same
 STANDS = 3.0  # standard errors of a mean speed that is none
 VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less
 
@@ -239,6 +240,8 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
             if column != "inlet_temperature_c"
         }
         read |= {column: _news(run, channels[column], read[column]) for column in PRESSURES if column in read}
+        if "speed_rpm" in read:
+            read["speed_rpm"] = _since_before(run, channels["speed_rpm"], phase, read["speed_rpm"])
         sampled = {column for column, found in read.items() if found.value.size}
         if not sampled & set(PRESSURES) or not sampled & {"speed_rpm", "flow_l_min"}:
             notes.append(f"{phase.kind} from {phase.start_s:.1f} s: left out, no pressure, or neither speed nor flow")
@@ -266,6 +269,20 @@ def _news(run: Run, channel: str, found: Series) -> Series:
     return dataclasses.replace(
         found, time_ns=found.time_ns[kept], value=found.value[kept], censored=found.censored[kept]
     )
+
+
+def _since_before(run: Run, channel: str, phase: Phase, found: Series) -> Series:
+    """Speeds as means since the reading before: after edges that were lost a counter tells the last tooth's alone."""
+    angle = series(run, f"{channel.partition('.')[0]}.angle_rad", phase.start_s, phase.end_s)
+    if not angle.value.size:
+        return found
+    place = np.clip(np.searchsorted(angle.time_ns, found.time_ns), 0, angle.time_ns.size - 1)
+    turned = np.where(angle.time_ns[place] == found.time_ns, angle.value[place], np.nan)
+    mean = np.diff(turned) / np.diff(found.time_ns) * NS * 30.0 / np.pi
+    value = found.value.copy()
+    other = np.isfinite(mean) & (np.abs(mean - value[1:]) > SAME * np.abs(mean))
+    value[1:][other] = mean[other]
+    return dataclasses.replace(found, value=value)
 
 
 def _remarks(run: Run, phase: Phase, read: dict[str, Series]) -> list[str]:
