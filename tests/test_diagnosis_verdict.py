@@ -7,6 +7,7 @@ import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from calibration.diagnosis.detect import _Test
 from calibration.diagnosis.document import set_probability
 from calibration.diagnosis.forces import forces
 from calibration.diagnosis.linear import Comparison
+from calibration.diagnosis.misread import alone_at_an_end
 from calibration.diagnosis.name import log_prior, refusal, weigh
 from calibration.diagnosis.noise import SCALES
 from calibration.diagnosis.problem import Problem
@@ -243,6 +245,20 @@ def test_beside_a_base_model_that_is_not_excluded_it_is_listed() -> None:
     document = {"verdict": "confounded", "mismatch": {"p_value": 0.005}, "effects": [{"id": "windage"}]}
     said = sentence(document | {"alternatives": [[]]})
     assert said.startswith("Something may be left out") and said.endswith("or nothing left out.")
+
+
+@pytest.mark.parametrize(("row", "alone"), [(0, True), (1, False), (2, False), (4, False), (5, False)])
+def test_a_row_alone_at_an_end_of_the_pressures_is_not_called_misread(row: int, alone: bool) -> None:
+    """Nothing tells there whether it is misread, or the motor does something else."""
+    pressure = np.array([1.2, 1.5, 1.8, 1.5, 2.1, 2.1]) * 1e5
+    plateaus = SimpleNamespace(pressure=pressure, file=("sweep.csv",) * 6, row=np.arange(1, 7))
+    problem = SimpleNamespace(blocks=SimpleNamespace(plateaus=plateaus))
+    kind, index = np.repeat([0, 1], 6), np.tile(np.arange(6), 2)
+    comparison = SimpleNamespace(n=6, known=np.ones(12, dtype=bool), problem=problem, kind=kind, index=index)
+    bad = np.zeros(12)
+    bad[6 + row] = 1.0
+    found = alone_at_an_end(comparison, SimpleNamespace(bad=bad))  # type: ignore[arg-type]
+    assert found == (("sweep.csv", row + 1, "speed", 1.0) if alone else None)
 
 
 @pytest.mark.parametrize(("p", "kind"), [(0.005, "consistent"), (1e-9, "unresolved")])

@@ -224,6 +224,7 @@ def run_of_motor(folder: Path, opened: np.ndarray | None, speed: np.ndarray) -> 
     return read_recording(folder)
 
 
+ROCKING = np.concatenate([np.full(30, 390.0), 390.0 * np.exp(-0.1 * np.arange(1, 51)), [1.0, 0.0, 293.0] + 7 * [0.0]])
 FALLING = np.concatenate([np.full(30, 390.0), 390.0 * np.exp(-0.1 * np.arange(1, 61))])
 RISING = np.concatenate([np.zeros(30), 390.0 * (1.0 - np.exp(-0.1 * np.arange(1, 61)))])
 OPEN_FIRST = np.arange(90) < 30
@@ -250,6 +251,7 @@ def test_a_supply_that_the_speed_contradicts_is_refused(
     ("opened", "speed"),
     [
         (OPEN_FIRST, FALLING),
+        (OPEN_FIRST, ROCKING),
         (~OPEN_FIRST, RISING),
         (None, RISING),
         (np.arange(90) < 37, FALLING),
@@ -286,6 +288,23 @@ def test_a_pressure_that_is_written_again_until_the_gauge_is_read_is_one_reading
     assert np.array_equal(found.pressure, same.pressure)
     assert np.array_equal(found.sd, same.sd)
     assert gauged(tmp_path / "fresh", fresh).runs[0].line.time.size > 5 * found.time.size
+
+
+def test_after_lost_teeth_a_sample_is_the_last_tooth_s(tmp_path: Path) -> None:
+    speed = np.linspace(40.0, 10.0, 60)  # rad/s
+    time = np.cumsum(2.0 * np.pi / 60.0 / speed)
+    kept = np.flatnonzero((np.arange(60) < 20) | (np.arange(60) > 22))
+    rows = [f"{time[i]:.6f},{2.0 + 0.001 * (i % 7):.3f},{speed[i] * RPM:.4f}" for i in kept]
+    folder = tmp_path / "counted"
+    folder.mkdir()
+    teeth = RUN.replace("noise_sd = 0.5", "noise_sd = 0.5\npulses_per_rev = 60")
+    plateau = '[[files]]\nfile = "plateau.csv"\nkind = "steady"\n'
+    (folder / "recording.toml").write_text(teeth + plateau, encoding="utf-8")
+    (folder / "plateau.csv").write_text("pressure_bar_abs,speed_rpm\n2.0,390.0\n", encoding="utf-8")
+    (folder / "run.csv").write_text("\n".join(["time_s,pressure_bar_abs,speed_rpm", *rows]) + "\n", encoding="utf-8")
+    (run,) = blocks_of(read_recording(folder)).runs
+    (gap,) = np.flatnonzero(run.begin[1:] > run.time[:-1] + 1e-6)
+    assert run.begin[gap + 1] == pytest.approx(time[22], abs=1e-5)
 
 
 def test_a_valve_that_is_said_to_take_no_time_has_a_quick_one(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import sys
 
 import numpy as np
@@ -208,6 +209,23 @@ def test_what_a_slow_gauge_only_repeats_is_not_in_a_transient(tmp_path):
     run = written(tmp_path, fill, kind="coast-down", devices=devices, sources=held)
     (file,) = recording_of(run).recording.files
     assert list(np.isnan(file.columns["pressure_bar_abs"].values)) == [False, True, True, False, False, True]
+
+
+def test_after_lost_edges_a_speed_is_the_mean_since_the_reading_before(tmp_path):
+    """The counter tells the last tooth's alone; its count of teeth, which it keeps, tells the mean."""
+    times, tooth = [0.0, 0.1, 0.19, 0.26], 2.0 * math.pi / 60.0  # each tooth quicker than the one before
+
+    def fill(bench):
+        for number, (moment, rpm) in enumerate(zip(times, (9.0, 10.0, 11.1, 14.3), strict=True)):
+            if number == 2:
+                continue  # lost
+            readings = {SPEED: rpm, "angle_rad": tooth * number}
+            bench.writer.exchange(poll("gauge", {PRESSURE: 2.0 + 0.01 * number}, round(moment * NS)))
+            bench.writer.exchange(poll("tach", readings, round(moment * NS)))
+        bench.writer.event("capture end", NS, capture="coast-down", start_s=0.0, end_s=1.0)
+
+    (file,) = recording_of(written(tmp_path, fill, kind="coast-down")).recording.files
+    assert list(file.columns["speed_rpm"].values) == pytest.approx([9.0, 10.0, 2.0 / 0.16])
 
 
 @pytest.mark.parametrize(

@@ -435,8 +435,10 @@ def _by_pulses(
     turned = np.cumsum(speed * (time - begin))
     group = np.zeros(time.size, dtype=int)
     since, last = turned[0] if time.size else 0.0, 0
+    gap = np.append(False, begin[1:] > time[:-1] + 1e-9)
     for k in range(1, time.size):
-        if turned[k - 1] - since >= LEAST_PULSE * PULSE or speed[k] == 0.0 or speed[k - 1] == 0.0 or k == 1:
+        full = turned[k - 1] - since >= LEAST_PULSE * PULSE
+        if full or speed[k] == 0.0 or speed[k - 1] == 0.0 or k == 1 or gap[k]:
             last += 1
             since = turned[k - 1]
         group[k] = last

@@ -98,7 +98,7 @@ def seen(run: RunInTime, what: str) -> np.ndarray:
     """
     _, k, part = what.split("_")
     step = run.time - run.begin
-    ends = np.cumsum(run.speed * step)
+    ends = np.cumsum(run.speed * np.diff(run.time, prepend=run.begin[:1]))  # where a row is missing it turned on
     begins = ends - run.speed * step
     off = PARTS[part]
     found: np.ndarray = (off(int(k) * ends) - off(int(k) * begins)) / step
