@@ -36,6 +36,21 @@ def test_a_torque_from_a_moment_on_beats_a_warm_up_and_the_moment_is_found(tmp_p
     assert not comparison.problem.given  # what was tried leaves nothing behind
 
 
+def test_a_torque_that_sets_in_during_a_plateau_is_told_too(tmp_path: Path) -> None:
+    """That plateau's mean shows a part of it, and belongs to what comes after."""
+    for name, chosen in (("free", {}), ("braked", {"torque_step": {"torque_nm": 0.19, "moment_s": 350.0}})):
+        sweep(tmp_path / name, 21, chosen)
+    free, braked = ((tmp_path / name / "sweep.csv").read_text("utf-8").splitlines() for name in ("free", "braked"))
+    row = next(i for i, line in enumerate(braked) if i and float(line.split(",")[0]) > 350.0)
+    before, after = (line.split(",") for line in (free[row], braked[row]))
+    part = [f"{0.65 * float(a) + 0.35 * float(b):.1f}" for a, b in zip(before[3:], after[3:], strict=True)]
+    braked[row] = ",".join([*after[:3], *part])
+    (tmp_path / "braked" / "sweep.csv").write_text("\n".join(braked) + "\n", encoding="utf-8")
+    found = step_instead(*of(read_recording(tmp_path / "braked"), WARM_UP))
+    assert found is not None and found.explains and found.balance == "torque"
+    assert found.start_s == 340.0
+
+
 def test_a_warm_up_is_not_given_up_for_a_step(tmp_path: Path) -> None:
     comparison, mode = of(sweep(tmp_path, 4, {WARM_UP: {"share_cold": 0.15, "time_s": 240.0}}), WARM_UP)
     found = step_instead(comparison, mode)

@@ -100,6 +100,7 @@ def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
     if not moments.size:
         return None
     kinds = {key: columns for key, columns in _columns(comparison, mode, time, moments).items() if columns.any()}
+    within = _first_after(comparison, time, moments)
     end_s, first = float(time.everything.max()), len(comparison.problem.nuisances)
     owner = np.array([name for name, _ in comparison.problem.effect_unknowns(mode.names)])
 
@@ -109,18 +110,24 @@ def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
     found: list[Step] = []
     for member in mode.names or ("",):
         mine = first + np.flatnonzero(owner == member) if member else np.zeros(0, dtype=int)
-        rest = _Rest(comparison, mode, mine)
+        rest = _Rest(comparison, mode, mine, within)
         for (channel, balance), columns in kinds.items():
             gain, at = rest.of_a_step(columns)
             one = Step(channel, balance, float(moments[at]), end_s, gain - rest.nothing, gain - rest.instead)
             if balance == "torque" and member and one.over > WORTH_A_REFIT:
-                one = _refitted(comparison, mode, member, one, torque, moments)
+                one = _refitted(comparison, mode, member, one, torque, moments, within)
             found.append(one)
     return max(found, key=lambda one: one.over)
 
 
 def _refitted(
-    comparison: Comparison, mode: Mode, member: str, step: Step, columns: Columns, moments: np.ndarray
+    comparison: Comparison,
+    mode: Mode,
+    member: str,
+    step: Step,
+    columns: Columns,
+    moments: np.ndarray,
+    within: np.ndarray,
 ) -> Step:
     """A step of the torque with its evidence by a refit: a large one bends what the readings do."""
     k = len(comparison.problem.nuisances)
@@ -137,7 +144,7 @@ def _refitted(
                 break
             best = replace(step, gain=best.gain + over - best.over, over=over)
             place = k + [name for name, _ in there.problem.effect_unknowns(names)].index(STEP)
-            at = _Rest(there, near, np.array([place])).of_a_step(columns(there, near))[1]
+            at = _Rest(there, near, np.array([place]), within).of_a_step(columns(there, near))[1]
             if moments[at] == step.start_s:
                 break
             step, first = replace(step, start_s=float(moments[at])), {}
@@ -159,6 +166,9 @@ class _Rest:
         Of the set.
     mine : ndarray of int
         Places of the member's unknowns; none where the readings taken for bad are left out.
+    within : ndarray of bool, shape (m, moments)
+        Readings of the plateau during which each moment may be: what of the step they show is free, where it stands
+        for a member.
 
     Attributes
     ----------
@@ -168,8 +178,9 @@ class _Rest:
         With nothing in its place [-].
     """
 
-    def __init__(self, comparison: Comparison, mode: Mode, mine: np.ndarray) -> None:
-        self.comparison, self.mode = comparison, mode
+    def __init__(self, comparison: Comparison, mode: Mode, mine: np.ndarray, within: np.ndarray) -> None:
+        # A step in the place of misread readings may not make one of them up.
+        self.comparison, self.mode, self.within = comparison, mode, within & bool(mine.size)
         self.J = np.delete(mode.D, mine, axis=1)
         self.difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z
         bad = mode.bad >= GOOD
@@ -189,7 +200,7 @@ class _Rest:
         for _ in range(LOOKS):
             gains = self._singles(columns, u)
             at = int(np.argmax(gains))
-            u = self._noise(columns[:, [at]])
+            u = self._noise(np.column_stack([columns[:, at], np.where(self.within[:, at], columns[:, at], 0.0)]))
         gains = self._singles(columns, u)
         return float(logsumexp(gains) - math.log(gains.size)), int(np.argmax(gains))
 
@@ -212,13 +223,29 @@ class _Rest:
         return float(fit) - white.log_scale - 0.5 * float(np.sum((u / SPREAD) ** 2))
 
     def _singles(self, columns: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Log evidence with each column alone, shape (k,)."""
+        """Log evidence of each step, with a free share of it in the plateau during which it may be, shape (k,)."""
         white = self.comparison.whitener(self.mode.prediction, u)
-        J, C = white(self.J) * self.good[:, None], white(columns) * self.good[:, None]
+        J = white(self.J) * self.good[:, None]
+        C, W = (white(one) * self.good[:, None] for one in (columns, np.where(self.within, columns, 0.0)))
         r = project(J, white(self.difference) * self.good)
-        size = 1.0 + np.einsum("ij,ij->j", C, project(J, C))
-        gains: np.ndarray = 0.5 * (C.T @ r) ** 2 / size - 0.5 * np.log(size)
+        PC, PW = project(J, C), project(J, W)
+        a, b, c = (np.einsum("ij,ij->j", *pair) for pair in ((C, PC), (C, PW), (W, PW)))
+        a, c = 1.0 + a, 1.0 + c
+        x, y, size = C.T @ r, W.T @ r, a * c - b * b
+        gains: np.ndarray = 0.5 * (c * x * x - 2.0 * b * x * y + a * y * y) / size - 0.5 * np.log(size)
         return gains + self._evidence(np.zeros((r.size, 0)), u, self.good)
+
+
+def _first_after(comparison: Comparison, time: Along, moments: np.ndarray) -> np.ndarray:
+    """Readings of the first plateau after each moment, shape (m, moments)."""
+    n = comparison.n
+    found = np.zeros((comparison.read.size, moments.size), dtype=bool)
+    for k, moment in enumerate(moments):
+        after = np.where(time.plateaus > moment, time.plateaus, np.inf)
+        if np.isfinite(after).any():
+            row = int(np.argmin(after))
+            found[[row, n + row], k] = True
+    return found
 
 
 def _moments(time: Along) -> np.ndarray:
