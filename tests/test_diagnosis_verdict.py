@@ -257,8 +257,10 @@ def test_a_row_alone_at_an_end_of_the_pressures_is_not_called_misread(row: int, 
     comparison = SimpleNamespace(n=6, known=np.ones(12, dtype=bool), problem=problem, kind=kind, index=index)
     bad = np.zeros(12)
     bad[6 + row] = 1.0
+    assert alone_at_an_end(comparison, SimpleNamespace(bad=bad)) is None  # type: ignore[arg-type]  # its flow is right
+    bad[row] = 1.0
     found = alone_at_an_end(comparison, SimpleNamespace(bad=bad))  # type: ignore[arg-type]
-    assert found == (("sweep.csv", row + 1, "speed", 1.0) if alone else None)
+    assert found == (("sweep.csv", row + 1, "flow", 1.0) if alone else None)
 
 
 @pytest.mark.parametrize(("p", "kind"), [(0.005, "consistent"), (1e-9, "unresolved")])

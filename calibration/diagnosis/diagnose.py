@@ -319,10 +319,9 @@ def _diagnose(
             detection = replace(detection, p_value=min(detection.p_value, chance))
             verdict = Verdict("named", None, (), min(row[3] for row in bad), "single readings that nothing explains")
             if end := alone_at_an_end(comparison, base):
-                words = f"the {end[2]} in {end[0]}, row {end[1]}, is the only one at that end of the pressures: it may "
-                verdict = Verdict(
-                    "unresolved", None, (), 0.0, words + "be misread, or the motor does something else there"
-                )
+                place = f"{end[0]}, row {end[1]}, is the only one at that end of the pressures"
+                why = f"{place}: it may be misread, or the motor does something else there"
+                verdict = Verdict("unresolved", None, (), 0.0, why)
                 bad, misread = [], frozenset()
         else:
             verdict = replace(verdict, why=f"{verdict.why}; readings stand out no more than heavy tails would")

@@ -54,7 +54,7 @@ def by_chance(comparison: Comparison, mode: Mode) -> float:
 
 
 def alone_at_an_end(comparison: Comparison, mode: Mode) -> BadRow | None:
-    """A reading taken for bad at the lowest or highest level, where no other of its channel was taken; None if none is.
+    """A row taken for bad as a whole at the lowest or highest level, where no other was taken; None if none is.
 
     Nothing tells there whether it is misread, or the motor does something that it does nowhere else.
 
@@ -73,7 +73,8 @@ def alone_at_an_end(comparison: Comparison, mode: Mode) -> BadRow | None:
         pressure = comparison.problem.blocks.plateaus.pressure
         apart = pressure[good[mine]] - pressure[place % n]
         beside = np.abs(apart) < LEVEL_PA
-        if not beside.any() and (np.all(apart > 0.0) or np.all(apart < 0.0)):
+        confirmed = good[place % n] or good[n + place % n]  # by the row's other reading
+        if not confirmed and not beside.any() and (np.all(apart > 0.0) or np.all(apart < 0.0)):
             return bad_rows(comparison, mode)[rank]
     return None
 
