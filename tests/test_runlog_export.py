@@ -1,5 +1,6 @@
 """A run as a recording and as a Parquet file."""
 
+import dataclasses
 import hashlib
 import json
 import math
@@ -209,6 +210,25 @@ def test_what_a_slow_gauge_only_repeats_is_not_in_a_transient(tmp_path):
     run = written(tmp_path, fill, kind="coast-down", devices=devices, sources=held)
     (file,) = recording_of(run).recording.files
     assert list(np.isnan(file.columns["pressure_bar_abs"].values)) == [False, True, True, False, False, True]
+
+
+def test_a_pressure_whose_reply_came_late_is_not_in_a_transient(tmp_path):
+    """It was measured at any moment since the request, and a line that fills moves on meanwhile."""
+
+    def fill(bench):
+        for step in range(6):
+            exchange = poll("gauge", {PRESSURE: 1.0 + 0.1 * step}, step * NS)
+            (one,) = exchange.readings
+            asked_ns = step * NS - (NS if step == 3 else 5_000_000)
+            late = dataclasses.replace(one, request_ns=asked_ns, reply_ns=step * NS + 5_000_000)
+            bench.writer.exchange(exchange.with_readings((late,)))
+            bench.writer.exchange(poll("tach", {SPEED: 100.0 + step}, step * NS))
+        bench.writer.event("capture end", 6 * NS, capture="spin-up", start_s=0.0, end_s=6.0)
+
+    made = recording_of(written(tmp_path, fill, kind="spin-up"))
+    (file,) = made.recording.files
+    assert list(np.isnan(file.columns["pressure_bar_abs"].values)) == [False, False, False, True, False, False]
+    assert any("1 readings left out, their replies came late" in note for note in made.notes)
 
 
 def test_after_lost_edges_a_speed_is_the_mean_since_the_reading_before(tmp_path):

@@ -25,6 +25,7 @@ from rig.runlog.schema import AmbientRecord
 
 NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
+SLOWER, LATE_S = 4.0, 0.05  # times the usual exchange, and no less, from which on a reply came late
 SAME = 1e-6  # share within which two ways to a speed give the same
 STANDS = 3.0  # standard errors of a mean speed that is none
 VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less
@@ -239,7 +240,11 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
             for column, channel in channels.items()
             if column != "inlet_temperature_c"
         }
-        read |= {column: _news(run, channels[column], read[column]) for column in PRESSURES if column in read}
+        for column in (one for one in PRESSURES if one in read):
+            prompt = _prompt(read[column])
+            if not prompt.all():
+                notes.append(f"{name}, {column}: {int((~prompt).sum())} readings left out, their replies came late")
+            read[column] = _news(run, channels[column], _only(read[column], np.flatnonzero(prompt)))
         if "speed_rpm" in read:
             read["speed_rpm"] = _since_before(run, channels["speed_rpm"], phase, read["speed_rpm"])
         sampled = {column for column, found in read.items() if found.value.size}
@@ -264,11 +269,23 @@ def _news(run: Run, channel: str, found: Series) -> Series:
     for i, (value, time_ns) in enumerate(zip(found.value, found.time_ns, strict=True)):
         if not kept or value != found.value[kept[-1]] or time_ns - found.time_ns[kept[-1]] >= update_s * NS:
             kept.append(i)
-    if len(kept) == found.value.size:
-        return found
-    return dataclasses.replace(
-        found, time_ns=found.time_ns[kept], value=found.value[kept], censored=found.censored[kept]
-    )
+    return _only(found, np.array(kept, dtype=int))
+
+
+def _only(found: Series, kept: np.ndarray) -> Series:
+    """Some of the readings."""
+    arrays = ("time_ns", "value", "censored", "lasted_ns")
+    return dataclasses.replace(found, **{name: getattr(found, name)[kept] for name in arrays})
+
+
+def _prompt(found: Series) -> np.ndarray:
+    """Readings whose moment is known: a reply that was long in coming tells a pressure of any moment since the request.
+
+    Shape (n,) of bool.
+    """
+    usual = float(np.median(found.lasted_ns)) if found.lasted_ns.size else 0.0
+    prompt: np.ndarray = found.lasted_ns <= max(SLOWER * usual, LATE_S * NS)
+    return prompt
 
 
 def _since_before(run: Run, channel: str, phase: Phase, found: Series) -> Series:

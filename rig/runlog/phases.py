@@ -55,6 +55,8 @@ class Series:
         In the channel's unit.
     censored : ndarray of int, shape (n,)
         -1 and 1 beyond the scale [-].
+    lasted_ns : ndarray of int64, shape (n,)
+        From the request to the reply: within it each was measured [ns].
     unusable, unverified : int
         Readings that failed, and those among the usable ones that nothing checked [-].
     """
@@ -62,6 +64,7 @@ class Series:
     time_ns: NDArray[np.int64]
     value: NDArray[np.float64]
     censored: NDArray[np.int64]
+    lasted_ns: NDArray[np.int64]
     unusable: int
     unverified: int
 
@@ -107,6 +110,7 @@ def series(run: Run, channel: str, start_s: float, end_s: float) -> Series:
         kept["time_ns"].to_numpy()[order],
         kept["value"].to_numpy()[order],
         kept["censored"].to_numpy()[order],
+        (kept["reply_ns"] - kept["request_ns"]).to_numpy()[order],
         int((~usable).sum()),
         int((kept["quality"] == Quality.UNVERIFIED.value).sum()),
     )
