@@ -99,15 +99,15 @@ chain: $(STAMP)
 	$(BIN)/python -m tests.chain concealed -o $(OUT)/chain $(if $(PAGE),--page $(PAGE))
 
 sbc: $(STAMP)
-	$(ONE_THREAD) $(BIN)/python -m calibration.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
 
 # PAGE=docs/nulls also writes the page there.
 nulls: $(STAMP)
-	$(ONE_THREAD) $(BIN)/python -m calibration.nulls -o $(OUT)/nulls $(if $(PAGE),--page $(PAGE))
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.nulls -o $(OUT)/nulls $(if $(PAGE),--page $(PAGE))
 
 # PAGE=docs/evidence also writes the page there; EVERY=3 has nested sampling in one case of three.
 evidence: $(STAMP)
-	$(ONE_THREAD) $(BIN)/python -m calibration.evidence_check -o $(OUT)/evidence $(if $(EVERY),--nested-every $(EVERY)) $(if $(PAGE),--page $(PAGE))
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.evidence_check -o $(OUT)/evidence $(if $(EVERY),--nested-every $(EVERY)) $(if $(PAGE),--page $(PAGE))
 
 # Goes on where it was interrupted; another folder is another campaign, with a seed of its own unless SEED=N is given.
 challenge: $(STAMP)

@@ -18,7 +18,7 @@ import typer
 
 if TYPE_CHECKING:
     from calibration.challenge.opening import Scored
-    from calibration.sampling import Progress
+    from calibration.fit.sampling import Progress
     from model.motor import Motor
     from model.reproduction import Measured
     from rig.bench import Bench
@@ -44,10 +44,10 @@ INTERRUPTED = 130  # as a shell has it for what Ctrl-C ends
 EXIT_CODES = {
     "builtins.OSError": UNUSABLE_INPUT,
     "calibration.challenge.layout.ChallengeError": UNUSABLE_INPUT,
-    "calibration.fit.NotConvergedError": NOT_CONVERGED,
-    "calibration.peak.NoPeakError": UNUSABLE_INPUT,
-    "calibration.sampling.ChainError": UNUSABLE_INPUT,
-    "calibration.with_effects.EffectsError": UNUSABLE_INPUT,
+    "calibration.fit.fit.NotConvergedError": NOT_CONVERGED,
+    "calibration.fit.peak.NoPeakError": UNUSABLE_INPUT,
+    "calibration.fit.sampling.ChainError": UNUSABLE_INPUT,
+    "calibration.systems.radial_piston.with_effects.EffectsError": UNUSABLE_INPUT,
     "configs.ConfigError": UNUSABLE_INPUT,
     "model.performance.OperatingPointError": UNUSABLE_INPUT,
     "rig.acquisition.recorder.RecorderError": RUN_FAILED,
@@ -353,10 +353,12 @@ def fit(
     """
     import dataclasses
 
-    from calibration import fit as fits
-    from calibration import fit_quality, with_effects
-    from calibration.report import files, fit_page, fit_words, simulation
-    from calibration.sampling import Settings
+    from calibration import fit_quality
+    from calibration.fit import fit as fits
+    from calibration.fit.sampling import Settings
+    from calibration.report import fit_page, fit_words, simulation
+    from calibration.systems.radial_piston import with_effects
+    from calibration.work import files
 
     _check_places(out, json_file)
     read = _recording(_folder(recording, logs))
@@ -427,11 +429,12 @@ def diagnose(
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
+    from calibration.data.joined import together
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
-    from calibration.diagnosis.together import together
-    from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words, files, simulation
-    from calibration.rigs_problem import OF_KIND
+    from calibration.diagnosis.other_rigs.problem import OF_KIND
+    from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words, simulation
+    from calibration.work import files
 
     _check_places(out, json_file)
     parts = [_recording(_folder(named, logs)) for named in recording]
@@ -465,8 +468,10 @@ def _diagnose_rig(
     read: Recording, out: Path | None, json_file: Path | None, seed: int, unseen: Recording | None
 ) -> None:
     """The diagnosis of a rig that is not this motor."""
-    from calibration.report import diagnosis_words, files, simulation
-    from calibration.rigs_diagnosis import as_json, look, page, words
+    from calibration.diagnosis.other_rigs import as_json, look, words
+    from calibration.report import diagnosis_words, simulation
+    from calibration.report import rigs_page as page
+    from calibration.work import files
 
     with _diagnosing() as tell:
         diagnosis = look(read, seed, tell, unseen)
@@ -507,7 +512,7 @@ def _refuse_twice(parts: Sequence[Recording], unseen: Recording | None) -> None:
 
 def _warn_of_rows(found: Mapping[str, Any]) -> None:
     """Say on standard error of which files less than nine tenths of the rows were used, and which rows were not."""
-    from calibration.runs_in_time import few_used
+    from calibration.data.runs_in_time import few_used
 
     for words in few_used(found.get("files", [])):
         print(f"spinbench: {words}", file=sys.stderr)
@@ -612,7 +617,8 @@ def reproduce(
     """Compute the article's figures and results anew, and set them beside the published ones."""
     import os
 
-    from calibration.report import files, reproduction
+    from calibration.report import reproduction
+    from calibration.work import files
     from model.motor import read_motor
     from model.reproduction import reproduce as compute
 
@@ -725,7 +731,7 @@ def _take(
     from dataclasses import replace
     from functools import partial
 
-    from calibration.beside import Beside
+    from calibration.live_checks import Beside
     from rig.bench import bench_path, read_bench
     from rig.running import UNVENTED, take
     from rig.terminal import Terminal, somebody_is_there
@@ -803,7 +809,7 @@ def sheet(
     minutes_running: Annotated[float | None, typer.Option(help="How long the motor had run that day [min].")] = None,
 ) -> None:
     """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
-    from calibration.report import files
+    from calibration.work import files
     from rig.bench import bench_path, read_bench
     from rig.sweep import sheet as sheets
     from rig.sweep.ambient import Given, at_start
@@ -906,7 +912,8 @@ def reveal(
 ) -> None:
     """Open the seal of a concealed bench: what was concealed, and what a diagnosis of it is worth."""
     from calibration.challenge import revealing
-    from calibration.report import files, simulation
+    from calibration.report import simulation
+    from calibration.work import files
 
     _check_places(None, json_file)
     found = None if diagnosis is None else revealing.read_diagnosis(diagnosis)
@@ -976,7 +983,8 @@ def replay(
 
 def _against_model(run: Run, out: Path | None) -> None:
     """Measured against simulated speed and flow in time."""
-    from calibration.report import files, replay_comparison
+    from calibration.report import replay_comparison
+    from calibration.work import files
     from model.motor import read_motor
     from model.replayed import drive, in_room
     from rig.replay.channels import STEP_S, channels_of
@@ -1143,7 +1151,7 @@ def challenge_score(
 ) -> None:
     """Open the seal, count hits, misses, refusals and false alarms, and enter the campaign into the ledger."""
     from calibration.challenge import keeping, opening
-    from calibration.report import files
+    from calibration.work import files
 
     _check_places(page, json_file)
     _check_places(keep, None)
@@ -1187,7 +1195,8 @@ def challenge_pool(
 def _tell_of_scores(scored: Scored, book: Path, page: Path | None, json_file: Path | None) -> None:
     from calibration.challenge import ledger, tables
     from calibration.challenge import page as pages
-    from calibration.report import files, simulation
+    from calibration.report import simulation
+    from calibration.work import files
 
     if page is not None:
         files.write_files(page, pages.files(scored, ledger.read_ledger(book)))
@@ -1242,7 +1251,7 @@ def many_fit(
 ) -> None:
     """Fit many recordings into one table, which says where the model does not fit; exit code 2 when some failed."""
     from calibration import fleet
-    from calibration.sampling import Settings
+    from calibration.fit.sampling import Settings
 
     found = fleet.recordings_in(recordings, _is_recording)
     settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
@@ -1304,7 +1313,7 @@ def _run(name: str, logs: Path) -> Run:
 
 def _check_places(out: Path | None, json_file: Path | None) -> None:
     """Whether results could be written, before the work that they come of."""
-    from calibration.report import files
+    from calibration.work import files
 
     files.check_places(out, None if json_file is None or str(json_file) == "-" else json_file)
 
@@ -1395,7 +1404,7 @@ def _published_sweep() -> Measured:
 
 def _deliver(data: bytes, table: object, plot: bytes | None, json_file: Path | None, out: Path | None) -> None:
     """JSON where it was asked for, files in the folder, and the table unless standard output is taken."""
-    from calibration.report import files
+    from calibration.work import files
 
     if out is not None:
         contents = {"simulation.json": data} | ({"simulation.png": plot} if plot is not None else {})

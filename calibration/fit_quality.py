@@ -9,21 +9,22 @@ from typing import Any
 import numpy as np
 from scipy.special import bdtrc
 
-from calibration import fit as fits
-from calibration import posterior, rows_used
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import MISMATCH_P, detect
+from calibration.data import rows_used
 from calibration.diagnosis.diagnose import Detected, detect_mismatch
-from calibration.diagnosis.forces import forces
-from calibration.diagnosis.linear import FLOW, SPEED
-from calibration.diagnosis.locate import locate
-from calibration.diagnosis.mode import BAD
-from calibration.diagnosis.noise import too_loud
-from calibration.diagnosis.signatures import signatures
-from calibration.posterior import FitQuality
-from calibration.priors import KELVIN_AT_0_C, PASCAL_PER_BAR
+from calibration.diagnosis.linear_model.forces import forces
+from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.steps.detect import MISMATCH_P, detect
+from calibration.diagnosis.steps.locate import locate
+from calibration.fit import fit as fits
+from calibration.fit import posterior
+from calibration.fit.posterior import FitQuality
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import FLOW, SPEED
+from calibration.likelihood.mode import BAD
+from calibration.likelihood.noise import too_loud
 from calibration.report.diagnosis_words import place_in_words
-from calibration.step_clock import Tell
+from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR
+from calibration.work.step_clock import Tell
 from model.motor import Motor
 from rig.recording import Ambient, Column, Recording, RecordingFile
 
@@ -44,7 +45,7 @@ def judge(
     effects: Sequence[str] = (),
     tell: Tell = lambda _: None,
 ) -> FitQuality:
-    """Test the model of a fit; the arguments are those of `calibration.fit.fit`.
+    """Test the model of a fit; the arguments are those of `calibration.fit.fit.fit`.
 
     Bad readings are part of the model, as they are of the fit: a single one that stands out is no mismatch.
 

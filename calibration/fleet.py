@@ -14,13 +14,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibration import many_table
-from calibration.many import Item, Result, Task, Tell, run_many
-from calibration.report.files import write_files
-from calibration.sources import diagnosis_sha256
+from calibration.work import many_table
+from calibration.work.files import write_files
+from calibration.work.many import Item, Result, Task, Tell, run_many
+from calibration.work.sources import imported_sha256
 
 if TYPE_CHECKING:
-    from calibration.sampling import Settings
+    from calibration.fit.sampling import Settings
     from rig.recording import Recording
 
 Read = Callable[[Path], "Recording"]
@@ -136,7 +136,7 @@ def item_of(folder: Path, options: dict[str, Any]) -> Item:
             contents.update(
                 f"{path.relative_to(folder)} {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode()
             )
-    mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{diagnosis_sha256()}"
+    mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{imported_sha256(__name__)}"
     name = f"{slug}-{hashlib.sha256(place.encode()).hexdigest()[:8]}"
     return Item(name, {"folder": place, **options}, mark)
 
@@ -165,9 +165,9 @@ def _write(
 
 
 def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
-    from calibration import rigs_diagnosis
     from calibration.diagnosis import as_json, diagnose
-    from calibration.rigs_problem import OF_KIND
+    from calibration.diagnosis import other_rigs as rigs_diagnosis
+    from calibration.diagnosis.other_rigs.problem import OF_KIND
 
     recording, seed = read(Path(argument["folder"])), argument["seed"]
     if not isinstance(recording.motor, str) and recording.motor.get("kind") in OF_KIND:
@@ -176,8 +176,9 @@ def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
 
 
 def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
-    from calibration import fit, fit_quality
-    from calibration.sampling import Settings
+    from calibration import fit_quality
+    from calibration.fit import fit
+    from calibration.fit.sampling import Settings
 
     recording, settings = read(Path(argument["folder"])), Settings(**argument["settings"])
     quality = fit_quality.judge(recording, settings.seed)

@@ -13,8 +13,8 @@ from typing import Any
 
 from calibration.challenge.revealing import in_words, score_in_words
 from calibration.report.diagnosis_words import sentence
-from calibration.report.files import write_file
 from calibration.report.render import render
+from calibration.work.files import write_file
 from model.layout import L_MIN, RPM
 
 LINKS = (

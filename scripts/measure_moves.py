@@ -19,10 +19,10 @@ import emcee
 import numpy as np
 from emcee.moves import DEMove, Move, StretchMove
 
-from calibration import fit, sampling
-from calibration.likelihood import Likelihood
-from calibration.moves import IndependenceMove
-from calibration.transport import REACH, TransportMap
+from calibration.fit import fit, sampling
+from calibration.fit.moves import IndependenceMove
+from calibration.fit.transport import REACH, TransportMap
+from calibration.likelihood.steady import Likelihood
 from rig.recording import read_recording
 
 PUBLISHED_SWEEP = Path(__file__).resolve().parent.parent / "logs" / "published_sweep"

@@ -21,7 +21,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 import rig_recordings as rigs  # noqa: E402
 
-from calibration.rigs_diagnosis import diagnose_rig  # noqa: E402
+from calibration.diagnosis.other_rigs import diagnose_rig  # noqa: E402
 from rig.recording import Recording  # noqa: E402
 
 Make = Callable[[np.random.Generator], Recording]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.priors import at_ambient
+from calibration.unknowns.priors import at_ambient
 from model import layout as at
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient

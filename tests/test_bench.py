@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.sampling import Settings
+from calibration.fit.sampling import Settings
 from model.motor import read_motor
 
 BENCH = Path(__file__).with_name("bench")

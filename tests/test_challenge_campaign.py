@@ -209,9 +209,9 @@ def test_what_a_campaign_is_run_with_is_frozen_before_the_first_verdict(campaign
 
 def test_frozen_are_thresholds_versions_and_hashes():
     found = freezing.frozen()
-    from calibration.diagnosis import verdict
+    from calibration.diagnosis.steps import verdict
 
-    assert found["thresholds"]["verdict.MISMATCH_P"] == verdict.MISMATCH_P
+    assert found["thresholds"]["diagnosis.steps.verdict.MISMATCH_P"] == verdict.MISMATCH_P
     assert {"numpy", "scipy", "numba", "python"} <= set(found["versions"])
     assert len(found["code_sha256"]) == len(found["diagnosis_sha256"]) == 64
     assert found["commit"] is None or len(found["commit"]) == 40

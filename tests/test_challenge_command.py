@@ -12,10 +12,10 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from calibration import many_table
 from calibration.challenge.campaign import make
 from calibration.challenge.layout import read_campaign
-from calibration.many import Result
+from calibration.work import many_table
+from calibration.work.many import Result
 from tests import sweep_rig
 
 ROOT = Path(__file__).resolve().parent.parent

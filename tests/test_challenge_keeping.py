@@ -12,7 +12,7 @@ from calibration.challenge import freezing, keeping, layout, opening, running
 from calibration.challenge.campaign import make
 from calibration.challenge.layout import ChallengeError
 from calibration.challenge.opening import Settings, score
-from calibration.report.files import write_files
+from calibration.work.files import write_files
 from tests import fake_rig
 
 PARTS = {"mixed": {"cases": 12, "seed": 5}, "nulls": {"cases": 3, "seed": 6, "only": "none"}}
@@ -85,7 +85,7 @@ def what_the_scorer_found(data):
 
 
 def a_threshold(data):
-    data["frozen"]["thresholds"]["verdict.NAMED"] = 0.5
+    data["frozen"]["thresholds"]["diagnosis.steps.verdict.NAMED"] = 0.5
 
 
 def the_commit(data):

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis.abrupt import step_instead
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.steps.abrupt import step_instead
+from calibration.diagnosis.steps.base import base_of
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
 from calibration.report.diagnosis_words import place_in_words
+from calibration.systems.radial_piston.problem import Problem
 from model.motor import read_motor
 from rig.recording import Recording, read_recording
 from tests.diagnosis_recordings import sweep

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.descent import find
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json
 from calibration.diagnosis.f_overall import SOLVERS_DIFFER, UNSEEN
-from calibration.diagnosis.faint import faint
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.name import beyond
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.signatures import signatures
+from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.name import beyond
+from calibration.diagnosis.steps.not_excluded import faint
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.systems.radial_piston.problem import Problem
 from tests import diagnosis_recordings as recordings
 
 AGREE = 1.0  # nats; the linear model's evidence against that of a refit

@@ -15,19 +15,19 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.correction import corrections, hold_out, nuisances_beside
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import detect
-from calibration.diagnosis.discover import STABLE, discover
-from calibration.diagnosis.forces import TorqueAnswer, forces, torque_column
-from calibration.diagnosis.further_forces import not_observable
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.locate import Place, locate
-from calibration.diagnosis.mode import Mode, robust_weights
-from calibration.diagnosis.noise import SPREAD, too_loud
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.signatures import signatures
-from calibration.diagnosis.terms import forms
+from calibration.diagnosis.linear_model.forces import TorqueAnswer, forces, torque_column
+from calibration.diagnosis.linear_model.further_forces import not_observable
+from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.linear_model.terms import forms
+from calibration.diagnosis.steps.correction import corrections, hold_out, nuisances_beside
+from calibration.diagnosis.steps.detect import detect
+from calibration.diagnosis.steps.discover import STABLE, discover
+from calibration.diagnosis.steps.locate import Place, locate
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import Mode, robust_weights
+from calibration.likelihood.noise import SPREAD, too_loud
+from calibration.systems.radial_piston.problem import Problem
 from rig.recording import read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.information import Expected, expected_nats, repeats_needed
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.name import Candidate
-from calibration.diagnosis.next_test import MOST, MOST_APART, NextTest, propose, ranked
-from calibration.diagnosis.planned import FLYWHEEL, planned
-from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.next_test.information import Expected, expected_nats, repeats_needed
+from calibration.diagnosis.next_test.planned import FLYWHEEL, planned
+from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked
+from calibration.diagnosis.steps.name import Candidate
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import Mode
+from calibration.systems.radial_piston.problem import Problem
 from tests.diagnosis_recordings import add_coast_down, sweep
 
 

@@ -19,14 +19,15 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
-from calibration.diagnosis import Diagnosis, as_json, diagnose, together
-from calibration.diagnosis.discover import Term
-from calibration.diagnosis.next_test import NextTest
-from calibration.diagnosis.problem import Problem
+from calibration.data import joined as together
+from calibration.diagnosis import Diagnosis, as_json, diagnose, sets_in_words
+from calibration.diagnosis.next_test.recommend import NextTest
+from calibration.diagnosis.steps.discover import Term
+from calibration.diagnosis.steps.verdict import Verdict
 from calibration.diagnosis.usable import refuse_starved
-from calibration.diagnosis.verdict import Verdict
 from calibration.report import diagnosis_figures, diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words
 from calibration.report import diagnosis_numbers as numbers
+from calibration.systems.radial_piston.problem import Problem
 from rig.recording import read_recording
 from tests import browser
 from tests.diagnosis_recordings import add_coast_down, sweep
@@ -221,11 +222,11 @@ def test_f_overall_is_shown_before_and_after_though_only_its_error_changed(clean
 
 def test_sets_of_several_effects_are_set_off_by_commas():
     sets = (["leakage"], ["flow_offset", "flow_scale"], [])
-    assert diagnosis_words.in_a_row(sets, "or") == (
+    assert sets_in_words.in_a_row(sets, "or") == (
         "“air that does no work (leakage)”, “flow meter reads high or low by a constant (flow_offset)” and “flow meter "
         "reads high or low in proportion (flow_scale)”, or nothing left out"
     )
-    assert diagnosis_words.in_a_row([["windage"], ["nothing missing"]], "and") == (
+    assert sets_in_words.in_a_row([["windage"], ["nothing missing"]], "and") == (
         "“drag growing with the square of speed (windage)” and nothing missing"
     )
 

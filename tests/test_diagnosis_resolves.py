@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.resolves import Resolved, resolved
-from calibration.diagnosis.signatures import signatures
+from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.resolves import Resolved, resolved
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.systems.radial_piston.problem import Problem
 from model.effects import effects
 from tests.diagnosis_recordings import sweep
 

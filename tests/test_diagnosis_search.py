@@ -10,25 +10,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.diagnosis import as_json, descent, diagnose, together
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.carried import carried
-from calibration.diagnosis.confirm import folds_of, summed_up
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import MISMATCH_P, detect
+from calibration.data import joined as together
+from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.diagnose import detect_mismatch
-from calibration.diagnosis.forces import forces
-from calibration.diagnosis.function import Function
-from calibration.diagnosis.in_time import Plan, Pulses
-from calibration.diagnosis.linear import RUN, VENTED, Comparison
-from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.name import screen
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.search import Search
-from calibration.diagnosis.signatures import signatures
-from calibration.diagnosis.supply import FORMS, WANDERS, Course
-from calibration.diagnosis.unseen import predict_unseen
-from calibration.nulls_draw import null_recording
+from calibration.diagnosis.linear_model.forces import forces
+from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.confirm import folds_of, summed_up
+from calibration.diagnosis.steps.detect import MISMATCH_P, detect
+from calibration.diagnosis.steps.name import screen
+from calibration.diagnosis.steps.search import Search
+from calibration.diagnosis.steps.unseen import predict_unseen
+from calibration.likelihood import descent
+from calibration.likelihood.carried import carried
+from calibration.likelihood.descent import find
+from calibration.likelihood.function import Function
+from calibration.likelihood.linear import RUN, VENTED, Comparison
+from calibration.likelihood.mode import Mode
+from calibration.studies.nulls_draw import null_recording
+from calibration.systems.radial_piston.in_time import Plan, Pulses
+from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.supply import FORMS, WANDERS, Course
 from model.effects import effects
 from model.effects.effect import unknown_state
 from model.transient import Supply, rest_state
@@ -206,7 +208,7 @@ def test_what_promises_far_less_than_a_member_is_worth_is_not_refitted(
     search.modes[both.names] = replace(both, log_evidence=base.log_evidence + 80.0)
     for name in both.names:
         search.modes[(name,)] = replace(base, names=(name,), log_evidence=base.log_evidence + 40.0)
-    monkeypatch.setattr("calibration.diagnosis.search.screen", lambda *_, **__: [("windage", promised, {})])
+    monkeypatch.setattr("calibration.diagnosis.steps.search.screen", lambda *_, **__: [("windage", promised, {})])
     tried: list[tuple[str, ...]] = []
     monkeypatch.setattr(search, "_refit", lambda jobs: tried.extend(job.names for job in jobs))
     search.swap()

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis import descent
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.descent import find
 from calibration.diagnosis.diagnose import detect_mismatch
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.mode import cost_of
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.search import Search
-from calibration.diagnosis.side_by_side import SideBySide
-from calibration.diagnosis.signatures import signatures
+from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.search import Search
+from calibration.likelihood import descent
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import cost_of
+from calibration.systems.radial_piston.problem import Problem
+from calibration.work.side_by_side import SideBySide
 from model.motor import read_motor
 from tests import diagnosis_recordings as recordings
 

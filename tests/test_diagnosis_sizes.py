@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.name import Candidate
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.sizes import sizes_of
-from calibration.diagnosis.tails import marginals
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.sizes import sizes_of
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.tails import marginals
+from calibration.systems.radial_piston.problem import Problem
 from tests import diagnosis_recordings as recordings
 
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.linear import STANDING, Comparison
-from calibration.diagnosis.problem import Problem
-from calibration.priors import at_ambient
+from calibration.diagnosis.steps.base import base_of
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import STANDING, Comparison
 from calibration.report.diagnosis_figures import held_rotor
 from calibration.report.diagnosis_numbers import models
 from calibration.report.diagnosis_page import report
+from calibration.systems.radial_piston.problem import Problem
+from calibration.unknowns.priors import at_ambient
 from model.effects import effects
 from model.effects.effect import unknown_state
 from model.layout import L_MIN

@@ -13,15 +13,15 @@ from scipy.integrate import quad
 from scipy.stats import johnsonsu, norm
 
 from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.confirm import fit_on, predict_held
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.mode import log_bad, minus_log_posterior
-from calibration.diagnosis.name import Candidate
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.sizes import sizes_of
-from calibration.diagnosis.tails import log_ratio, marginals, reweighed, share
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.confirm import fit_on, predict_held
+from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.sizes import sizes_of
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import log_bad, minus_log_posterior
+from calibration.likelihood.tails import log_ratio, marginals, reweighed, share
+from calibration.systems.radial_piston.problem import Problem
 from rig.recording import read_recording
 from tests import diagnosis_recordings as recordings
 

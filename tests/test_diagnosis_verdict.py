@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.confirm import HeldOut, cross_validate, fit_on, predict_held
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import _Test
 from calibration.diagnosis.document import set_probability
-from calibration.diagnosis.forces import forces
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.misread import alone_at_an_end
-from calibration.diagnosis.name import log_prior, refusal, weigh
-from calibration.diagnosis.noise import SCALES
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.signatures import signatures
+from calibration.diagnosis.linear_model.forces import forces
+from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.confirm import HeldOut, cross_validate, fit_on, predict_held
+from calibration.diagnosis.steps.detect import _Test
+from calibration.diagnosis.steps.misread import alone_at_an_end
+from calibration.diagnosis.steps.name import log_prior, refusal, weigh
+from calibration.diagnosis.steps.verdict import Verdict, judge, not_excluded
 from calibration.diagnosis.usable import refuse_at_rest
-from calibration.diagnosis.verdict import Verdict, judge, not_excluded
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.noise import SCALES
 from calibration.report.diagnosis_words import sentence
-from calibration.step_clock import StepClock
+from calibration.systems.radial_piston.problem import Problem
+from calibration.work.step_clock import StepClock
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError, read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
@@ -187,7 +187,7 @@ class Weighed:
 
 def test_the_time_of_a_step_that_comes_again_is_added_up(monkeypatch: pytest.MonkeyPatch) -> None:
     now = iter([0.0, 1.0, 3.0, 7.0, 15.0])
-    monkeypatch.setattr("calibration.step_clock.time.monotonic", lambda: next(now))
+    monkeypatch.setattr("calibration.work.step_clock.time.monotonic", lambda: next(now))
     told: list[str] = []
     clock = StepClock(told.append)
     for step in ("name", "test", "name", ""):

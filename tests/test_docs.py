@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from calibration import fit
+from calibration.fit import fit
 from rig.recording import read_recording
 from spinbench import app
 

@@ -8,17 +8,16 @@ import math
 import numpy as np
 import pytest
 
-from calibration import evidence_cases, evidence_check, evidence_reference
-from calibration.campaigns import OtherCodeError
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.mode import minus_log_posterior
-from calibration.diagnosis.problem import Problem
-from calibration.evidence_reference import NOWHERE, adapted, importance, nested
-from calibration.evidence_target import Target
-from calibration.nulls_draw import null_recording
-from calibration.report import evidence_numbers, evidence_page
+from calibration.diagnosis.steps.base import base_of
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import minus_log_posterior
+from calibration.studies import evidence_cases, evidence_check, evidence_numbers, evidence_page, evidence_reference
+from calibration.studies.campaigns import OtherCodeError
+from calibration.studies.evidence_reference import NOWHERE, adapted, importance, nested
+from calibration.studies.evidence_target import Target
+from calibration.studies.nulls_draw import null_recording
+from calibration.systems.radial_piston.problem import Problem
 from model.effects import effects
 
 SEED = 7

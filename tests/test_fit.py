@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import fit as fits
+from calibration.fit import fit as fits
+from calibration.fit.sampling import Settings
 from calibration.report import fit_page
-from calibration.sampling import Settings
 from model import steady
 from model.motor import read_motor
 from rig.recording import Column, read_recording, write_recording

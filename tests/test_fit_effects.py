@@ -13,10 +13,11 @@ import pytest
 from scipy.stats import halfnorm, norm
 from typer.testing import CliRunner
 
-from calibration import effect_states, fit, posterior, sampling, with_effects
-from calibration.priors import Unknown
+from calibration.fit import fit, posterior, sampling
+from calibration.fit.sampling import Settings
 from calibration.report import fit_numbers
-from calibration.sampling import Settings
+from calibration.systems.radial_piston import effect_states, with_effects
+from calibration.unknowns.priors import Unknown
 from model import steady
 from model.effects import effects
 from model.effects import steady as effect_steady

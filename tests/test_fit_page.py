@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from calibration.fit import Fit, fit
-from calibration.posterior import FitQuality
+from calibration.fit.fit import Fit, fit
+from calibration.fit.posterior import FitQuality
+from calibration.fit.sampling import Settings
 from calibration.report import fit_numbers, fit_page, fit_words
-from calibration.sampling import Settings
 from rig.recording import read_recording
 from tests import browser
 

@@ -6,9 +6,11 @@ import math
 
 import pytest
 
-from calibration import fit, fit_quality, rows_used
+from calibration import fit_quality
+from calibration.data import rows_used
+from calibration.data.blocks import blocks_of
 from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis.blocks import blocks_of
+from calibration.fit import fit
 from rig.recording import Recording, read_recording
 from tests.diagnosis_recordings import add_coast_down, add_held_rotor, sweep
 

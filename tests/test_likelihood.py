@@ -10,8 +10,8 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_normal, norm
 
-from calibration import fit, peak
-from calibration.likelihood import Likelihood
+from calibration.fit import fit, peak
+from calibration.likelihood.steady import Likelihood
 from model import steady
 from model.motor import Motor, read_motor
 from rig.recording import read_recording

@@ -19,9 +19,9 @@ import pytest
 from typer.testing import CliRunner
 
 import rig.running
-from calibration import beside
-from calibration.beside import Beside
-from calibration.diagnosis.check import FEWEST, check
+from calibration import live_checks as beside
+from calibration.diagnosis.live_check import FEWEST, check
+from calibration.live_checks import Beside
 from rig.bench import FOLDER
 from rig.recording import Column, Recording, RecordingFile, read_recording, write_recording
 from rig.runlog import read_run, verify

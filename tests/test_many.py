@@ -18,7 +18,7 @@ import pytest
 
 from calibration.challenge import running
 from calibration.challenge.campaign import make
-from calibration.many import MOST_TRIES, ClusterError, Item, run_many
+from calibration.work.many import MOST_TRIES, ClusterError, Item, run_many
 from tests import fake_rig
 from tests.fake_rig import square
 
@@ -199,6 +199,6 @@ def test_a_campaign_run_on_a_cluster_has_the_verdicts_of_one_process(cluster, tm
 
 
 def test_no_scheduler_is_told_in_a_sentence(tmp_path, monkeypatch):
-    monkeypatch.setattr("calibration.many.CONNECT_S", 0.5)
+    monkeypatch.setattr("calibration.work.many.CONNECT_S", 0.5)
     with pytest.raises(ClusterError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 .*--workers"):
         run_many(square, items_of(1), tmp_path, scheduler="tcp://127.0.0.1:9")

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from calibration import measurement, priors
-from calibration.measurement import ABOVE, BELOW, MISSING, OBSERVED, Measurement
+from calibration.data import measurement
+from calibration.data.measurement import ABOVE, BELOW, MISSING, OBSERVED, Measurement
+from calibration.unknowns import priors
 from model import steady
 from model.motor import Motor, read_motor
 from rig.recording import RecordingError, read_recording

@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from calibration import nulls, nulls_draw, nulls_table
-from calibration.campaigns import OtherCodeError
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.detect import rarity
 from calibration.diagnosis.diagnose import detect_mismatch
-from calibration.nulls import Kind, items_of, p_of_null
-from calibration.priors import at_ambient
-from calibration.sources import diagnosis_sha256
+from calibration.diagnosis.steps.detect import rarity
+from calibration.studies import nulls, nulls_draw, nulls_table
+from calibration.studies.campaigns import OtherCodeError, code_of_a_case
+from calibration.studies.nulls import Kind, items_of, p_of_null
+from calibration.unknowns.priors import at_ambient
 from model import steady
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, read_motor
@@ -36,7 +35,7 @@ LEAK = {"leakage": {"conductance_kg_s_pa2": 1e-13}}
 
 
 def argument(seed, concealed=None, noise="declared"):
-    said = {"noise": noise, "with_runs": False, "seed": seed, "code": diagnosis_sha256()}
+    said = {"noise": noise, "with_runs": False, "seed": seed, "code": code_of_a_case()}
     return said | ({"concealed": concealed} if concealed else {})
 
 
@@ -158,7 +157,17 @@ def test_classes_and_seeds_draw_different_nulls():
 
 @pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGKILL])
 def test_a_campaign_that_is_stopped_goes_on_where_it_was(finished, tmp_path, blow):
-    command = [sys.executable, "-m", "calibration.nulls", "-o", str(tmp_path), "--sweeps", "200", "--with-runs", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "calibration.studies.nulls",
+        "-o",
+        str(tmp_path),
+        "--sweeps",
+        "200",
+        "--with-runs",
+        "0",
+    ]
     command += ["--noise", "declared", "--first-seed", str(SEED), "--workers", "1"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     running = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE)
@@ -184,7 +193,7 @@ def test_a_worker_with_other_code_gives_no_result():
 
 def test_a_null_of_other_code_is_made_anew(monkeypatch):
     before = items_of(SMALL)[0]
-    monkeypatch.setattr(nulls, "diagnosis_sha256", lambda: "another")
+    monkeypatch.setattr(nulls, "code_of_a_case", lambda: "another")
     after = items_of(SMALL)[0]
     assert (before.name, before.mark != after.mark) == (after.name, True)
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from calibration import fit, posterior
-from calibration.likelihood import Likelihood
-from calibration.sampling import Chain
+from calibration.fit import fit, posterior
+from calibration.fit.sampling import Chain
+from calibration.likelihood.steady import Likelihood
 from rig.recording import read_recording
 
 SWEEP = "pressure_bar_abs,flow_l_min,speed_rpm\n1.6,41.5,229.4\n1.8,57.2,270.0\n2.0,72.9,397.1\n"

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import lognorm, loguniform, norm
 
-from calibration import priors
-from calibration.priors import Unknown
+from calibration.unknowns import priors
+from calibration.unknowns.priors import Unknown
 from model.motor import QUANTITIES, read_motor
 from rig.recording import read_recording
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import truncnorm
 
 from calibration.diagnosis import Diagnosis, as_json, diagnose
-from calibration.diagnosis.descent import find
+from calibration.likelihood.descent import find
 from rig.recording import read_recording
 
 PUBLISHED = Path(__file__).resolve().parents[1] / "logs" / "published_sweep"

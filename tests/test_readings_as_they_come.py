@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 
 import spinbench
-from calibration.diagnosis.blocks import Blocks, blocks_of
+from calibration.data.blocks import Blocks, blocks_of
+from calibration.data.runs_in_time import coast_down, few_used, lone_zeros, release
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json, finite
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.planned import planned
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.supply import line_unknowns
+from calibration.diagnosis.next_test.planned import planned
+from calibration.diagnosis.other_rigs import diagnose_rig
+from calibration.diagnosis.steps.verdict import judge
 from calibration.diagnosis.usable import refuse_mixed_units, refuse_wrong_supply
-from calibration.diagnosis.verdict import judge
+from calibration.likelihood.linear import Comparison
 from calibration.report.diagnosis_words import sentence
-from calibration.rigs_diagnosis import diagnose_rig
-from calibration.runs_in_time import coast_down, few_used, lone_zeros, release
+from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.supply import line_unknowns
 from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
 from tests.diagnosis_recordings import sweep

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.report import files, reproduction
+from calibration.report import reproduction
 from calibration.report.paper_figures import CAPTIONS
+from calibration.work import files
 from model import layout as at
 from model.comparison import Comparison, compare
 from model.motor import read_motor

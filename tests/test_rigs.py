@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.rigs_fit import RigFit, fit_rig
-from calibration.rigs_problem import RigProblem
+from calibration.diagnosis.other_rigs.fit import RigFit, fit_rig
+from calibration.diagnosis.other_rigs.problem import RigProblem
 from model.effects import effects
 from model.layout import L_MIN, RPM
 from model.rigs.displacement_machine import rows

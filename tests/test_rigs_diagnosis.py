@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 import tests.rig_recordings as rigs
-from calibration.rigs_diagnosis import as_json, diagnose_rig, look
-from calibration.rigs_diagnosis.page import report
-from calibration.rigs_diagnosis.picture import picture
-from calibration.rigs_diagnosis.words import sentence, table
-from calibration.rigs_fit import fit_rig
-from calibration.rigs_problem import RigProblem
-from calibration.rigs_readings import means, plateaus
+from calibration.diagnosis.other_rigs import as_json, diagnose_rig, look
+from calibration.diagnosis.other_rigs.fit import fit_rig
+from calibration.diagnosis.other_rigs.problem import RigProblem
+from calibration.diagnosis.other_rigs.words import sentence, table
+from calibration.report.rigs_page import report
+from calibration.report.rigs_picture import picture
+from calibration.systems.readings import means, plateaus
 from rig.recording import Column, Recording, RecordingError, read_recording, write_recording
 from rig.runlog.importing import import_files
 from rig.runlog.mapping import read_mapping

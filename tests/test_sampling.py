@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from calibration import moves, peak, sampling
-from calibration.sampling import ChainError, Settings, sample
-from calibration.transport import TransportMap
+from calibration.fit import moves, peak, sampling
+from calibration.fit.sampling import ChainError, Settings, sample
+from calibration.fit.transport import TransportMap
 
 QUICK = Settings(seed=3, effective_samples=500, most_steps=1000, walkers=16)
 

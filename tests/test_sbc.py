@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration import sbc
+from calibration.studies import sbc
 
 SEEDS = range(7_100, 7_104)
 BUDGET = {"effective_samples": 100, "most_steps": 500, "times_tau": 8.0}  # a mean and a spread need no more

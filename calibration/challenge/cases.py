@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from calibration import many_table
 from calibration.challenge import judging
 from calibration.challenge.judging import ASTRAY, MISSED, NONE, WRONG, Case
+from calibration.work import many_table
 
 
 def failures(cases: Sequence[Case]) -> list[dict[str, Any]]:

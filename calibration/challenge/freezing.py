@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import importlib
-import pkgutil
 import platform
 import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from calibration.sources import EVERYTHING, ROOT, code_sha256, diagnosis_sha256
+from calibration.work.sources import DIAGNOSIS, EVERYTHING, ROOT, code_sha256, diagnosis_sha256, imported
 
 PACKAGES = ("spinbench", "numpy", "scipy", "numba", "emcee")
 SCALARS = (int, float, str)
@@ -29,17 +28,16 @@ def frozen() -> dict[str, Any]:
 
 
 def thresholds() -> dict[str, Any]:
-    """Every number, word and plain tuple that the modules of calibration.diagnosis set, by module and name."""
-    package = importlib.import_module("calibration.diagnosis")
+    """Every number, word and plain tuple that the modules of calibration set which a verdict imports."""
     found: dict[str, Any] = {}
-    for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
-        module = importlib.import_module(f"calibration.diagnosis.{name}")
+    for name in (one for one in imported(DIAGNOSIS) if one.startswith("calibration.")):
+        module = importlib.import_module(name)
         for key, value in sorted(vars(module).items()):
             constant = isinstance(value, SCALARS) or (
                 isinstance(value, tuple) and all(isinstance(one, SCALARS) for one in value)
             )
             if key.isupper() and not key.startswith("_") and constant:
-                found[f"{name}.{key}"] = value
+                found[f"{name.removeprefix('calibration.')}.{key}"] = value
     return found
 
 

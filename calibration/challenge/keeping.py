@@ -18,8 +18,8 @@ from calibration.challenge import layout, ledger, opening, running
 from calibration.challenge.judging import Case
 from calibration.challenge.layout import ChallengeError
 from calibration.challenge.opening import Opened, Scored
-from calibration.many import Result
-from calibration.sources import diagnosis_sha256, scorer_sha256
+from calibration.work.many import Result
+from calibration.work.sources import diagnosis_sha256, scorer_sha256
 
 FORMAT = "challenge-opened/1"
 SUFFIX = ".json.gz"

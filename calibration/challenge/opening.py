@@ -15,8 +15,8 @@ from calibration.challenge.campaign import truth_of
 from calibration.challenge.judging import LISTED, LISTED_IN_LIBRARY, NONE, Case, tests_of_this_bench
 from calibration.challenge.layout import Campaign
 from calibration.challenge.sealing import SealError, open_seal
-from calibration.many import Item, Result, Task, Tell, run_many
-from calibration.sources import code_sha256, diagnosis_sha256, scorer_sha256
+from calibration.work.many import Item, Result, Task, Tell, run_many
+from calibration.work.sources import code_sha256, diagnosis_sha256, scorer_sha256
 
 FOLDER = "scoring"
 Oracle = Callable[[Path, Sequence[str]], float]

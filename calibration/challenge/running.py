@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration import many_table
 from calibration.challenge import freezing, layout
 from calibration.challenge.layout import FROZEN, HASHES, VERDICTS, Campaign, ChallengeError
-from calibration.many import Item, Result, Task, Tell, read_results, run_many
-from calibration.report.files import write_file
-from calibration.sources import diagnosis_sha256
+from calibration.work import many_table
+from calibration.work.files import write_file
+from calibration.work.many import Item, Result, Task, Tell, read_results, run_many
+from calibration.work.sources import diagnosis_sha256
 
 RESULTS = "verdicts"
 HELD = ("truth_sha256", "diagnosis_sha256")  # what has to be the same from the first verdict to the last

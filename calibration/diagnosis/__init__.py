@@ -13,8 +13,8 @@ What is said of sizes: `f_overall` (`faint`), `sizes`, `resolves`.
 for another recording), `threads` simulates side by side.
 """
 
+from calibration.data.joined import together
 from calibration.diagnosis.diagnose import Diagnosis, diagnose, held_out_gain
 from calibration.diagnosis.document import as_json
-from calibration.diagnosis.together import together
 
 __all__ = ["Diagnosis", "as_json", "diagnose", "held_out_gain", "together"]

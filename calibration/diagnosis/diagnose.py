@@ -8,32 +8,24 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis.abrupt import step_instead
-from calibration.diagnosis.base import base_of
-from calibration.diagnosis.confirm import HeldOut, cross_validate
-from calibration.diagnosis.correction import Correction, corrections, nuisances_beside
-from calibration.diagnosis.correction import hold_out as hold_out_smooth
-from calibration.diagnosis.descent import find
-from calibration.diagnosis.detect import Detection, detect
-from calibration.diagnosis.discover import Term, discover
-from calibration.diagnosis.faint import Faint, faint
-from calibration.diagnosis.forces import Force, forces
-from calibration.diagnosis.linear import Comparison
-from calibration.diagnosis.locate import Place, locate, rows_as_places
-from calibration.diagnosis.misread import MISREAD, BadRow, alone_at_an_end, bad_rows, by_chance, with_misread
-from calibration.diagnosis.mode import Mode
-from calibration.diagnosis.name import Candidate, evidence_p
-from calibration.diagnosis.next_test import NextTest, propose
-from calibration.diagnosis.noise import too_loud
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.resolves import Resolved, resolved
-from calibration.diagnosis.search import Search
-from calibration.diagnosis.side_by_side import SideBySide
-from calibration.diagnosis.signatures import Signature, signatures
-from calibration.diagnosis.threads import threads
-from calibration.diagnosis.unseen import predict_unseen, refuse_another_motor
-from calibration.diagnosis.usable import not_described, refuse_unusable
-from calibration.diagnosis.verdict import (
+from calibration.diagnosis.linear_model.forces import Force, forces
+from calibration.diagnosis.linear_model.signatures import Signature, signatures
+from calibration.diagnosis.next_test.recommend import NextTest, propose
+from calibration.diagnosis.steps.abrupt import step_instead
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.confirm import HeldOut, cross_validate
+from calibration.diagnosis.steps.correction import Correction, corrections, nuisances_beside
+from calibration.diagnosis.steps.correction import hold_out as hold_out_smooth
+from calibration.diagnosis.steps.detect import Detection, detect
+from calibration.diagnosis.steps.discover import Term, discover
+from calibration.diagnosis.steps.locate import Place, locate, rows_as_places
+from calibration.diagnosis.steps.misread import MISREAD, BadRow, alone_at_an_end, bad_rows, by_chance, with_misread
+from calibration.diagnosis.steps.name import Candidate, evidence_p
+from calibration.diagnosis.steps.not_excluded import Faint, faint
+from calibration.diagnosis.steps.resolves import Resolved, resolved
+from calibration.diagnosis.steps.search import Search
+from calibration.diagnosis.steps.unseen import predict_unseen, refuse_another_motor
+from calibration.diagnosis.steps.verdict import (
     ERRORS,
     MISMATCH_P,
     RESIDUAL_P,
@@ -44,7 +36,15 @@ from calibration.diagnosis.verdict import (
     judge,
     not_excluded,
 )
-from calibration.step_clock import StepClock, Tell
+from calibration.diagnosis.usable import not_described, refuse_unusable
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import Mode
+from calibration.likelihood.noise import too_loud
+from calibration.systems.radial_piston.problem import Problem
+from calibration.work.side_by_side import SideBySide
+from calibration.work.step_clock import StepClock, Tell
+from calibration.work.threads import threads
 from model.effects import effects
 from model.motor import Motor
 from rig.recording import Recording, RecordingError, read_recording

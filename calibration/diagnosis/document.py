@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.confirm import HeldOut
+from calibration.data.rows_used import by_diagnosis
 from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
-from calibration.diagnosis.further_forces import not_observable
-from calibration.diagnosis.misread import MISREAD, by_chance
-from calibration.diagnosis.name import Candidate
-from calibration.diagnosis.next_test import NextTest
-from calibration.diagnosis.sizes import sizes_of
+from calibration.diagnosis.linear_model.further_forces import not_observable
+from calibration.diagnosis.next_test.recommend import NextTest
+from calibration.diagnosis.steps.confirm import HeldOut
+from calibration.diagnosis.steps.misread import MISREAD, by_chance
+from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.sizes import sizes_of
+from calibration.diagnosis.steps.verdict import Verdict
 from calibration.diagnosis.usable import CHECK
-from calibration.diagnosis.verdict import Verdict
-from calibration.priors import Unknown
-from calibration.rows_used import by_diagnosis
+from calibration.unknowns.priors import Unknown
 
 FORMAT = "diagnosis/1"
 Q95 = 1.6448536269514722  # of a standard normal

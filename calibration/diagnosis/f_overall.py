@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.mode import Mode
+from calibration.likelihood.mode import Mode
 
 DRAWS = 8000  # that an average is made of
 # Share of what a set moves f_overall by that is not known (1 sd), for a law may have another form than the list's. In

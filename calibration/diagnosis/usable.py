@@ -7,10 +7,10 @@ import itertools
 import numpy as np
 from scipy.ndimage import median_filter
 
-from calibration.diagnosis.linear import FLOW, RUN, SPEED, Comparison
-from calibration.diagnosis.mode import Mode
-from calibration.priors import at_ambient
-from calibration.runs_in_time import lone_zeros, release
+from calibration.data.runs_in_time import lone_zeros, release
+from calibration.likelihood.linear import FLOW, RUN, SPEED, Comparison
+from calibration.likelihood.mode import Mode
+from calibration.unknowns.priors import at_ambient
 from model import geometry
 from model.layout import LOBE, N_CYLINDERS, N_LOBES
 from model.motor import read_motor

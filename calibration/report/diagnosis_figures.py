@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.linear import RUN, STANDING
-from calibration.diagnosis.verdict import RESIDUAL_P
-from calibration.priors import PASCAL_PER_BAR
+from calibration.diagnosis.steps.verdict import RESIDUAL_P
+from calibration.likelihood.linear import RUN, STANDING
 from calibration.report import diagnosis_numbers as numbers
 from calibration.report import diagnosis_sets as sets
 from calibration.report import style
 from calibration.report.diagnosis_numbers import Q95, Coordinate, Curve, Model
 from calibration.report.diagnosis_sets import Interval
+from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, RPM
 
 if TYPE_CHECKING:

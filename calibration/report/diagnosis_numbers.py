@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.correction import Correction, corrections
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.linear import FLOW, SPEED
-from calibration.diagnosis.locate import METERS
-from calibration.diagnosis.mode import Mode
-from calibration.priors import PASCAL_PER_BAR
+from calibration.diagnosis.steps.correction import Correction, corrections
+from calibration.diagnosis.steps.locate import METERS
+from calibration.likelihood.linear import FLOW, SPEED
+from calibration.likelihood.mode import Mode
+from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, RPM
 
 UNITS = {"flow": ("L/min", L_MIN), "speed": ("rpm", RPM)}

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.runs_in_time import few_used
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.misread import MISREAD
+from calibration.diagnosis.sets_in_words import in_a_row, title, titles
+from calibration.diagnosis.steps.misread import MISREAD
 from calibration.report import diagnosis_figures as draw
 from calibration.report import diagnosis_numbers as numbers
 from calibration.report import diagnosis_sets as sets
@@ -19,7 +21,6 @@ from calibration.report import diagnosis_words as words
 from calibration.report.fit_page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit_words import LEAST_P, figure, probability, rounded
 from calibration.report.render import render
-from calibration.runs_in_time import few_used
 from model.effects import effects
 from model.effects.effect import EffectParameter
 
@@ -155,7 +156,7 @@ def _excluded(found: Diagnosis, document: Mapping[str, Any]) -> str:
     odds = sets.odds(found, one)
     file, share = sets.told_by(found, one)
     by = f", by {file} above all" if share >= CLEAR and found.comparison.problem.blocks.runs else ""
-    return f"Excluded with odds of {_odds(odds)}{by}: {words.titles(one.names)}."
+    return f"Excluded with odds of {_odds(odds)}{by}: {titles(one.names)}."
 
 
 def _rivals(found: Diagnosis, document: Mapping[str, Any]) -> list[str]:
@@ -169,7 +170,7 @@ def _rivals(found: Diagnosis, document: Mapping[str, Any]) -> list[str]:
         one = by_names.get(frozenset(names) - {MISREAD})
         size = f": {sets.sizes(found, one)}" if one is not None and one.names else ""
         size += "".join(f"; that is {there}" for there in sets.at_top(found, one).values())
-        said.append(f"Either {words.titles(names)}{size}." if not said else f"Or {words.titles(names)}{size}.")
+        said.append(f"Either {titles(names)}{size}." if not said else f"Or {titles(names)}{size}.")
     return said
 
 
@@ -267,10 +268,10 @@ def _resolve_table(found: Diagnosis) -> Grid:
 
     rows = tuple(
         (
-            words.title(one.effect),
+            title(one.effect),
             told(one.seen_from, effects()[one.effect].amplitude),
             told(one.told_from, effects()[one.effect].amplitude),
-            f"{words.title(one.nearest)}: {one.rho:.2f}" if one.nearest else "",
+            f"{title(one.nearest)}: {one.rho:.2f}" if one.nearest else "",
         )
         for one in found.resolved
     )
@@ -282,7 +283,7 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
     rows = tuple(
         (
             test.test,
-            words.in_a_row([name.split("+") for name in test.separates], "and"),
+            in_a_row([name.split("+") for name in test.separates], "and"),
             f"{test.information_nats:.1f}",
             "never: at least one pair stays open" if test.repeats is None else str(test.repeats),
         )

@@ -10,23 +10,22 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.diagnose import Diagnosis
-from calibration.diagnosis.linear import RUN, STANDING, VENTED
-from calibration.diagnosis.misread import MISREAD
-from calibration.diagnosis.name import Candidate
-from calibration.diagnosis.sizes import sizes_of
-from calibration.posterior import UNINFORMED
-from calibration.priors import PASCAL_PER_BAR
+from calibration.diagnosis.sets_in_words import listed, titles
+from calibration.diagnosis.steps.misread import MISREAD
+from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.sizes import sizes_of
+from calibration.fit.posterior import UNINFORMED
+from calibration.likelihood.linear import RUN, STANDING, VENTED
 from calibration.report.diagnosis_numbers import Q95, of_mode
 from calibration.report.diagnosis_words import (
     FAMILIAR,
     gain_in_figures,
     is_corrected,
     is_unseen,
-    listed,
     quantity,
-    titles,
 )
 from calibration.report.fit_words import rounded, uncertainty
+from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.effects import laws
 
 MOST_SHOWN = 6  # sets

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from calibration.diagnosis.sets_in_words import titles
 from calibration.report import diagnosis_words as words
 from model.effects import effects
 
@@ -28,7 +29,7 @@ def table(found: Mapping[str, Any]) -> Table:
     for effect in found["effects"]:
         made.add_row(effect["id"], f"probability {effect['probability']:.3f}; {figures(effect)}".rstrip("; "))
     for names in found["alternatives"][: words.MOST_ROWS]:
-        made.add_row("or", words.titles(names))
+        made.add_row("or", titles(names))
     for place in found["located"][: words.MOST_ROWS]:
         made.add_row("where", words.place_in_words(place))
     if found["term"]:

@@ -7,7 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calibration.diagnosis.next_test import NOTHING
+from calibration.diagnosis.next_test.recommend import NOTHING
+from calibration.diagnosis.sets_in_words import in_a_row, listed
 from calibration.report.fit_words import p_in_words, rounded, uncertainty
 from model.effects import effects
 from model.layout import L_MIN, RPM
@@ -63,46 +64,6 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
     if found["term"]:
         words += f" A law found there: {law_in_words(found['term'])}."
     return words
-
-
-def titles(names: Sequence[str]) -> str:
-    """A set of effects as people call them, each in quotes with its id.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Effect ids; what is none stands as it is.
-    """
-    known = effects()
-    return listed([f"“{title(name)}”" if name in known else name for name in names]) or "nothing left out"
-
-
-def title(name: str) -> str:
-    """An effect as people call it, with its id.
-
-    Parameters
-    ----------
-    name : str
-        The effect's id.
-    """
-    return f"{effects()[name].title} ({name})"
-
-
-def in_a_row(sets: Sequence[Sequence[str]], word: str) -> str:
-    """Sets of effects in a row; where one has several members a comma tells where it ends.
-
-    Parameters
-    ----------
-    sets : sequence of sequence of str
-        Effect ids.
-    word : str
-        Before the last, as "or".
-    """
-    *first, last = [titles(names) for names in sets]
-    if not first:
-        return last
-    comma = "," if any(len(names) > 1 for names in sets) else ""
-    return f"{', '.join(first)}{comma} {word} {last}"
 
 
 def reading_in_words(row: Mapping[str, Any]) -> str:
@@ -295,17 +256,6 @@ def stability_in_words(shares: Sequence[float]) -> str:
     told = listed([f"{100.0 * share:.0f} %" for share in shares])
     each = "its terms were" if len(shares) > 1 else "it was"
     return f"Of recordings drawn from this one, level by level and part by part, {each} found again in {told}."
-
-
-def listed(words: Sequence[str]) -> str:
-    """Words with commas, and an "and" before the last.
-
-    Parameters
-    ----------
-    words : sequence of str
-        The words.
-    """
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _for_people(mean: float, sd: float, unit: str, name: str) -> tuple[float, float, str]:

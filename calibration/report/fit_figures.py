@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.fit import Fit
-from calibration.measurement import MISSING, OBSERVED
-from calibration.posterior import Posterior, thinned
+from calibration.data.measurement import MISSING, OBSERVED
+from calibration.fit.fit import Fit
+from calibration.fit.posterior import Posterior, thinned
 from calibration.report import fit_numbers as numbers
 from calibration.report import style
 from calibration.report.fit_numbers import Channel, Suspect

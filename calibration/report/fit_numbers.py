@@ -9,10 +9,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtri
 
-from calibration.fit import Fit
-from calibration.measurement import MISSING, OBSERVED, Rows
-from calibration.posterior import Posterior, SuspectRow, thinned
-from calibration.priors import PASCAL_PER_BAR, Unknown, column_of
+from calibration.data.measurement import MISSING, OBSERVED, Rows
+from calibration.fit.fit import Fit
+from calibration.fit.posterior import Posterior, SuspectRow, thinned
+from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of
 from model import layout as at
 from model import steady
 from model.effects import effects

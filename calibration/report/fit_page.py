@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-from calibration.fit import Fit
-from calibration.posterior import Estimate, Posterior
+from calibration.fit.fit import Fit
+from calibration.fit.posterior import Estimate, Posterior
 from calibration.report import fit_figures, fit_words
 from calibration.report import fit_numbers as numbers
 from calibration.report.fit_numbers import TARGET

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.fit import Fit
-from calibration.measurement import OBSERVED
-from calibration.posterior import Posterior
-from calibration.priors import Unknown
+from calibration.data.measurement import OBSERVED
+from calibration.fit.fit import Fit
+from calibration.fit.posterior import Posterior
 from calibration.report.fit_numbers import TARGET, UNITS, Suspect, is_of_effect
+from calibration.unknowns.priors import Unknown
 from model.effects import effects
 
 INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}

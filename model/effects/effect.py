@@ -35,7 +35,7 @@ class EffectParameter:
         Where the prior of an amplitude is centred [own unit]: 0, but where a rig either has the effect or has it not.
     shape : bool
         Whether it shapes the law (a time constant, a speed) and says nothing without an amplitude. An amplitude has a
-        prior of that scale with longer tails than the normal law's (`calibration.diagnosis.tails`), folded at 0 where
+        prior of that scale with longer tails than the normal law's (`calibration.likelihood.tails`), folded at 0 where
         ``low`` is 0; a shape a log-normal one of a factor of 2.
     text : str
         What it is.

@@ -20,8 +20,8 @@ from results import Row
 from scipy.special import ndtri
 from timing import one_core
 
-from calibration import fit, sampling
-from calibration.sampling import Chain, Settings
+from calibration.fit import fit, sampling
+from calibration.fit.sampling import Chain, Settings
 from rig.recording import read_recording
 
 LogProb = Callable[[np.ndarray], np.ndarray]
@@ -33,14 +33,14 @@ TOPIC = "The posterior of Table 3: effective samples"
 
 @dataclass(frozen=True)
 class Target:
-    """A posterior to sample: in standard normal numbers, as `calibration.likelihood` has it.
+    """A posterior to sample: in standard normal numbers, as `calibration.likelihood.steady` has it.
 
     Attributes
     ----------
     log_prob, log_likelihood : callable
         Of points of shape (n, n_unknowns), returning shape (n,) [-].
     factors : callable
-        `calibration.likelihood.Likelihood.factors`.
+        `calibration.likelihood.steady.Likelihood.factors`.
     n_unknowns : int
         Dimensions [-].
     """

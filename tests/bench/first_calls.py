@@ -19,7 +19,7 @@ def main() -> None:
 
     import numpy as np
 
-    from calibration import fit
+    from calibration.fit import fit
     from model import steady, transient
     from model.motor import read_motor
     from rig.recording import read_recording

@@ -19,8 +19,8 @@ from results import Row, as_json, machine, page_block, table, with_block
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from calibration.report.files import write_file
-from calibration.sampling import Settings
+from calibration.fit.sampling import Settings
+from calibration.work.files import write_file
 from model.motor import read_motor
 from spinbench import PUBLISHED_SWEEP
 

@@ -1,0 +1,566 @@
+"""The parts of a recording that a diagnosis compares with the model: plateaus and runs in time, as plain arrays."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data.measurement import OBSERVED, Measurement, gather
+from calibration.data.runs_in_time import lone_zeros, repeated
+from calibration.unknowns.priors import PASCAL_PER_BAR
+from model.layout import L_MIN, PULSE, RPM
+from model.transient import Supply
+from rig.recording import Recording, RecordingError, RecordingFile
+
+REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed,
+REST_AT = 5.0  # rad/s; ... and to this speed: below, it hangs on single pulses of the cylinders
+RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest speed on: how it broke away nobody knows
+FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
+BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
+WHOLE = 0.03  # of a tooth by which a sample that spans whole teeth may miss them
+ROWS_ARE_TEETH = 0.9  # share of the samples that span whole teeth, from which on the rows are teeth
+LEAST_PULSE = 0.8  # of a pulse of the cylinders that a sample has to span
+LEVEL_PA = 3000.0  # gap that parts two pressure levels
+SETTLING = 0.7  # share of a span that began with the valve, after which its line is taken to have settled at first
+UNSETTLED = 0.005  # share of its pressure by which a line does not settle where the gauge last was,
+UNTOLD = 0.05  # ... and where hardly a reading tells
+MOVING_S = 2.0  # after the valve is moved; later readings are taken together
+MOST_READINGS = 60  # of the gauge while the line moves; more are taken together
+READ_LATE_S = 0.003  # by which the moment of a gauge's reading is off
+ALIKE = 4.0  # sds of its noise within which a gauge shows the same
+FORM = 0.02  # of what the line moves from reading to reading: no form of its course is exact
+REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
+
+
+@dataclass(frozen=True)
+class Plateaus:
+    """Steady rows, SI, arrays of shape (n,); a reading that is missing or censored is nan.
+
+    Attributes
+    ----------
+    file : tuple of str
+        Of each row.
+    row : ndarray of int
+        Number in its file, from 1.
+    pressure : ndarray
+        Reading, absolute once a gauge's ambient is added [Pa].
+    is_gauge : ndarray of bool
+        Whether the ambient is to be added.
+    flow, speed : ndarray
+        Readings [m3/s], [rad/s].
+    time : ndarray
+        On the recording's clock [s]; the row's number in seconds where no time was taken.
+    up : ndarray
+        1 on the way up, -1 down, 0 where that was not noted [-].
+    noise_scale : ndarray
+        Of the file [-].
+    """
+
+    file: tuple[str, ...]
+    row: np.ndarray
+    pressure: np.ndarray
+    is_gauge: np.ndarray
+    flow: np.ndarray
+    speed: np.ndarray
+    time: np.ndarray
+    up: np.ndarray
+    noise_scale: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of rows [-]."""
+        return int(self.row.size)
+
+
+@dataclass(frozen=True)
+class Line:
+    """What the gauge reads in a run in time, SI; readings that are alike are taken together.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Of the readings [s].
+    group : ndarray of int, shape (n,)
+        The mean that each goes into.
+    pressure, sd : ndarray, shape (m,)
+        Means of the groups and their noise [Pa].
+    """
+
+    time: np.ndarray
+    group: np.ndarray
+    pressure: np.ndarray
+    sd: np.ndarray
+
+    def means(self, at_readings: np.ndarray) -> np.ndarray:
+        """Means over the groups, shape (m,).
+
+        Parameters
+        ----------
+        at_readings : ndarray, shape (n,)
+            One value a reading [own unit].
+        """
+        count = np.bincount(self.group, minlength=self.pressure.size)
+        found: np.ndarray = np.bincount(self.group, at_readings, self.pressure.size) / np.maximum(count, 1)
+        return found
+
+
+@dataclass(frozen=True)
+class RunInTime:
+    """A transient file, SI.
+
+    Attributes
+    ----------
+    file : str
+        Its name.
+    time, begin : ndarray, shape (n,)
+        Each speed reading is the mean from ``begin`` to ``time``, from the file's start [s].
+    speed : ndarray, shape (n,)
+        Readings [rad/s]; negative-free.
+    valve : tuple of Supply
+        Spans of the valve: when it was moved, and where the gauge settled with it open.
+    unseen_s : tuple of float
+        Of each span, how long no row was between the last one before the valve was moved and the first one after [s].
+    settled_sd : float
+        By how much the settled pressure may be off, the gauge's own errors apart [Pa].
+    line : Line
+        What the gauge read on the way.
+    is_gauge : bool
+        Whether the ambient is to be added to the gauge's readings.
+    start_s : float
+        On the recording's clock [s].
+    noise_scale : ndarray, shape (n,)
+        Of each sample [-].
+    row : ndarray of int, shape (n,)
+        Number of its last row in the file, from 1.
+    from_rest : bool
+        Whether it starts at rest; otherwise in the steady state of its first span.
+    used : ndarray of bool, shape (n,)
+        Samples that are compared: a spin-up's once it is well on its way, a coast-down's from when the valve is moved
+        until it is nearly over. What it turned at before says no more than a plateau, and is seldom as settled.
+    """
+
+    file: str
+    time: np.ndarray
+    begin: np.ndarray
+    speed: np.ndarray
+    valve: tuple[Supply, ...]
+    unseen_s: tuple[float, ...]
+    settled_sd: float
+    line: Line
+    is_gauge: bool
+    start_s: float
+    noise_scale: np.ndarray
+    row: np.ndarray
+    from_rest: bool
+    used: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of samples [-]."""
+        return int(self.time.size)
+
+    @property
+    def over(self) -> float:
+        """When the last sample that is compared ends [s]."""
+        return float(self.time[self.used][-1]) if self.used.any() else float(self.time[-1])
+
+
+@dataclass(frozen=True)
+class Vented:
+    """What the gauge reads with the line vented: in zero files, and in the vented spans of runs in time.
+
+    Attributes
+    ----------
+    file : tuple of str
+        Of each mean.
+    pressure, sd : ndarray, shape (n,)
+        Mean reading and its noise [Pa].
+    is_gauge : ndarray of bool
+        Whether it counts from the ambient.
+    """
+
+    file: tuple[str, ...]
+    pressure: np.ndarray
+    sd: np.ndarray
+    is_gauge: np.ndarray
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What the flow meter reads while the rotor stands: held at a pressure, or with the line vented in zero files.
+
+    Attributes
+    ----------
+    file : tuple of str
+        Of each mean.
+    pressure : ndarray, shape (n,)
+        Mean reading of the gauge [Pa]; nan with the line vented.
+    is_gauge : ndarray of bool
+        Whether it counts from the ambient.
+    flow, sd : ndarray, shape (n,)
+        Mean reading and its noise [m3/s].
+    time : ndarray, shape (n,)
+        On the recording's clock [s].
+    """
+
+    file: tuple[str, ...]
+    pressure: np.ndarray
+    is_gauge: np.ndarray
+    flow: np.ndarray
+    sd: np.ndarray
+    time: np.ndarray
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Everything of a recording that a diagnosis looks at."""
+
+    plateaus: Plateaus
+    runs: tuple[RunInTime, ...]
+    vented: Vented
+    standing: Standing
+    measured: Measurement
+
+
+def blocks_of(recording: Recording) -> Blocks:
+    """The parts of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+
+    Raises
+    ------
+    RecordingError
+        When it has neither plateaus nor runs in time that can be used.
+    """
+    measured = gather(recording)
+    every = (_run(file, recording) for file in recording.files if file.kind == "transient")
+    plateaus = _plateaus(recording, measured)
+    runs = tuple(_told(run, plateaus) for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
+    return Blocks(plateaus, runs, _vented(recording), _standing(recording), measured)
+
+
+def _vented(recording: Recording) -> Vented:
+    found: list[tuple[str, float, float, bool]] = []
+    for file in recording.files:
+        gauge = "pressure_bar_gauge" in file.columns
+        name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
+        if name not in file.columns or file.kind == "steady":
+            continue
+        rest = np.ones(file.rows, dtype=bool)
+        if file.kind == "transient":
+            if "supply_open" not in file.columns or "time_s" not in file.columns:
+                continue
+            rest = _settled(file.columns["time_s"].values, file.columns["supply_open"].values > 0.5)
+            if (
+                "speed_rpm" in file.columns
+            ):  # a line that a turning motor breathes from is not at the ambient's pressure
+                turning = np.flatnonzero(file.columns["speed_rpm"].values > 0.0)
+                after = np.flatnonzero(file.columns["supply_open"].values > 0.5)[:1]
+                if turning.size and after.size and after[0] < turning[-1]:
+                    rest[after[0] : turning[-1] + 1] = False
+        figures = recording.channels[name]
+        old = repeated(file.columns[name].values, figures.noise_sd * file.noise_scale, figures.resolution)
+        read = file.columns[name].values[rest & ~old & (file.columns[name].censor == 0)] * PASCAL_PER_BAR
+        read = read[np.isfinite(read)]
+        if file.kind == "transient":
+            read = _emptied(read, figures.noise_sd * file.noise_scale * PASCAL_PER_BAR)
+        if read.size:
+            noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
+            found.append((file.file, float(np.mean(read)), noise * PASCAL_PER_BAR / np.sqrt(read.size), gauge))
+    columns = list(zip(*found, strict=True)) or [(), (), (), ()]
+    return Vented(columns[0], np.array(columns[1]), np.array(columns[2]), np.array(columns[3], dtype=bool))
+
+
+def _standing(recording: Recording) -> Standing:
+    found: list[tuple[str, float, bool, float, float, float]] = []
+    for file in recording.files:
+        held = file.kind == "steady" and "rotor_locked" in file.columns
+        if "flow_l_min" not in file.columns or not (held or file.kind == "zero"):
+            continue
+        gauge = "pressure_bar_gauge" in file.columns
+        flow, stamps = file.columns["flow_l_min"], file.columns.get("time_s")
+        used = np.isfinite(flow.values) & (flow.censor == 0)
+        pressure = np.full(file.rows, np.nan)
+        if held:
+            read = file.columns["pressure_bar_gauge" if gauge else "pressure_bar_abs"]
+            used &= (file.columns["rotor_locked"].values > 0.5) & np.isfinite(read.values) & (read.censor == 0)
+            pressure = read.values * PASCAL_PER_BAR
+        figures = recording.channels["flow_l_min"]
+        noise, rounding = figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)
+        for rows in _apart(np.flatnonzero(used), pressure) if held else [np.flatnonzero(used)]:
+            # A meter that shows 0 may have been cut off there: many such readings say no more than one.
+            shows_nothing = bool(np.any(flow.values[rows] == 0.0))
+            if not rows.size or (shows_nothing and not held):
+                continue
+            sd = float(np.hypot(noise / np.sqrt(1 if shows_nothing else rows.size), rounding))
+            clock = file.start_s + float(np.mean(stamps.values[rows] if stamps is not None else rows + 1.0))
+            value = float(np.mean(flow.values[rows])) / L_MIN
+            found.append((file.file, float(np.mean(pressure[rows])), gauge, value, sd / L_MIN, clock))
+    names, *rest = list(zip(*found, strict=True)) or [(), (), (), (), (), ()]
+    line, is_gauge, mean, sds, time = map(np.array, rest)
+    return Standing(names, line, is_gauge.astype(bool), mean, sds, time)
+
+
+def _emptied(read: np.ndarray, noise: float) -> np.ndarray:
+    """Readings of a line that has emptied: the last ones, as far back as they are alike."""
+    if read.size < 2:
+        return read[:0]
+    last = float(np.median(read[-max(2, read.size // 4) :]))
+    apart = np.flatnonzero(np.abs(read - last) > ALIKE * noise)
+    return read[apart[-1] + 1 :] if apart.size else read
+
+
+def _settled(time: np.ndarray, opened: np.ndarray) -> np.ndarray:
+    """Samples while the line is surely vented: the first half of a file that begins so, else the last half of a span.
+
+    The valve may have moved before it is said to have; by the end of a later span the line has emptied.
+    """
+    kept = np.zeros(time.size, dtype=bool)
+    edges = [0, *(np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist(), time.size]
+    for begin, end in itertools.pairwise(edges):
+        if end > begin and not opened[begin]:
+            middle = (begin + end) // 2
+            kept[slice(middle, end) if begin else slice(0, max(middle, 1))] = True
+    return kept
+
+
+def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
+    rows = measured.steady
+    files = {file.file: file for file in recording.files}
+    time = np.empty(len(rows))
+    up = np.zeros(len(rows))
+    for i, (name, number) in enumerate(zip(rows.file, rows.row, strict=True)):
+        file = files[name]
+        index = int(number) - 1
+        stamps = file.columns.get("time_s")
+        time[i] = file.start_s + (stamps.values[index] if stamps is not None else float(number))
+        if file.direction is not None:
+            up[i] = {"up": 1.0, "down": -1.0}.get(str(file.direction[index]), 0.0)
+    rests = (rows.speed_state == OBSERVED) & (rows.speed == 0.0)  # what flows then is no matter of the model's
+    return Plateaus(
+        rows.file,
+        rows.row,
+        rows.pressure * PASCAL_PER_BAR,
+        rows.is_gauge,
+        np.where((rows.flow_state == OBSERVED) & ~rests, rows.flow / L_MIN, np.nan),
+        np.where((rows.speed_state == OBSERVED) & (rows.speed > 0.0), rows.speed / RPM, np.nan),
+        time,
+        up,
+        rows.noise_scale,
+    )
+
+
+def _run(file: RecordingFile, recording: Recording) -> RunInTime:
+    gauge = "pressure_bar_gauge" in file.columns
+    name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
+    if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:
+        raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")
+    clock, shown = file.columns["time_s"].values, file.columns["speed_rpm"].values
+    tachometer = recording.channels["speed_rpm"]
+    turns = np.where(shown > 0.0, shown, np.nan)
+    sampled = np.isfinite(shown) & ~lone_zeros(shown)
+    sampled &= ~repeated(turns, tachometer.noise_sd * file.noise_scale, tachometer.resolution)
+    speed, time = shown[sampled] / RPM, clock[sampled]
+    opened = file.columns["supply_open"].values > 0.5 if "supply_open" in file.columns else np.ones(clock.size, bool)
+    pressure = file.columns[name].values * PASCAL_PER_BAR
+    figures = recording.channels[name]
+    old = repeated(file.columns[name].values, figures.noise_sd * file.noise_scale, figures.resolution)
+    pressure = np.where((file.columns[name].censor == 0) & ~old, pressure, np.nan)
+    noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0))) * PASCAL_PER_BAR
+    from_rest = bool(speed.size == 0 or np.mean(speed[:5]) < REST_RAD_S or not opened[0])
+    valve, unseen_s, settled_sd = _valve(clock, pressure, opened)
+    window = tachometer.window_s
+    begin = _begin(time) if window is None else time - window
+    if window is None and tachometer.pulses_per_rev:
+        begin = _at_the_tooth_before(time, begin, speed, tachometer.pulses_per_rev)
+    row, scale = np.flatnonzero(sampled) + 1, np.full(time.size, file.noise_scale)
+    if window is None:
+        time, begin, speed, row, scale = _by_pulses(time, begin, speed, row, scale)
+    used = _useful(speed, time, begin, valve, from_rest)
+    over = float(time[used][-1]) if used.any() else -np.inf
+    line = _line(clock, pressure, valve, noise, over)
+    return RunInTime(
+        file.file,
+        time,
+        begin,
+        speed,
+        valve,
+        unseen_s,
+        settled_sd,
+        line,
+        gauge,
+        file.start_s,
+        scale,
+        row,
+        from_rest,
+        used,
+    )
+
+
+def _begin(time: np.ndarray) -> np.ndarray:
+    """Where the mean that each sample is begins: at the sample before; of the first nobody knows."""
+    if time.size < 2:
+        return time - 1.0
+    return np.concatenate([[time[0] - float(np.median(np.diff(time)))], time[:-1]])
+
+
+def _at_the_tooth_before(time: np.ndarray, begin: np.ndarray, speed: np.ndarray, teeth: float) -> np.ndarray:
+    """Where samples begin of a counter whose rows are teeth: where some were lost, at the tooth before.
+
+    A sample that spans whole teeth is the mean since the row before.
+    """
+    one = 2.0 * math.pi / teeth
+    turned = speed * (time - begin) / one
+    whole = np.abs(turned - np.rint(turned)) < WHOLE
+    if not speed.size or np.mean(whole[speed > 0.0]) < ROWS_ARE_TEETH:
+        return begin
+    since = one / np.maximum(speed, 1e-9)
+    return np.where(whole | (since > time - begin), begin, time - since)
+
+
+def _by_pulses(
+    time: np.ndarray, begin: np.ndarray, speed: np.ndarray, row: np.ndarray, scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Samples one after the other taken together until the shaft has turned by most of a pulse of the cylinders.
+
+    In one that is finer the pulse shows, and nobody knows how the shaft stood.
+    """
+    turned = np.cumsum(speed * (time - begin))
+    group = np.zeros(time.size, dtype=int)
+    since, last = turned[0] if time.size else 0.0, 0
+    gap = np.append(False, begin[1:] > time[:-1] + 1e-9)
+    for k in range(1, time.size):
+        full = turned[k - 1] - since >= LEAST_PULSE * PULSE
+        if full or speed[k] == 0.0 or speed[k - 1] == 0.0 or k == 1 or gap[k]:
+            last += 1
+            since = turned[k - 1]
+        group[k] = last
+    ends = np.append(np.flatnonzero(np.diff(group)), time.size - 1) if time.size else np.zeros(0, dtype=int)
+    starts = np.append(0, ends[:-1] + 1) if time.size else ends
+    count = ends - starts + 1
+    span = time[ends] - begin[starts]
+    mean = np.add.reduceat(speed * (time - begin), starts) / span if time.size else speed
+    return time[ends], begin[starts], mean, row[ends], scale[ends] / np.sqrt(count)
+
+
+def _useful(
+    speed: np.ndarray, time: np.ndarray, begin: np.ndarray, valve: Sequence[Supply], from_rest: bool
+) -> np.ndarray:
+    used = np.ones(speed.size, dtype=bool)
+    used[:1] = False  # in a log that was cut the first is no mean of anything that is there
+    if not speed.size:
+        return used
+    if from_rest:
+        opened = next((span.start_s for span in valve if span.is_open), time[0])
+        used &= (time > opened + 1e-9) & (np.append(0.0, speed[:-1]) > 0.0)  # no mean over a rest
+        turning = np.flatnonzero(used & (speed > RISEN_SHARE * np.max(speed, where=used, initial=0.0)))
+        if turning.size:
+            used[: turning[0]] = False
+        closed = valve[-1].start_s if not valve[-1].is_open else np.inf
+        slow = np.flatnonzero((time > closed) & (speed < max(REST_SHARE * float(speed.max()), REST_AT)))
+        if slow.size:
+            used[slow[0] :] = False
+        return used
+    slow = np.flatnonzero(speed < max(REST_SHARE * np.mean(speed[:5]), REST_AT))
+    if slow.size:
+        used[slow[0] :] = False
+    coasting = time > valve[1].start_s if len(valve) > 1 else used
+    return used & coasting if np.any(used & coasting) else used
+
+
+def _valve(
+    time: np.ndarray, pressure: np.ndarray, opened: np.ndarray
+) -> tuple[tuple[Supply, ...], tuple[float, ...], float]:
+    """Spans of the valve, how long no row was about each change [s], and by how much the gauge may not be where the
+    open line settles [Pa]; 0 where it was silent.
+
+    A change shows in the first row after it: it was somewhere between that and the row before.
+
+    The pressure of an open span is where the gauge settled: the mean over the span before the valve is moved, over the
+    last part of one that begins with the valve.
+    """
+    edges = (np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist()
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    known = np.isfinite(pressure)
+    highest = float(np.max(pressure, where=known, initial=0.0))
+    spans, unseen_s, sd = [], [], 0.0
+    for begin, end in zip([0, *edges], [*edges, time.size], strict=True):
+        start_s = 0.5 * (time[begin - 1] + time[begin]) if begin else time[0] - step - BEFORE_S
+        unseen_s.append(float(time[begin] - time[begin - 1]) if begin else 0.0)
+        mine = np.flatnonzero(known[begin:end]) + begin
+        last = mine[min(round(SETTLING * mine.size), mine.size - 1) :] if begin and mine.size else mine
+        mean = float(np.mean(pressure[last])) if last.size else highest  # the gauge was silent then
+        if opened[begin]:
+            half = pressure[mine[mine.size // 2 :]] if begin else pressure[mine]
+            told = max(UNSETTLED * mean, float(np.ptp(half)) if half.size > 1 else UNTOLD * mean)
+            sd = max(sd, told) if mine.size else sd
+        spans.append(Supply(float(start_s), mean, bool(opened[begin])))
+    return tuple(spans), tuple(unseen_s), sd
+
+
+def _told(run: RunInTime, plateaus: Plateaus) -> RunInTime:
+    """A run whose gauge was silent with the valve open has the line of the plateaus that turned as fast."""
+    known = np.isfinite(plateaus.speed) & np.isfinite(plateaus.pressure)
+    if run.settled_sd > 0.0 or not known.any():
+        return run
+    order = np.argsort(plateaus.speed[known])
+    fastest = float(np.max(run.speed[run.used]))
+    level = float(np.interp(fastest, plateaus.speed[known][order], plateaus.pressure[known][order]))
+    valve = tuple(replace(span, pressure_pa=level) if span.is_open else span for span in run.valve)
+    return replace(run, valve=valve, settled_sd=UNTOLD * level)
+
+
+def _line(time: np.ndarray, pressure: np.ndarray, valve: Sequence[Supply], noise: float, over: float) -> Line:
+    """The gauge's readings with the valve open and, once it was moved, up to the end of what is compared."""
+    known = np.isfinite(pressure) & (time <= over)
+    begins = np.array([span.start_s for span in valve])
+    span = np.maximum(np.searchsorted(begins, time, side="right") - 1, 0)
+    opened = np.array([one.is_open for one in valve])[span]
+    known &= opened | (span > 0)
+    when, read, of = time[known], pressure[known], span[known]
+    groups: list[np.ndarray] = []
+    for k in np.unique(of):
+        mine = np.flatnonzero(of == k)
+        if k == 0:
+            groups.append(mine)
+            continue
+        early = when[mine] - begins[k] < MOVING_S
+        moving, still = mine[early], mine[~early]
+        groups += np.array_split(moving, min(MOST_READINGS, moving.size)) if moving.size else []
+        groups += np.array_split(still, min(4, still.size)) if still.size else []
+    group = np.zeros(when.size, dtype=int)
+    mean, sd = np.zeros(len(groups)), np.zeros(len(groups))
+    for i, mine in enumerate(groups):
+        group[mine] = i
+        mean[i] = np.mean(read[mine])
+        # Where the line moves the moment of a reading counts, and the form that is taken for its course.
+        around = slice(max(mine[0] - 1, 0), mine[-1] + 2)
+        span_s = max(float(np.ptp(when[around])), 1e-3)
+        moves = float(np.ptp(read[around]))
+        moves = moves if moves > 4.0 * noise else 0.0
+        sd[i] = math.hypot(noise / math.sqrt(mine.size), READ_LATE_S * moves / span_s, FORM * moves)
+    return Line(when, group, mean, sd)
+
+
+def levels(plateaus: Plateaus) -> list[np.ndarray]:
+    """Indices of the plateaus at each pressure level, both directions together.
+
+    Parameters
+    ----------
+    plateaus : Plateaus
+        The rows.
+    """
+    return _apart(np.arange(plateaus.size), plateaus.pressure)
+
+
+def _apart(rows: np.ndarray, pressure: np.ndarray) -> list[np.ndarray]:
+    """Rows by pressure level."""
+    order = rows[np.argsort(pressure[rows])]
+    return list(np.split(order, np.flatnonzero(np.diff(pressure[order]) > LEVEL_PA) + 1))

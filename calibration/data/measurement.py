@@ -1,0 +1,260 @@
+"""A recording's steady and zero rows as arrays for the likelihood, and checks that only the model can make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calibration.unknowns.priors import PASCAL_PER_BAR, column_of
+from model import steady
+from model.layout import RPM
+from model.motor import Motor
+from rig.recording import Recording, RecordingError, RecordingFile
+
+OBSERVED, MISSING, BELOW, ABOVE = 0, 1, 2, 3
+SHAPE_WRONG, SHAPE_RIGHT = 0.1, 0.03  # relative distances of speeds from the motor's curve, see `_shape_misfit`
+STANDS = 3.0  # sds of noise, or digits, up to which a speed read is that of a rotor at rest
+PRESSURE_LIMITS_BAR = (0.5, 8.0)  # absolute, of the air properties
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Readings of one kind, one entry a row; pressures in bar, flows in L/min, speeds in rpm.
+
+    Attributes
+    ----------
+    file, row : tuple of str, ndarray of int, shape (n,)
+        Where each came from; row 1 is the first under the header.
+    pressure, flow, speed : ndarray, shape (n,)
+        Readings; for a censored one the limit of the instrument's scale.
+    pressure_state, flow_state, speed_state : ndarray of int, shape (n,)
+        OBSERVED, MISSING, BELOW or ABOVE.
+    is_gauge : ndarray of bool, shape (n,)
+        The pressure is counted from the ambient's.
+    noise_scale : ndarray, shape (n,)
+        The file's random noise, times the channel's.
+    """
+
+    file: tuple[str, ...]
+    row: np.ndarray
+    pressure: np.ndarray
+    flow: np.ndarray
+    speed: np.ndarray
+    pressure_state: np.ndarray
+    flow_state: np.ndarray
+    speed_state: np.ndarray
+    is_gauge: np.ndarray
+    noise_scale: np.ndarray
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return int(self.row.size)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The rows of a recording that a fit uses.
+
+    Attributes
+    ----------
+    steady, zero : Rows
+        Plateaus, and readings with the line vented and the rotor at rest.
+    channels : tuple of str
+        The channels that the likelihood sees, of pressure, flow and speed.
+    notes : tuple of str
+        What was left aside, for the report.
+    """
+
+    steady: Rows
+    zero: Rows
+    channels: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+
+def gather(recording: Recording, channels: tuple[str, ...] = ("pressure", "flow", "speed")) -> Measurement:
+    """Collect the rows that a fit uses.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    channels : tuple of str
+        Channels to use; flow or speed may be left out.
+
+    Returns
+    -------
+    Measurement
+        Rows and notes.
+
+    Raises
+    ------
+    RecordingError
+        When no row can be used, or a pressure is outside the range of the air properties.
+    """
+    notes = list(recording.warnings)
+    blocks: dict[str, list[Rows]] = {"steady": [], "zero": []}
+    for file in recording.files:
+        if file.kind == "transient":
+            notes.append(f"{file.file}: a transient; the steady fit does not use it")
+            continue
+        rows, skipped, locked = _rows_of(file, channels)
+        if locked:
+            these = f"row{'s' * (len(locked) > 1)} {_listed(locked)}"
+            notes.append(f"{file.file}: {these} not used by a fit (the rotor is locked); a diagnosis uses their flow")
+        if skipped:
+            notes.append(
+                f"{file.file}: row{'s' * (len(skipped) > 1)} {_listed(skipped)} not used (the pressure is not sampled, "
+                "or neither flow nor speed is)"
+            )
+        blocks[file.kind].append(rows)
+    steady_rows, zero_rows = (_at_rest(recording, _joined(blocks[kind])) for kind in ("steady", "zero"))
+    if not len(steady_rows):
+        raise RecordingError(
+            f"{recording.folder}: no steady row with a pressure and a speed or flow; the fit needs at least one plateau"
+        )
+    present = tuple(c for c in ("pressure", "flow", "speed") if c in channels and column_of(recording, c))
+    return Measurement(steady_rows, zero_rows, present, tuple(notes))
+
+
+def _at_rest(recording: Recording, rows: Rows) -> Rows:
+    """The rows with a speed of 0 where the speed read is no more than noise: a rotor at rest."""
+    declared = recording.channels.get("speed_rpm")
+    if declared is None:
+        return rows
+    stands = (rows.speed_state == OBSERVED) & (rows.speed <= max(STANDS * declared.noise_sd, declared.resolution))
+    return replace(rows, speed=np.where(stands, 0.0, rows.speed))
+
+
+def check_against_model(recording: Recording, measured: Measurement, motor: Motor) -> None:
+    """Refuse readings that no motor of this kind can have given, and say what probably happened.
+
+    Parameters
+    ----------
+    recording : Recording
+        For the text of an error.
+    measured : Measurement
+        The rows.
+    motor : Motor
+        The motor at the recording's ambient.
+
+    Raises
+    ------
+    RecordingError
+        Gauge pressure declared absolute (or the reverse), or an absolute pressure out of range.
+    """
+    rows = measured.steady
+    P_a = motor.si("ambient_pressure") / PASCAL_PER_BAR
+    declared = rows.pressure + np.where(rows.is_gauge, P_a, 0.0)
+    other = declared + np.where(rows.is_gauge, -P_a, P_a)
+    column = column_of(recording, "pressure")
+    turned = "pressure_bar_abs" if np.any(rows.is_gauge) else "pressure_bar_gauge"
+    advice = f"if the gauge shows {turned.rsplit('_', 1)[-1]} pressure, name the column {turned}"
+    spinning = (rows.speed_state == OBSERVED) & (rows.speed > 0.0)
+    starved = np.flatnonzero(spinning & (declared <= P_a))
+    if starved.size:
+        i = int(starved[0])
+        raise RecordingError(
+            f"{rows.file[i]}: row {rows.row[i]}: {column} {rows.pressure[i]:g} is not above the ambient's "
+            f"{P_a:.3f} bar, yet the rotor turns at {rows.speed[i]:g} rpm; {advice}"
+        )
+    low, high = PRESSURE_LIMITS_BAR
+    outside = np.flatnonzero((declared < low) | (declared > high))
+    if outside.size:
+        i = int(outside[0])
+        raise RecordingError(
+            f"{rows.file[i]}: row {rows.row[i]}: {declared[i]:g} bar absolute is outside {low:g}..{high:g} bar; "
+            f"{advice}"
+        )
+    usable = spinning & (other > low) & (other < high)
+    if usable.sum() < 1:
+        return
+    as_declared = _shape_misfit(motor, declared[usable], rows.speed[usable])
+    as_other = _shape_misfit(motor, other[usable], rows.speed[usable])
+    if as_declared > SHAPE_WRONG and as_other < SHAPE_RIGHT:
+        i = int(np.flatnonzero(usable)[0])
+        raise RecordingError(
+            f"{rows.file[i]}: the speeds do not go with {column}: as they grow with pressure they "
+            f"are {100 * as_declared:.0f} % from what a motor of any friction does, but {100 * as_other:.0f} % from it "
+            f"if the pressures are {turned}; {advice}"
+        )
+
+
+def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray) -> float:
+    """Relative distance of the speeds from a multiple of the default motor's, whatever its friction [-].
+
+    f_overall scales all speeds alike, so a motor with another friction is no reason to doubt the gauge.
+    """
+    found = steady.steady(motor, pressure_bar * PASCAL_PER_BAR).speed_rad_s[0] * RPM
+    ratio = np.maximum(found, 1.0) / np.maximum(speed_rpm, 1.0)
+    middle = np.median(ratio)
+    # Single bad readings must not decide: the four-fifths point of the distances, not their maximum.
+    return float(np.quantile(np.abs(ratio / middle - 1.0), 0.8))
+
+
+def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list[int], list[int]]:
+    """The rows of one file, the numbers of those that cannot be used, and of those with the rotor locked."""
+    n = file.rows
+    gauge = "pressure_bar_gauge" in file.columns
+    pressure, pressure_state = _column(file, "pressure_bar_gauge" if gauge else "pressure_bar_abs", n)
+    flow, flow_state = _column(file, "flow_l_min" if "flow" in channels else "", n)
+    speed, speed_state = _column(file, "speed_rpm" if "speed" in channels else "", n)
+    if file.kind == "zero":
+        used = (pressure_state == OBSERVED) | (flow_state != MISSING) | (speed_state != MISSING)
+    else:
+        used = (pressure_state == OBSERVED) & ((flow_state != MISSING) | (speed_state != MISSING))
+    # A motor held still shows nothing that a model of its turning could be compared with; what leaks, it shows.
+    locked = file.columns["rotor_locked"].values > 0.5 if "rotor_locked" in file.columns else np.zeros(n, dtype=bool)
+    index = np.flatnonzero(used & ~locked)
+    rows = Rows(
+        file=(file.file,) * index.size,
+        row=index + 1,
+        pressure=pressure[index],
+        flow=flow[index],
+        speed=speed[index],
+        pressure_state=pressure_state[index],
+        flow_state=flow_state[index],
+        speed_state=speed_state[index],
+        is_gauge=np.full(index.size, gauge),
+        noise_scale=np.full(index.size, file.noise_scale),
+    )
+    return rows, (np.flatnonzero(~used & ~locked) + 1).tolist(), (np.flatnonzero(locked) + 1).tolist()
+
+
+def _column(file: RecordingFile, name: str, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (0 where there is none) and their states, both of shape (n,)."""
+    if name not in file.columns:
+        return np.zeros(n), np.full(n, MISSING)
+    column = file.columns[name]
+    state = np.select(
+        [np.isnan(column.values), column.censor < 0, column.censor > 0], [MISSING, BELOW, ABOVE], OBSERVED
+    )
+    return np.nan_to_num(column.values, nan=0.0), state
+
+
+def _joined(blocks: list[Rows]) -> Rows:
+    """The rows of several files as one."""
+    if not blocks:
+        none = np.empty(0)
+        state = np.empty(0, dtype=np.int64)
+        return Rows((), state, none, none, none, state, state, state, np.empty(0, dtype=bool), none)
+    arrays = (
+        np.concatenate([getattr(block, name) for block in blocks])
+        for name in (
+            "row",
+            "pressure",
+            "flow",
+            "speed",
+            "pressure_state",
+            "flow_state",
+            "speed_state",
+            "is_gauge",
+            "noise_scale",
+        )
+    )
+    return Rows(tuple(name for block in blocks for name in block.file), *arrays)
+
+
+def _listed(numbers: list[int]) -> str:
+    shown = ", ".join(str(number) for number in numbers[:8])
+    return shown + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")

@@ -1,0 +1,112 @@
+"""How many rows of each file of a recording were used, and why not the rest: by a fit, and by a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.recording import Recording, RecordingFile
+
+if TYPE_CHECKING:
+    from calibration.data.blocks import Blocks
+    from calibration.data.measurement import Measurement, Rows
+
+NOT_IN_A_FIT = "runs in time do not enter the fit"
+NEVER_TURNS = "the rotor turns in no row: it did not break away"
+OUTSIDE = "outside the part of the run that is compared, or without a speed"
+HELD = "the rotor is held"
+NOTHING_READ = "no pressure, or neither a flow nor a turning speed on the instrument's scale"
+NOTHING_AT_ZERO = "nothing was read"
+
+
+def by_fit(recording: Recording, measured: Measurement) -> list[dict[str, Any]]:
+    """Of a fit, as `files` of posterior/1.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    measured : Measurement
+        The rows that the fit uses.
+    """
+    return _files(recording, _numbers(measured.steady, measured.zero), NOT_IN_A_FIT)
+
+
+def by_diagnosis(recording: Recording, blocks: Blocks) -> list[dict[str, Any]]:
+    """Of a diagnosis, as `files` of diagnosis/1.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    blocks : Blocks
+        What is compared of it.
+    """
+    used = _numbers(blocks.measured.zero)
+    plateaus = blocks.plateaus
+    known = np.isfinite(plateaus.flow) | np.isfinite(plateaus.speed)
+    for i in np.flatnonzero(known):
+        used.setdefault(plateaus.file[i], set()).add(int(plateaus.row[i]))
+    for run in blocks.runs:
+        first, last = np.flatnonzero(run.used)[[0, -1]]
+        used[run.file] = set(range(int(run.row[first - 1]) + 1 if first else 1, int(run.row[last]) + 1))
+    for file in recording.files:
+        if file.kind == "steady" and file.file in blocks.standing.file:
+            flow = file.columns["flow_l_min"]
+            there = _held(file) & _has_pressure(file) & np.isfinite(flow.values) & (flow.censor == 0)
+            used.setdefault(file.file, set()).update((np.flatnonzero(there) + 1).tolist())
+    return _files(recording, used, OUTSIDE)
+
+
+def _files(recording: Recording, used: Mapping[str, set[int]], in_time: str) -> list[dict[str, Any]]:
+    """An entry a file; ``used`` has the numbers of the rows used by file, ``in_time`` why not the rest of a run."""
+    found = []
+    for file in recording.files:
+        mine = used.get(file.file, set())
+        left = np.array(sorted(set(range(1, file.rows + 1)) - mine), dtype=int) - 1
+        found.append(
+            {
+                "file": file.file,
+                "rows": file.rows,
+                "rows_used": file.rows - left.size,
+                "why": _why(file, left, in_time) if left.size else "",
+            }
+        )
+    return found
+
+
+def _why(file: RecordingFile, left: np.ndarray, in_time: str) -> str:
+    if file.kind == "transient":
+        speed = file.columns.get("speed_rpm")
+        return in_time if speed is None or np.any(speed.values > 0.0) else NEVER_TURNS
+    if file.kind == "zero":
+        return NOTHING_AT_ZERO
+    held = int(_held(file)[left].sum())
+    reasons = {HELD: held, NOTHING_READ: left.size - held}
+    return "; ".join(f"{_rows(count)}: {words}" for words, count in reasons.items() if count)
+
+
+def _held(file: RecordingFile) -> np.ndarray:
+    locked = file.columns.get("rotor_locked")
+    return np.zeros(file.rows, dtype=bool) if locked is None else locked.values > 0.5
+
+
+def _has_pressure(file: RecordingFile) -> np.ndarray:
+    read = next(column for name, column in file.columns.items() if name.startswith("pressure_bar_"))
+    found: np.ndarray = np.isfinite(read.values) & (read.censor == 0)
+    return found
+
+
+def _numbers(*parts: Rows) -> dict[str, set[int]]:
+    """The numbers of rows by file."""
+    found: dict[str, set[int]] = {}
+    for rows in parts:
+        for file, row in zip(rows.file, rows.row, strict=True):
+            found.setdefault(file, set()).add(int(row))
+    return found
+
+
+def _rows(count: int) -> str:
+    return f"{count} row{'s' * (count != 1)}"

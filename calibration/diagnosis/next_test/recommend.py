@@ -1,0 +1,134 @@
+"""Step 6: which test would part explanations that this recording cannot tell apart.
+
+A test's information is the expected logarithm of the Bayes factor between two rivals for the one that holds: half the
+sum of the Kullback-Leibler divergences both ways, with all that the recording leaves open of motor, instruments and
+effects carried along; the mean over the pairs of rivals. It has no upper limit: 20 nats and 2000 are both certainty,
+but the larger forgives more that the model does not know.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from calibration.diagnosis.next_test.information import Expected, expected_nats, repeats_needed
+from calibration.diagnosis.next_test.planned import MODEL_SD, expected_readings, planned
+from calibration.diagnosis.next_test.quantities import expected_quantity, quantities
+from calibration.diagnosis.steps.name import Candidate
+from calibration.likelihood.linear import Comparison
+
+MOST = 4
+MOST_APART = 2  # of those that need another instrument
+MOST_RIVALS = 3
+LEAST_NATS = 0.1
+NOTHING = "nothing missing"  # the base model, among what a test separates
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """A test, and what it would tell.
+
+    Attributes
+    ----------
+    test : str
+        In words.
+    separates : tuple of str
+        Effects, sets joined by +, or `NOTHING`.
+    information_nats : float
+        Expected, one repeat [-].
+    repeats : int or None
+        That bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
+    needs : str
+        The instrument that it needs and the bench may not have; empty otherwise.
+    """
+
+    test: str
+    separates: tuple[str, ...]
+    information_nats: float
+    repeats: int | None = None
+    needs: str = ""
+
+
+def propose(comparison: Comparison, rivals: Sequence[Candidate]) -> list[NextTest]:
+    """Tests ranked by what they would tell between the most probable rivals, those with another instrument last.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    rivals : sequence of Candidate
+        Explanations, the most probable first.
+    """
+    weighed = list(rivals[:MOST_RIVALS])
+    if len(weighed) < 2 or not comparison.n:
+        return []
+    problem = comparison.problem
+    names = ["+".join(one.names) or NOTHING for one in weighed]
+    found = []
+    for plan in planned(comparison):
+        one = weigh(plan.words, names, partial(expected_readings, plan, problem, weighed))
+        found += [one] if one else []
+    for quantity in quantities(comparison, weighed[0]):
+        one = weigh(
+            f"{quantity.words}: {quantity.needs}" if quantity.needs else quantity.words,
+            names,
+            partial(expected_quantity, quantity, problem, weighed),
+            quantity.needs,
+        )
+        found += [one] if one else []
+    return ranked(found)
+
+
+def weigh(
+    words: str, names: Sequence[str], expected: Callable[[], Sequence[Expected]], needs: str = ""
+) -> NextTest | None:
+    """What a test would tell; None where it cannot be simulated.
+
+    Parameters
+    ----------
+    words : str
+        The test.
+    names : sequence of str
+        Of the rivals.
+    expected : callable
+        Readings under each of them.
+    needs : str
+        Another instrument.
+    """
+    try:
+        read = expected()
+    except ArithmeticError:
+        return None
+    pairs = list(itertools.combinations(range(len(names)), 2))
+    nats = {pair: expected_nats(read[pair[0]], read[pair[1]]) for pair in pairs}
+    if not np.all(np.isfinite([*nats.values()])):  # a model far from the readings: no test follows from it
+        return None
+    told = [pair for pair in pairs if nats[pair] > LEAST_NATS]
+    separates = tuple(dict.fromkeys(names[i] for pair in told for i in pair))
+
+    def least(repeats: int) -> float:
+        return min(expected_nats(read[i], read[j], repeats) for i, j in told)
+
+    mean = round(sum(nats.values()) / len(nats), 2)
+    return NextTest(words, separates, mean, repeats_needed(least) if told else None, needs)
+
+
+def ranked(found: Sequence[NextTest]) -> list[NextTest]:
+    """The few tests that would tell most, then those of other instruments; what tells next to nothing is left out.
+
+    Parameters
+    ----------
+    found : sequence of NextTest
+        In any order.
+    """
+    best = sorted(
+        (t for t in found if t.separates and t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats
+    )
+    return [t for t in best if not t.needs][:MOST] + [t for t in best if t.needs][:MOST_APART]
+
+
+__all__ = ["LEAST_NATS", "MODEL_SD", "NextTest", "propose", "ranked", "weigh"]

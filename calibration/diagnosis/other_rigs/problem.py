@@ -1,0 +1,181 @@
+"""A recording of another rig (a motor table in the recording) as readings, predictions and unknowns, in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration.systems import displacement_machine as rigs_machine
+from calibration.systems import driven_axis as rigs_axis
+from calibration.systems import free_rotor as rigs_rotor
+from calibration.systems.readings import Flat
+from calibration.systems.table import rows_used, table_of
+from calibration.unknowns.priors import SHAPE_FACTOR, Unknown
+from model.effects import effects
+from model.effects.laws import Chosen
+from model.rigs.state import scaled
+from rig.recording import Recording, RecordingError
+
+NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
+SEE = {"free_rotor": rigs_rotor.see, "driven_axis": rigs_axis.see, "displacement_machine": rigs_machine.see}
+PREDICT = {
+    "free_rotor": rigs_rotor.predict,
+    "driven_axis": rigs_axis.predict,
+    "displacement_machine": rigs_machine.predict,
+}
+EVERYWHERE = ("coulomb_friction", "stribeck_friction", "windage", "friction_warm_up")
+OF_KIND = {
+    "free_rotor": ("once_per_rev_torque", "speed_lag"),
+    "driven_axis": ("inertia",),
+    "displacement_machine": (
+        "load_friction",
+        "leakage",
+        "inlet_throttling",
+        "exhaust_back_pressure",
+        "flow_offset",
+        "flow_scale",
+        "flow_density_correction",
+        "pressure_gauge_offset",
+        "pressure_gauge_scale",
+    ),
+}
+
+
+class RigProblem:
+    """A recording of another rig.
+
+    Parameters
+    ----------
+    recording : Recording
+        With an inline motor of another kind than the radial piston motor.
+
+    Raises
+    ------
+    RecordingError
+        When the columns that its kind needs are missing.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        if isinstance(recording.motor, str) or recording.motor.get("kind") not in OF_KIND:
+            raise RecordingError(
+                f"{recording.folder}: [motor] is not a rig of another kind; expected one of {', '.join(OF_KIND)}"
+            )
+        self.recording = recording
+        self.motor: Mapping[str, Any] = recording.motor
+        self.kind = str(self.motor["kind"])
+        self.table = table_of(recording, self.motor)
+        self.ambient, self.room = self.table.ambient, self.table.room
+        self.slides, self.inertia = self.table.slides, self.table.inertia
+        self.seen = SEE[self.kind](self.table)
+        self.readings, self.sizes = self.seen.readings, self.seen.sizes
+        self.flats, self.unknowns = list(self.seen.flats), list(self.seen.unknowns)
+        if not any(one.value.size for one in self.readings):
+            raise RecordingError(
+                f"{recording.folder}: {self.kind}: no reading is left to compare; is the axis ever in motion?"
+            )
+        for one in self.readings:
+            if one.value.size and not np.all(one.sd > 0.0):
+                raise RecordingError(
+                    f"{recording.folder}: {one.label}: noise_sd and resolution are both 0, and nothing can be weighed; "
+                    "state noise_sd > 0"
+                )
+        self._friction_prior()
+
+    @property
+    def files(self) -> list[dict[str, Any]]:
+        """Rows used of each file of the recording, as ``files`` of diagnosis/1."""
+        seen = {one["file"]: one for one in self.seen.files}
+        return [
+            seen.get(file.file) or rows_used(file, {NOT_LOOKED_AT: np.ones(file.rows, dtype=bool)})
+            for file in self.recording.files
+        ]
+
+    @property
+    def could_show(self) -> list[str]:
+        """The effects that this rig could show."""
+        found = [*EVERYWHERE, *OF_KIND[self.kind]]
+        if self.kind == "driven_axis" and any(np.isfinite(b.pressure).any() for _, b in self.seen.blocks):
+            found.append("load_friction")
+        if self.kind == "free_rotor" and not rigs_rotor.sees_turns(self.seen):
+            found.remove("once_per_rev_torque")
+        if self.seen.weight is not None:  # then less inertia and a constant drag explain any noise in the speed
+            found.remove("inertia")
+        if not any(one.channel in ("drive", "speed") for one in self.readings):
+            found = [name for name in found if effects()[name].torque is None]
+        if not any(one.channel == "flow" for one in self.readings):
+            found = [name for name in found if "flow" not in effects()[name].reads and name != "leakage"]
+        return sorted(found)
+
+    def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown, float, float]]:
+        """Effect id, unknown, and bounds of its value, for the parameters of a set of effects.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Effect ids.
+        """
+        found = []
+        for name in names:
+            for parameter in (scaled(one, self.sizes) for one in effects()[name].parameters):
+                kind, a, b = (
+                    ("lognormal", parameter.scale, SHAPE_FACTOR)
+                    if parameter.shape
+                    else ("normal", parameter.expected, parameter.scale)
+                )
+                unknown = Unknown(parameter.name, parameter.unit, kind, a, b, "effect")  # type: ignore[arg-type]
+                found.append((name, unknown, parameter.low, parameter.high))
+        return found
+
+    def predict(self, values: Mapping[str, float], chosen: Chosen) -> list[np.ndarray]:
+        """What the instruments would read, an array for each of ``readings``.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Of flats and unknowns by their names [SI].
+        chosen : mapping
+            Effect id to the values of its parameters.
+        """
+        return PREDICT[self.kind](self.table, self.seen, values, chosen)
+
+    def slope(self, name: str, values: Mapping[str, float], predicted: Sequence[np.ndarray]) -> list[np.ndarray] | None:
+        """What an instrument's offset or scale does to the predictions, which needs no model [SI]; None for the rest.
+
+        Parameters
+        ----------
+        name : str
+            Of an unknown.
+        values : mapping of str to float
+            Of flats and unknowns by their names [SI].
+        predicted : sequence of ndarray
+            At them, of `predict` [SI].
+        """
+        place, _, error = name.rpartition("." if name.endswith(".drive_offset") else "_")
+        found = []
+        for one, true in zip(self.readings, predicted, strict=True):
+            own = one.label.partition(" ")[2]
+            offset = values.get(f"{one.channel}_offset", 0.0) + values.get(f"{own}.drive_offset", 0.0)
+            if error == "drive_offset":
+                found.append(np.full_like(true, 1.0 if own == place else 0.0))
+            elif place in ("drive", "flow", "speed") and error in ("offset", "scale"):
+                scale = 1.0 + values.get(f"{place}_scale", 0.0)
+                part = np.ones_like(true) if error == "offset" else (true - offset) / scale
+                if error == "scale" and self.seen.weight is not None:
+                    part = np.full_like(true, self.seen.weight)
+                found.append(part if one.channel == place else np.zeros_like(true))
+            else:
+                return None
+        return found
+
+    def _friction_prior(self) -> None:
+        if self.kind == "displacement_machine" and all(one.channel != "drive" for one in self.readings):
+            return  # a flow tells nothing of friction
+        mean, sd = self.motor.get("viscous_friction"), self.motor.get("viscous_friction_sd")
+        unit = "N s/m" if self.slides else "N m s"
+        if mean is not None and sd is not None:
+            self.unknowns.insert(0, Unknown("viscous_friction", unit, "normal", float(mean), float(sd), "recording"))
+            return
+        size = self.sizes.torque / self.sizes.speed
+        self.flats.insert(0, Flat("viscous_friction", unit, float(mean) if mean else 0.5 * size, size, 0.0))

@@ -1,0 +1,258 @@
+"""Step 5: whether the named set predicts readings that it has not seen.
+
+Blocks are pressure levels (both directions together) and segments of the runs in time, or whole runs where there are
+several. The levels of a fold lie apart, so that what goes with the running time has readings before and after. In each
+fold the sets are weighed anew on the readings that are left and the best of them predicts those that are not, in the
+model made linear at each set's own most probable point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.data.blocks import levels
+from calibration.diagnosis.steps.name import Candidate
+from calibration.likelihood.linear import RUN, Comparison
+from calibration.likelihood.linearized import GOOD
+from calibration.likelihood.mode import BAD, Mode, bad_weight, log_bad
+
+SEGMENTS = 3  # of each run in time
+SEVERAL = 3  # runs in time from which on each is held out whole
+MOST_LEVELS = 6  # folds of plateaus
+AGAIN = ", selection repeated in each fold"
+LEAST_PROBABILITY = 1e-300
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What the held-out readings say.
+
+    Attributes
+    ----------
+    folds, same : int
+        Folds, and those in which the same set was chosen [-].
+    before, after : dict
+        rmse by channel, of the base model and of the sets chosen [SI].
+    gain, gain_se : float
+        In log predictive density, and its standard error over the blocks [-].
+    scheme : str
+        How readings were held out.
+    size : dict
+        Root mean square of the readings themselves by channel [SI]; empty where it is not told.
+    """
+
+    folds: int
+    same: int
+    before: dict[str, float]
+    after: dict[str, float]
+    gain: float
+    gain_se: float
+    scheme: str
+    size: dict[str, float] = field(default_factory=dict)
+
+
+def cross_validate(
+    comparison: Comparison, found: Sequence[Candidate], names: tuple[str, ...], choose: bool = True
+) -> HeldOut:
+    """Predict each block from the others.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    found : sequence of Candidate
+        All sets weighed.
+    names : tuple of str
+        The set whose constancy is counted.
+    choose : bool
+        Whether the set is chosen anew in each fold; otherwise it is ``names`` in all.
+    """
+    blocks = folds_of(comparison)
+    base = next(c for c in found if not c.names)
+    others = [c for c in found if not c.refused or not c.names]
+    # With nothing held out a set has the weight that it has in the whole recording: prior, doubt and bounds are in it.
+    beside = {
+        one.names: math.log(max(one.probability, LEAST_PROBABILITY)) - fit_on(comparison, one.mode, comparison.known)[2]
+        for one in others
+    }
+    gains, same = [], 0
+    errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
+    for held in blocks:
+        scored = []
+        for one in others:
+            z, A, evidence = fit_on(comparison, one.mode, ~held)
+            scored.append((evidence + beside[one.names], one, z, A))
+        _, best, z, A = max((s for s in scored if choose or s[1].names == names), key=lambda s: s[0])
+        same += best.names == names
+        z0, A0 = next((s[2], s[3]) for s in scored if s[1] is base)
+        density, error = predict_held(comparison, best.mode, z, A, held)
+        density0, error0 = predict_held(comparison, base.mode, z0, A0, held)
+        gains.append(density - density0)
+        errors["before"].append(error0)
+        errors["after"].append(error)
+    return summed_up(comparison, blocks, int(same), gains, errors)
+
+
+def summed_up(
+    comparison: Comparison,
+    folds: Sequence[np.ndarray],
+    same: int,
+    gains: Sequence[float],
+    errors: dict[str, list[np.ndarray]],
+    again: str = AGAIN,
+) -> HeldOut:
+    """What the folds say together.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    folds : sequence of ndarray of bool, shape (m,)
+        Readings held out in each.
+    same : int
+        Folds that chose what the whole recording does [-].
+    gains : sequence of float
+        In log predictive density, of each [-].
+    errors : dict
+        Of the readings held out in each, ``before`` and ``after`` [SI].
+    again : str
+        What was done anew in each fold.
+    """
+    index = np.concatenate([np.flatnonzero(held) for held in folds])
+    rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
+    se = float(np.std(gains, ddof=1) * math.sqrt(len(gains))) if len(gains) > 1 else 0.0
+    runs = len(comparison.problem.blocks.runs)
+    parts = " and whole runs" if runs >= SEVERAL else " and transient segments" if runs else ""
+    scheme = f"pressure levels{parts}{again}"
+    return HeldOut(len(folds), same, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme)
+
+
+def folds_of(comparison: Comparison) -> list[np.ndarray]:
+    """Masks of the readings that are held out together.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    """
+    plateaus = comparison.problem.blocks.plateaus
+    found = []
+    groups = levels(plateaus) if plateaus.size else []
+    if groups:
+        count = min(MOST_LEVELS, len(groups))
+        for i in range(count):
+            rows = np.concatenate(groups[i::count])
+            mask = (comparison.kind < RUN) & np.isin(comparison.index, rows)
+            found.append(mask & comparison.known)
+    count = len(comparison.problem.blocks.runs)
+    for i in range(count):
+        mine = np.flatnonzero(comparison.kind == RUN + i)
+        for part in np.array_split(mine, 1 if count >= SEVERAL else SEGMENTS):
+            mask = np.zeros(comparison.read.size, dtype=bool)
+            mask[part] = True
+            found.append(mask)
+    return [mask for mask in found if mask.any()]
+
+
+def fit_on(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Most probable point, precision and log evidence on some of the readings, in the linear model of a mode.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    used : ndarray of bool, shape (m,)
+        Readings that are used.
+
+    Returns
+    -------
+    z : ndarray, shape (k,)
+        The point [-].
+    A : ndarray, shape (k, k)
+        Its precision [-].
+    evidence : float
+        Natural logarithm [-].
+    """
+    width, price = _as_read(mode)
+    weight = used / width
+    J = mode.J * weight[:, None]
+    r = (mode.r + mode.J @ mode.z) * weight
+    A = J.T @ J + np.eye(mode.z.size)
+    z = np.linalg.solve(A, J.T @ r)
+    rest = r - J @ z
+    white = comparison.whitener(mode.prediction, mode.u)
+    counted = used & comparison.known
+    logs = float(np.sum(price[counted] - np.log(white.scale[counted])))
+    evidence = -0.5 * float(rest @ rest + z @ z) + logs - 0.5 * float(np.linalg.slogdet(A)[1])
+    return z, A, evidence
+
+
+def predict_held(
+    comparison: Comparison, mode: Mode, z: np.ndarray, A: np.ndarray, held: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Log density of held-out readings, and their errors.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    z, A : ndarray
+        Of `fit_on` [-].
+    held : ndarray of bool, shape (m,)
+        Readings held out.
+
+    Returns
+    -------
+    density : float
+        Natural logarithm, up to a constant that all models share: all readings held out count in each of them, those
+        that it takes for bad with a wide error and at the price of a bad one.
+    error : ndarray
+        Readings less predictions, those held out alone [SI].
+    """
+    width, price = _as_read(mode)
+    r = ((mode.r + mode.J @ (mode.z - z)) / width)[held]
+    J = (mode.J / width[:, None])[held]
+    C = np.eye(r.size) + J @ np.linalg.solve(A, J.T)
+    white = comparison.whitener(mode.prediction, mode.u)
+    density = -0.5 * float(r @ np.linalg.solve(C, r)) - 0.5 * float(np.linalg.slogdet(C)[1])
+    density += float(np.sum((price - np.log(white.scale))[held]))
+    error = (comparison.read - comparison.raw(mode.prediction) + mode.D @ (mode.z - z))[held]
+    return density, np.nan_to_num(error)
+
+
+def _as_read(mode: Mode) -> tuple[np.ndarray, np.ndarray]:
+    """Each reading's error in units of its noise, wide where a model takes it for bad, and the log of its price.
+
+    About the mode a bad reading's error is normal, of a width and at a price that are those of its own law there.
+    """
+    bad, weight = mode.bad >= GOOD, bad_weight(mode.r)
+    price = log_bad(mode.r) + 0.5 * weight * mode.r**2
+    return np.where(bad, weight**-0.5, 1.0), np.where(bad, price, math.log(1.0 - BAD))
+
+
+def by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> dict[str, float]:
+    """Root mean square of errors by channel [SI].
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    index : ndarray of int
+        Readings that the errors belong to.
+    error : ndarray
+        Readings less predictions [SI].
+    """
+    kind = comparison.kind[index]
+    found = {}
+    for key, mine in (("flow_m3_s", kind == 0), ("speed_rad_s", kind > 0)):
+        if mine.any():
+            found[key] = float(np.sqrt(np.mean(error[mine] ** 2)))
+    return found

@@ -1,0 +1,241 @@
+"""Step 3: where the mismatch is: which balance, seen in which channel, along which coordinate.
+
+Whether a place is one at all is a test of a free-form force: those of the detection, and beside them forces along
+pressure and angle and the instruments' errors along their own range, their number priced. With a strong mismatch many
+pass: what is off along speed shows along time as well. So the smooth torques, flows and errors of `correction` are
+weighed by their evidence. A place that adds nothing to the clearest is its shadow, and left out; one that explains as
+much cannot be told from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from calibration.diagnosis.linear_model.coordinates import same_coordinates
+from calibration.diagnosis.linear_model.forces import Force
+from calibration.diagnosis.linear_model.further_forces import angle_force, force_along
+from calibration.diagnosis.linear_model.signatures import project
+from calibration.diagnosis.steps.correction import Process, evidence, processes, stands_out
+from calibration.diagnosis.steps.detect import Detection, log_tail
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.linearized import Straight, freed, straight
+from calibration.likelihood.mode import Mode
+
+FOUND_P = 0.01  # after the number of forces tested is priced
+STANDS_OUT = 0.5  # share of the largest score that a piece needs to belong to the place
+LEAST_LOG_P = -690.0
+DECIDES = 5.0  # nats of evidence that tell two places apart
+ADDS = 10.0  # ... that make a second place beside the clearest, at least
+CROOKED = 0.05  # share of the clearest's evidence that a second place must have: the problem is not quite straight
+MOST_ROWS = 3
+LEFT = 0.3  # share of a reading that forces must leave to itself, or nothing is said of it
+NAMES = {"torque": "torque balance", "mass": "flow balance", "sensor": "instrument's reading"}
+METERS = {"pressure": "pressure gauge", "flow": "flow meter", "speed": "tachometer"}
+CLEAREST, AS_WELL, BESIDE = 0, 1, 2  # ranks
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place, as in diagnosis/1; numbers SI."""
+
+    channel: str
+    balance: str
+    coordinate: str
+    where: tuple[float, float]
+    unit: str
+    p_value: float
+    sentence: str
+    same_as: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Tested:
+    """A force that passed its test, with its p-value and its pieces' scores; whether the detection had it."""
+
+    force: Force
+    p: float
+    scores: np.ndarray
+    first: bool
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        return self.force.channel, self.force.balance, self.force.coordinate
+
+
+def locate(
+    comparison: Comparison, mode: Mode, detection: Detection, free: Sequence[Force], acts_in: str = ""
+) -> list[Place]:
+    """Places of a mismatch, the clearest first.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The base model.
+    detection : Detection
+        Of it.
+    free : sequence of Force
+        The forces of the detection.
+    acts_in : str
+        Where the effect that explains it acts, when one does: then a flow is the instrument's or the balance's.
+    """
+    problem = straight(comparison, mode, detection.u)
+    smooth = {(one.of.channel, one.of.balance, one.of.along.name): one for one in processes(problem)}
+    tested = []
+    seen = list(zip(detection.force_log_p, detection.force_scores, strict=True))
+    for force, (log_p, scores) in zip(free, seen, strict=True):
+        p = min(1.0, len(free) * math.exp(max(log_p, LEAST_LOG_P)))
+        tested.append(_Tested(force, p, scores, True))
+    had = {one.key for one in tested}
+    further = [force_along(one.of) for key, one in smooth.items() if key not in had]
+    angle = angle_force(comparison, mode)
+    further += [angle] if angle is not None else []
+    price = len(free) + len(further) + 1  # the single rows are one more
+    for force in further:
+        log_p, scores = _tail(problem, force.columns)
+        tested.append(_Tested(force, min(1.0, price * math.exp(max(log_p, LEAST_LOG_P))), scores, False))
+    passed = [one for one in tested if one.p < FOUND_P]
+    ranks, best = _ranks(problem, passed, smooth, price)
+    places = _said(problem, passed, ranks, smooth if best else {}, acts_in)
+    beside = [one.force.columns for one in passed if one.first] + ([best.hats] if best else [])
+    return [*places, *_rows(straight(comparison, mode, detection.u, every=True), beside, price)]
+
+
+def _ranks(
+    problem: Straight, passed: Sequence[_Tested], smooth: dict[tuple[str, str, str], Process], price: float
+) -> tuple[list[int | None], Process | None]:
+    """Each tested force's rank, None for a shadow; and the smooth process of most evidence, where it has enough."""
+    gains = {one.key: evidence(problem, smooth[one.key]) for one in passed if one.key in smooth}
+    top = max(gains, key=lambda key: gains[key], default=None)
+    if top is None or gains[top] < DECIDES:  # too faint to tell places apart
+        return [CLEAREST if one.first else None for one in passed], None
+    best, least = smooth[top], max(ADDS, CROOKED * gains[top])
+    ranks: list[int | None] = []
+    for one in passed:
+        if one.key in gains:
+            if gains[one.key] >= gains[top] - DECIDES:
+                ranks.append(CLEAREST if one.first else AS_WELL)
+            else:
+                ranks.append(BESIDE if evidence(problem, smooth[one.key], best.white) >= least else None)
+            continue
+        adds = -_tail(problem, one.force.columns, best.hats)[0] - math.log(price / FOUND_P) > least - ADDS
+        rest = evidence(problem, best, problem.columns(one.force.columns))
+        if adds and rest >= DECIDES:
+            ranks.append(BESIDE)
+        else:
+            ranks.append(None if rest >= DECIDES else CLEAREST)
+    return ranks, best
+
+
+def _said(
+    problem: Straight,
+    passed: Sequence[_Tested],
+    ranks: Sequence[int | None],
+    smooth: dict[tuple[str, str, str], Process],
+    acts_in: str,
+) -> list[Place]:
+    comparison, mode = problem.comparison, problem.mode
+    ordered = sorted(
+        ((rank, one) for rank, one in zip(ranks, passed, strict=True) if rank is not None),
+        key=lambda pair: (pair[0], pair[1].p),
+    )
+    alone = any(rank == CLEAREST for rank, _ in ordered)
+    found = []
+    for rank, one in ordered:
+        force = one.force
+        as_well = rank == AS_WELL
+        if as_well and force.balance != "sensor" and alone:
+            continue  # said by same_as
+        same = same_coordinates(comparison, mode, force.coordinate)
+        if rank in (CLEAREST, AS_WELL):
+            alike = (o.force for r, o in ordered if r in (CLEAREST, AS_WELL) and o.force.balance == force.balance)
+            names = (a.coordinate for a in alike if a.channel == force.channel and a.coordinate != force.coordinate)
+            same = tuple(dict.fromkeys([*same, *(name for name in names if name != "phase")]))
+        where = stands_out(problem, smooth[one.key]) if one.key in smooth else None
+        found.append(_place(one, where or _where(one), same, acts_in, as_well and alone))
+    return found
+
+
+def _where(one: _Tested) -> tuple[float, float]:
+    size = np.abs(one.scores)
+    out = np.flatnonzero(size >= max(STANDS_OUT * size.max(), -float(ndtri(0.01))))
+    if not out.size:
+        out = np.array([int(np.argmax(size))])
+    return float(one.force.places[out, 0].min()), float(one.force.places[out, 1].max())
+
+
+def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts_in: str, as_well: bool) -> Place:
+    force = one.force
+    balance = "sensor" if acts_in == "sensor" else force.balance
+    by_a_meter = "; by what is named, an instrument's error" if balance != force.balance else ""
+    span = f"most between {where[0]:.3g} and {where[1]:.3g} {force.unit}"
+    if force.balance == "sensor":
+        verb = "would do as well" if as_well else "is seen"
+        sentence = f"An error of the {METERS[force.channel]} along its own range {verb}, {span}."
+    else:
+        along = f"along {force.coordinate}, {span}"
+        if force.coordinate == "phase":
+            along = f"in {force.file}, {span} after its start"
+        elif force.coordinate == "angle":
+            along = "along the shaft's angle: something comes with every turn"
+        sentence = f"The {NAMES[balance]} does not close {along} (seen in the {force.channel}{by_a_meter})."
+    return Place(force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same)
+
+
+def _tail(problem: Straight, columns: np.ndarray, beside: np.ndarray | None = None) -> tuple[float, np.ndarray]:
+    """Log tail probability of a force, nuisances and another force free beside it, and its pieces' scores."""
+    J = problem.J if beside is None else np.hstack([problem.J, freed(problem.columns(beside))])
+    B = problem.columns(columns)
+    P, b = B.T @ project(J, B), B.T @ project(J, problem.y)
+    value, vector = np.linalg.eigh(P)
+    use = value > 1e-6 * max(float(np.max(np.einsum("ij,ij->j", B, B), initial=0.0)), 1e-12)
+    Q = float(np.sum((vector[:, use].T @ b) ** 2 / value[use]))
+    scores: np.ndarray = b / np.sqrt(np.maximum(np.diag(P), 1e-12))
+    return log_tail(Q, int(use.sum())), scores
+
+
+def _rows(problem: Straight, beside: Sequence[np.ndarray], price: float) -> list[Place]:
+    """Single readings that stand out though every force found is free beside them, one after the other."""
+    comparison = problem.comparison
+    plateaus, n = comparison.problem.blocks.plateaus, comparison.n
+    J = np.hstack([problem.J, *(freed(problem.columns(columns)) for columns in beside)])
+    found: list[Place] = []
+    count = int(comparison.known[: 2 * n].sum())
+    each = problem.columns(np.eye(comparison.read.size, 2 * n))
+    norms = np.linalg.norm(each, axis=0)
+    for _ in range(MOST_ROWS):
+        rest = project(J, each)
+        size = np.sqrt(np.maximum(np.einsum("ij,ij->j", each, rest), 1e-12))
+        seen = (size > LEFT * norms) & (norms > 0.0)  # a reading that sets a force says nothing of itself
+        score = np.where(seen, rest.T @ problem.y / size, 0.0)
+        i = int(np.argmax(np.abs(score)))
+        p = min(1.0, price * count * 2.0 * float(ndtr(-abs(score[i]))))
+        if p >= FOUND_P:
+            break
+        row, channel = int(comparison.index[i]), "flow" if i < n else "speed"
+        found.append(_row_place(plateaus.file[row], int(plateaus.row[row]), channel, p))
+        J = np.column_stack([J, freed(each[:, [i]])])
+    return found
+
+
+def rows_as_places(bad: Sequence[tuple[str, int, str, float]]) -> list[Place]:
+    """Single readings that nothing explains, as places.
+
+    Parameters
+    ----------
+    bad : sequence of (str, int, str, float)
+        File, row, channel and the probability that the reading is bad.
+    """
+    # By Markov's inequality a Bayes factor of b has p < 1/b; the prior odds of a bad reading, 1 : 99, price 99 of them.
+    return [_row_place(file, row, channel, 1.0 - probability) for file, row, channel, probability in bad]
+
+
+def _row_place(file: str, row: int, channel: str, p: float) -> Place:
+    sentence = f"The {channel} in {file}, row {row}, stands out from everything else."
+    return Place(channel, "sensor", "row", (float(row), float(row)), "1", p, sentence, ())

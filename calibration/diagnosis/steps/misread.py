@@ -1,0 +1,105 @@
+"""Readings that a model takes for bad: which they are, and whether noise with heavy tails would explain them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import stdtr
+
+from calibration.data.blocks import LEVEL_PA
+from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.verdict import MISMATCH_P, Verdict
+from calibration.likelihood.linear import FLOW, Comparison
+from calibration.likelihood.mode import Mode
+
+MISREAD = "bad_reading"  # the effect
+BAD_ROW = 0.99  # probability beyond which a reading is named as bad
+TAILS = 4.0  # of Student's t: noise with so few degrees of freedom has outliers that nobody has misread
+
+BadRow = tuple[str, int, str, float]  # file, row, channel, probability
+
+
+def bad_rows(comparison: Comparison, mode: Mode) -> list[BadRow]:
+    """Readings of the plateaus that a mode takes for bad: file, row, channel and probability [-].
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    """
+    plateaus, found = comparison.problem.blocks.plateaus, []
+    for i in _bad(comparison, mode):
+        row = int(comparison.index[i])
+        channel = "flow" if comparison.kind[i] == FLOW else "speed"
+        found.append((plateaus.file[row], int(plateaus.row[row]), channel, float(mode.bad[i])))
+    return found
+
+
+def by_chance(comparison: Comparison, mode: Mode) -> float:
+    """How often one of all readings would lie as far out as the worst, of noise with heavy tails [-].
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model; 1 where it takes no reading for bad.
+    """
+    farthest = float(np.max(np.abs(mode.r[_bad(comparison, mode)]), initial=0.0))
+    return float(min(1.0, 2.0 * comparison.n * 2.0 * stdtr(TAILS, -farthest * math.sqrt(TAILS / (TAILS - 2.0)))))
+
+
+def alone_at_an_end(comparison: Comparison, mode: Mode) -> BadRow | None:
+    """A row taken for bad as a whole at the lowest or highest level, where no other was taken; None if none is.
+
+    Nothing tells there whether it is misread, or the motor does something that it does nowhere else.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    """
+    places, n = _bad(comparison, mode), comparison.n
+    good = comparison.known[: 2 * n].copy()
+    good[places] = False
+    for rank, place in enumerate(places):
+        mine = slice(n, 2 * n) if place >= n else slice(0, n)
+        pressure = comparison.problem.blocks.plateaus.pressure
+        apart = pressure[good[mine]] - pressure[place % n]
+        beside = np.abs(apart) < LEVEL_PA
+        confirmed = good[place % n] or good[n + place % n]  # by the row's other reading
+        if not confirmed and not beside.any() and (np.all(apart > 0.0) or np.all(apart < 0.0)):
+            return bad_rows(comparison, mode)[rank]
+    return None
+
+
+def with_misread(
+    comparison: Comparison, verdict: Verdict[Candidate], candidates: Sequence[Candidate]
+) -> frozenset[tuple[str, ...]]:
+    """Sets that a verdict rests on or lists and beside which readings are misread.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    verdict : Verdict
+        What is said.
+    candidates : sequence of Candidate
+        All sets weighed.
+    """
+    if verdict.chosen is None:
+        return frozenset()
+    said = {verdict.chosen.names, *verdict.alternatives}
+    modes = {one.names: one.mode for one in candidates if one.names in said}
+    return frozenset(names for names, mode in modes.items() if by_chance(comparison, mode) < MISMATCH_P)
+
+
+def _bad(comparison: Comparison, mode: Mode) -> np.ndarray:
+    """Where they are among the residuals."""
+    return np.flatnonzero(mode.bad[: 2 * comparison.n] > BAD_ROW)

@@ -1,0 +1,276 @@
+"""Step 4: which set of effects explains the recording: the screen in the linear model, and how sets are weighed.
+
+Evidence is Laplace's. The prior of a set falls tenfold with each further member and is even over the sets of a
+size, so that many candidates cost what they should. An effect that has the form of an instrument's error counts
+only where the whole error is beyond three of its declared standard deviations: its evidence is conditional on
+that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln, log_ndtr, logsumexp
+
+from calibration.diagnosis.linear_model.signatures import Signature, log_gain, project
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.linearized import GOOD
+from calibration.likelihood.mode import Mode
+from calibration.likelihood.noise import too_loud
+from calibration.systems.radial_piston.problem import Problem, in_si
+from model.effects import effects
+
+WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
+BEYOND_SD = 3.0  # of the declared size of a nuisance
+AT_BOUND = 1e-3
+DOUBT = 2.0  # nats by which the evidence may be wrong with runs in time: the less probable sets get their benefit
+NO_LARGER = "is no larger than declared"  # how a set is refused whose size is its nuisance's own
+FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects, refitted.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Ids, sorted; empty for the base model.
+    mode : Mode
+        Its most probable point.
+    log_evidence : float
+        Conditional on its nuisance-like members being beyond three sd [-].
+    probability : float
+        Over all sets weighed [-].
+    refused : str
+        Why it cannot be named; empty where it can.
+    """
+
+    names: tuple[str, ...]
+    mode: Mode
+    log_evidence: float
+    probability: float
+    refused: str
+
+
+def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> float:
+    """Bound on how often chance alone favours some effect as much: 1 over the mean Bayes factor (Markov) [-].
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    modes : dict
+        By set; effects that were not refitted count as worth nothing.
+    """
+    base = modes[()].log_evidence
+    gains = [mode.log_evidence - base for key, mode in modes.items() if key and not refusal(comparison, mode)]
+    if not gains:
+        return 1.0
+    return float(min(1.0, math.exp(math.log(len(comparison.problem.effects_that_could())) - logsumexp(gains))))
+
+
+def screen(
+    comparison: Comparison,
+    mode: Mode,
+    found: Sequence[Signature],
+    u: np.ndarray,
+    worth: float = WORTH,
+    without: str = "",
+) -> list[tuple[str, float, dict[tuple[str, str], float]]]:
+    """Effects by what they would add in the linear model, with values to start a refit from.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The point.
+    found : sequence of Signature
+        At it.
+    u : ndarray, shape (5,)
+        The noise [-].
+    worth : float
+        Log evidence below which an effect is left out [-].
+    without : str
+        A member of the mode's set in whose place they are to stand; what they add is over the set without it.
+
+    Returns
+    -------
+    list of (str, float, dict)
+        Effect, log evidence that it adds [-], and its unknowns to start from [-]; the most promising first.
+    """
+    white = comparison.whitener(mode.prediction, u)
+    good = (mode.bad < GOOD).astype(float)
+    J = white(mode.D) * good[:, None]
+    z, members = mode.z.copy(), comparison.problem.effect_unknowns(mode.names)
+    for place, (name, unknown) in enumerate(members, mode.z.size - len(members)):
+        if name == without:  # all that it does is put back, its amplitude from 0 on: not the middle of every prior
+            J[:, place] = 0.0
+            shape = next(p.shape for p in effects()[name].parameters if p.name == unknown.name)
+            z[place] = 0.0 if shape else mode.z[place] + unknown.a / unknown.b
+    r = project(J, good * white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ z))
+    best: dict[str, tuple[float, dict[tuple[str, str], float]]] = {}
+    for one in found:
+        g = white(one.column) * good
+        gain, at_z = log_gain(one, g, project(J, g), r)
+        first = dict(one.unknowns)
+        amplitude = next(iter(first))
+        first[amplitude] = float(np.clip((at_z - one.mean) / one.sd, -5.0, 5.0))
+        if one.effect not in best or gain > best[one.effect][0]:
+            best[one.effect] = (gain, first)
+    order = sorted(best, key=lambda name: -best[name][0])
+    return [(name, *best[name]) for name in order if best[name][0] > worth]
+
+
+def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Candidate]:
+    """Probabilities of sets.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    modes : dict
+        Of each set.
+    """
+    K = len(comparison.problem.effects_that_could())
+    out = []
+    for names, mode in modes.items():
+        log_evidence = mode.log_evidence + sum(beyond(comparison.problem, mode, name) for name in names)
+        out.append((names, mode, log_evidence, log_evidence + log_prior(len(names), K), refusal(comparison, mode)))
+    best = max(o[3] for o in out)
+    doubt = DOUBT if comparison.problem.blocks.runs else 0.0
+    weight = [min(o[3] + doubt, best) for o in out]
+    total = logsumexp(weight)
+    order = sorted(range(len(out)), key=lambda i: (-out[i][3], out[i][0]))
+    return [Candidate(*out[i][:3], math.exp(weight[i] - total), out[i][4]) for i in order]
+
+
+def log_prior(k: int, K: int) -> float:
+    """Logarithm of a set's prior: nothing missing as likely as something, and each further member ten times rarer.
+
+    Parameters
+    ----------
+    k, K : int
+        Members, and effects that there are [-].
+    """
+    return float(-math.log(FURTHER) * max(k - 1, 0) - (gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1)))
+
+
+def beyond(problem: Problem, mode: Mode, name: str) -> float:
+    """What it does to the log evidence that a nuisance-like effect is to be beyond three declared sds; 0 for others.
+
+    Parameters
+    ----------
+    problem : Problem
+        For the declared figures.
+    mode : Mode
+        Of a set that holds the effect.
+    name : str
+        The effect.
+    """
+    found = total_size(problem, mode, name)
+    if found is None:
+        return 0.0
+    mean, sd, prior_sd, one_sided = found
+    after = [float(log_ndtr((mean - BEYOND_SD) / sd))]
+    if not one_sided:
+        after.append(float(log_ndtr((-BEYOND_SD - mean) / sd)))
+    before = [float(log_ndtr(-BEYOND_SD / prior_sd))] * 2  # of one that cannot be negative: of both halves in one
+    return float(logsumexp(after) - logsumexp(before))
+
+
+def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, float, bool] | None:
+    """Mean, sd and prior sd of a nuisance and the effect together, in declared sds; None where the effect has none.
+
+    Parameters
+    ----------
+    problem : Problem
+        For the declared figures.
+    mode : Mode
+        Of a set that holds the effect.
+    name : str
+        The effect.
+    """
+    declared = declared_size(problem, name)
+    if declared is None:
+        return None
+    ratio, nuisance = declared
+    k = len(problem.nuisances)
+    place = k + next(i for i, (e, _) in enumerate(problem.effect_unknowns(mode.names)) if e == name)
+    weights = {place: ratio} if nuisance is None else {place: ratio, nuisance: 1.0}
+    index = np.array(list(weights))
+    w = np.array(list(weights.values()))
+    mean = float(w @ mode.z[index])
+    sd = math.sqrt(max(float(w @ mode.covariance[np.ix_(index, index)] @ w), 1e-12))
+    return mean, sd, math.sqrt(float(w @ w)), effects()[name].amplitude.low >= 0.0
+
+
+def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | None:
+    """An effect's ordinary size in declared sds of the nuisance that it has the form of [-], and that one's place.
+
+    Parameters
+    ----------
+    problem : Problem
+        For the declared figures.
+    name : str
+        The effect.
+
+    Returns
+    -------
+    tuple of (float, int or None), or None
+        Without a place where the nuisance is no unknown of the recording; None where the effect has the form of none.
+    """
+    effect = effects()[name]
+    declared = effect.nuisance or ("wall_heat" if name == "wall_heat_exchange" else "")
+    if not declared:
+        return None
+    nuisance = problem.place(declared)
+    if nuisance is None:
+        return (effect.amplitude.scale / 0.5, None) if name == "wall_heat_exchange" else None
+    unknown = problem.nuisances[nuisance]
+    unit = unknown.b * in_si(declared)
+    if unknown.kind == "lognormal":
+        center = unknown.a if name != "inertia" else 1.0
+        unit = center * math.log(unknown.b)
+        if name == "load_friction":
+            unit = center * (unknown.b - 1.0)
+    return effect.amplitude.scale / unit, nuisance
+
+
+def refusal(comparison: Comparison, mode: Mode) -> str:
+    """Why a set cannot be named: an amplitude at a bound, or a size that is its nuisance's own.
+
+    Of an effect whose size has two components, such as a sine and a cosine, both are amplitudes.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        Of the set.
+    """
+    problem = comparison.problem
+    k = len(problem.nuisances)
+    for i, (name, unknown) in enumerate(problem.effect_unknowns(mode.names)):
+        parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
+        value = float(unknown.value(mode.z[k + i]))
+        span = parameter.high - parameter.low
+        component = parameter.low == -parameter.high
+        if (parameter is effects()[name].amplitude or component) and (
+            value >= parameter.high - AT_BOUND * span
+            or (parameter.low != 0.0 and value <= parameter.low + AT_BOUND * span)
+        ):
+            return f"{name}: {unknown.name} is at the bound of what is believable"
+        if parameter is effects()[name].amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:
+            return f"{name} vanishes"
+    if mode.names and (loud := too_loud(mode.u)):
+        return f"the noise would be {loud[1]:.1f} times as large as declared"
+    for name in mode.names:
+        found = total_size(problem, mode, name)
+        if found is not None and abs(found[0]) < BEYOND_SD:
+            return f"{name} {NO_LARGER}"
+    return ""

@@ -1,0 +1,98 @@
+"""What may be there beside a set without being seen: each further effect, in the linear model about the set.
+
+An effect that the recording hardly shows is never named, and yet f_overall would be another with it. So f_overall is
+averaged over the set alone and the set with each further effect, every one of them there or not by itself: one of the
+listed effects is expected per rig. That is the prior of an interval; names are given by a harsher one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.diagnosis.linear_model.signatures import Signature, log_gain, project
+from calibration.diagnosis.steps.name import BEYOND_SD, declared_size
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.linearized import straight
+from calibration.likelihood.mode import Mode
+
+DRAWS = 4000
+FEWEST = 40  # draws that are possible; with fewer the effect is next to impossible
+
+
+@dataclass(frozen=True)
+class Faint:
+    """A further effect beside a set.
+
+    Attributes
+    ----------
+    effect : str
+        Its id.
+    odds : float
+        That it is there, against the set alone [-].
+    f_overall_z : ndarray, shape (n,)
+        Draws of f_overall with it, as its standard normal number [-].
+    """
+
+    effect: str
+    odds: float
+    f_overall_z: np.ndarray
+
+
+def faint(comparison: Comparison, mode: Mode, found: Sequence[Signature], rng: np.random.Generator) -> list[Faint]:
+    """Every further effect beside a set, with what f_overall would be.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        Of the set.
+    found : sequence of Signature
+        At it.
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+    problem = comparison.problem
+    f = problem.place("f_overall")
+    if f is None:
+        return []
+    here = straight(comparison, mode, mode.u)
+    J = here.J
+    A_inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
+    r = project(J, here.y)
+    of_shapes: dict[str, list[tuple[float, np.ndarray]]] = {}
+    for one in found:
+        g = here.white(one.column) * here.good
+        g_perp = project(J, g)
+        gain, mean = log_gain(replace(one, one_sided=False), g, g_perp, r)
+        sd = (float(g @ g_perp) + one.sd**-2) ** -0.5
+        declared = declared_size(problem, one.effect)
+        places = [f] if declared is None or declared[1] is None else [f, declared[1]]
+        a = mean + sd * rng.standard_normal(DRAWS)
+        others = rng.multivariate_normal(mode.z[places], A_inverse[np.ix_(places, places)], DRAWS, method="cholesky")
+        others -= np.outer(a, (A_inverse @ (J.T @ g))[places])
+        before = one.mean + one.sd * rng.standard_normal(DRAWS)
+        possible, likely = np.ones(DRAWS, dtype=bool), np.ones(DRAWS, dtype=bool)
+        if one.one_sided:
+            possible, likely = a >= 0.0, before >= 0.0
+        if len(places) > 1 and declared is not None:
+            ratio = declared[0]
+            possible &= np.abs(ratio * a + others[:, 1]) >= BEYOND_SD
+            likely &= np.abs(ratio * before + rng.standard_normal(DRAWS)) >= BEYOND_SD
+        if possible.sum() < FEWEST or likely.sum() < FEWEST:
+            continue
+        bayes = gain + math.log(possible.mean() / likely.mean())
+        of_shapes.setdefault(one.effect, []).append((bayes, others[possible, 0]))
+    K = len(problem.effects_that_could())
+    out = []
+    for name, shapes in of_shapes.items():
+        factors = np.exp([bayes for bayes, _ in shapes])
+        odds = float(factors.mean()) / K
+        count = np.round(DRAWS * factors / factors.sum()).astype(int)
+        drawn = [rng.choice(draws, n) for n, (_, draws) in zip(count, shapes, strict=True)]
+        out.append(Faint(name, odds, np.concatenate(drawn)))
+    return out

@@ -1,0 +1,248 @@
+"""Step 4, the search: single effects that the linear model finds promising are refitted, then pairs grown from them.
+
+With runs in time an effect that hides from the linear model is refitted whatever that says of it, alone and beside the
+best of the others.
+
+Sets are refitted side by side; what one knows of those before it does not hang on the number of processes, so neither
+does the result. Of what is far behind the best set so far only the start of the search is made.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.diagnosis.linear_model.signatures import Signature, signatures
+from calibration.diagnosis.steps.name import WORTH, Candidate, screen, weigh
+from calibration.likelihood.descent import find
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import Mode, cost_of
+from calibration.likelihood.noise import too_loud
+from calibration.systems.radial_piston.problem import Problem
+from calibration.work.side_by_side import SideBySide
+from calibration.work.step_clock import Tell
+from model.effects import effects
+
+SINGLES = 6  # most single effects refitted
+SINGLES_WITH_RUNS = 5  # ... where each takes seconds
+PAIRS = 4  # most pairs refitted
+SEEDS = 2  # singles that pairs are grown from
+NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
+SWAPS = 4  # sets tried in the place of the best, one member changed
+CLOSE = 10.0  # nats behind the best set within which another is looked for from the best's point too
+# Not tried is what promises less than half of what the member is worth, and is this far behind it in nats: the linear
+# model is seldom off by more.
+HOPELESS_SHARE, HOPELESS = 0.5, 15.0
+AT_ONCE = 3  # refits that a further one does not wait for: two processes then never wait for each other
+
+Names = tuple[str, ...]
+First = dict[tuple[str, str], float]  # values of effects' unknowns to start from
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A set to refit: from the mode of another set, and from the prior's middle too where nothing runs in time.
+
+    With runs in time a search takes seconds, and from so far away it ends behind that from the other set.
+    """
+
+    names: Names
+    near: Mode
+    first: First = field(default_factory=dict)
+
+    @property
+    def starts(self) -> tuple[Mode | None, ...]:
+        return (self.near,) if self.near.prediction.runs else (self.near, None)
+
+
+class Search:
+    """The sets of effects of a recording that were refitted.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    base : Mode
+        The base model.
+    side_by_side : SideBySide or None
+        Does the refits; this process alone when left out.
+    tell : callable
+        Told what is being refitted.
+
+    Attributes
+    ----------
+    modes : dict
+        Most probable point of each set.
+    """
+
+    def __init__(
+        self, comparison: Comparison, base: Mode, side_by_side: SideBySide | None = None, tell: Tell = lambda _: None
+    ) -> None:
+        self.comparison, self._tell = comparison, tell
+        self._side_by_side = side_by_side or SideBySide(0)
+        self.modes: dict[Names, Mode] = {(): base}
+        self._signatures: dict[Names, list[Signature]] = {}
+
+    def singles(self, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH, every: bool = False) -> None:
+        """Refit the most promising single effects, with runs in time those that hide too, then the base model.
+
+        Parameters
+        ----------
+        found : sequence of Signature
+            At the base model.
+        u : ndarray, shape (5,)
+            The noise that the detection found [-].
+        worth : float
+            Log evidence gained in the linear model below which an effect is not refitted [-].
+        every : bool
+            Whether all effects are refitted, whatever the linear model says.
+        """
+        base, comparison = self.modes[()], self.comparison
+        self._signatures[()] = list(found)
+        most = SINGLES_WITH_RUNS if base.prediction.runs else SINGLES
+        ranked = screen(comparison, base, found, u, -math.inf)
+        jobs = [_Job((name,), base, first) for name, _, first in ranked]
+        chosen = jobs if every else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:most]
+        if base.prediction.runs:
+            chosen += [job for job in jobs if effects()[job.names[0]].hidden and job not in chosen]
+        self._refit(chosen)
+        if base.prediction.runs and len(self.modes) > 1:
+            self._tell("refit the base model again")
+            best = self._best()
+            if best:
+                with contextlib.suppress(ArithmeticError):  # no reading from there
+                    again = find(comparison, (), self.modes[best])
+                    self.modes[()] = max(base, again, key=lambda mode: mode.log_evidence)
+                if self.modes[()] is not base:
+                    del self._signatures[()]
+
+    def pairs(self, closed: Names | None) -> None:
+        """Refit pairs grown from the best single effects, then what may stand in the best set's place.
+
+        Parameters
+        ----------
+        closed : tuple of str or None
+            A single effect that leaves nothing unexplained.
+        """
+        order = sorted((key for key in self.modes if key), key=lambda key: -self.modes[key].log_evidence)
+        if not order:
+            return
+        enough = self.modes[closed].log_evidence - NEAR_BEST if closed else -math.inf
+        seeds = [key for key in order[:SEEDS] if self.modes[key].log_evidence >= enough]
+        jobs: list[_Job] = []
+        for seed in seeds:
+            mode = self.modes[seed]
+            screened = screen(self.comparison, mode, self.signatures_at(seed), mode.u, -math.inf)
+            chosen = [one for one in screened if one[1] > WORTH][: PAIRS // SEEDS]
+            if mode.prediction.runs and seed == order[0]:
+                chosen += [one for one in screened if effects()[one[0]].hidden and one not in chosen]
+            for name, _, first in chosen:
+                names = tuple(sorted((*seed, name)))
+                if all(job.names != names for job in jobs):
+                    jobs.append(_Job(names, mode, {**values_of(self.comparison.problem, mode), **first}))
+        self._refit(jobs)
+        self.swap()
+        if self.modes[()].prediction.runs and not too_loud(self.modes[self._best()].u):
+            self.again()  # where the best leaves too much to noise, its parts leave more
+
+    def again(self) -> None:
+        """Refit from the best set's point its parts and what is close behind it: a search may end short of the best.
+
+        A second effect is not to be needed because the first alone was not followed as far.
+        """
+        best = self._best()
+        mode, values = self.modes[best], values_of(self.comparison.problem, self.modes[best])
+        jobs = []
+        for names, other in self.modes.items():
+            close = mode.log_evidence - other.log_evidence < CLOSE
+            if names and names != best and (close or set(names) < set(best)):
+                own = values_of(self.comparison.problem, other) | values
+                jobs.append(_Job(names, mode, {one: z for one, z in own.items() if one[0] in names}))
+        self._refit(jobs)
+
+    def swap(self) -> None:
+        """Refit what may stand in the place of a member of the best set.
+
+        Close to a good fit the linear model orders well: there each member is left out, and each other effect weighed
+        instead of it; the most promising that were not refitted yet are, if they come near what the member is worth.
+        """
+        best = self._best()
+        if not best:
+            return
+        mode, problem = self.modes[best], self.comparison.problem
+        found = self.signatures_at(best)
+        tried: list[tuple[float, float, _Job]] = []
+        for member in best:
+            rest = {one: z for one, z in values_of(problem, mode).items() if one[0] != member}
+            without = self.modes.get(tuple(name for name in best if name != member))
+            worth = mode.log_evidence - without.log_evidence if without is not None else 0.0
+            least = min(HOPELESS_SHARE * worth, worth - HOPELESS)
+            for name, gain, first in screen(self.comparison, mode, found, mode.u, -math.inf, without=member):
+                names = tuple(sorted({*best, name} - {member}))
+                if names not in self.modes:
+                    tried.append((gain, least, _Job(names, mode, {**rest, **first})))
+        promising = sorted(tried, key=lambda one: -one[0])[:SWAPS]
+        self._refit([job for gain, least, job in promising if gain >= least])
+
+    def weighed(self) -> list[Candidate]:
+        """All sets with their probabilities, the most probable first; the base model is among them."""
+        return weigh(self.comparison, self.modes)
+
+    def _best(self) -> Names:
+        return max(self.modes, key=lambda key: self.modes[key].log_evidence)
+
+    def signatures_at(self, names: Names) -> list[Signature]:
+        """Signatures of the effects that a refitted set does not hold.
+
+        Parameters
+        ----------
+        names : tuple of str
+            The set.
+        """
+        if names not in self._signatures:
+            self._signatures[names] = signatures(self.comparison, self.modes[names])
+        return self._signatures[names]
+
+    def _refit(self, jobs: Sequence[_Job]) -> None:
+        """Refit sets, a few side by side; a set with which the model gives no reading at all is left out."""
+
+        def ask(turn: int) -> tuple[Comparison, _Job, float]:
+            self._tell("refit " + " and ".join(jobs[turn].names))
+            return self.comparison, jobs[turn], cost_of(self.comparison, self.modes[self._best()])
+
+        def take(turn: int, mode: Mode | None) -> None:
+            names = jobs[turn].names
+            before = self.modes.get(names)
+            if mode is not None and (before is None or mode.log_evidence > before.log_evidence):
+                self.modes[names] = mode
+                self._signatures.pop(names, None)
+
+        self._side_by_side.in_turn(_found, len(jobs), ask, take, AT_ONCE)
+
+
+def _found(comparison: Comparison, job: _Job, best: float) -> Mode | None:
+    try:
+        return find(comparison, job.names, *job.starts, first=job.first, best=best)
+    except ArithmeticError:  # nothing of it can be simulated
+        return None
+
+
+def values_of(problem: Problem, mode: Mode) -> First:
+    """Values of a mode's effects' unknowns by (effect, parameter), to start another search from [-].
+
+    Parameters
+    ----------
+    problem : Problem
+        The recording.
+    mode : Mode
+        Of a set.
+    """
+    k = len(problem.nuisances)
+    return {
+        (name, unknown.name): float(mode.z[k + i])
+        for i, (name, unknown) in enumerate(problem.effect_unknowns(mode.names))
+    }

@@ -1,0 +1,192 @@
+"""What may be said. A wrong name costs more than an honest refusal, so every doubt leads away from a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from calibration.diagnosis.steps.confirm import HeldOut
+from calibration.diagnosis.steps.detect import MISMATCH_P
+from calibration.diagnosis.steps.name import NO_LARGER
+from model.effects import effects
+
+RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
+NAMED = 0.95  # probability that a set needs to be named alone
+LISTED = 0.99  # probability that the sets listed as confounded have together
+LEAST_PROBABLE = 0.005  # of an effect over all sets weighed; what would be told as 0.00 is nothing to rest on
+SHARE = 0.01  # a set less probable than this beside the best is no alternative
+UNSETTLED = 0.2  # probability from which a set counts as not excluded where the base model explains the recording
+SUPERSET_ODDS = 20.0  # odds that a further effect needs before it is said beside those that suffice
+NEARLY = 10.0  # factor below the threshold within which what a smaller set leaves is no proof that a member is missing
+LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothing
+ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
+
+
+class Weighed(Protocol):
+    """A set of effects that was weighed against others, whatever rig it is of."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effect ids, sorted; empty for the base model."""
+
+    @property
+    def probability(self) -> float:
+        """Over all sets weighed [-]."""
+
+    @property
+    def refused(self) -> str:
+        """Why it cannot be named; empty where it can."""
+
+
+Candidate = TypeVar("Candidate", bound=Weighed)
+
+
+@dataclass(frozen=True)
+class Verdict(Generic[Candidate]):
+    """What is said.
+
+    Attributes
+    ----------
+    kind : str
+        consistent, named, confounded or unresolved.
+    chosen : Weighed or None
+        What the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
+    alternatives : tuple of tuple of str
+        Sets that cannot be told from it; the empty one is the base model.
+    set_probability : float
+        Of the chosen set, or of the base model [-].
+    why : str
+        In words.
+    """
+
+    kind: str
+    chosen: Candidate | None
+    alternatives: tuple[tuple[str, ...], ...]
+    set_probability: float
+    why: str
+
+
+def not_excluded(found: Sequence[Candidate]) -> list[Candidate]:
+    """Sets of effects that may be there although the base model explains the recording, the most probable first.
+
+    Parameters
+    ----------
+    found : sequence of Weighed
+        All sets weighed, the most probable first.
+    """
+    return [c for c in found if c.names and not c.refused and c.probability > UNSETTLED]
+
+
+def is_small(candidate: Weighed) -> bool:
+    """Whether all that a set says is that instruments have errors as large as declared.
+
+    Parameters
+    ----------
+    candidate : Weighed
+        A set.
+    """
+    of_instruments = all(name in effects() and effects()[name].nuisance for name in candidate.names)
+    return bool(candidate.names) and of_instruments and candidate.refused.endswith(NO_LARGER)
+
+
+def judge(
+    p_value: float, found: Sequence[Candidate], residual_p: dict[tuple[str, ...], float], held_out: HeldOut | None
+) -> Verdict[Candidate]:
+    """Weigh everything.
+
+    Parameters
+    ----------
+    p_value : float
+        Of the base model [-].
+    found : sequence of Weighed
+        All sets weighed, the most probable first.
+    residual_p : dict
+        p-value of the residual of each set tested [-].
+    held_out : HeldOut or None
+        Cross-validation of the best set.
+
+    Returns
+    -------
+    Verdict
+        Where an instrument's error as large as declared explains the recording, its `set_probability` is of that.
+    """
+    base = next((c for c in found if not c.names), None)
+    if p_value >= MISMATCH_P:
+        why = "the base model explains the recording"
+        if likely := not_excluded(found):
+            why += "; not excluded: " + ", ".join(f"{' + '.join(c.names)} ({c.probability:.2f})" for c in likely)
+        return Verdict("consistent", None, (), base.probability if base else 1.0, why)
+    allowed = [c for c in found if not c.refused and c.names]
+    passing = [c for c in allowed if residual_p.get(c.names, 1.0) >= RESIDUAL_P]  # a rival not tested may pass
+    tested = [c for c in passing if c.names in residual_p]  # what is named has passed
+    excluded = [c for c in tested if _least_of(c, found) < LEAST_PROBABLE]
+    tested = [c for c in tested if c not in excluded]
+    if not tested:
+        passing = []
+    if not passing:
+        likeliest = next((c for c in found if c.names), None)
+        if likeliest and is_small(likeliest) and residual_p.get(likeliest.names, 0.0) >= RESIDUAL_P:
+            why = "an instrument's error, no larger than declared"
+            return Verdict("consistent", None, (), likeliest.probability, why)
+        why = "no set of listed effects explains what is left"
+        if excluded:
+            why += f"; {' and '.join(excluded[0].names)} would, and others are far more probable that do not"
+        return Verdict("unresolved", None, (), 0.0, why)
+    if base is not None and base.probability > 1.0 - NAMED:
+        if base.probability > 0.5 and p_value >= RESIDUAL_P:
+            return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
+        if base.probability > 0.5:  # held to what any set is held to
+            why = "what is left out is no listed effect: none is more probable than that nothing is left out"
+            return Verdict("unresolved", None, (), 0.0, why)
+        likely = [c for c in found if (c is base or c in allowed) and c.probability > SHARE and c is not tested[0]]
+        names, share = tuple(c.names for c in likely), tested[0].probability
+        return Verdict("confounded", tested[0], names, share, "the base model is not excluded")
+    best = tested[0]
+    total = sum(c.probability for c in passing)
+    share = best.probability / total
+    blocked = [c for c in allowed if c.probability > best.probability]
+    larger = [c for c in found if set(best.names) < set(c.names)]
+    core = best if all(c.probability < SUPERSET_ODDS * best.probability for c in larger) else None
+    smaller = [c for c in tested if set(c.names) < set(best.names) and best.probability < SUPERSET_ODDS * c.probability]
+    if smaller:  # the further members are not certain: what they add is left unsaid
+        best = core = min(smaller, key=lambda c: (len(c.names), -c.probability))
+        blocked = []
+    if core is not None:
+        share = sum(c.probability for c in passing if set(core.names) <= set(c.names)) / total
+        passing = [best, *(c for c in passing if not set(core.names) <= set(c.names))]
+        blocked = [c for c in allowed if c.probability > best.probability and not set(core.names) <= set(c.names)]
+    gained = held_out is None or held_out.gain > max(LEAST_GAIN, ERRORS * held_out.gain_se)
+    if held_out is not None and all(name in effects() and effects()[name].nuisance for name in best.names):
+        # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
+        gained = held_out.gain > -max(LEAST_GAIN, ERRORS * held_out.gain_se)
+    rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]
+    if share < NAMED and not rivals:  # none of them is likely, and all together they are
+        rivals = [c for c in passing if c is not best]
+    # The model itself is not perfect to the last digit: a further member must be needed by more than a hair.
+    rivals += [c for c in allowed if set(c.names) < set(best.names) and c not in passing and _nearly(c, residual_p)]
+    if share >= NAMED and gained and not blocked and not rivals:
+        return Verdict("named", best, (), share, "one set explains it alone")
+    listed, sum_of = [], best.probability
+    for c in rivals:
+        if c not in passing or sum_of < LISTED * total:
+            listed.append(c.names)
+            sum_of += c.probability
+    listed += [c.names for c in blocked if c.names not in listed]
+    if not listed:
+        if not gained:
+            return Verdict(
+                "unresolved", None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen"
+            )
+        return Verdict("named", best, (), share, "one set explains it alone")
+    return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
+
+
+def _least_of(candidate: Weighed, found: Sequence[Weighed]) -> float:
+    """Probability of a set's least probable effect, over all sets weighed [-]."""
+    return min(sum(c.probability for c in found if name in c.names) for name in candidate.names)
+
+
+def _nearly(candidate: Candidate, residual_p: dict[tuple[str, ...], float]) -> bool:
+    """Whether what a set leaves unexplained is little enough for doubt."""
+    return residual_p.get(candidate.names, 0.0) >= RESIDUAL_P / NEARLY

@@ -1,0 +1,282 @@
+"""The fit of a recording: everything from a folder to a posterior."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.data import measurement
+from calibration.data.measurement import Measurement
+from calibration.diagnosis.usable import refuse_mixed_units
+from calibration.fit import posterior, sampling
+from calibration.fit.posterior import FitQuality, Posterior
+from calibration.fit.sampling import Progress, Settings
+from calibration.likelihood.steady import Likelihood
+from calibration.systems.radial_piston import with_effects
+from calibration.unknowns import priors
+from model.motor import Motor, read_motor, set_values
+from rig.recording import Channel, Recording, RecordingError
+
+ALL_CHANNELS = ("pressure", "flow", "speed")
+GAUGE_CLASSES = (0.6, 1.0, 1.6, 2.5)
+BRIEF_SAMPLES = 2000
+WARM_UP_WITH_EFFECTS = 24  # blocks, where the model holds effects: the ridge is thinner, its map needs more draws
+
+
+class NotConvergedError(ArithmeticError):
+    """The sampler's budget is spent and the chain is not long enough; what is drawn so far is kept."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A recording, what was assumed of it, and what came out.
+
+    Attributes
+    ----------
+    recording : Recording
+        As read.
+    motor : Motor
+        At the recording's ambient.
+    measured : Measurement
+        The rows used, and notes on what was not.
+    likelihood : Likelihood
+        For predictions at draws.
+    posterior : Posterior
+        The result.
+    settings : Settings
+        Seed, target and budget.
+    effects : tuple of str
+        Ids of what the model holds beyond the article.
+    quality : FitQuality or None
+        Whether the model explains the readings; None where that was not asked.
+    """
+
+    recording: Recording
+    motor: Motor
+    measured: Measurement
+    likelihood: Likelihood
+    posterior: Posterior
+    settings: Settings
+    effects: tuple[str, ...] = ()
+    quality: FitQuality | None = None
+
+
+def fit(
+    recording: Recording,
+    settings: Settings,
+    assignments: Sequence[str] = (),
+    channels: tuple[str, ...] = ALL_CHANNELS,
+    chain_folder: Path | None = None,
+    progress: Progress | None = None,
+    effects: Sequence[str] = (),
+) -> Fit:
+    """Fit a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    settings : Settings
+        Seed, target and budget.
+    assignments : sequence of str
+        ``NAME=VALUE`` changes of the motor, as on the command line.
+    channels : tuple of str
+        Channels that the likelihood sees; pressure always.
+    chain_folder : Path, optional
+        Where the chain is kept as it grows, and continued from.
+    progress : callable, optional
+        Told of the effective samples so far.
+    effects : sequence of str
+        Ids of effects whose parameters are unknowns too.
+
+    Returns
+    -------
+    Fit
+        The result.
+
+    Raises
+    ------
+    RecordingError
+        When the recording holds nothing that can be fitted, or contradicts the motor.
+    EffectsError
+        For an effect that there is not, or that a fit cannot hold.
+    NotConvergedError
+        When the budget is spent.
+    """
+    begun = time.monotonic()
+    motor, measured, likelihood = prepare(recording, assignments, channels, effects)
+    if effects:
+        settings = dataclasses.replace(settings, warm_up_blocks=WARM_UP_WITH_EFFECTS)
+    mark = fingerprint(recording, motor, measured, settings, effects)
+    chain = sampling.sample(
+        likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings, chain_folder, mark, progress
+    )
+    if not chain.converged:
+        raise NotConvergedError(_why_not(chain, settings, chain_folder))
+    columns = [priors.column_of(recording, channel) for channel in ALL_CHANNELS]
+    result = posterior.summarise(chain, likelihood, columns, time.monotonic() - begun)
+    return Fit(recording, motor, measured, likelihood, result, settings, tuple(effects))
+
+
+def prepare(
+    recording: Recording,
+    assignments: Sequence[str] = (),
+    channels: tuple[str, ...] = ALL_CHANNELS,
+    effects: Sequence[str] = (),
+) -> tuple[Motor, Measurement, Likelihood]:
+    """Everything of a fit but the sampling.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    assignments : sequence of str
+        ``NAME=VALUE`` changes of the motor.
+    channels : tuple of str
+        Channels that the likelihood sees.
+    effects : sequence of str
+        Ids of effects that the model holds.
+
+    Returns
+    -------
+    motor : Motor
+        At the recording's ambient.
+    measured : Measurement
+        The rows.
+    likelihood : Likelihood
+        Their likelihood.
+
+    Raises
+    ------
+    RecordingError
+        When the recording holds nothing that can be fitted, or contradicts the motor.
+    EffectsError
+        For an effect that there is not, or that a fit cannot hold.
+    """
+    if not isinstance(recording.motor, str):
+        raise RecordingError(
+            f"{recording.folder}/recording.toml: an inline motor of kind {recording.motor.get('kind')!r} cannot be "
+            "fitted yet; name a radial piston motor of configs/motors"
+        )
+    motor = set_values(priors.at_ambient(read_motor(recording.motor), recording), list(assignments))
+    measured = measurement.gather(recording, channels)
+    measurement.check_against_model(recording, measured, motor)
+    refuse_mixed_units(recording)
+    seen = dataclasses.replace(
+        recording, channels={c: f for c, f in recording.channels.items() if _channel_of(c) in measured.channels}
+    )
+    held = with_effects.in_fit(effects, motor, recording, measured)
+    found = priors.unknowns(motor, seen) + (held.unknowns() if held else [])
+    return motor, measured, Likelihood(motor, seen, measured, found, effects=held)
+
+
+def with_gauge_class(recording: Recording, accuracy_class: float, span_bar: float) -> Recording:
+    """The recording as if its pressure gauge were of another accuracy class.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    accuracy_class : float
+        EN 837 class: limit of error in percent of the span [-].
+    span_bar : float
+        The gauge's full scale [bar].
+
+    Returns
+    -------
+    Recording
+        The same, its gauge's offset uncertain by the limit over sqrt(3) (a rectangular distribution's sd).
+
+    Raises
+    ------
+    RecordingError
+        When it has no pressure column, or the class or span is not positive.
+    """
+    column = priors.column_of(recording, "pressure")
+    if column is None or not accuracy_class > 0.0 or not span_bar > 0.0:
+        raise RecordingError(
+            f"{recording.folder}: accuracy classes need a pressure column, and a positive class and span "
+            f"(given: class {accuracy_class:g}, span {span_bar:g} bar)"
+        )
+    bias_sd = accuracy_class / 100.0 * span_bar / np.sqrt(3.0)
+    gauge: Channel = dataclasses.replace(recording.channels[column], bias_sd=float(bias_sd), scale_sd=0.0)
+    return dataclasses.replace(recording, channels={**recording.channels, column: gauge})
+
+
+def variants(
+    recording: Recording, channels: tuple[str, ...], without_flow: bool, span_bar: float | None
+) -> list[tuple[str, Recording, tuple[str, ...]]]:
+    """The fits that show what f_overall hangs on: a name, the recording as changed, and the channels used.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    channels : tuple of str
+        Channels of the main fit.
+    without_flow : bool
+        One without the flow channel.
+    span_bar : float or None
+        Full scale of the pressure gauge [bar]: one for each accuracy class; none when left out.
+    """
+    found: list[tuple[str, Recording, tuple[str, ...]]] = []
+    if without_flow and "flow" in channels:
+        found.append(("speed alone", recording, ("pressure", "speed")))
+    if span_bar is not None:
+        for accuracy in GAUGE_CLASSES:
+            changed = with_gauge_class(recording, accuracy, span_bar)
+            found.append((f"gauge of class {accuracy:g} of {span_bar:g} bar", changed, channels))
+    return found
+
+
+def brief(settings: Settings) -> Settings:
+    """Settings for a fit that is only compared with: the same seed, fewer effective samples."""
+    return dataclasses.replace(settings, effective_samples=min(settings.effective_samples, BRIEF_SAMPLES))
+
+
+def fingerprint(
+    recording: Recording, motor: Motor, measured: Measurement, settings: Settings, effects: Sequence[str] = ()
+) -> str:
+    """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its data and instrument figures.
+    motor : Motor
+        Its parameters and readings.
+    measured : Measurement
+        Which channels are used.
+    settings : Settings
+        Seed and walkers.
+    effects : sequence of str
+        Ids of effects that the model holds.
+    """
+    figures = {name: dataclasses.astuple(channel)[1:5] for name, channel in recording.channels.items()}
+    parts = [recording.sha256, motor.model_dump(), figures, measured.channels, settings.seed, settings.walkers]
+    if effects:
+        parts.append(list(effects))
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def _channel_of(column: str) -> str:
+    return column.partition("_")[0]
+
+
+def _why_not(chain: sampling.Chain, settings: Settings, folder: Path | None) -> str:
+    """What is missing and what to do about it, in a sentence."""
+    steps = chain.samples.shape[1]
+    kept = f"; what is drawn is kept in {folder} and is continued" if folder else ""
+    return (
+        f"the sampler has not converged in {settings.most_steps} steps: {steps} steps kept against "
+        f"{settings.times_tau:g} x {chain.tau.max():.1f} (autocorrelation time) wanted, R-hat {chain.rhat.max():.4f} "
+        f"(at most {sampling.RHAT}), {chain.effective.min():.0f} effective samples (at least "
+        f"{settings.effective_samples}); give a larger --max-steps{kept}"
+    )

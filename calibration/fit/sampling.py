@@ -1,0 +1,390 @@
+"""Sampling with emcee: independent ensembles, length decided by the autocorrelation time, a chain that survives a kill.
+
+Walkers of one ensemble are not independent chains, so R-hat is taken between ensembles and the effective sample size is
+the number of samples over the autocorrelation time. Blocks of the chain go to disk as they are made (temporary file and
+rename), each with the state of the random numbers: a fit that is killed goes on from the last block, to the same bits.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import emcee
+import numpy as np
+from emcee.autocorr import auto_window
+
+from calibration.fit import moves, peak
+from calibration.fit.peak import BatchLogProb
+from calibration.fit.transport import REACH, TransportMap
+
+ENSEMBLES = 4
+WALKERS = 48
+BLOCK = 25  # steps between looks at convergence
+WARM_UP_BLOCKS = 7
+LONGEST_WARM_UP = 8  # times the first: a warm-up that proves too short is doubled up to here
+MAP_SAMPLES = 40_000  # as many draws as a map is fitted to, at most
+SCATTERED = 1024  # points that the first map is fitted to
+MOST_SCATTERED = 100 * SCATTERED  # before it is given up
+TIMES_TAU = 50  # a chain is long enough at this many autocorrelation times
+LOOKS = 10  # a long chain is assessed when it has grown by a tenth
+DISCARD_TAU = 5  # autocorrelation times left out at the start of what the fixed moves drew
+RHAT = 1.01
+CANDIDATES = 512
+
+Factors = Callable[[np.ndarray], np.ndarray]
+Progress = Callable[[int, float, str], None]  # effective samples so far, those wanted, in words
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How long to sample.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of everything random.
+    effective_samples : int
+        Least effective sample size of every unknown.
+    most_steps : int
+        Budget of each ensemble after the warm-up.
+    walkers : int
+        Walkers of each ensemble.
+    times_tau : float
+        Least length of a chain, in autocorrelation times.
+    warm_up_blocks : int
+        Blocks that the map is fitted to, not kept. `sample` doubles them where
+        the chain drawn after them forgets too slowly.
+    """
+
+    seed: int = 1
+    effective_samples: int = 4000
+    most_steps: int = 12_000
+    walkers: int = WALKERS
+    times_tau: float = TIMES_TAU
+    warm_up_blocks: int = WARM_UP_BLOCKS
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Samples and what is known of their quality.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (n_ensembles, n_steps, n_walkers, n_unknowns)
+        Standard normal numbers; burn-in left out.
+    tau : ndarray, shape (n_unknowns,)
+        Integrated autocorrelation time in steps.
+    rhat, effective : ndarray, shape (n_unknowns,)
+        Between-ensemble R-hat, and effective sample size.
+    acceptance : float
+        Share of proposals taken.
+    steps : int
+        Steps of each ensemble, warm-up and burn-in included.
+    drawn : int
+        Steps of each ensemble after the warm-up, burn-in included.
+    converged : bool
+        Long enough, R-hat small enough, effective samples enough.
+    seconds : float
+        Wall time of this process.
+    """
+
+    samples: np.ndarray
+    tau: np.ndarray
+    rhat: np.ndarray
+    effective: np.ndarray
+    acceptance: float
+    steps: int
+    drawn: int
+    converged: bool
+    seconds: float
+
+    def flat(self) -> np.ndarray:
+        """All samples, shape (n_samples, n_unknowns) [-]."""
+        return self.samples.reshape(-1, self.samples.shape[-1])
+
+
+class ChainError(ValueError):
+    """The chain on disk belongs to another fit, or cannot be read."""
+
+
+def sample(
+    log_prob: BatchLogProb,
+    n_unknowns: int,
+    factors: Factors,
+    settings: Settings,
+    folder: Path | None = None,
+    fingerprint: str = "",
+    progress: Progress | None = None,
+) -> Chain:
+    """Draw from a posterior until every unknown has enough effective samples, or the budget is spent.
+
+    Parameters
+    ----------
+    log_prob : callable
+        Log posterior of points of shape (n, n_unknowns), returning shape (n,) [-].
+    n_unknowns : int
+        Dimensions [-].
+    factors : callable
+        At a point of shape (n_unknowns,), what one unit of each coordinate multiplies its unknown by, same shape; 1
+        where it adds [-].
+    settings : Settings
+        Seed, target and budget.
+    folder : Path, optional
+        Where the chain is kept as it grows; a chain that is there already is continued.
+    fingerprint : str
+        Of recording, motor and settings: a chain with another is refused.
+    progress : callable, optional
+        Told of the effective samples so far.
+
+    Returns
+    -------
+    Chain
+        Look at ``converged`` before use.
+
+    Raises
+    ------
+    ChainError
+        When the folder holds another fit's chain.
+    ArithmeticError
+        When no point of the prior explains the data, or hardly one about the peak is possible.
+    ValueError
+        When the settings leave no step to keep.
+    """
+    begun = time.monotonic()
+    store = _Store(folder, fingerprint)
+    blocks = store.blocks()
+    tell = progress or (lambda done, wanted, words: None)
+    walkers = max(settings.walkers, 2 * n_unknowns + 2)
+    if not blocks:
+        tell(0, settings.effective_samples, "finding the peak")
+        blocks = [_start(log_prob, n_unknowns, walkers, settings.seed)]
+        store.write(0, blocks[0])
+    states = [_restored(blocks[-1], e) for e in range(ENSEMBLES)]
+
+    shape = _mapped(blocks[0]["population"], factors)
+    warm_up = settings.warm_up_blocks
+    most_blocks = warm_up + -(-settings.most_steps // BLOCK)
+    chain = None
+    for number in range(1, most_blocks + 1):
+        if 1 < number <= settings.warm_up_blocks + 1 or number == warm_up + 1:
+            shape = _adapted(blocks[:number], factors)
+        if number == len(blocks):
+            states, block = _advance(log_prob, states, shape)
+            blocks.append(block)
+            store.write(number, block)
+        kept = number - warm_up
+        if kept <= 0:
+            tell(0, settings.effective_samples, "warm-up")
+            continue
+        if kept % max(1, kept // LOOKS) and kept != warm_up and number < most_blocks:
+            continue
+        chain = _assess(blocks[warm_up + 1 : number + 1], settings, number, time.monotonic() - begun)
+        if chain.converged:
+            break
+        if kept == warm_up and _too_slow(chain, settings) and 2 * warm_up <= LONGEST_WARM_UP * settings.warm_up_blocks:
+            warm_up = number
+            tell(0, settings.effective_samples, "warm-up, longer")
+        else:
+            tell(int(chain.effective.min()), settings.effective_samples, f"R-hat {chain.rhat.max():.3f}")
+    if chain is None:
+        raise ValueError(f"a budget of {settings.most_steps} steps after the warm-up keeps nothing")
+    return chain
+
+
+def _too_slow(chain: Chain, settings: Settings) -> bool:
+    """Whether a chain as long as its warm-up needs more than as much again: its map does not reach some of the mass.
+
+    The decision looks at the chain alone, never at the budget, so that a chain goes on the same with a larger one.
+    """
+    return bool((settings.times_tau + DISCARD_TAU) * chain.tau.max() > 2 * chain.drawn)
+
+
+def _start(log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int) -> dict[str, np.ndarray]:
+    """Block 0: the ensembles at their start, and the scattered points that the first map is fitted to."""
+    rng = np.random.default_rng(seed)
+    top = peak.find_peak(log_prob, rng.standard_normal((CANDIDATES, n_unknowns)))
+    spread, wanted = peak.spread_at(log_prob, top), ENSEMBLES * walkers
+    points, values = np.empty((0, n_unknowns)), np.empty(0)
+    while np.isfinite(values).sum() < wanted:  # near a bound most are impossible, and no walker may stand there
+        if len(points) >= MOST_SCATTERED:
+            raise peak.NoPeakError("hardly a point about the posterior's peak is possible; check the effects' bounds")
+        more = peak.scatter(log_prob, top, spread, rng, max(SCATTERED, wanted))
+        points, values = np.concatenate([points, more]), np.concatenate([values, log_prob(more)])
+    likely = np.argsort(values)[::-1][: np.isfinite(values).sum()]
+    chosen = likely[: max(wanted, len(points) // 2)]
+    picked = rng.permutation(chosen)[:wanted].reshape(ENSEMBLES, walkers)
+    states = []
+    for e in range(ENSEMBLES):
+        generator = np.random.RandomState(rng.integers(2**32))
+        states.append(emcee.State(points[picked[e]], log_prob=values[picked[e]], random_state=generator.get_state()))
+    block = _packed(states, np.empty((ENSEMBLES, 0, walkers, n_unknowns)), np.zeros(ENSEMBLES))
+    return block | {"population": points[chosen]}
+
+
+def _advance(
+    log_prob: BatchLogProb, states: list[emcee.State], shape: TransportMap
+) -> tuple[list[emcee.State], dict[str, np.ndarray]]:
+    """One block of steps of every ensemble, taken in the straightened coordinates."""
+    interrupted = False
+
+    def straightened(e: np.ndarray) -> np.ndarray:
+        """Ctrl-C in here is kept for later: emcee would print every point and a traceback."""
+        nonlocal interrupted
+        z, log_volume = shape.push(e)
+        inside = np.all(np.abs(z) < REACH, axis=1)
+        found = np.full(len(z), -np.inf)
+        if inside.any() and not interrupted:
+            try:
+                found[inside] = log_prob(z[inside]) + log_volume[inside]
+            except KeyboardInterrupt:
+                interrupted = True
+        return found
+
+    after, chains, accepted = [], [], []
+    for state in states:
+        walkers, n = state.coords.shape
+        sampler = emcee.EnsembleSampler(walkers, n, straightened, vectorize=True, moves=moves.mixture())
+        coords = shape.pull(state.coords)
+        log_prob_there = state.log_prob + shape.push(coords)[1]
+        begin = emcee.State(coords, log_prob=log_prob_there, random_state=state.random_state)
+        end = sampler.run_mcmc(begin, BLOCK, skip_initial_state_check=True)
+        if interrupted:
+            raise KeyboardInterrupt
+        coords, log_volume = shape.push(end.coords)
+        after.append(emcee.State(coords, log_prob=end.log_prob - log_volume, random_state=end.random_state))
+        chains.append(shape.push(sampler.get_chain(flat=True))[0].reshape(BLOCK, walkers, n))
+        accepted.append(np.mean(sampler.acceptance_fraction))
+    return after, _packed(after, np.array(chains), np.array(accepted))
+
+
+def _adapted(blocks: list[dict[str, np.ndarray]], factors: Factors) -> TransportMap:
+    """The map fitted to what the warm-up has drawn so far: its later half, of all ensembles."""
+    drawn = np.concatenate([block["chain"] for block in blocks[1:]], axis=1)
+    kept = drawn[:, drawn.shape[1] // 2 :].reshape(-1, drawn.shape[-1])
+    return _mapped(kept[:: -(-len(kept) // MAP_SAMPLES)], factors)
+
+
+def _mapped(samples: np.ndarray, factors: Factors) -> TransportMap:
+    return TransportMap(samples, factors(samples.mean(axis=0)))
+
+
+def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, number: int, seconds: float) -> Chain:
+    """The samples that the fixed moves drew, less their own beginning, and their quality; block ``number`` is last."""
+    samples = np.concatenate([block["chain"] for block in blocks], axis=1)
+    steps = samples.shape[1]
+    tau = _tau(samples)
+    first = min(int(np.ceil(DISCARD_TAU * tau.max())), steps // 2)
+    samples = samples[:, first:]
+    means = samples.mean(axis=(1, 2))
+    within = samples.var(axis=(1, 2)).mean(axis=0)
+    rhat = np.sqrt(1.0 + means.var(axis=0, ddof=1) / within)
+    effective = samples.shape[0] * samples.shape[1] * samples.shape[2] / tau
+    converged = (
+        steps - first >= settings.times_tau * tau.max()
+        and rhat.max() <= RHAT
+        and effective.min() >= settings.effective_samples
+    )
+    acceptance = float(np.mean([block["acceptance"].mean() for block in blocks]))
+    return Chain(samples, tau, rhat, effective, acceptance, number * BLOCK, steps, bool(converged), seconds)
+
+
+def _tau(samples: np.ndarray) -> np.ndarray:
+    """Integrated autocorrelation time of each unknown in steps, at least 1: the mean over ensembles.
+
+    The autocovariance of an ensemble is the mean over its walkers about the ensemble's own mean, so that a walker that
+    hardly moves counts as what it is; the window is Sokal's, as emcee cuts it.
+    """
+    ensembles, steps, _, n = samples.shape
+    centred = samples - samples.mean(axis=(1, 2), keepdims=True)
+    size = 2 * steps
+    spectrum = np.fft.rfft(centred, n=size, axis=1)
+    covariance = np.fft.irfft(np.abs(spectrum) ** 2, n=size, axis=1)[:, :steps].mean(axis=2)
+    covariance /= (steps - np.arange(steps))[None, :, None]
+    found = np.empty((ensembles, n))
+    for e in range(ensembles):
+        for k in range(n):
+            taus = 2.0 * np.cumsum(covariance[e, :, k] / covariance[e, 0, k]) - 1.0
+            found[e, k] = taus[auto_window(taus, 5.0) or -1]  # 0: the chain is shorter than any window
+    return np.maximum(found.mean(axis=0), 1.0)
+
+
+def _packed(states: list[emcee.State], chain: np.ndarray, acceptance: np.ndarray) -> dict[str, np.ndarray]:
+    """A block as it is written: samples, and everything that the next block starts from."""
+    keys = [state.random_state for state in states]
+    return {
+        "chain": chain,
+        "acceptance": acceptance,
+        "coords": np.array([state.coords for state in states]),
+        "log_prob": np.array([state.log_prob for state in states]),
+        "key": np.array([key[1] for key in keys]),
+        "position": np.array([[key[2], key[3]] for key in keys]),
+        "gauss": np.array([key[4] for key in keys]),
+    }
+
+
+def _restored(block: dict[str, np.ndarray], e: int) -> emcee.State:
+    position, has_gauss = (int(value) for value in block["position"][e])
+    random_state = ("MT19937", block["key"][e], position, has_gauss, float(block["gauss"][e]))
+    return emcee.State(block["coords"][e], log_prob=block["log_prob"][e], random_state=random_state)
+
+
+class _Store:
+    """Blocks of a chain in a folder; nothing is kept when there is no folder."""
+
+    def __init__(self, folder: Path | None, fingerprint: str) -> None:
+        self.folder = folder
+        if folder is None:
+            return
+        mark = folder / "fingerprint"
+        if mark.exists():
+            if mark.read_text(encoding="utf-8") != fingerprint:
+                raise ChainError(
+                    f"{folder}: holds the chain of another recording, motor or setting; name another folder with -o, "
+                    "or remove this one"
+                )
+            return
+        if any(folder.glob("block_*.npz")):
+            raise ChainError(
+                f"{folder}: holds a chain of which nothing says whose it is; name another folder with -o, or remove "
+                "this one"
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        _replace(mark, fingerprint.encode())
+
+    def blocks(self) -> list[dict[str, np.ndarray]]:
+        """The blocks there are, in order, up to the first that is missing."""
+        found: list[dict[str, np.ndarray]] = []
+        while self.folder is not None and (path := self.folder / f"block_{len(found):05d}.npz").exists():
+            try:
+                with np.load(path, allow_pickle=False) as stored:
+                    found.append({name: stored[name] for name in stored.files})
+            except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+                raise ChainError(f"{path}: cannot be read ({error}); remove {self.folder} to start afresh") from None
+        return found
+
+    def write(self, number: int, block: dict[str, np.ndarray]) -> None:
+        """Write one block whole or not at all."""
+        if self.folder is None:
+            return
+        path = self.folder / f"block_{number:05d}.npz"
+        partial = path.with_suffix(".partial")
+        with partial.open("wb") as stream:
+            np.savez(stream, **block)  # type: ignore[arg-type]
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(path)
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a small file whole or not at all."""
+    partial = path.with_name(path.name + f".{os.getpid()}.partial")
+    with partial.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+    partial.replace(path)

@@ -1,0 +1,87 @@
+"""The straight problem at a point: whitened derivatives with the nuisances, and whitened readings to explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import Mode
+from calibration.likelihood.noise import Whitener
+
+FREE = 20.0  # whitened size at which a column's coefficient, a standard normal number, is anything
+GOOD = 0.5  # readings that are more probably bad than this are left aside
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A recording as y = J z + noise, standard normal both; what is added are further columns.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The point; no reading of it is bad where bad ones count.
+    white : Whitener
+        From differences of readings to standard normal numbers.
+    good : ndarray, shape (m,)
+        1, or 0 where a reading is bad [-].
+    J : ndarray, shape (m, k)
+        Derivatives with the unknowns of the mode [-].
+    y : ndarray, shape (m,)
+        What is to be explained [-].
+    """
+
+    comparison: Comparison
+    mode: Mode
+    white: Whitener
+    good: np.ndarray
+    J: np.ndarray
+    y: np.ndarray
+
+    def columns(self, changes: np.ndarray) -> np.ndarray:
+        """Whitened columns of changes of the readings [-], shape (m, k).
+
+        Parameters
+        ----------
+        changes : ndarray, shape (m, k)
+            Of the readings [SI].
+        """
+        found: np.ndarray = self.white(changes) * self.good[:, None]
+        return found
+
+
+def freed(white: np.ndarray) -> np.ndarray:
+    """Whitened columns, each of a size that leaves its coefficient free [-], shape (m, k).
+
+    Parameters
+    ----------
+    white : ndarray, shape (m, k)
+        The columns [-].
+    """
+    found: np.ndarray = white * (FREE / np.maximum(np.linalg.norm(white, axis=0), 1e-12))
+    return found
+
+
+def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = False) -> Straight:
+    """The straight problem at a mode.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The point.
+    u : ndarray, shape (5,)
+        The noise [-].
+    every : bool
+        Whether readings that are probably bad count too.
+    """
+    if every:
+        mode = replace(mode, bad=np.zeros(mode.bad.size))
+    white = comparison.whitener(mode.prediction, u)
+    good = (mode.bad < GOOD).astype(float)
+    y = white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z) * good
+    return Straight(comparison, mode, white, good, white(mode.D) * good[:, None], y)

@@ -1,0 +1,250 @@
+"""A model at its most probable point, and its evidence by Laplace's approximation.
+
+The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/spread)^2: r are readings less predictions in units of
+their noise, z the unknowns (standard normal a priori), u the noise (`calibration.likelihood.noise`). Single readings
+that stand far out are given a wide error, Cauchy's: a slip of the eye or a lost digit may be of any size, and a normal
+error, however wide, would make its size an argument for louder noise. The evidence has the longer tails of the effects'
+sizes (`calibration.likelihood.tails`); the point and its covariance are those of the normal prior.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.noise import SCALES, SPREAD
+from calibration.likelihood.tails import marginals
+from calibration.systems.radial_piston.problem import Prediction, Problem
+from model.effects import effects
+
+BAD = 0.01
+BAD_WIDTH = 10.0  # a bad reading's error is as dense at 0 as a normal one of so many sds of a good one
+CAUCHY = BAD_WIDTH * math.sqrt(2.0 / math.pi)  # the scale of such a law
+# More of a channel are no single misreadings: this many, or as many as five if they are a fifth at most, or this share.
+SINGLE, FEW, FEW_SHARE, SHARE = 3, 5, 0.2, 0.1
+ALIKE = math.log(BAD_WIDTH / BAD)  # nats that a reading bad by itself costs: one shift of all may be so much worse
+NOISE_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A model at its most probable point.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Effect ids.
+    z : ndarray, shape (m,)
+        Nuisances, then the effects' unknowns [-].
+    u : ndarray, shape (5,)
+        The noise [-].
+    D : ndarray, shape (n, m)
+        Derivatives of the predictions with z [SI].
+    J : ndarray, shape (n, m)
+        The same, whitened [-].
+    r : ndarray, shape (n,)
+        Whitened residuals [-].
+    covariance : ndarray, shape (m, m)
+        Of z [-].
+    log_evidence : float
+        Natural logarithm, up to a constant that all models of a recording share.
+    bad : ndarray, shape (n,)
+        Probability that each residual's reading is bad [-].
+    prediction : Prediction
+        At the point.
+    """
+
+    names: tuple[str, ...]
+    z: np.ndarray
+    u: np.ndarray
+    D: np.ndarray
+    J: np.ndarray
+    r: np.ndarray
+    covariance: np.ndarray
+    log_evidence: float
+    bad: np.ndarray
+    prediction: Prediction
+
+
+def close(
+    comparison: Comparison, names: Sequence[str], z: np.ndarray, u: np.ndarray, D: np.ndarray, predicted: Prediction
+) -> Mode:
+    """A mode of what a search found: its covariance and its evidence.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    names : sequence of str
+        Effect ids.
+    z, u : ndarray
+        The point [-].
+    D : ndarray
+        Derivatives there [SI].
+    predicted : Prediction
+        The prediction there.
+    """
+    white = comparison.whitener(predicted, u)
+    r, J = white(comparison.read - comparison.raw(predicted)), white(D)
+    weight, bad = robust_weights(r, comparison, found=True)
+    A = (J * weight[:, None]).T @ J + np.eye(z.size)
+    covariance = np.linalg.inv(A)
+    log_evidence = -minus_log_posterior(r, white.log_scale, z, u, comparison, found=True) - 0.5 * float(
+        np.linalg.slogdet(A)[1]
+    )
+    log_evidence += folding(comparison.problem, names, z, covariance)
+    log_evidence += sum(one.log_gain for one in marginals(comparison.problem, names, z, covariance).values())
+    return Mode(tuple(names), z, u, D, J, r, covariance, log_evidence, bad, predicted)
+
+
+def suiting_noise(
+    comparison: Comparison, predicted: Prediction, u: np.ndarray, D: np.ndarray, correlated: bool
+) -> np.ndarray:
+    """The noise that suits a prediction best [-], shape (5,).
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    predicted : Prediction
+        The prediction.
+    u : ndarray, shape (5,)
+        Where to start from [-].
+    D : ndarray, shape (n, m)
+        Derivatives of the prediction with the unknowns, for what these took up of the noise [SI].
+    correlated : bool
+        Whether the correlations are set too: near a good fit only; far from it they would pass a misfit for noise.
+    """
+    difference = comparison.read - comparison.raw(predicted)
+    for _ in range(NOISE_STEPS):
+        weight, _ = robust_weights(comparison.whitener(predicted, u)(difference), comparison)
+        u = u + comparison.noise_step(difference, predicted, u, weight, D, correlated)[0]
+    return u
+
+
+def minus_log_posterior(
+    r: np.ndarray, log_scale: float, z: np.ndarray, u: np.ndarray, comparison: Comparison, found: bool = False
+) -> float:
+    """Minus the log posterior, up to a constant [-].
+
+    Parameters
+    ----------
+    r : ndarray, shape (n,)
+        Whitened residuals [-].
+    log_scale : float
+        Of the whitener [-].
+    z, u : ndarray
+        The point [-].
+    comparison : Comparison
+        The recording.
+    found : bool
+        As in `robust_weights`.
+    """
+    good = -0.5 * r**2 + math.log(1.0 - BAD)
+    _, bad = robust_weights(r, comparison, found)
+    fit = np.where(bad > 0.0, np.logaddexp(good, log_bad(r)), good)
+    return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / SPREAD) ** 2))
+
+
+def log_bad(r: np.ndarray) -> np.ndarray:
+    """Log of the share of bad readings times their density over the normal law's at 0 [-], same shape as ``r``.
+
+    Parameters
+    ----------
+    r : ndarray
+        Whitened residuals [-].
+    """
+    price: np.ndarray = math.log(BAD / BAD_WIDTH) - np.log1p((r / CAUCHY) ** 2)
+    return price
+
+
+def bad_weight(r: np.ndarray) -> np.ndarray:
+    """Weight in least squares of a reading that is bad [-], same shape as ``r``.
+
+    Parameters
+    ----------
+    r : ndarray
+        Whitened residuals [-].
+    """
+    weight: np.ndarray = 2.0 / (CAUCHY**2 + r * r)
+    return weight
+
+
+def cost_of(comparison: Comparison, mode: Mode) -> float:
+    """Minus the log posterior at a mode's point, up to a constant, with noise that is not correlated [-].
+
+    That is how a search goes until its end: a correlation that passes a misfit for noise would make others hopeless.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The mode.
+    """
+    u = np.zeros_like(mode.u)
+    u[SCALES] = mode.u[SCALES]
+    u = suiting_noise(comparison, mode.prediction, u, mode.D, False)
+    white = comparison.whitener(mode.prediction, u)
+    r = white(comparison.read - comparison.raw(mode.prediction))
+    return minus_log_posterior(r, white.log_scale, mode.z, u, comparison, found=True)
+
+
+def robust_weights(r: np.ndarray, comparison: Comparison, found: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Weight of each residual in a least-squares step, and the probability that its reading is bad [-].
+
+    Bad readings are single ones: where many of a channel stand out, or all of a pressure level by the same each time it
+    was visited, it is the model that is off, and they count. Of a level that is told at the end of a search alone: on
+    the way two misread rows may look alike, in a noise that they make seem loud.
+
+    Parameters
+    ----------
+    r : ndarray, shape (n,)
+        Whitened residuals [-].
+    comparison : Comparison
+        The recording.
+    found : bool
+        Whether the search has ended there.
+    """
+    if comparison.size < 6 or comparison.trusting:
+        return np.ones_like(r), np.zeros_like(r)
+    odds = np.exp(np.minimum(log_bad(r) + 0.5 * r**2, 700.0)) / (1.0 - BAD)
+    bad = odds / (1.0 + odds)
+    bad[comparison.end :] = 0.0  # a mean of many readings is not one bad reading
+    for mine in comparison.of_a_kind:
+        if np.count_nonzero(bad[mine] > 0.5) > max(SINGLE, min(FEW, FEW_SHARE * mine.size), SHARE * mine.size):
+            bad[mine] = 0.0
+    if found and np.any(bad > 0.5):
+        for mine in comparison.again:
+            apart = 0.5 * float(np.sum((r[mine] - np.mean(r[mine])) ** 2)) if np.all(bad[mine] > 0.5) else math.inf
+            if apart < (mine.size - 1) * ALIKE:
+                bad[mine] = 0.0
+    return 1.0 - bad + bad * bad_weight(r), bad
+
+
+def folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: np.ndarray) -> float:
+    """What bounds at 0 do to the evidence: the prior's half that is allowed counts twice, the posterior's cut is lost.
+
+    Parameters
+    ----------
+    problem : Problem
+        For the unknowns.
+    names : sequence of str
+        Effect ids.
+    z : ndarray
+        The point [-].
+    covariance : ndarray
+        There [-].
+    """
+    k = len(problem.nuisances)
+    total = 0.0
+    for i, (name, unknown) in enumerate(problem.effect_unknowns(names)):
+        amplitude = effects()[name].amplitude
+        if unknown.name == amplitude.name and amplitude.low == 0.0 and unknown.kind == "normal":
+            total += math.log(2.0) + float(log_ndtr(z[k + i] / math.sqrt(covariance[k + i, k + i])))
+    return total

@@ -1,0 +1,194 @@
+"""What the campaigns that look at the diagnosis itself share: their command line, their bar, one code throughout."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from calibration.work.files import write_files
+from calibration.work.many import Item, Result, Tell, run_many
+from calibration.work.sources import DIAGNOSIS, imported_sha256
+
+RESULTS = "results"  # the folder with a result an item
+
+
+class OtherCodeError(RuntimeError):
+    """A worker has other sources than the campaign began with."""
+
+
+def code_of_a_case() -> str:
+    """The hash of what a case hangs on: how its recording is drawn, and the diagnosis."""
+    return imported_sha256("calibration.studies.nulls_draw", DIAGNOSIS)
+
+
+def same_code(code: str) -> None:
+    """See that this process has the sources that a campaign began with.
+
+    Parameters
+    ----------
+    code : str
+        Their hash.
+
+    Raises
+    ------
+    OtherCodeError
+        When it has others.
+    """
+    if code_of_a_case() != code:
+        raise OtherCodeError("this worker has other code than the campaign")
+
+
+def results_of(
+    task: Callable[[Mapping[str, Any]], dict[str, Any]],
+    items: Sequence[Item],
+    out: Path,
+    workers: int,
+    scheduler: str | None,
+    tell: Tell,
+) -> list[Result]:
+    """Do what is not done yet of a campaign.
+
+    Parameters
+    ----------
+    task : callable
+        Of one item's argument; it calls `same_code`.
+    items : sequence of Item
+        All there is to do.
+    out : Path
+        The campaign's folder.
+    workers : int
+        Processes; 0 works in this one [-].
+    scheduler : str or None
+        A Dask scheduler instead.
+    tell : callable
+        Told of the progress.
+
+    Raises
+    ------
+    OtherCodeError
+        When the sources changed on the way.
+    ClusterError
+        When no scheduler answers, or it is lost on the way.
+    """
+    results = run_many(task, items, out / RESULTS, workers, scheduler, tell)
+    elsewhere = [one for one in results if one.error.startswith(OtherCodeError.__name__)]
+    if elsewhere:
+        raise OtherCodeError(
+            f"the code was changed while {elsewhere[0].name} and {len(elsewhere) - 1} more of {len(items)} were made, "
+            "so they say nothing of either; leave it alone and give the same command again"
+        )
+    return results
+
+
+def add_options(parser: argparse.ArgumentParser, first_seed: int, seeds_of: str, page: Iterable[str]) -> None:
+    """The options that each campaign has.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the campaign.
+    first_seed : int
+        When none is given [-].
+    seeds_of : str
+        What it is the first of.
+    page : iterable of str
+        Files that the docs get.
+    """
+    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--first-seed", type=whole_number, default=first_seed, help=f"{seeds_of} (%(default)s)")
+    parser.add_argument(
+        "--workers", type=whole_number, default=os.cpu_count() or 1, help="processes; 0 for none but this"
+    )
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler instead")
+    parser.add_argument("--page", type=Path, help=f"a folder of the docs, which gets {', '.join(page)}")
+
+
+def go(
+    name: str, given: argparse.Namespace, page: Iterable[str], run: Callable[[Tell], dict[str, Any]]
+) -> dict[str, Any] | int:
+    """Run a campaign beneath its bar and copy its page; what it comes to, or the exit code where it comes to nothing.
+
+    Parameters
+    ----------
+    name : str
+        Of the campaign.
+    given : argparse.Namespace
+        With the options of `add_options`.
+    page : iterable of str
+        Files that the docs get.
+    run : callable
+        The campaign, told whom to tell of its progress.
+    """
+    try:
+        with progress_bar(name) as tell:
+            found = run(tell)
+        if given.page:
+            write_files(given.page, {file: (given.out / file).read_bytes() for file in page})
+    except KeyboardInterrupt:
+        print(f"stopped; what is done is kept in {given.out}, and the same command goes on", file=sys.stderr)
+        return 130
+    except (OSError, OtherCodeError) as problem:  # an OSError may be a cluster's
+        return refuse(name, str(problem))
+    return found
+
+
+def refuse(name: str, why: str) -> int:
+    """Say why a campaign cannot be; the exit code.
+
+    Parameters
+    ----------
+    name : str
+        Of the campaign.
+    why : str
+        What is wrong, and what to do.
+    """
+    print(f"{name}: {why}", file=sys.stderr)
+    return 2
+
+
+@contextlib.contextmanager
+def progress_bar(name: str) -> Iterator[Tell]:
+    """A bar on the error stream with the time gone and the time left; its value is what `run_many` tells.
+
+    Parameters
+    ----------
+    name : str
+        What is being made.
+    """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), speed_estimate_period=3600.0) as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda done, total, item: bar.update(task, completed=done, total=total)
+
+
+def whole_number(text: str) -> int:
+    """A number of 0 or more of a command line [-].
+
+    Parameters
+    ----------
+    text : str
+        As given.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        When it is none.
+    """
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 0 or more")
+    return int(text)

@@ -1,0 +1,161 @@
+"""The cases of a check of the evidence: what is drawn, and the evidences of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from calibration.studies.campaigns import code_of_a_case, same_code
+from calibration.studies.nulls_draw import NOISES, null_recording, template
+from calibration.work.many import Item
+from model.effects.effect import Effect
+
+FIRST_SEED = 400_000
+SIZES = (0.1, 0.3, 1.0)  # of what is concealed, in ordinary sizes of the effect
+REPEAT_EVERY = 5  # cases whose nested sampling is repeated with another seed: one in so many of those that have it
+DRAWS = 1000  # of importance sampling
+
+
+def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
+    """One case's evidences.
+
+    Parameters
+    ----------
+    argument : mapping
+        ``seed``, ``noise``, ``concealed`` (effects and their parameters [SI]; empty for a null), ``repeats`` of nested
+        sampling, and ``code``, the hash of the sources that the campaign began with.
+
+    Returns
+    -------
+    dict
+        ``effect``, and for ``base`` and ``with_effect`` what `evidences` gives; where the effect's amplitude is, and
+        how slow the slowest level that was read.
+
+    Raises
+    ------
+    OtherCodeError
+        When this process has other sources.
+    """
+    from calibration.diagnosis.diagnose import FARTHER
+    from calibration.diagnosis.linear_model.signatures import signatures
+    from calibration.diagnosis.steps.base import base_of
+    from calibration.diagnosis.steps.name import screen
+    from calibration.diagnosis.steps.search import Search
+    from calibration.likelihood.descent import find
+    from calibration.likelihood.linear import Comparison
+    from calibration.systems.radial_piston.problem import Problem
+
+    same_code(argument["code"])
+    seed = argument["seed"]
+    recording, _ = null_recording(argument["noise"], False, np.random.default_rng(seed), argument["concealed"])
+    comparison = Comparison(Problem(recording))
+    base = base_of(comparison)
+    found = signatures(comparison, base)
+    if argument["concealed"]:
+        (name,) = argument["concealed"]
+        first = {effect: values for effect, _, values in screen(comparison, base, found, base.u, -math.inf)}
+        mode = find(comparison, [name], base, None, first=first.get(name, {}))
+    else:
+        search = Search(comparison, base)
+        search.singles(found, base.u, FARTHER)
+        mode = max((one for key, one in search.modes.items() if key), key=lambda one: one.log_evidence)
+    n, k = comparison.n, base.z.size
+    read = comparison.known[n : 2 * n]
+    return {
+        "effect": mode.names[0],
+        "amplitude": float(mode.z[k]),
+        "amplitude_sd": float(math.sqrt(mode.covariance[k, k])),
+        "slowest_rad_s": float(np.min(base.prediction.speed[read])),
+        "not_read": int(np.sum(~read)),
+        "base": evidences(comparison, base, seed, argument["repeats"]),
+        "with_effect": evidences(comparison, mode, seed, argument["repeats"]),
+    }
+
+
+def evidences(comparison: Any, mode: Any, seed: int, repeats: int) -> dict[str, Any]:
+    """The log evidence of a model by Laplace, by nested sampling and by importance sampling.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    mode : Mode
+        The model.
+    seed : int
+        Of the draws [-].
+    repeats : int
+        Of nested sampling, each with draws of its own [-].
+
+    Returns
+    -------
+    dict
+        ``laplace`` as the diagnosis has it, which holds the noise scales at their best; ``noise_log_volume``, what
+        Laplace's approximation over them adds; ``nested`` and ``importance``, each with errors and calls. All but the
+        first are of the same integral, up to a constant that all models of a recording share.
+    """
+    from calibration.studies.evidence_reference import adapted, importance, nested
+    from calibration.studies.evidence_target import Target
+
+    target = Target(comparison, mode)
+    near = adapted(target, target.width, [seed, 0])
+    weighed = importance(target, near.mean, near.covariance, [seed, 1], DRAWS)
+    runs = [nested(target, near.mean, near.covariance, [seed, 2 + i]) for i in range(repeats)]
+    return {
+        "unknowns": target.size,
+        "laplace": mode.log_evidence,
+        "noise_log_volume": target.noise_log_volume,
+        "importance": {"log_evidence": weighed.log_evidence, "error": weighed.error, "effective": weighed.effective},
+        "nested": [{"log_evidence": r.log_evidence, "error": r.error, "calls": r.calls} for r in runs],
+        "calls": target.calls,
+        "half_log_det": 0.5 * float(np.linalg.slogdet(near.covariance)[1]),
+    }
+
+
+def items_of(cases: int, first_seed: int = FIRST_SEED, nested_every: int = 1) -> list[Item]:
+    """Every case of a campaign: an effect is concealed in every other one, effects, sizes and noises in turn.
+
+    Parameters
+    ----------
+    cases : int
+        How many [-].
+    first_seed : int
+        Of the first; the others follow it [-].
+    nested_every : int
+        One case in so many is nested-sampled, the others importance-sampled alone; 0 for none [-].
+    """
+    from calibration.systems.radial_piston.problem import Problem
+
+    code = code_of_a_case()
+    could = Problem(template(NOISES[0], False)).effects_that_could()
+    items = []
+    for i in range(cases):
+        which = i // 2  # of those with an effect concealed, or of those without
+        turn = which // len(could)
+        concealed, size = {}, None
+        if i % 2 == 0:
+            effect, size = could[which % len(could)], SIZES[(which + turn) % len(SIZES)]
+            concealed = {effect.id: _values(effect, size, which)}
+        repeats = int(nested_every > 0 and i % nested_every == 0)
+        if repeats and (i // nested_every) % REPEAT_EVERY == 0:
+            repeats = 2
+        argument = {
+            "seed": first_seed + i,
+            "noise": NOISES[(which + turn) % len(NOISES)],
+            "concealed": concealed,
+            "size": size,
+            "repeats": repeats,
+            "code": code,
+        }
+        items.append(Item(f"case-{first_seed + i}", argument, f"{code}-{repeats}"))
+    return items
+
+
+def _values(effect: Effect, size: float, which: int) -> dict[str, float]:
+    """Parameters of what is concealed: of so many ordinary sizes, of either sign in turn where both are possible."""
+    amplitude = effect.amplitude
+    sign = -1.0 if amplitude.low < 0.0 and which % 2 else 1.0
+    values = {parameter.name: parameter.scale for parameter in effect.parameters}
+    return values | {amplitude.name: amplitude.expected + sign * size * amplitude.scale}

@@ -1,0 +1,118 @@
+"""A displacement machine: its plateaus, and the torque and flow that would be read of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calibration.systems.readings import TO_SI, Readings, means, noise_sd, plateaus
+from calibration.systems.table import RigTable, Seen, instrument, rows_used
+from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
+from model.effects.laws import Chosen, readings_of
+from model.layout import RPM
+from model.rigs.displacement_machine import rows
+from model.rigs.state import Sizes, state_of
+from rig.recording import RecordingError
+
+VOLUME_FACTOR = 1.3  # an inline motor tells no tolerance, and a cut-off takes in less than the geometric volume
+NOT_READ = "no speed, no pressure, or neither a torque nor a flow"
+SERIES = 40  # plateaus from which on their order in time says something of the noise
+
+
+def see(table: RigTable) -> Seen:
+    """The plateaus of a recording, from its steady files.
+
+    Parameters
+    ----------
+    table : RigTable
+        The rig.
+
+    Raises
+    ------
+    RecordingError
+        When there is none.
+    """
+    recording = table.recording
+    readings: list[Readings] = []
+    of_channel: list[np.ndarray] = []
+    unknowns: list[Unknown] = []
+    gauge = "pressure_bar_gauge" in recording.channels
+    name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
+    files = [f for f in recording.files if f.kind == "steady" and {name, "speed_rpm"} <= set(f.columns)]
+    if not files:
+        raise RecordingError(f"{recording.folder}: displacement_machine: no steady file with speed_rpm and {name}")
+
+    def all_of(column: str, missing: float = np.nan) -> np.ndarray:
+        return np.concatenate(
+            [f.columns[column].values if column in f.columns else np.full(f.rows, missing) for f in files]
+        )
+
+    P = all_of(name) * PASCAL_PER_BAR + (table.ambient if gauge else 0.0)
+    speed = all_of("speed_rpm") / RPM
+    known = np.isfinite(P) & np.isfinite(speed)
+    time = np.concatenate(
+        [f.start_s + (f.columns["time_s"].values if "time_s" in f.columns else np.arange(f.rows)) for f in files]
+    )
+    T = all_of("inlet_temperature_c", table.room - KELVIN_AT_0_C) + KELVIN_AT_0_C
+    T = np.where(np.isfinite(T), T, table.room)
+    group = plateaus(speed[known], P[known], np.repeat(np.arange(len(files)), [f.rows for f in files])[known])
+    if not group.size:
+        raise RecordingError(f"{recording.folder}: displacement_machine: no row has both speed_rpm and {name}")
+    rows_of = tuple(means(values[known], group)[0] for values in (speed, P, T, time))
+    V = float(table.motor["displacement_m3_per_rev"])
+    P_sd, first = noise_sd(recording, name, files[0]), files[0].noise_scale
+    scale = means(np.concatenate([np.full(f.rows, f.noise_scale / first) for f in files])[known], group)[0]
+    for column, channel, slope in (("torque_nm", "drive", V / (2.0 * np.pi)), ("flow_l_min", "flow", 0.0)):
+        value, share = means(all_of(column)[known] * TO_SI[column], group)
+        has = np.isfinite(value)
+        if has.any():
+            sd = (np.hypot(noise_sd(recording, column, files[0]) * share, slope * P_sd) * scale)[has]
+            of_channel.append(has)
+            readings.append(Readings(channel, value[has], sd, int(has.sum()) >= SERIES, channel))
+            unknowns += instrument(recording, channel, column)
+    counted = np.zeros(known.size, dtype=bool)
+    if of_channel:
+        counted[known] = np.any(of_channel, axis=0)[group]
+    ends = np.cumsum([f.rows for f in files])[:-1]
+    files_used = [
+        rows_used(file, {NOT_READ: ~part} if not part.all() else {})
+        for file, part in zip(files, np.split(counted, ends), strict=True)
+    ]
+    unknowns += instrument(recording, "pressure", name)
+    unknowns.append(Unknown("displacement", "1", "lognormal", 1.0, VOLUME_FACTOR, "inline motor"))
+    gauge_pa = float(np.median(rows_of[1])) - table.ambient
+    median = float(np.median(rows_of[0]))
+    sizes = Sizes(V * gauge_pa / (2.0 * np.pi), median, V * median / (2.0 * np.pi), gauge_pa)
+    return Seen(readings, [], unknowns, sizes, rows=rows_of, has=of_channel, files=files_used)
+
+
+def predict(table: RigTable, seen: Seen, values: Mapping[str, float], chosen: Chosen) -> list[np.ndarray]:
+    """Torque [N m] and flow [m3/s] of the plateaus, those of them that were read.
+
+    Parameters
+    ----------
+    table : RigTable
+        The rig.
+    seen : Seen
+        Of `see`.
+    values : mapping of str to float
+        Of flats and unknowns by their names [SI].
+    chosen : mapping
+        Effect id to the values of its parameters.
+    """
+    speed, reading, T, time = seen.rows
+    V = float(table.motor["displacement_m3_per_rev"]) * values["displacement"]
+    wanted = (reading - values.get("pressure_offset", 0.0)) / (1.0 + values.get("pressure_scale", 0.0))
+    P = wanted.copy()
+    state = state_of(speed, 0.0)
+    for _ in range(4):
+        P = P + wanted - readings_of(chosen, "pressure", P, state)
+    found = rows(V, values.get("viscous_friction", 0.0), speed, P, T, table.ambient, time, chosen)
+    flow = readings_of(chosen, "flow", found.flow, found.state)
+    read = []
+    for one, has in zip(seen.readings, seen.has, strict=True):
+        true = found.torque if one.channel == "drive" else flow
+        error = (values.get(f"{one.channel}_{what}", 0.0) for what in ("offset", "scale"))
+        read.append((next(error) + true * (1.0 + next(error)))[has])
+    return read

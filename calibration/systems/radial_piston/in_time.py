@@ -1,0 +1,336 @@
+"""A run in time as the motor would run it: with every pulse of its cylinders, or by its mean torque alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from calibration.data.blocks import RunInTime
+from calibration.work.threads import each
+from model import layout as at
+from model import steady as base_steady
+from model.effects import averaged, effects
+from model.effects import steady as effect_steady
+from model.effects import transient as effect_transient
+from model.motor import Motor
+from model.recent import Recent
+from model.transient import OMEGA, THETA, Supply, rest_state
+
+STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
+LEAD_STEP_S = 0.02  # between the samples of the steady part ahead of a run
+SLOWEST_START = 1.0  # rad/s
+BESIDE = 4  # samples either side over which the swing of the pulses is taken
+LONGEST_PULSE = 60  # samples
+PLACES = 8  # in a pulse, even
+ANGLES = 2  # within a pulse, over which is averaged what the pulses do where nobody knows how the shaft stood
+LAST_STEP_S = 1e-3  # of the time from rest, over which the speed that is reached is taken
+AFTER = 8  # samples beyond the last, for runs that turn a little farther
+FINER = 4  # samples in one, where the pulses are followed
+LEAST_TURN = 1e-9  # rad from sample to sample, so that the angle is never twice the same
+SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
+
+Chosen = Mapping[str, Mapping[str, float]]
+
+_recent = Recent(32)
+
+
+def follows_angle(names: Iterable[str]) -> bool:
+    """Whether an effect follows the shaft's angle.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Effect ids.
+    """
+    return any(effects()[name].periodic for name in names)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a simulation of a run in time takes.
+
+    Attributes
+    ----------
+    parameters : ndarray, shape (24,)
+        Of the motor [SI].
+    readings : ndarray, shape (5,)
+        `model.motor.Readings.vector`.
+    supply : tuple of Supply
+        The line, true pressures.
+    time : ndarray, shape (k,)
+        Sample times, those of a steady part ahead among them [s].
+    start : ndarray, shape (23,)
+        State at the first of them.
+    chosen : dict
+        Effects.
+    clock : float
+        The recording's clock at time 0 of the run [s].
+    wanted : slice
+        Samples of the run that are predicted.
+    begin, end : ndarray of int, shape (wanted,)
+        Where the mean of each begins and ends among the times.
+    lag_s : float
+        The tachometer's own, as stated [s].
+    angle, set_at : float
+        Angle of the shaft [rad], and the time at which it has that [s].
+    """
+
+    parameters: np.ndarray
+    readings: np.ndarray
+    supply: tuple[Supply, ...]
+    time: np.ndarray
+    start: np.ndarray
+    chosen: Chosen
+    clock: float
+    wanted: slice
+    begin: np.ndarray
+    end: np.ndarray
+    lag_s: float
+    angle: float
+    set_at: float
+
+    def with_pulses(self) -> np.ndarray:
+        """Mean speeds since the time before, with the pulses of the cylinders [rad/s], shape (k,)."""
+        found = self.simulated()
+        mean: np.ndarray = found.speed.copy()
+        mean[1:] = np.diff(found.angle) / np.diff(self.time)
+        return mean
+
+    def simulated(self, finer: int = 1) -> effect_transient.Run:
+        """The run with the pulses of its cylinders.
+
+        Parameters
+        ----------
+        finer : int
+            Samples for each one planned [-].
+        """
+        time = self.time
+        if finer > 1:
+            count = (time.size - 1) * finer + 1
+            time = np.interp(np.arange(count) / finer, np.arange(time.size), time)
+        stride = 1 if follows_angle(self.chosen) else STRIDE * finer
+        return effect_transient.simulate(
+            self.parameters, self.readings, self.supply, time, self.start, self.chosen, self.clock, stride
+        )
+
+    def mean_speed(self) -> np.ndarray:
+        """Mean speeds since the sample before, by the mean torque alone [rad/s], shape (k,)."""
+        return averaged.speeds(
+            self.parameters,
+            self.readings,
+            self.supply,
+            self.time,
+            float(self.start[OMEGA]),
+            self.chosen,
+            self.clock,
+            float(self.start[THETA]),
+        )
+
+    def read(self, mean: np.ndarray) -> np.ndarray:
+        """What the tachometer makes of mean speeds, of the samples wanted [rad/s], shape (wanted,).
+
+        Parameters
+        ----------
+        mean : ndarray, shape (k,)
+            Since the time before [rad/s].
+        """
+        lagged = effect_transient.lagged(mean, self.time, self.lag_s) if self.lag_s else mean
+        lagged = effect_transient.read_with_lag(lagged, self.time, self.chosen)
+        turned = np.append(0.0, np.cumsum(lagged[1:] * np.diff(self.time)))
+        found: np.ndarray = (turned[self.end] - turned[self.begin]) / (self.time[self.end] - self.time[self.begin])
+        return found
+
+    def angle_of(self, mean: np.ndarray) -> np.ndarray:
+        """The shaft's angle at the samples [rad], shape (k,), counted so that it is the plan's where that is set.
+
+        Parameters
+        ----------
+        mean : ndarray, shape (k,)
+            Mean speeds since the sample before [rad/s].
+        """
+        turned = np.append(0.0, np.cumsum(mean[1:] * np.diff(self.time)))
+        found: np.ndarray = turned - np.interp(self.set_at, self.time, turned) + self.angle
+        return found
+
+
+class Pulses:
+    """What the cylinders' pulses add to the angle of the shaft, as a function of that angle.
+
+    Parameters
+    ----------
+    planned : Plan
+        The run that it is taken from.
+    angles : int
+        Angles within a pulse that are averaged over; 1 for that of the plan alone [-].
+
+    Attributes
+    ----------
+    mean, angle : ndarray, shape (k,)
+        That run by its mean torque: speeds [rad/s] and angles [rad].
+    """
+
+    def __init__(self, planned: Plan, angles: int = 1) -> None:
+        step = float(np.median(np.diff(planned.time)))
+        planned = replace(planned, time=np.append(planned.time, planned.time[-1] + step * np.arange(1, AFTER + 1)))
+        starts = [planned.start.copy() for _ in range(angles)]
+        for k, start in enumerate(starts):
+            start[THETA] += k * at.PULSE / angles
+        found = each(lambda start: replace(planned, start=start).simulated(FINER), starts)
+        self.mean = planned.mean_speed()
+        self.angle = planned.angle_of(self.mean)
+        smooth = np.interp(found[0].time, planned.time, self.angle)
+        smooth = np.maximum.accumulate(smooth) + LEAST_TURN * np.arange(smooth.size)
+        added = np.mean([one.angle - one.angle[0] for one in found], axis=0) - (smooth - smooth[0])
+        if not (
+            np.all(np.isfinite(smooth)) and np.all(np.isfinite(added))
+        ):  # it stalls: nothing is known of its pulses
+            smooth, added = np.arange(float(smooth.size)), np.zeros(smooth.size)
+        # Over a whole pulse each comes to nothing, wherever it began; what is left is what the mean torque has wrong.
+        grid = np.arange(smooth[0], smooth[-1] + at.PULSE / PLACES, at.PULSE / PLACES)
+        width = np.append(np.append(0.5, np.ones(PLACES - 1)), 0.5) / PLACES
+        padded = np.pad(np.interp(grid, smooth, added), PLACES // 2, "reflect", reflect_type="odd")
+        self._added = PchipInterpolator(grid, np.convolve(padded, width, "valid")) if grid.size > PLACES else None
+        self._ends = (float(grid[0]), float(grid[-1]))
+
+    def beside(self, planned: Plan) -> np.ndarray:
+        """Mean speeds since the sample before, pulses and all, of a run much like it [rad/s], shape (k,).
+
+        Parameters
+        ----------
+        planned : Plan
+            The run.
+        """
+        mean = planned.mean_speed()
+        angle = planned.angle_of(mean)
+        if self._added is None:
+            return mean
+        added = self._added(np.clip(angle, *self._ends))
+        out = mean.copy()
+        out[1:] += np.diff(added) / np.diff(planned.time)
+        return out
+
+
+def plan(
+    motor: Motor,
+    run: RunInTime,
+    parameters: np.ndarray,
+    supply: Sequence[Supply],
+    angle: float,
+    chosen: Chosen,
+    begun: float = 0.0,
+    lag_s: float = 0.0,
+) -> Plan:
+    """Plan a run.
+
+    Parameters
+    ----------
+    motor : Motor
+        For its readings of the article and its state at rest.
+    run : RunInTime
+        As it was read.
+    parameters : ndarray, shape (24,)
+        Of the motor [SI].
+    supply : sequence of Supply
+        Its line, true pressures.
+    angle : float
+        Of the shaft where the run begins to be compared, or when its valve is moved [rad].
+    chosen : dict
+        Effects.
+    begun : float
+        Share by which a start from rest is faster there than by the mean torque [-].
+    lag_s : float
+        The tachometer's own [s].
+
+    Returns
+    -------
+    Plan
+        A start from rest begins where it is compared from, with the speed that the mean torque has given it by then.
+    """
+    readings = motor.readings.vector()
+    compared = np.flatnonzero(run.used)
+    wanted = slice(int(compared[0]), int(compared[-1]) + 1) if compared.size else slice(0, 1)
+    begins, ends = run.begin[wanted], run.time[wanted]
+    first = float(begins.min())
+    if run.from_rest:
+        set_at, ahead = first, np.zeros(0)
+        speed = _reached(parameters, readings, supply, first, chosen, run.start_s) * max(1.0 + begun, 0.0)
+        start = rest_state(motor, angle)
+    else:
+        speed = max(
+            _steady_speed(motor, parameters, readings, supply[0].pressure_pa, chosen, run.start_s), SLOWEST_START
+        )
+        # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
+        set_at = run.valve[1].start_s if len(run.valve) > 1 else first
+        turned = angle - speed * (set_at - supply[0].start_s)
+        # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
+        start = rest_state(motor, turned if follows_angle(chosen) else turned % at.PULSE)
+        ahead = np.arange(supply[0].start_s, first - 0.5 * LEAD_STEP_S, LEAD_STEP_S)
+    start[OMEGA] = speed
+    time = np.unique(np.concatenate([ahead, begins, ends]))
+    places = np.searchsorted(time, begins), np.searchsorted(time, ends)
+    return Plan(
+        parameters, readings, tuple(supply), time, start, chosen, run.start_s, wanted, *places, lag_s, angle, set_at
+    )
+
+
+def _reached(
+    parameters: np.ndarray, readings: np.ndarray, supply: Sequence[Supply], until: float, chosen: Chosen, clock: float
+) -> float:
+    """Speed that the mean torque has given a rotor from rest by a time [rad/s]."""
+    begins = next((span.start_s for span in supply if span.is_open), until)
+    if begins >= until - LAST_STEP_S:
+        return 0.0
+    time = np.array([begins, until - LAST_STEP_S, until])
+    return float(averaged.speeds(parameters, readings, supply, time, 0.0, chosen, clock)[-1])
+
+
+def _steady_speed(
+    motor: Motor, parameters: np.ndarray, readings: np.ndarray, pressure_pa: float, chosen: Chosen, clock: float
+) -> float:
+    """Speed at which the motor has settled before a coast-down [rad/s]; 0 where it stalls."""
+
+    def solved() -> np.ndarray:
+        pressure = np.array([pressure_pa])
+        gas = base_steady.gas_table(motor, pressure)
+        return effect_steady.solve(parameters[None, :], readings, pressure, gas, chosen, np.array([clock])).speed
+
+    set_of = tuple((name, *sorted(chosen[name].items())) for name in sorted(chosen))
+    weather = motor.vector().tobytes()
+    return float(_recent((parameters.tobytes(), readings.tobytes(), weather, pressure_pa, clock, set_of), solved)[0])
+
+
+def swing(planned: Plan, run: RunInTime) -> np.ndarray:
+    """How far the pulses of the cylinders swing the shaft about its mean course, rms [rad], shape (n,).
+
+    Parameters
+    ----------
+    planned : Plan
+        The run.
+    run : RunInTime
+        As it was read.
+    """
+    found, smooth = planned.simulated(), planned.mean_speed()
+    mean = found.speed.copy()
+    mean[1:] = np.diff(found.angle) / np.diff(planned.time)
+    seen = _ripple(mean - smooth, mean, planned.time)
+    within = np.abs(found.speed - 0.5 * (mean + np.append(mean[1:], mean[-1])))  # a reading is a mean
+    width = np.ones(2 * BESIDE + 1) / (2 * BESIDE + 1)
+    rms = np.sqrt(np.convolve(np.pad(np.maximum(within, np.abs(seen)) ** 2, BESIDE, "edge"), width, "valid"))
+    out = np.zeros(run.size)
+    per_radian = 2.0 * math.pi / at.PULSE
+    out[planned.wanted] = (rms / (per_radian * np.maximum(np.abs(mean), SLOWEST)))[planned.end]
+    return out
+
+
+def _ripple(added: np.ndarray, mean: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """What the pulses add from reading to reading, where there are several readings to a pulse [rad/s]."""
+    step = np.diff(time, prepend=2.0 * time[0] - time[1])
+    width = np.clip(np.rint(at.PULSE / (np.maximum(np.abs(mean), SLOWEST) * step)).astype(int), 1, LONGEST_PULSE)
+    total, n = np.append(0.0, np.cumsum(added)), np.arange(added.size)
+    low, high = np.maximum(n - (width - 1) // 2, 0), np.minimum(n + width // 2, n.size - 1) + 1
+    found: np.ndarray = added - (total[high] - total[low]) / (high - low)
+    return found

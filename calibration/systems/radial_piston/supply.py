@@ -1,0 +1,197 @@
+"""The line between valve and motor in a run in time: what its pressure does, from a few unknowns with priors.
+
+A valve takes its time, a regulator lags, a volume fills and empties: two first-order lags in a row, which begin some
+time after the valve is said to move. What no such form has right (a regulator that overshoots, an orifice that chokes)
+is left to a few free deviations. A step is the special case. Shares count from the vented line (0) to the settled
+one (1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.data.blocks import RunInTime
+from calibration.unknowns.priors import Unknown
+from model.transient import Supply
+from rig.recording import SupplyFigures
+
+LATE_SD = 0.1  # s; by so much the line follows later, or earlier, than the samples say that the valve is moved
+GAUGE_LATE_SD = 0.02  # s; by so much what a gauge shows is older, or newer, than its time says
+REGULATOR_S, EMPTYING_S, VALVE_S = 0.05, 0.03, 0.01  # time constants where nothing is stated
+LEAST_S = 1e-3  # what is stated to be quicker, a step among them, is taken to need so long
+UNSTATED, UNSTATED_VALVE, STATED = 5.0, 3.0, 2.0  # factors by which they may be off
+FORMS = (0.4, 1.0, 2.5, 6.0)  # where the free deviations have their middles, in sums of the time constants
+FORM_SD = 0.04  # of each, in shares of the step
+LOG_WIDTH = math.log(2.5)
+FLOOR_PA = 1000.0  # by which a line that is being vented stays above the ambient while the motor turns
+WANDERS, WANDER_SD = 8, 0.002  # pieces in which an open line goes up and down, and by how much, in shares of the step
+STEADY_STEP_S = 0.02  # of the staircase, once the line has settled
+MOST_SHARE = 1.5
+ALIKE = 1e-3  # share by which two time constants differ that count as one
+# Of the staircase that stands for the line: its edges, in sums of the time constants after the line begins to move.
+EDGES = np.concatenate([np.linspace(0.0, 1.0, 41), np.geomspace(1.0, 12.0, 121)[1:]])
+OPENING, VENTING = "opening", "venting"
+
+
+def ways_of(run: RunInTime) -> list[str]:
+    """How the line of a run changes: it is opened, vented, or both.
+
+    Parameters
+    ----------
+    run : RunInTime
+        The run.
+    """
+    moved = {span.is_open for span in run.valve[1:]}
+    return [way for way, opens in ((OPENING, True), (VENTING, False)) if opens in moved]
+
+
+def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
+    """The unknowns of a run's line, named after its file.
+
+    Parameters
+    ----------
+    run : RunInTime
+        The run.
+    stated : SupplyFigures
+        What the recording says of its supply.
+    """
+    sd = max(run.settled_sd, 1.0)
+    found = [Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, sd, "what had not settled")]
+    valve = _constant(stated.valve_time_s, stated.valve_time_s_sd, VALVE_S, UNSTATED_VALVE)
+    for way in ways_of(run):
+        slow = (
+            _constant(stated.regulator_time_s, stated.regulator_time_s_sd, REGULATOR_S, UNSTATED)
+            if way == OPENING
+            else (EMPTYING_S, UNSTATED)
+        )
+        name = f"{run.file}.{way}"
+        unseen = max(gap for gap, span in zip(run.unseen_s, run.valve, strict=True) if span.is_open == (way == OPENING))
+        moved = math.hypot(LATE_SD, unseen / math.sqrt(12.0))
+        found.append(Unknown(f"{name}_late", "s", "normal", 0.0, moved, "when the valve moved"))
+        found.append(Unknown(f"{name}_time", "s", "lognormal", *slow, "a line that fills or empties"))
+        found.append(Unknown(f"{name}_valve", "s", "lognormal", *valve, "a valve's time"))
+        found += [
+            Unknown(f"{name}_form_{k}", "-", "normal", 0.0, FORM_SD, "no line is exact") for k in range(len(FORMS))
+        ]
+    if OPENING in ways_of(run):
+        for k in range(WANDERS):
+            found.append(Unknown(f"{run.file}.wander_{k}", "-", "normal", 0.0, WANDER_SD, "no regulator stands still"))
+    found.append(Unknown(f"{run.file}.gauge_late", "s", "normal", 0.0, GAUGE_LATE_SD, "a gauge's own time"))
+    if VENTING in ways_of(run):
+        found.append(Unknown(f"{run.file}.floor", "Pa", "normal", FLOOR_PA, FLOOR_PA, "a vent's own loss"))
+    return found
+
+
+def own_of_line(file: str) -> list[str]:
+    """Names of the unknowns that say how a run's line goes, without the small deviations.
+
+    Parameters
+    ----------
+    file : str
+        Of the run.
+    """
+    ways = (f"{file}.{way}_{what}" for way in (OPENING, VENTING) for what in ("late", "time", "valve"))
+    return [f"{file}.supply", *ways, f"{file}.floor", f"{file}.begun"]
+
+
+def _constant(stated: float | None, sd: float | None, otherwise: float, factor: float) -> tuple[float, float]:
+    """Middle and factor of a time constant's prior: a stated one is seldom defined as it is here."""
+    if stated is None:
+        return otherwise, factor
+    middle = max(stated, LEAST_S)
+    return middle, max(STATED, math.exp(min((sd or 0.0) / middle, 2.0)))
+
+
+@dataclass(frozen=True)
+class Course:
+    """The line of a run at a point.
+
+    Attributes
+    ----------
+    valve : tuple of Supply
+        Of the run.
+    own : mapping of str to float
+        The run's own unknowns, by the ends of their names.
+    over : float
+        When the last sample that is compared ends [s].
+    """
+
+    valve: tuple[Supply, ...]
+    own: Mapping[str, float]
+    over: float
+
+    def share(self, time: np.ndarray) -> np.ndarray:
+        """Share of the settled pressure above the vented one [-], same shape as ``time``.
+
+        Parameters
+        ----------
+        time : ndarray
+            On the run's clock [s].
+        """
+        found = np.full(np.shape(time), 1.0 if self.valve[0].is_open else 0.0)
+        for span in self.valve[1:]:
+            step = self._answer(time - span.start_s, OPENING if span.is_open else VENTING)
+            found = found + step if span.is_open else found - step
+            if span.is_open:
+                found = found + self._wander(time, span.start_s)
+        clipped: np.ndarray = np.clip(found, 0.0, MOST_SHARE)
+        return clipped
+
+    def staircase(self, settled_pa: float, vented_pa: float, shut_pa: float) -> tuple[Supply, ...]:
+        """The line as spans of constant pressure.
+
+        Parameters
+        ----------
+        settled_pa, vented_pa : float
+            True pressure of the settled and of the vented line [Pa].
+        shut_pa : float
+            Pressure from which on downwards the inlet holds what a vented one does [Pa].
+        """
+        begins = [np.array([self.valve[0].start_s])]
+        for k, span in enumerate(self.valve[1:], start=1):
+            way = OPENING if span.is_open else VENTING
+            width = self.own[f"{way}_time"] + self.own[f"{way}_valve"]
+            edges = span.start_s + self.own[f"{way}_late"] + width * EDGES
+            until = self.valve[k + 1].start_s if k + 1 < len(self.valve) else math.inf
+            if span.is_open:
+                edges = np.append(edges, np.arange(edges[-1], self.over, STEADY_STEP_S)[1:])
+            begins.append(edges[(edges > begins[-1][-1]) & (edges < until)])
+        begin = np.concatenate(begins)
+        last = begin[-1] + (begin[-1] - begin[-2] if begin.size > 1 else 1.0)
+        share = self.share(0.5 * (begin + np.append(begin[1:], last)))
+        pressure = vented_pa + (settled_pa - vented_pa) * share
+        spans: list[Supply] = []
+        for start, P in zip(begin.tolist(), pressure.tolist(), strict=True):
+            is_open = shut_pa < P
+            if not spans or is_open or spans[-1].is_open:
+                spans.append(Supply(start, P if is_open else vented_pa, is_open))
+        return tuple(spans)
+
+    def _wander(self, time: np.ndarray, opened: float) -> np.ndarray:
+        """How far an open line is above where it should be [-]."""
+        width = max(self.over - opened, 1e-3) / WANDERS
+        middles = opened + width * (np.arange(WANDERS) + 1.0)
+        height = np.array([self.own[f"wander_{k}"] for k in range(WANDERS)])
+        found: np.ndarray = np.interp(time, np.append(opened, middles), np.append(0.0, height))
+        return found
+
+    def _answer(self, time: np.ndarray, way: str) -> np.ndarray:
+        """How far the line has come a time after the valve is said to be moved [-]."""
+        after = np.asarray(time) - self.own[f"{way}_late"]
+        slow, fast = self.own[f"{way}_time"], self.own[f"{way}_valve"]
+        begun = np.maximum(after, 0.0)
+        if abs(slow - fast) < ALIKE * slow:  # the limit, to second order the same
+            mean = begun / (0.5 * (slow + fast))
+            found = 1.0 - (1.0 + mean) * np.exp(-mean)
+        else:
+            found = 1.0 - (slow * np.exp(-begun / slow) - fast * np.exp(-begun / fast)) / (slow - fast)
+        place = np.log(np.maximum(begun / (slow + fast), 1e-6))
+        for k, middle in enumerate(FORMS):
+            hat = np.maximum(0.0, 1.0 - np.abs(place - math.log(middle)) / LOG_WIDTH)
+            found = found + self.own[f"{way}_form_{k}"] * hat
+        answer: np.ndarray = np.where(after > 0.0, found, 0.0)
+        return answer

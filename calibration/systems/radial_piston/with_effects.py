@@ -1,0 +1,167 @@
+"""The effects that a fit's model holds beyond the article: which may be asked for, and their unknowns and priors."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.data.measurement import Measurement
+from calibration.systems.radial_piston.effect_states import Way, way_of
+from calibration.unknowns.priors import SHAPE_FACTOR, Unknown
+from model.effects import effects
+from model.effects.effect import Effect, EffectParameter
+from model.effects.laws import Chosen
+from model.motor import Motor
+from rig.recording import Recording
+
+OFF_ZERO_SDS = 5.0  # of an amplitude that cannot be 0, from one of its bounds to the other
+
+
+class EffectsError(ValueError):
+    """An effect that does not exist, or that this fit cannot hold."""
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The effects of a fit.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Ids, as they were asked for.
+    time : ndarray, shape (n_rows,)
+        Of each steady row on the recording's clock [s]; the row's number where none was taken.
+    way : str
+        How they are solved, of `effect_states`.
+    """
+
+    names: tuple[str, ...]
+    time: np.ndarray
+    way: Way
+
+    def unknowns(self) -> list[Unknown]:
+        """Their unknowns, named ``effect.parameter``, with the priors of `model.effects`."""
+        return [_unknown(name, parameter) for name, parameter in self._parameters()]
+
+    def chosen(self, values: np.ndarray) -> list[Chosen]:
+        """The set that each point stands for.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, k)
+            Of their unknowns, in their order [own units].
+        """
+        found: list[Chosen] = []
+        for row in values:
+            one: dict[str, dict[str, float]] = {name: {} for name in self.names}
+            for (name, parameter), value in zip(self._parameters(), row, strict=True):
+                one[name][parameter.name] = float(value)
+            found.append(one)
+        return found
+
+    def inside(self, values: np.ndarray) -> np.ndarray:
+        """Which points lie within the effects' bounds, shape (n,).
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, k)
+            As in `chosen` [own units].
+        """
+        low = np.array([parameter.low for _, parameter in self._parameters()])
+        high = np.array([parameter.high for _, parameter in self._parameters()])
+        found: np.ndarray = np.all((values >= low) & (values <= high), axis=1)
+        return found
+
+    def _parameters(self) -> list[tuple[str, EffectParameter]]:
+        return [(name, parameter) for name in self.names for parameter in effects()[name].parameters]
+
+
+def in_fit(names: Sequence[str], motor: Motor, recording: Recording, measured: Measurement) -> Effects | None:
+    """The effects that a fit was asked for; None where it was asked for none.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Ids.
+    motor : Motor
+        What they are added to.
+    recording : Recording
+        For the time of the rows.
+    measured : Measurement
+        The rows and the channels used.
+
+    Raises
+    ------
+    EffectsError
+        For an id that there is not (the nearest is named), or an effect of which steady rows say nothing.
+    """
+    if not names:
+        return None
+    for name in names:
+        _check(name, names, measured)
+    time, taken = _times(recording, measured)
+    for name in names:
+        if not taken and any(parameter.unit == "s" for parameter in effects()[name].parameters):
+            raise EffectsError(
+                f"{name} changes with time, and {recording.folder} has rows without time_s; add the column"
+            )
+    return Effects(tuple(names), time, way_of(names, motor, time))
+
+
+def seen(names: Sequence[str], channels: Sequence[str]) -> list[str]:
+    """Those of some effects that a fit to these channels can see.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Ids.
+    channels : sequence of str
+        Of pressure, flow and speed.
+    """
+    return [name for name in names if "flow" in channels or not _in_flow_alone(effects()[name])]
+
+
+def _check(name: str, names: Sequence[str], measured: Measurement) -> None:
+    known = effects()
+    if name not in known:
+        close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)
+        raise EffectsError(f"no effect is called {name[:60]!r}; the nearest is {close[0]}. All: {', '.join(known)}")
+    if list(names).count(name) > 1:
+        raise EffectsError(f"{name} is named twice; name it once")
+    if name == "bad_reading":
+        raise EffectsError("bad_reading: every fit looks for bad readings; leave it out")
+    if known[name].transient_only:
+        raise EffectsError(f"{name} shows in runs in time only, and a fit uses steady rows; leave it out")
+    if not seen([name], measured.channels):
+        raise EffectsError(f"{name} acts on the flow alone, which this fit does not use; leave it out")
+
+
+def _in_flow_alone(effect: Effect) -> bool:
+    on_motor = effect.torque or effect.inlet_drop or effect.outlet_rise or effect.factors
+    return not on_motor and not set(effect.reads) - {"flow"}
+
+
+def _unknown(name: str, parameter: EffectParameter) -> Unknown:
+    full, why = f"{name}.{parameter.name}", f"effect {name}: {parameter.text}"
+    unit = "1" if parameter.unit == "-" else parameter.unit
+    if parameter.shape:
+        return Unknown(full, unit, "lognormal", parameter.scale, SHAPE_FACTOR, why)
+    if parameter.low > 0.0:
+        middle, span = 0.5 * (parameter.low + parameter.high), parameter.high - parameter.low
+        return Unknown(full, unit, "normal", middle, span / OFF_ZERO_SDS, why)
+    return Unknown(full, unit, "halfnormal" if parameter.low == 0.0 else "normal", 0.0, parameter.scale, why)
+
+
+def _times(recording: Recording, measured: Measurement) -> tuple[np.ndarray, bool]:
+    """Time of each steady row [s], and whether each has one."""
+    files, rows = {file.file: file for file in recording.files}, measured.steady
+    time, taken = np.empty(len(rows)), True
+    for i, (name, number) in enumerate(zip(rows.file, rows.row, strict=True)):
+        stamps = files[name].columns.get("time_s")
+        known = stamps is not None and np.isfinite(stamps.values[int(number) - 1])
+        time[i] = files[name].start_s + (stamps.values[int(number) - 1] if stamps is not None and known else number)
+        taken &= bool(known)
+    return time, taken

@@ -1,0 +1,82 @@
+"""Which code a result came from: hashes of the sources, as this process found them."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import json
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+EVERYTHING = ("calibration", "model", "configs", "rig/recording")
+DIAGNOSIS = "calibration.diagnosis"
+FOUND_BY_LOOKING = ("model.effects",)  # a package whose modules nobody imports by name
+SCORER = ("calibration/challenge/", "rig/recording/")
+
+
+@functools.cache
+def code_sha256() -> str:
+    """Of all sources of calibration, model, configs and rig.recording."""
+    return _hash(_sources())
+
+
+def diagnosis_sha256() -> str:
+    """Of the modules that a verdict imports, and of the configs."""
+    return imported_sha256(DIAGNOSIS)
+
+
+@functools.cache
+def imported_sha256(*roots: str) -> str:
+    """Of these modules, of our own ones that they import, directly or not, and of the configs."""
+    configs = [path for path in _sources() if path.suffix == ".toml"]
+    return _hash(sorted([*configs, *(_file(name) for name in imported(*roots))]))
+
+
+@functools.cache
+def scorer_sha256() -> str:
+    """Of those that make and score a challenge."""
+    return _hash([path for path in _sources() if path.relative_to(ROOT).as_posix().startswith(SCORER)])
+
+
+@functools.cache
+def imported(*roots: str) -> tuple[str, ...]:
+    """Names of our own modules that these import, directly or not, themselves among them; sorted."""
+    found: set[str] = set()
+    left = list(roots)
+    while left:
+        name = left.pop()
+        if name not in found:
+            found.add(name)
+            left += _imported_by(name)
+    return tuple(sorted(found))
+
+
+def _imported_by(name: str) -> list[str]:
+    """Our own modules that a module imports by name, at its top or in a function, and the packages they lie in."""
+    names = []
+    for node in ast.walk(ast.parse(_file(name).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    if name in FOUND_BY_LOOKING:
+        names += [f"{name}.{path.stem}" for path in _file(name).parent.glob("*.py") if path.stem != "__init__"]
+    parts = [one.split(".") for one in names]
+    packages = {".".join(one[:end]) for one in parts for end in range(1, len(one) + 1)}
+    return [one for one in packages if _file(one).is_file()]
+
+
+def _file(name: str) -> Path:
+    path = ROOT.joinpath(*name.split("."))
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+
+
+def _sources() -> list[Path]:
+    found = [path for room in EVERYTHING for path in (ROOT / room).rglob("*") if path.suffix in (".py", ".toml")]
+    return sorted(path for path in found if "__pycache__" not in path.parts)
+
+
+def _hash(paths: list[Path]) -> str:
+    contents = [(path.relative_to(ROOT).as_posix(), hashlib.sha256(path.read_bytes()).hexdigest()) for path in paths]
+    return hashlib.sha256(json.dumps(contents).encode()).hexdigest()
