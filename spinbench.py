@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from calibration.fit.sampling import Progress
     from model.motor import Motor
     from model.reproduction import Measured
-    from rig.bench import Bench
+    from rig.bench.bench import Bench
     from rig.recording import Recording
+    from rig.run.running import Wanted
     from rig.runlog import Run
-    from rig.running import Wanted
     from rig.sweep.ambient import Ambient, Given
     from rig.sweep.course import Course
 
@@ -51,8 +51,8 @@ EXIT_CODES = {
     "configs.ConfigError": UNUSABLE_INPUT,
     "model.performance.OperatingPointError": UNUSABLE_INPUT,
     "rig.acquisition.recorder.RecorderError": RUN_FAILED,
-    "rig.instruments.instrument.IdentityError": UNUSABLE_INPUT,
-    "rig.instruments.instrument.InstrumentError": UNUSABLE_INPUT,
+    "rig.bench.instrument.IdentityError": UNUSABLE_INPUT,
+    "rig.bench.instrument.InstrumentError": UNUSABLE_INPUT,
     "rig.interlock.SafetyError": UNUSABLE_INPUT,
     "rig.lines.port.LineError": UNUSABLE_INPUT,
     "rig.recording.contents.RecordingError": UNUSABLE_INPUT,
@@ -656,7 +656,7 @@ def sweep(
     key: SealKeyOption = None,
 ) -> None:
     """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
-    from rig.running import Wanted
+    from rig.run.running import Wanted
     from rig.sweep.ambient import Given
     from rig.sweep.continuing import Taken, taken
 
@@ -695,7 +695,7 @@ def capture(
     key: SealKeyOption = None,
 ) -> None:
     """Take a coast-down, a spin-up or a vented zero at the highest rate; refused where the bench cannot resolve it."""
-    from rig.running import Wanted
+    from rig.run.running import Wanted
     from rig.sweep.ambient import Given
 
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
@@ -732,9 +732,9 @@ def _take(
     from functools import partial
 
     from calibration.live_checks import Beside
-    from rig.bench import bench_path, read_bench
-    from rig.running import UNVENTED, take
-    from rig.terminal import Terminal, somebody_is_there
+    from rig.bench.bench import bench_path, read_bench
+    from rig.run.running import UNVENTED, take
+    from rig.run.terminal import Terminal, somebody_is_there
 
     place = bench_path(path)
     bench = read_bench(place)
@@ -784,8 +784,8 @@ def _so_far(folder: Path) -> Recording:
     """The plateaus of a run that is being written; the check beside a sweep calls it in its own process."""
     from dataclasses import replace
 
+    from rig.exchange.export import recording_of
     from rig.runlog import read_run
-    from rig.runlog.export import recording_of
 
     return recording_of(replace(read_run(folder), state="so far")).recording  # an export is of what has ended
 
@@ -810,10 +810,10 @@ def sheet(
 ) -> None:
     """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
     from calibration.work import files
-    from rig.bench import bench_path, read_bench
-    from rig.sweep import sheet as sheets
+    from rig.bench.bench import bench_path, read_bench
+    from rig.by_hand import sheet as sheets
+    from rig.run.terminal import ask, somebody_is_there
     from rig.sweep.ambient import Given, at_start
-    from rig.terminal import ask, somebody_is_there
 
     if (out is None) == (entered is None):
         raise typer.BadParameter("give either -o, to print a sheet, or --enter, to enter one")
@@ -828,8 +828,8 @@ def sheet(
         print(out)
         return
     if entered is not None:
-        from rig.running import enter
-        from rig.sweep.sheet_entry import SheetError
+        from rig.by_hand.sheet_entry import SheetError
+        from rig.run.running import enter
 
         given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
         room = at_start(read, given, ask if somebody_is_there() else None)
@@ -853,9 +853,9 @@ def doctor(
     """Examine a bench: ports, identities, rates, and known culprits with their cure; exit code 2 on a fault."""
     from rich.console import Console
 
-    from rig.bench import bench_path, read_bench
+    from rig.bench.bench import bench_path, read_bench
     from rig.doctor import Level, examine, table
-    from rig.running import place_of
+    from rig.run.running import place_of
 
     place = bench_path(bench)
     read = read_bench(place)
@@ -884,7 +884,7 @@ def virtual(
     key: SealKeyOption = None,
 ) -> None:
     """Serve a virtual bench until Ctrl-C, for another program; a sweep on a virtual bench starts its own."""
-    from rig.bench import bench_path
+    from rig.bench.bench import bench_path
     from rig.virtual.serve import serve
 
     _server(conceal, conceal_seed, only, key)
@@ -1063,8 +1063,8 @@ def export(
     unsettled: Annotated[bool, typer.Option("--unsettled", help="Plateaus that had not settled too.")] = False,
 ) -> None:
     """Export a run as a recording/1 folder, or its samples as Parquet."""
-    from rig.runlog.export import export_recording
-    from rig.runlog.parquet import export_parquet
+    from rig.exchange.export import export_recording
+    from rig.exchange.parquet import export_parquet
 
     read = _run(run, logs)
     if out.suffix == ".parquet":
@@ -1085,8 +1085,8 @@ def import_data(
     ] = None,
 ) -> None:
     """Import data taken elsewhere, as a run; of a rig that is not this motor, as a recording."""
-    from rig.runlog.importing import import_files
-    from rig.runlog.mapping import read_mapping
+    from rig.exchange.importing import import_files
+    from rig.exchange.mapping import read_mapping
 
     read = read_mapping(mapping)
     if not isinstance(read.file.motor, str) and out is None:
@@ -1339,8 +1339,8 @@ def _recording(path: Path) -> Recording:
 
     if not (path / START).exists():
         return read_recording(path)
+    from rig.exchange.export import recording_of
     from rig.runlog import read_run
-    from rig.runlog.export import recording_of
 
     exported = recording_of(read_run(path))
     for words in exported.notes:

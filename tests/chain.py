@@ -24,8 +24,8 @@ import numpy as np
 
 from calibration.challenge.second_rig.separable import separable
 from calibration.challenge.second_rig.truth import Truth
-from rig.bench import FOLDER
-from rig.virtual.plant import LineTruth
+from rig.bench.bench import FOLDER
+from rig.virtual.plant.plant import LineTruth
 from tests.chain_page import write_page
 
 ROOT = Path(__file__).resolve().parents[1]

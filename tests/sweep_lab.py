@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from rig.acquisition import Window
-from rig.bench import BenchFile
+from rig.bench.bench import BenchFile
 from rig.lines import LostError
 from rig.readings import NS, Event, Exchange, Quality, Reading
 

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from rig.acquisition import Acquisition, RecorderError, actions
-from rig.instruments.instrument import IdentityError
+from rig.bench.instrument import IdentityError
 from rig.lines import LineError, NoReplyError
 from rig.readings import Quality
 from rig.virtual.launch import port_for

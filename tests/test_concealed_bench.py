@@ -27,15 +27,15 @@ from calibration.challenge.second_rig import marches
 from calibration.challenge.second_rig.bench import Rig
 from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.live import LivePlant
-from rig.bench import FOLDER, read_bench
+from rig.bench.bench import FOLDER, read_bench
+from rig.exchange.export import export_recording
 from rig.readings import NS
+from rig.run.running import Wanted, take
 from rig.runlog import read_run, verify
-from rig.runlog.export import export_recording
-from rig.running import Wanted, take
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 from rig.virtual import VirtualBenchError, launch
-from rig.virtual.plant import LineTruth
+from rig.virtual.plant.plant import LineTruth
 from tests.virtual_benches import MODBUS, bench
 
 ROOT = Path(__file__).resolve().parent.parent

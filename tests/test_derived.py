@@ -5,8 +5,8 @@ import re
 import pytest
 
 from rig.acquisition.derived import InletFlow, State, inlet_flow
-from rig.bench import read_bench
-from rig.instruments.instrument import Reference
+from rig.bench.bench import read_bench
+from rig.bench.instrument import Reference
 from rig.readings import NS, Quality, Reading
 
 NORMAL = Reference(kind="standard_volume", pressure_bar_abs=1.01325, temperature_c=0.0)

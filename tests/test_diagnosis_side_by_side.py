@@ -32,7 +32,7 @@ def test_a_motor_can_be_sent_to_another_process() -> None:
 
 def test_processes_answer_in_order_and_elsewhere() -> None:
     with SideBySide(2) as side_by_side:
-        side_by_side.begin()
+        side_by_side.begin(["calibration.diagnosis.steps.name"])
         assert side_by_side(divmod, [(7, 2), (9, 4), (1, 1)]) == [(3, 1), (2, 1), (1, 0)]
         assert os.getpid() not in side_by_side(os.getpid, [(), ()])
     with SideBySide(1) as alone:
@@ -41,7 +41,7 @@ def test_processes_answer_in_order_and_elsewhere() -> None:
 
 def test_what_a_killed_process_was_to_do_is_done_all_the_same() -> None:
     with SideBySide(2) as side_by_side:
-        side_by_side.begin()
+        side_by_side.begin(["calibration.diagnosis.steps.name"])
         assert side_by_side(_die_elsewhere, [(os.getpid(),), (os.getpid(),)]) == [os.getpid()] * 2
         assert side_by_side(os.getpid, [(), ()]) == [os.getpid()] * 2
 
@@ -55,7 +55,7 @@ def _die_elsewhere(home: int) -> int:
 def test_what_a_turn_knows_of_those_before_does_not_hang_on_the_processes() -> None:
     for workers in (1, 2):
         with SideBySide(workers) as side_by_side:
-            side_by_side.begin()
+            side_by_side.begin(["calibration.diagnosis.steps.name"])
             taken, known = [], []
 
             def ask(turn: int, taken=taken, known=known) -> tuple[int, int]:
@@ -69,7 +69,7 @@ def test_what_a_turn_knows_of_those_before_does_not_hang_on_the_processes() -> N
 
 def test_the_turns_of_a_killed_process_are_done_all_the_same() -> None:
     with SideBySide(2) as side_by_side:
-        side_by_side.begin()
+        side_by_side.begin(["calibration.diagnosis.steps.name"])
         taken: list[int] = []
         side_by_side.in_turn(
             _die_elsewhere, 5, lambda turn: (os.getpid(),), lambda turn, answer: taken.append(answer), 3
@@ -92,7 +92,7 @@ def test_sets_are_the_same_to_the_bit_side_by_side(tmp_path: Path) -> None:
     found, ends = [one for one in signatures(comparison, base) if one.effect in ("windage", "leakage")], []
     for workers in (1, 2):
         with SideBySide(workers) as side_by_side:
-            side_by_side.begin()
+            side_by_side.begin(["calibration.diagnosis.steps.name"])
             search = Search(comparison, base, side_by_side)
             search.singles(found, base.u, -np.inf)
         ends.append({names: (mode.log_evidence, mode.z.tobytes()) for names, mode in search.modes.items()})

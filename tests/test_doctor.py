@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from rig.bench import read_bench
+from rig.bench.bench import read_bench
 from rig.doctor import Finding, Level, examine, table
 from rig.doctor.host import Host
 from tests.modbus_peer import ADAM, ModbusPeer

@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from configs import ConfigError
-from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, edge_frames, keller_30x, lutron, manual, modbus
-from rig.instruments.instrument import FOLDER, ChannelFile, instrument_of, read_instrument
-from rig.instruments.registers import number_of, width_of, words_of
-from rig.instruments.values import Value, bounded
+from rig.bench.instrument import FOLDER, ChannelFile, instrument_of, read_instrument
+from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x, lutron, manual, modbus
+from rig.instruments.codecs import edge_frames
+from rig.instruments.codecs.registers import number_of, width_of, words_of
+from rig.instruments.codecs.values import Value, bounded
 from rig.lines import BadReplyError
 from rig.lines import modbus as wire
 from rig.readings import Quality

@@ -10,10 +10,10 @@ import tty
 import pytest
 
 from rig.acquisition import actions
-from rig.bench import DeviceTable, LineTable, Place
+from rig.bench.bench import DeviceTable, LineTable, Place
+from rig.bench.instrument import IdentityError, InstrumentError, read_instrument
 from rig.clock import Clock
 from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x, lutron, manual, modbus
-from rig.instruments.instrument import IdentityError, InstrumentError, read_instrument
 from rig.lines import Line, LostError, NoReplyError, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality

@@ -10,11 +10,11 @@ import tty
 
 import pytest
 
-from rig.bench import DeviceTable, LineTable, Place
+from rig.bench.bench import DeviceTable, LineTable, Place
+from rig.bench.instrument import IdentityError, read_instrument
 from rig.clock import Clock
 from rig.instruments import edge_counter
-from rig.instruments.edge_frames import EDGE, HEARTBEAT, DeviceClock, Frame, encode
-from rig.instruments.instrument import IdentityError, read_instrument
+from rig.instruments.codecs.edge_frames import EDGE, HEARTBEAT, DeviceClock, Frame, encode
 from rig.lines import Line, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import NS, Quality

@@ -13,10 +13,10 @@ from pymodbus import FramerType
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from rig.bench import DeviceTable, LineTable, Place
+from rig.bench.bench import DeviceTable, LineTable, Place
+from rig.bench.instrument import InstrumentError
 from rig.clock import Clock
 from rig.instruments import modbus
-from rig.instruments.instrument import InstrumentError
 from rig.lines import Line, Timing
 from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from rig.acquisition import actions
-from rig.bench import read_bench
+from rig.acquisition.opening import line_of, port_of
+from rig.bench.bench import read_bench
 from rig.clock import Clock
 from rig.interlock import SafetyError
 from rig.interlock.failsafe import regulators, set_and_check
-from rig.lines.opening import line_of, port_of
 from tests.modbus_peer import ADAM, ModbusPeer
 
 BENCH = """

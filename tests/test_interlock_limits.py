@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig.bench import RolesTable, SafetyTable
+from rig.bench.bench import RolesTable, SafetyTable
 from rig.interlock.limits import Limits
 from rig.readings import NS, Quality, Reading
 

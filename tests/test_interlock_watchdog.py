@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.bench import read_bench
+from rig.bench.bench import read_bench
 from rig.clock import Clock
 from rig.interlock import SafetyError
 from rig.interlock.watchdog import Plan, Watchdog

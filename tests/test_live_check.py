@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import rig.running
+import rig.run.running
 from calibration import live_checks as beside
 from calibration.diagnosis.live_check import FEWEST, check
 from calibration.live_checks import Beside
-from rig.bench import FOLDER
+from rig.bench.bench import FOLDER
 from rig.recording import Column, Recording, RecordingFile, read_recording, write_recording
 from rig.runlog import read_run, verify
 from spinbench import app
@@ -213,11 +213,11 @@ def test_the_check_can_be_switched_off(option, wanted, tmp_path, monkeypatch):
     asked = []
 
     def take(path, given, plan, what):
-        asked.append(what.beside is not rig.running.alone)
-        raise rig.running.RunError("not today")
+        asked.append(what.beside is not rig.run.running.alone)
+        raise rig.run.running.RunError("not today")
 
-    monkeypatch.setattr(rig.running, "take", take)
-    with contextlib.suppress(rig.running.RunError):
+    monkeypatch.setattr(rig.run.running, "take", take)
+    with contextlib.suppress(rig.run.running.RunError):
         CliRunner().invoke(app, ["sweep", "virtual", "--logs", str(tmp_path), *option], catch_exceptions=False)
     assert asked == [wanted]
 

@@ -9,14 +9,14 @@ import pytest
 from model.motor import read_motor
 from model.replayed import drive
 from model.steady import steady
-from rig.bench import FOLDER
+from rig.bench.bench import FOLDER
 from rig.readings import Event
 from rig.replay.player import Player
 from rig.replay.port import ReplayPort
 from rig.replay.replaying import bench_of_run, mended_bench, replay
 from rig.replay.saving import retake_plateaus, writer_for
+from rig.run.running import Wanted, take
 from rig.runlog import RunError, read_run, verify
-from rig.running import Wanted, take
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 

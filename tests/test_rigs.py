@@ -17,9 +17,9 @@ from model.rigs.displacement_machine import rows
 from model.rigs.driven_axis import blocks_of, drive
 from model.rigs.free_rotor import coast
 from model.rigs.state import MOTOR, Sizes, scaled
+from rig.exchange.importing import import_files
+from rig.exchange.mapping import read_mapping
 from rig.recording import RecordingError, read_recording
-from rig.runlog.importing import import_files
-from rig.runlog.mapping import read_mapping
 
 RECORDINGS = Path(os.environ.get("SPINBENCH_RECORDINGS", Path(__file__).parents[2] / "shared" / "recordings"))
 TIME = np.arange(0.0, 20.0, 0.2)

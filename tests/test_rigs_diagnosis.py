@@ -22,9 +22,9 @@ from calibration.diagnosis.other_rigs.words import sentence, table
 from calibration.report.rigs_page import report
 from calibration.report.rigs_picture import picture
 from calibration.systems.readings import means, plateaus
+from rig.exchange.importing import import_files
+from rig.exchange.mapping import read_mapping
 from rig.recording import Column, Recording, RecordingError, read_recording, write_recording
-from rig.runlog.importing import import_files
-from rig.runlog.mapping import read_mapping
 
 ROOT = Path(__file__).parents[1]
 RECORDINGS = Path(os.environ.get("SPINBENCH_RECORDINGS", ROOT.parent / "shared" / "recordings"))

@@ -9,11 +9,11 @@ import sys
 import numpy as np
 import pytest
 
+from rig.exchange.export import export_recording, recording_of
+from rig.exchange.parquet import export_parquet
 from rig.readings import NS, Exchange, Quality
 from rig.recording import RecordingError, SupplyFigures, read_recording
 from rig.runlog import RunError, RunWriter, read_run
-from rig.runlog.export import export_recording, recording_of
-from rig.runlog.parquet import export_parquet
 from rig.runlog.schema import ChannelRecord, DeviceRecord, SourceRecord, SupplyRecord
 from tests.synthetic_runs import FLOW, PRESSURE, SPEED, SWEEP, Bench, poll, reading, start_of, write_sweep
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from configs import ConfigError
+from rig.exchange.export import recording_of
+from rig.exchange.importing import import_files, import_recording, import_table
+from rig.exchange.mapping import FOLDER, read_mapping
+from rig.exchange.units import UNITS, known_units, unit_of
 from rig.recording import read_recording
 from rig.runlog import RunError, read_run, verify
-from rig.runlog.export import recording_of
-from rig.runlog.importing import import_files, import_recording, import_table
-from rig.runlog.mapping import FOLDER, read_mapping
-from rig.runlog.units import UNITS, known_units, unit_of
 
 RECORDINGS = Path(os.environ.get("SPINBENCH_RECORDINGS", Path(__file__).parents[2] / "shared" / "recordings"))
 HEAD = """

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.bench import read_bench
+from rig.bench.bench import read_bench
 from rig.clock import Clock
 from rig.readings import NS, Event, Exchange, Quality
 from rig.runlog import RunError, RunWriter, lines, read_run, start_record, verify

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import pytest
 
-from rig import running
-from rig.bench import FOLDER, bench_path
+from rig.acquisition.opening import port_of
+from rig.bench.bench import FOLDER, bench_path
 from rig.clock import Clock
-from rig.lines.opening import port_of
 from rig.recording import read_recording
+from rig.run import running
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
 

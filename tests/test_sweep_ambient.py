@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig.bench import AmbientTable
+from rig.bench.bench import AmbientTable
 from rig.sweep.ambient import AmbientError, Given, at_end, at_start
 from tests.sweep_lab import LabBench
 

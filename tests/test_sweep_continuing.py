@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from rig.bench import read_bench
+from rig.bench.bench import read_bench
 from rig.interlock.guard import Guard
 from rig.runlog import RunError, RunWriter, read_run
 from rig.sweep.ambient import Given, at_start

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig.bench import SweepTable
+from rig.bench.bench import SweepTable
 from rig.readings import NS
 from rig.sweep import orders
 from rig.sweep.capturing import CaptureTask

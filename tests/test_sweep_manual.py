@@ -15,8 +15,12 @@ import pytest
 from model.motor import read_motor
 from model.performance import operating_points
 from rig.acquisition import Acquisition
-from rig.bench import read_bench
+from rig.bench.bench import read_bench
+from rig.by_hand.conversation import Conversation, ValveHand
+from rig.by_hand.entry import doubt_of_speed
+from rig.by_hand.manual import run_manual
 from rig.clock import Clock
+from rig.exchange.export import recording_of
 from rig.interlock.guard import Guard
 from rig.interlock.limits import Limits
 from rig.interlock.step import Verdict
@@ -24,13 +28,9 @@ from rig.lines.keyboard import KeyboardPort
 from rig.readings import Quality
 from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
-from rig.runlog.export import recording_of
 from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
-from rig.sweep.conversation import Conversation, ValveHand
-from rig.sweep.entry import doubt_of_speed
 from rig.sweep.hooks import Hooks, expecting
-from rig.sweep.manual import run_manual
 from rig.sweep.plan import Step
 from rig.sweep.planning import sweep_course
 from rig.sweep.plateau import Mean, Plateau
@@ -619,7 +619,7 @@ def test_a_pipe_does_as_well_as_a_terminal(tmp_path):
 
 
 def test_a_bench_without_a_keyboard_is_refused():
-    from rig.sweep.by_hand import manual_device
+    from rig.by_hand.by_hand import manual_device
     from rig.sweep.plan import SweepError
     from tests.sweep_lab import LabBench
 

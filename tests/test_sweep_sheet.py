@@ -4,13 +4,13 @@ import html.parser
 
 import pytest
 
-from rig.bench import read_bench
+from rig.bench.bench import read_bench
+from rig.by_hand.sheet import print_page, print_sheet, sheet_columns
+from rig.by_hand.sheet_entry import SheetError, enter_sheet, read_sheet
 from rig.clock import Clock
 from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
 from rig.sweep.ambient import Given, at_start
-from rig.sweep.sheet import print_page, print_sheet, sheet_columns
-from rig.sweep.sheet_entry import SheetError, enter_sheet, read_sheet
 
 HEADER = "time,level_bar_abs,direction,pressure_bar_abs,flow_l_min,speed_rpm,pressure_bar_abs_after,note\n"
 FILLED = (

@@ -6,10 +6,10 @@ import pytest
 
 from model.motor import read_motor
 from model.performance import operating_points
-from rig.bench import FOLDER
+from rig.bench.bench import FOLDER
 from rig.readings import NS
+from rig.run.running import Wanted, take
 from rig.runlog import read_run
-from rig.running import Wanted, take
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 

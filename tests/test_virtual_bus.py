@@ -14,10 +14,10 @@ from pymodbus.exceptions import ModbusIOException
 
 from configs import ConfigError
 from rig.readings import NS
-from rig.virtual import frames
-from rig.virtual.faults import Place, read_fault
-from rig.virtual.served_ascii import line_of
-from rig.virtual.served_edge_counter import crc8
+from rig.virtual.devices import frames
+from rig.virtual.devices.ascii import line_of
+from rig.virtual.devices.edge_counter import crc8
+from rig.virtual.devices.faults import Place, read_fault
 from tests.virtual_benches import MODBUS, WORDS, bench, everything, serving
 
 READ_PRESSURE = bytes.fromhex("010300020002 65CB")  # of the maker's document

@@ -11,14 +11,14 @@ from configs import ConfigError
 from model.layout import L_MIN, RPM
 from model.motor import read_motor
 from model.steady import steady
-from rig.instruments.instrument import ChannelFile, Reference
+from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS
-from rig.virtual.air_line import AirLine
-from rig.virtual.faults import Faults, Place
+from rig.virtual.devices.edge_counter import crossing_ns, wheel
+from rig.virtual.devices.faults import Faults, Place
+from rig.virtual.devices.sensors import Sensor, generator, truth_of
 from rig.virtual.person import FLOW_L_MIN, PRESSURE_BAR_ABS, SPEED_RPM, answer, read_dial
-from rig.virtual.plant import LineTruth, Plant, read_truth
-from rig.virtual.sensors import Sensor, generator, truth_of
-from rig.virtual.served_edge_counter import crossing_ns, wheel
+from rig.virtual.plant.air_line import AirLine
+from rig.virtual.plant.plant import LineTruth, Plant, read_truth
 
 MOTOR = read_motor("ptm3600")
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 import configs
-from rig.bench import read_bench
-from rig.lines.opening import line_of
+from rig.acquisition.opening import line_of
+from rig.bench.bench import read_bench
 from rig.readings import Quality
 from rig.virtual import VirtualBenchError, launch
 from rig.virtual.launch import ask

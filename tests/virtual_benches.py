@@ -12,7 +12,7 @@ from pathlib import Path
 
 import serial
 
-from rig.bench import bench_of
+from rig.bench.bench import bench_of
 from rig.virtual.launch import PORTS, ask
 from rig.virtual.serve import VirtualServer
 

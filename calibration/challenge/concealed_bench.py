@@ -28,10 +28,10 @@ from calibration.challenge.second_rig.live import LivePlant
 from calibration.challenge.second_rig.sizes import SWEEP_S
 from calibration.challenge.second_rig.slots import BAR, DEFAULTS
 from calibration.challenge.second_rig.truth import Truth, generator
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.virtual.__main__ import options_of
-from rig.virtual.plant import LINE_TRUTH, LineTruth, read_truth
-from rig.virtual.sensors import ZERO_C
+from rig.virtual.devices.sensors import ZERO_C
+from rig.virtual.plant.plant import LINE_TRUTH, LineTruth, read_truth
 from rig.virtual.serve import motor_in_room, serve
 
 FAMILY = "proof"

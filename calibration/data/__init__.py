@@ -1,0 +1,8 @@
+"""A recording as arrays in SI units, and which of its rows count.
+
+measurement   plateaus and zero rows, as the fit takes them
+blocks        plateaus, runs in time, standing and vented readings, as the diagnosis takes them
+runs_in_time  where a run begins, and which of its readings are bad
+rows_used     how many rows were used, and why not the rest
+joined        several recordings of one motor as one
+"""

@@ -1,16 +1,14 @@
 """What physics a recording shows that the model leaves out.
 
-The recording: `blocks`, `standing`, `gauge` (its parts as arrays), `problem` and `in_time` (what the instruments would
-read), `linear` and `noise` (readings as one vector, and its whitening).
-A model at its most probable point: `function`, `descent`, `mode`.
-What may be missing: `signatures` (of each effect), `forces`, `further_forces` and `coordinates` (of any shape).
-The steps: `base`, `detect`, `locate` (`balances`), `name` and `search` (`side_by_side`), `confirm`, `verdict`
-(`misread`, `abrupt`), `discover` and `correction` (`terms`, `straight`), `next_test` (`planned`, `quantities`,
-`information`).
-What is said of sizes: `f_overall` (`faint`), `sizes`, `resolves`.
-`diagnose` takes all steps, `document` is the result as diagnosis/1, `check` looks at a sweep that is not over,
-`together` makes one recording of several, `unseen` predicts a run that no fit has seen (`carried`: what a fit leaves
-for another recording), `threads` simulates side by side.
+usable       recordings of which nothing can be said
+steps        base, detect, locate, search and name, confirm, discover, verdict, and what each needs
+linear_model what each effect, and a force of any shape, would do to the readings
+next_test    which test would tell explanations apart
+diagnose     the steps in their order
+f_overall    of the base model, and over what the verdict leaves open
+document     the result as diagnosis/1
+live_check   a first look at a sweep that is not over
+other_rigs   the same for rotors, axes and displacement machines
 """
 
 from calibration.data.joined import together

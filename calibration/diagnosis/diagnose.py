@@ -176,11 +176,19 @@ def detect_mismatch(
     RecordingError
         When the motor's model gives no reading of it at all.
     """
+    comparison, base = _fit_base(recording, tell, workers, motor)
+    tell("detect")
+    return _test_base(comparison, base, rng)
+
+
+def _fit_base(
+    recording: Recording, tell: Tell, workers: int = 1, motor: Motor | None = None
+) -> tuple[Comparison, Mode]:
     tell("base model")
     with threads(workers):
         try:
             comparison = Comparison(Problem(recording, motor))
-            base = base_of(comparison)
+            return comparison, base_of(comparison)
         except RecordingError:
             raise
         except (ArithmeticError, ValueError) as problem:  # such as a pressure that no air has, or none at all
@@ -188,7 +196,9 @@ def detect_mismatch(
                 f"{recording.folder}: the model gives no reading of it ({problem}); are the pressures absolute or "
                 "gauge as declared, was the gauge read in every run, and is it this motor?"
             ) from None
-    tell("detect")
+
+
+def _test_base(comparison: Comparison, base: Mode, rng: np.random.Generator) -> Detected:
     found, free = signatures(comparison, base), forces(comparison, base)
     return Detected(comparison, base, found, free, detect(comparison, base, found, free, rng))
 
@@ -228,13 +238,10 @@ def diagnose(
     in_time = any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
-
-        def tell_and_begin(step: str) -> None:
-            clock(step)
-            if step == "detect":  # the base model's threads have all cores to themselves
-                side_by_side.begin()
-
-        first = detect_mismatch(recording, rng, tell_and_begin, workers if in_time else 1)
+        comparison, base = _fit_base(recording, clock, workers if in_time else 1)
+        clock("detect")
+        side_by_side.begin(["calibration.diagnosis.steps.name"])  # the base model's threads had all cores to themselves
+        first = _test_base(comparison, base, rng)
         return _diagnose(first, rng, clock, hold_out, side_by_side)
 
 

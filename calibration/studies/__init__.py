@@ -1,0 +1,8 @@
+"""How far the tool's own figures hold. No part of the product imports this.
+
+nulls, nulls_draw, nulls_table     how often a mismatch is seen where there is none
+evidence_check, evidence_cases, evidence_target, evidence_reference, evidence_numbers, evidence_page
+                                   the evidence that sets are weighed by, against sampling
+sbc                                simulation-based calibration of the fit
+campaigns                          what they share
+"""

@@ -1,0 +1,1 @@
+"""Every unknown of a fit and of a diagnosis, and its prior."""

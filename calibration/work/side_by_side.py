@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import multiprocessing
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -38,15 +39,21 @@ class SideBySide:
     def __enter__(self) -> SideBySide:
         return self
 
-    def begin(self) -> None:
-        """Start the processes."""
+    def begin(self, modules: Sequence[str]) -> None:
+        """Start the processes.
+
+        Parameters
+        ----------
+        modules : sequence of str
+            What a process loads before there is work.
+        """
         if self._workers > 1 and self._pool is None:
             with contextlib.suppress(OSError):  # no more processes: then all is done in this one
                 self._others = set(multiprocessing.active_children())
                 context = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(self._workers, context, initializer=begin_worker)
                 for _ in range(self._workers):
-                    self._pool.submit(_load)
+                    self._pool.submit(_load, tuple(modules))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -145,7 +152,6 @@ class SideBySide:
             self._pool = None
 
 
-def _load() -> None:
-    """Load what a search needs."""
-    import calibration.diagnosis.steps.detect
-    import calibration.diagnosis.steps.name  # noqa: F401
+def _load(modules: Sequence[str]) -> None:
+    for name in modules:
+        importlib.import_module(name)

@@ -8,13 +8,13 @@ from typing import Any
 
 from rig.acquisition.actions import WRITE
 from rig.acquisition.channels import Channels, Window
+from rig.acquisition.opening import line_of, port_of
 from rig.acquisition.recorder import Recorder, Sink
 from rig.acquisition.stage import Stage
 from rig.acquisition.worker import Worker
-from rig.bench import Bench, LineTable
+from rig.bench.bench import Bench, LineTable
 from rig.clock import Clock
 from rig.lines import LineError, NoReplyError, Port
-from rig.lines.opening import line_of, port_of
 from rig.readings import NS, Exchange, Reading
 
 ROLES = ("pressure", "flow", "speed", "temperature")

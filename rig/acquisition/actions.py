@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rig.instruments.instrument import IdentityError, InstrumentError
+from rig.bench.instrument import IdentityError, InstrumentError
 from rig.lines import Line, LineError, LostError
 from rig.readings import Exchange, Reading
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rig.bench import Bench
-from rig.instruments.instrument import ChannelFile, Reference
+from rig.bench.bench import Bench
+from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS, Quality, Reading
 
 DEVICE = "derived"

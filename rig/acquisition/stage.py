@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from rig.acquisition.derived import InletFlow
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.readings import Exchange, Quality, Reading
 
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from rig.acquisition import actions
+from rig.bench.instrument import IdentityError
 from rig.clock import Clock
-from rig.instruments.instrument import IdentityError
 from rig.lines import Line, LineError, LostError
 from rig.readings import NS, Exchange
 

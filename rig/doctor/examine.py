@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rig.bench import Bench, LineTable
+from rig.acquisition.opening import line_of, port_of
+from rig.bench.bench import Bench, LineTable
+from rig.bench.instrument import IdentityError, InstrumentError
 from rig.clock import Clock
 from rig.doctor import host as machine
 from rig.doctor import measure, trials
 from rig.doctor.finding import Finding, Level, printable
 from rig.doctor.host import Host
 from rig.doctor.trials import Ports
-from rig.instruments.instrument import IdentityError, InstrumentError
 from rig.lines import Line, LineError, LostError
 from rig.lines.line import LEAST_REAL_WAIT_S
 from rig.lines.modbus import RefusedError
-from rig.lines.opening import line_of, port_of
 
 POLLS = 30
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Sequence
 
-from rig.bench import Bench, DeviceTable, LineTable, Place
+from rig.acquisition.opening import line_of
+from rig.bench.bench import Bench, DeviceTable, LineTable, Place
+from rig.bench.instrument import IdentityError, Instrument, InstrumentError
 from rig.clock import Clock
-from rig.instruments.instrument import IdentityError, Instrument, InstrumentError
 from rig.lines import LineError, Port
 from rig.lines.modbus import RefusedError
-from rig.lines.opening import line_of
 
 BAUDS = (9600, 19200, 38400, 57600, 115200, 4800, 2400, 1200)
 PARITIES = ("N", "E", "O")

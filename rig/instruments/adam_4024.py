@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Annotated, cast
 import pydantic
 
 from configs import ConfigError, Strict
-from rig.instruments.instrument import ChannelFile, IdentityError, InstrumentError, InstrumentFile
+from rig.bench.instrument import ChannelFile, IdentityError, InstrumentError, InstrumentFile
+from rig.instruments.codecs.values import Value
 from rig.instruments.placing import modbus_unit, refuse_serial_number
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
 from rig.instruments.setting import set_and_read_back
-from rig.instruments.values import Value
 from rig.lines import Line, LineError, LostError
 from rig.lines.modbus import WRITE_ONE, RefusedError, registers_of
 from rig.readings import Quality
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 OUTPUTS, OUTPUT_COUNT = 0, 4  # 40001-40004
 TYPE_CODES = 200  # 40201-40204

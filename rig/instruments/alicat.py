@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING, Annotated, cast
 import pydantic
 
 from configs import ConfigError, Strict
+from rig.bench.instrument import InstrumentError, InstrumentFile, Positive
 from rig.instruments.ascii import NUMBER, ends_with
-from rig.instruments.instrument import InstrumentError, InstrumentFile, Positive
+from rig.instruments.codecs.values import Value, joined, printable
 from rig.instruments.placing import refuse_keyboard, refuse_serial_number
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
 from rig.instruments.setting import set_and_read_back
-from rig.instruments.values import Value, joined, printable
 from rig.lines import BadReplyError, Line
 from rig.lines.line import Reply
 from rig.readings import Quality
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 OVER_RANGE = ("MOV", "VOV", "POV", "TOV", "OVR")  # mass, volume, pressure, temperature, totalizer
 FAULTS = ("ADC", "EXH")  # converter error; exhausting instead of controlling

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 import pydantic
 
 from configs import Strict
+from rig.bench.instrument import ChannelFile, InstrumentError, InstrumentFile, Positive
 from rig.instruments.alicat import NO_FAILSAFE, judge
-from rig.instruments.instrument import ChannelFile, InstrumentError, InstrumentFile, Positive
+from rig.instruments.codecs.registers import number_of, words_of
+from rig.instruments.codecs.values import Value
 from rig.instruments.placing import modbus_unit, refuse_serial_number
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
-from rig.instruments.registers import number_of, words_of
 from rig.instruments.setting import set_and_read_back
-from rig.instruments.values import Value
 from rig.lines import Line
 from rig.lines.modbus import WRITE_MANY, registers_of
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 STATUS = 1201  # as the manual counts: status, pressure, temperature, volume flow, mass flow, two registers each
 BLOCK = 10

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import pydantic
 
-from rig.instruments.instrument import IdentityError, InstrumentFile
-from rig.instruments.patterns import groups_of
+from rig.bench.instrument import IdentityError, InstrumentFile
+from rig.instruments.codecs.patterns import groups_of
+from rig.instruments.codecs.streaming import Stream, cut_lines
+from rig.instruments.codecs.values import Value, printable
 from rig.instruments.placing import refuse_keyboard, refuse_serial_number
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
-from rig.instruments.streaming import Stream, cut_lines
-from rig.instruments.values import Value, printable
 from rig.lines import BadReplyError, Line
 from rig.lines.line import Complete, Reply
 from rig.readings import Quality
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 NUMBER = re.compile(r"[+-]?(\d{1,12}(\.\d{0,12})?|\.\d{1,12})([eE][+-]?\d{1,2})?")
 SERIAL_GROUP = "serial"

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import pydantic
 
-from rig.instruments.edge_frames import Counting, DeviceClock, Mark, cut
-from rig.instruments.instrument import ChannelFile, IdentityError, InstrumentFile, Positive
+from rig.bench.instrument import ChannelFile, IdentityError, InstrumentFile, Positive
+from rig.instruments.codecs.edge_frames import Counting, DeviceClock, Mark, cut
+from rig.instruments.codecs.values import Times, Value, bounded, failures, joined, reading_of
 from rig.instruments.placing import refuse_keyboard
 from rig.instruments.polling import FAILING_POLLS, repeated, timing_of
-from rig.instruments.values import Times, Value, bounded, failures, joined, reading_of
 from rig.lines import BadReplyError, Line, LineError, NoReplyError
 from rig.readings import NS, Quality, Reading
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 START, STOP, WHO = b"S\n", b"X\n", b"I\n"
 IDENTITY = re.compile(rb"EDGE1 ([\w.-]{1,32}) ([\w.-]{1,32}) teeth=(\d{1,4}) tick_ns=(\d{1,7})\n")

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import pydantic
 
-from rig.instruments.instrument import ChannelFile, IdentityError, InstrumentFile
+from rig.bench.instrument import ChannelFile, IdentityError, InstrumentFile
+from rig.instruments.codecs.registers import number_of
+from rig.instruments.codecs.values import Value, bounded
 from rig.instruments.placing import modbus_unit, refuse_serial_number
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
-from rig.instruments.registers import number_of
-from rig.instruments.values import Value, bounded
 from rig.lines import Line
 from rig.lines.modbus import registers_of
 from rig.readings import Quality
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 FIRST, COUNT = 0x0002, 6  # P1, P2, T: two registers each, high word first
 OFFSETS = {"pressure_bar_abs": 0, "pressure_bar_gauge": 0, "temperature_c": 4}  # within the block

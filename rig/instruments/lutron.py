@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import pydantic
 
-from rig.instruments.instrument import InstrumentFile
+from rig.bench.instrument import InstrumentFile
+from rig.instruments.codecs.streaming import Stream
+from rig.instruments.codecs.values import Value
 from rig.instruments.placing import refuse_keyboard, refuse_serial_number
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
-from rig.instruments.streaming import Stream
-from rig.instruments.values import Value
 from rig.lines import BadReplyError, Line
 from rig.readings import Quality
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 START, END = 0x02, 0x0D
 FRAME_BYTES = 16

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Annotated, cast
 import pydantic
 
 from configs import ConfigError
-from rig.instruments.instrument import ChannelFile, InstrumentFile
+from rig.bench.instrument import ChannelFile, InstrumentFile
+from rig.instruments.codecs.streaming import Stream, cut_lines
+from rig.instruments.codecs.values import Times, Value, failures, printable, reading_of
 from rig.instruments.placing import refuse_serial_number
 from rig.instruments.polling import ChannelName
-from rig.instruments.streaming import Stream, cut_lines
-from rig.instruments.values import Times, Value, failures, printable, reading_of
 from rig.lines import BadReplyError, Line, NoReplyError
 from rig.lines.line import MOST_REPLY_BYTES
 from rig.readings import Quality, Reading
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 NUMBER = re.compile(r"([<>]?)([+-]?\d{1,9}(?:\.\d{0,9})?|[+-]?\.\d{1,9})")
 NOT_READ = "-"

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 import pydantic
 
 from configs import Strict
-from rig.instruments.instrument import ChannelFile, IdentityError, InstrumentError, InstrumentFile, Positive
+from rig.bench.instrument import ChannelFile, IdentityError, InstrumentError, InstrumentFile, Positive
+from rig.instruments.codecs.registers import Kind, WordOrder, number_of, width_of, words_of
+from rig.instruments.codecs.values import Value, joined
 from rig.instruments.placing import modbus_unit, refuse_serial_number
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
-from rig.instruments.registers import Kind, WordOrder, number_of, width_of, words_of
 from rig.instruments.setting import set_and_read_back
-from rig.instruments.values import Value, joined
 from rig.lines import Line
 from rig.lines.modbus import MOST_REGISTERS, READ_HOLDING, READ_INPUT, WRITE_MANY, WRITE_ONE, registers_of
 from rig.readings import Quality
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 Register = Annotated[int, pydantic.Field(ge=0, le=65535)]  # address as on the wire, from 0: "40001" is 0
 Factor = Annotated[float, pydantic.Field(ge=-1e12, le=1e12)]

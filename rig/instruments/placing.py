@@ -11,7 +11,7 @@ from rig.lines.line import Reply
 from rig.lines.modbus import READ_HOLDING, Request, exchange
 
 if TYPE_CHECKING:
-    from rig.bench import Place
+    from rig.bench.bench import Place
 
 FIRST_UNIT, LAST_UNIT = 1, 247  # of an RTU bus; 0 would be everyone's
 

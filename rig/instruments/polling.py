@@ -15,8 +15,8 @@ from typing import Annotated, TypeVar
 
 import pydantic
 
-from rig.instruments.instrument import ChannelFile, InstrumentFile, NotNegative, Positive
-from rig.instruments.values import Times, Value, bounded, failures, joined, reading_of
+from rig.bench.instrument import ChannelFile, InstrumentFile, NotNegative, Positive
+from rig.instruments.codecs.values import Times, Value, bounded, failures, joined, reading_of
 from rig.lines import Line, LineError, LostError, Timing
 from rig.readings import NS, Quality, Reading
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rig.instruments.instrument import InstrumentError
+from rig.bench.instrument import InstrumentError
 from rig.instruments.polling import repeated
 from rig.lines import LineError, LostError
 from rig.readings import Quality

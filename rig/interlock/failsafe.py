@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from rig.bench import Bench
-from rig.instruments.instrument import InstrumentError
+from rig.bench.bench import Bench
+from rig.bench.instrument import InstrumentError
 from rig.interlock import SafetyError
 from rig.lines import LineError
 from rig.readings import Exchange

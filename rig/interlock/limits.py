@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from rig.bench import RolesTable, SafetyTable
+from rig.bench.bench import RolesTable, SafetyTable
 from rig.readings import NS, Quality, Reading
 
 # On a clock faster than the wall's, a virtual bench on a busy machine, no signal is called lost sooner than this.

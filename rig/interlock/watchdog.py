@@ -26,7 +26,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from rig.bench import Bench, LineTable
+from rig.bench.bench import Bench, LineTable
 from rig.clock import Clock
 from rig.interlock import SafetyError
 

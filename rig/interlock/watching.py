@@ -12,10 +12,10 @@ import sys
 import time
 from typing import Any
 
-from rig.bench import read_bench
+from rig.acquisition.opening import line_of, port_of
+from rig.bench.bench import read_bench
 from rig.clock import Clock
 from rig.interlock.watchdog import READY, RELEASE, SILENCE_S, Plan
-from rig.lines.opening import line_of, port_of
 from rig.lines.serial import SerialPort
 
 GIVE_UP_S = 10.0

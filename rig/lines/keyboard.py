@@ -1,6 +1,6 @@
 """A person at a terminal, as a port: prompts go out, typed lines come in. A pipe does as well as a terminal.
 
-Who talks with the person (rig/sweep/manual.py) sorts commands from entries first, and lays an entry in with `feed`: the
+Who talks with the person (`by_hand.manual`) sorts commands from entries first, and lays an entry in with `feed`: the
 next question and answer on the line are that entry, with the times at which it was asked for and typed. So the log
 holds what an instrument's would, and a replay reads it in the same way.
 """

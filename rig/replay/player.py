@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from rig.acquisition import actions
+from rig.acquisition.opening import timing_of
 from rig.acquisition.stage import Stage
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.clock import Clock
 from rig.lines import Line
-from rig.lines.opening import timing_of
 from rig.readings import Exchange
 from rig.replay.port import ReplayPort
 from rig.runlog import RunError

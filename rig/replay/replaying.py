@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from rig.bench import BENCH_SOURCE, Bench, bench_of, instrument_source
+from rig.bench.bench import BENCH_SOURCE, Bench, bench_of, instrument_source
 from rig.readings import NS, Exchange
 from rig.replay.player import Player
 from rig.runlog import Run, RunError, RunWriter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.readings import NS
 from rig.runlog import Run, RunWriter, read_run
 from rig.runlog.phases import quantity_channels, series

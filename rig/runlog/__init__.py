@@ -11,10 +11,6 @@ samples      samples.csv, read back
 reader       a run as it stands on disk
 verify       whether a sealed run is as it was sealed; repair of a killed one
 phases       the stretches of a run: zero phases and captures
-figures      what is known of a run's instruments
-export       a run as a recording/1 folder
-parquet      a sealed run as one Parquet file
-units, mapping, tables, converted, importing     other people's data, with units that have to be said
 listing      what `spinbench runs` shows
 
 docs/runs.md describes the format run/1.

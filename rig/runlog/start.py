@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rig.bench import Bench
+from rig.bench.bench import Bench
+from rig.bench.instrument import SPEED
 from rig.clock import Clock
-from rig.instruments.instrument import SPEED
 from rig.runlog.rows import clean, plain, utc_text
 from rig.runlog.schema import (
     AmbientRecord,

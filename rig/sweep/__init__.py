@@ -8,8 +8,5 @@ setpoints, runner           the machine's orders carried out on a bench
 capture   whether the bench can resolve a run in time
 ambient   the room at the start and the end
 planning  from a bench file to a course
-entry     what typed readings amount to (pure)
-by_hand, conversation, prompter, manual       a sweep whose instruments a person reads
-sheet, sheet_entry          the same on paper
 words     what a run says to a person
 """

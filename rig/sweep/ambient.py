@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.runlog import AmbientRecord
 
 Ask = Callable[[str], str]  # from a prompt to what was typed; EOFError when nobody is there

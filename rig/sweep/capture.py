@@ -14,7 +14,7 @@ import numpy as np
 from model import runs
 from model.motor import Motor, read_motor
 from model.performance import NotSettledError, OperatingPointError
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.sweep.ambient import Ambient
 from rig.sweep.capturing import CaptureTask
 from rig.sweep.plan import SweepError

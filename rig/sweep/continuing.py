@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.readings import NS
 from rig.runlog import Run, RunError, columns_of, read_run
 from rig.runlog.listing import find_run

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from rig.bench import SweepTable
+from rig.bench.bench import SweepTable
 from rig.sweep.capturing import CaptureTask
 from rig.sweep.plan import Step
 from rig.sweep.plateau import Plateau

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rig.bench import SweepTable
+from rig.bench.bench import SweepTable
 from rig.readings import NS, Reading
 from rig.sweep.orders import View
 from rig.sweep.plateau import Mean, mean_of

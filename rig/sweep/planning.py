@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.sweep import capture
 from rig.sweep.ambient import Ambient
 from rig.sweep.capturing import CaptureTask

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from rig.acquisition import Acquisition, Window
 from rig.acquisition.actions import FAULTS
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.sweep.course import Course

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rig.bench import Bench
+from rig.bench.bench import Bench
 from rig.sweep.orders import VENTED
 from rig.sweep.plan import SweepError
 

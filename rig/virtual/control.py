@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from configs import ConfigError
 from rig.readings import NS
-from rig.virtual.faults import BY_S, read_fault
-from rig.virtual.sockets import SocketWire
+from rig.virtual.cables.sockets import SocketWire
+from rig.virtual.devices.faults import BY_S, read_fault
 
 if TYPE_CHECKING:
     from rig.virtual.serve import VirtualServer

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import configs
-from rig.bench import LineTable
+from rig.acquisition.opening import port_of
+from rig.bench.bench import LineTable
 from rig.clock import Clock
-from rig.lines.opening import port_of
 from rig.lines.port import Port
 from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort

@@ -12,19 +12,19 @@ from typing import Any
 
 from configs import ConfigError
 from model.motor import Motor, read_motor
-from rig.bench import Bench, BenchFile, LineTable, read_bench
+from rig.acquisition.opening import timing_of
+from rig.bench.bench import Bench, BenchFile, LineTable, read_bench
 from rig.clock import Clock
-from rig.lines.opening import timing_of
 from rig.readings import NS
-from rig.virtual.bus import Bus
+from rig.virtual.cables.bus import Bus
+from rig.virtual.cables.loop import Loop
+from rig.virtual.cables.sockets import SocketWire
+from rig.virtual.cables.terminals import PtyWire
 from rig.virtual.control import Control
-from rig.virtual.faults import ONCE, Fault, Faults, Place, read_fault
-from rig.virtual.loop import Loop
-from rig.virtual.plant import BAR, Plant, Turning, read_truth
-from rig.virtual.sensors import ZERO_C, generator
-from rig.virtual.served import World, serve_bench
-from rig.virtual.sockets import SocketWire
-from rig.virtual.terminals import PtyWire
+from rig.virtual.devices.base import World, serve_bench
+from rig.virtual.devices.faults import ONCE, Fault, Faults, Place, read_fault
+from rig.virtual.devices.sensors import ZERO_C, generator
+from rig.virtual.plant.plant import BAR, Plant, Turning, read_truth
 
 PORTS = "ports.json"
 TICK_S = 0.004  # of the wall

@@ -1,10 +1,11 @@
 """What physics a recording of another rig shows that viscous friction, or displacement, leaves out.
 
-linear      a fitted model made linear: unknowns, effects, forces of any shape
-places      the free-form forces, and where along what they act
+problem, coordinates, noise, fit   readings and predictions, and the most probable point
+linear                             a fitted model made linear
+places                             forces of any shape, and where along what they act
 detect, name, confirm, verdict, next_test: the steps
-diagnose    all of them
-document    the result as diagnosis/1; words, picture, page: for people
+diagnose                           all of them
+document                           the result as diagnosis/1; words: for people
 """
 
 from __future__ import annotations

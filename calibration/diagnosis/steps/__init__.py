@@ -1,0 +1,14 @@
+"""The steps of a diagnosis, each from values to a value.
+
+base          the base model
+detect        whether anything is missing
+locate        where: balance, channel and coordinate; correction: the smooth curve that closes a balance
+search, name  which set of effects explains it, and how sets are weighed
+confirm       whether the set predicts readings that it has not seen; unseen: those of another run
+discover      what a mismatch looks like that no listed effect explains
+abrupt        what is otherwise from one moment on
+misread       readings that are taken for bad
+sizes         how large the effects are
+not_excluded  what may be there without being seen; resolves: from which size on it would be
+verdict       what may be said
+"""

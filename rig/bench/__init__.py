@@ -1,0 +1,1 @@
+"""The bench file, and what an instrument's file says."""

@@ -1,0 +1,354 @@
+"""The bench file: which lines there are, which instrument is on each, what role each channel plays, and the sweep.
+
+    format = "bench/1"
+    title = "the paper's bench"
+    motor = "ptm3600"
+    [ambient] [supply] [lines.NAME] [devices.NAME] [roles] [safety] [sweep] [virtual]
+
+docs/bench.md explains each key.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pydantic
+
+import configs
+from configs import ConfigError, Strict
+from rig.bench.instrument import FOLDER as INSTRUMENTS
+from rig.bench.instrument import ChannelFile, Instrument, InstrumentFile, instrument_of
+from rig.recording.schema import SupplyTable
+
+FORMAT = "bench/1"
+BENCH_SOURCE = "bench.toml"
+FOLDER = configs.FOLDER / "benches"
+
+Positive = Annotated[float, pydantic.Field(gt=0.0)]
+NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
+
+
+class AmbientTable(Strict):
+    """The room; what is left out is asked for at the start of a run."""
+
+    pressure_bar_abs: Annotated[float, pydantic.Field(ge=0.5, le=1.2)] | None = None
+    pressure_sd_bar: Positive = 0.0015
+    temperature_c: Annotated[float, pydantic.Field(ge=-20.0, le=60.0)] | None = None
+    relative_humidity: Annotated[float, pydantic.Field(ge=0.0, le=1.0)] | None = None
+
+
+class LineTable(Strict):
+    """One cable."""
+
+    kind: Literal["serial", "tcp", "keyboard"]
+    port: str = ""  # of a serial line: its path, by-id where there is one; "virtual" on a virtual bench
+    baud: Annotated[int, pydantic.Field(ge=300, le=4_000_000)] = 9600
+    parity: Literal["N", "E", "O"] = "N"
+    stop_bits: Literal[1, 2] = 1
+    data_bits: Literal[7, 8] = 8
+    paced: bool = True  # false for USB devices, whose baud rate means nothing
+    host: str = ""
+    tcp_port: Annotated[int, pydantic.Field(ge=1, le=65535)] = 502
+    framing: Literal["rtu", "tcp"] | None = None  # of Modbus; rtu on serial lines and tcp on sockets when left out
+    timeout_s: Positive = 0.3
+    slowest_reply_s: Positive = 1.0
+
+
+class DeviceTable(Strict):
+    """One instrument on a line."""
+
+    instrument: str  # a file in configs/instruments, or beside the bench file, without its ending
+    line: str
+    unit_id: Annotated[int, pydantic.Field(ge=0, le=255)] | None = None  # Modbus
+    address: str = ""  # other protocols, such as Alicat's letter
+    period_s: Positive = 0.2
+    serial_number: str = ""  # refused when another answers; of devices that tell theirs
+    calibration: str = ""  # certificate, for the record
+    channel: Annotated[int, pydantic.Field(ge=0, le=15)] | None = None  # output of a many-channel device
+    span: Annotated[list[float], pydantic.Field(min_length=2, max_length=2)] | None = (
+        None  # of an analogue regulator: set-point at the output's low and high end
+    )
+
+
+class RolesTable(Strict):
+    """Which channel is which: ``device.channel``; ``regulator`` is a device."""
+
+    pressure: str
+    flow: str
+    speed: str
+    temperature: str | None = None
+    regulator: str | None = None  # left out: a person sets the pressure
+
+
+class SafetyTable(Strict):
+    """Limits, and what is done without."""
+
+    highest_speed_rpm: Positive = 600.0
+    highest_pressure_bar_abs: Positive = 4.0
+    speed_stale_s: Positive = 1.0
+    waive_failsafe: list[str] = pydantic.Field(
+        default_factory=list
+    )  # regulators that may run without a communications failsafe of their own
+
+
+class SweepTable(Strict):
+    """The no-load sweep."""
+
+    levels_bar_abs: Annotated[list[Positive], pydantic.Field(min_length=1, max_length=200)]
+    order: Literal["up", "down", "up-down", "down-up", "random"] = "up-down"
+    repeats: Annotated[int, pydantic.Field(ge=1, le=100)] = 1
+    seed: int = 1  # of the random order
+    ramp_bar_s: Positive = 0.5
+    window_s: Positive = 3.0  # settled is judged over this
+    speed_slope_rpm_s: Positive = 2.0  # settled: the slope over the window is below this, or not to be told from 0
+    pressure_slope_bar_s: Positive = 0.005
+    speed_scatter_rpm: Positive = 10.0
+    settle_timeout_s: Positive = 60.0
+    dwell_s: Positive = 5.0
+    zero_s: Positive = 3.0
+    captures: list[Literal["coast-down", "spin-up"]] = pydantic.Field(default_factory=list)
+    capture_level_bar_abs: Positive | None = None  # the highest level when left out
+    agreeing_readings: Annotated[int, pydantic.Field(ge=2, le=10)] | None = None  # manual bench: instead of the clock
+
+
+class VirtualTable(Strict):
+    """A bench that is not there: see rig/virtual."""
+
+    rate: Annotated[float, pydantic.Field(ge=0.1, le=50.0)] = 1.0  # seconds of the bench in one of the wall
+    seed: int = 1
+    truth: dict[str, float] = pydantic.Field(default_factory=dict)  # parameters of the motor off their defaults
+    faults: list[dict[str, str | int | float]] = pydantic.Field(default_factory=list)  # docs/virtual-bench.md
+
+
+class BenchFile(Strict):
+    """A bench file, key by key."""
+
+    format: Literal["bench/1"]
+    title: str
+    motor: str = "ptm3600"
+    lubrication: str = ""
+    ambient: AmbientTable = AmbientTable()
+    supply: SupplyTable = SupplyTable()
+    lines: dict[str, LineTable]
+    devices: dict[str, DeviceTable]
+    roles: RolesTable
+    safety: SafetyTable = SafetyTable()
+    sweep: SweepTable
+    virtual: VirtualTable | None = None
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a family's `build` puts a device: its table in the bench file, and its line's."""
+
+    table: DeviceTable
+    line: LineTable
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A bench file with its instruments' files.
+
+    Attributes
+    ----------
+    name : str
+        The file's name without its ending.
+    file : BenchFile
+        What it says.
+    instruments : dict of str to InstrumentFile
+        Device to the file of its instrument.
+    sources : dict of str to bytes
+        The text of each file, for the run's record: a run is replayed with what it was made with.
+    """
+
+    name: str
+    file: BenchFile
+    instruments: dict[str, InstrumentFile]
+    sources: dict[str, bytes]
+
+    def build(self, device: str) -> Instrument:
+        """The driver of a device.
+
+        Parameters
+        ----------
+        device : str
+            Its name in the bench file.
+        """
+        settings = self.instruments[device]
+        table = self.file.devices[device]
+        module = importlib.import_module(f"rig.instruments.{settings.family}")
+        built: Instrument = module.build(device, settings, Place(table, self.file.lines[table.line]))
+        return built
+
+    def channel(self, role: str) -> tuple[str, ChannelFile]:
+        """The full name and the figures of the channel that plays a role.
+
+        Parameters
+        ----------
+        role : str
+            ``pressure``, ``flow``, ``speed`` or ``temperature``.
+        """
+        name: str = getattr(self.file.roles, role)
+        device, _, channel = name.partition(".")
+        return name, self.build(device).channels[channel]
+
+
+def read_bench(path: Path) -> Bench:
+    """Read a bench file and the files of its instruments.
+
+    Parameters
+    ----------
+    path : Path
+        The bench file, or the name of one in configs/benches.
+
+    Returns
+    -------
+    Bench
+        Checked: every device's line and instrument exist, every role is a channel.
+
+    Raises
+    ------
+    ConfigError
+        All mistakes, a line each.
+    """
+    path = bench_path(path)
+    source = configs.read_source(path)
+    data = configs.parse_toml(source, str(path))
+    sources = {BENCH_SOURCE: source}
+    devices = data.get("devices")
+    tables = devices.values() if isinstance(devices, dict) else ()
+    for name in {table.get("instrument") for table in tables if isinstance(table, dict)}:
+        places = (INSTRUMENTS / f"{name}.toml", path.parent / f"{name}.toml") if isinstance(name, str) else ()
+        found = next((place for place in places if place.is_file()), None)
+        if found is not None:
+            sources[instrument_source(str(name))] = configs.read_source(found)
+    return bench_of(path.stem, sources, str(path))
+
+
+def bench_path(path: Path) -> Path:
+    """The bench file that a person means: a path, or the name of one in configs/benches.
+
+    Parameters
+    ----------
+    path : Path
+        What was typed.
+    """
+    path = Path(path)
+    return FOLDER / f"{path.name}.toml" if not path.suffix and not path.is_file() else path
+
+
+def instrument_source(instrument: str) -> str:
+    """The key of an instrument's file among the sources of a bench.
+
+    Parameters
+    ----------
+    instrument : str
+        Its name in configs/instruments.
+    """
+    return f"instruments/{instrument}.toml"
+
+
+def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
+    """A bench from the texts of its files: those on disk, or those that a run has kept.
+
+    Parameters
+    ----------
+    name : str
+        The bench's.
+    sources : mapping of str to bytes
+        `BENCH_SOURCE` and, by `instrument_source`, each instrument's file.
+    place : str
+        The bench file, for the error text.
+
+    Returns
+    -------
+    Bench
+        Checked: every device's line and instrument exist, every role is a channel.
+
+    Raises
+    ------
+    ConfigError
+        All mistakes, a line each.
+    """
+    file = configs.validate(BenchFile, configs.parse_toml(sources[BENCH_SOURCE], place), place)
+    mistakes = _line_mistakes(file) + _address_mistakes(file)
+    instruments = {}
+    for device, table in file.devices.items():
+        if table.line not in file.lines:
+            mistakes.append(f"devices.{device}.line: there is no line '{table.line}' ({', '.join(file.lines)})")
+        source = sources.get(instrument_source(table.instrument))
+        if source is None:
+            known = sorted(found.stem for found in INSTRUMENTS.glob("*.toml"))
+            mistakes.append(
+                f"devices.{device}.instrument: there is no '{table.instrument}' in configs/instruments "
+                f"({', '.join(known)}), nor '{table.instrument}.toml' beside the bench file"
+            )
+            continue
+        try:
+            instruments[device] = instrument_of(source, instrument_source(table.instrument))
+        except ConfigError as error:
+            mistakes += [f"devices.{device}.instrument: {line}" for line in str(error).splitlines()]
+    bench = Bench(name, file, instruments, dict(sources))
+    if not mistakes:
+        mistakes += _role_mistakes(bench)
+    if mistakes:
+        raise ConfigError("\n".join(f"{place}: {mistake}" for mistake in mistakes))
+    return bench
+
+
+def _line_mistakes(file: BenchFile) -> list[str]:
+    mistakes = []
+    for name, line in file.lines.items():
+        if line.kind == "serial" and not line.port:
+            mistakes.append(f"lines.{name}: a serial line needs its port")
+        if line.kind == "tcp" and not line.host:
+            mistakes.append(f"lines.{name}: a tcp line needs its host")
+        if line.slowest_reply_s < line.timeout_s:
+            mistakes.append(f"lines.{name}: slowest_reply_s is shorter than timeout_s; it is at least as long")
+        if "virtual" in (line.port, line.host) and file.virtual is None:
+            mistakes.append(f"lines.{name}: the port is virtual, and the file has no [virtual] table")
+    return mistakes
+
+
+def _address_mistakes(file: BenchFile) -> list[str]:
+    """Two devices of one line that answer to the same name."""
+    mistakes = []
+    seen: dict[tuple[str, int | str], str] = {}
+    for name, table in file.devices.items():
+        for address in (table.unit_id, table.address or None):
+            if address is None:
+                continue
+            other = seen.setdefault((table.line, address), name)
+            if other != name:
+                mistakes.append(f"devices.{name}: answers to {address!r} on line '{table.line}' as '{other}' does")
+    return mistakes
+
+
+def _role_mistakes(bench: Bench) -> list[str]:
+    mistakes = []
+    drivers: dict[str, Any] = {}
+    for device in bench.file.devices:
+        try:
+            drivers[device] = bench.build(device)
+        except ConfigError as error:
+            mistakes += str(error).splitlines()
+    for role, name in bench.file.roles:
+        if name is None:
+            continue
+        device, _, channel = name.partition(".")
+        if device not in bench.file.devices:
+            mistakes.append(f"roles.{role}: there is no device '{device}' ({', '.join(bench.file.devices)})")
+            continue
+        if device not in drivers:
+            continue
+        driver = drivers[device]
+        if role == "regulator":
+            if not hasattr(driver, "write"):
+                mistakes.append(f"roles.regulator: '{device}' takes no set-point")
+        elif channel not in driver.channels:
+            mistakes.append(f"roles.{role}: '{device}' has no channel '{channel}' ({', '.join(driver.channels)})")
+    return mistakes

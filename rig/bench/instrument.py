@@ -1,0 +1,247 @@
+"""What an instrument is to the rest of the rig, and what its file in configs/instruments says.
+
+A family is a module of this folder, named as the files name it, with two things in it: `Settings`, a child of
+`InstrumentFile`, and `build(device, settings, place)`. Nothing else has to know of a new one.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from typing import Annotated, Literal, Protocol
+
+import pydantic
+
+import configs
+from configs import ConfigError, Strict
+from rig.lines import Line
+from rig.readings import Reading
+from rig.recording.schema import OF_SPEED, SpeedKeys
+
+FORMAT = "instrument/1"
+FOLDER = configs.FOLDER / "instruments"
+SPEED = "speed_rpm"
+
+Positive = Annotated[float, pydantic.Field(gt=0.0)]
+NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
+
+
+class IdentityError(Exception):
+    """Another device answers than the bench file says. The text names both."""
+
+
+class InstrumentError(Exception):
+    """An instrument refused an order, or did not do it. The text says what was ordered and what it reads back."""
+
+
+class Reference(Strict):
+    """The state that a standard-volume or mass flow, or a rotameter's scale, refers to."""
+
+    kind: Literal["standard_volume", "rotameter_scale"]
+    pressure_bar_abs: Positive
+    temperature_c: float
+    note: str = ""
+
+
+class ChannelFile(SpeedKeys):
+    """One channel of an instrument: unit, limits, 1-sigma figures in that unit and, of speed_rpm, how it is made."""
+
+    unit: str
+    lowest: float | None = None  # outside, the reading is over-range
+    highest: float | None = None
+    noise_sd: NotNegative | None = None
+    bias_sd: NotNegative | None = None
+    scale_sd: NotNegative | None = None
+    resolution: NotNegative | None = None
+    repeatability_sd: NotNegative | None = None  # scatter from plateau to plateau that averaging within one leaves
+    figures_source: str = ""
+    reference: Reference | None = None
+
+
+class InstrumentFile(Strict):
+    """What every instrument file holds; a family adds its own keys."""
+
+    format: Literal["instrument/1"]
+    family: str
+    title: str  # maker and model, for people
+    source: str  # where the register map or the frames come from
+    trust: Literal["documented", "simulated", "verified"]  # documented < run against our simulation < on hardware
+    update_s: NotNegative = 0.0  # the instrument's own; a value repeated within it is not news
+    timeout_s: Positive | None = None  # the line's when left out
+    slowest_reply_s: Positive | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _only_a_speed_is_made_of_pulses(self) -> InstrumentFile:
+        channels: dict[str, ChannelFile] = getattr(self, "channels", {})
+        teeth = getattr(self, "teeth", None)
+        mistakes = [
+            f"channels.{name}.{key}: is for channels.{SPEED} only; take it out, or move it there"
+            for name, channel in channels.items()
+            for key in OF_SPEED
+            if name != SPEED and getattr(channel, key) is not None
+        ]
+        if (speed := channels.get(SPEED)) is not None:
+            if teeth is not None and speed.pulses_per_rev is not None:
+                mistakes.append(f"channels.{SPEED}.pulses_per_rev: take it out; teeth says it")
+            if teeth is None and speed.pulses_per_rev is None and speed.pitch_error_sd is not None:
+                mistakes.append(f"channels.{SPEED}.pitch_error_sd: is given without pulses_per_rev; give both")
+        if mistakes:
+            raise ValueError("\n".join(mistakes))
+        return self
+
+    def speed_made(self) -> dict[str, float | None]:
+        """How the instrument makes its speed: the keys of `SpeedKeys`, as far as they are known.
+
+        Pulses are those of the wheel. A display that makes a new value every so often shows the mean over that time,
+        unless its file says otherwise.
+        """
+        channel = getattr(self, "channels", {}).get(SPEED, SpeedKeys())
+        found: dict[str, float | None] = {key: getattr(channel, key) for key in OF_SPEED}
+        teeth = getattr(self, "teeth", None)
+        if teeth is not None:
+            found["pulses_per_rev"] = float(teeth)
+        elif found["window_s"] is None and self.update_s > 0.0:
+            found["window_s"] = self.update_s
+        return found
+
+
+class Instrument(Protocol):
+    """A device on a line. Only the line's own thread calls it."""
+
+    device: str
+    channels: dict[str, ChannelFile]
+
+    def open(self, line: Line) -> None:
+        """Forget what was known, and prepare the device; called after each opening of the line.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        """
+
+    def identify(self, line: Line) -> str:
+        """Who answers, with the firmware where the device tells it.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+
+        Raises
+        ------
+        IdentityError
+            When it is another device than configured.
+        LineError
+            When nobody answers.
+        """
+
+    def poll(self, line: Line) -> list[Reading]:
+        """Read every channel once; a failure of the device is a reading without a value.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+
+        Raises
+        ------
+        LostError
+            When the port failed.
+        """
+
+
+class Actuator(Instrument, Protocol):
+    """An instrument that sets the line's pressure."""
+
+    unit: str  # of the set-point
+    lowest: float
+    highest: float
+
+    def write(self, line: Line, value: float) -> float:
+        """Order a set-point and return what the device reads back, in ``unit``.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+        value : float
+            The set-point, in the actuator's unit [own unit].
+
+        Raises
+        ------
+        InstrumentError
+            When the order was refused, or what is read back differs.
+        LineError
+            When nobody answers.
+        """
+
+    def set_failsafe(self, line: Line) -> str:
+        """Make the device go to zero by itself when it hears nothing, read that back, and say what was set.
+
+        Parameters
+        ----------
+        line : Line
+            Where the device is.
+
+        Raises
+        ------
+        InstrumentError
+            When the device has no such thing, or did not take it.
+        """
+
+
+def families() -> list[str]:
+    """Names of the families: the modules of rig.instruments that have settings."""
+    room = importlib.import_module("rig.instruments")
+    return [
+        module.name
+        for module in pkgutil.iter_modules(room.__path__)
+        if hasattr(importlib.import_module(f"{room.__name__}.{module.name}"), "Settings")
+    ]
+
+
+def read_instrument(name: str) -> InstrumentFile:
+    """Read an instrument's file.
+
+    Parameters
+    ----------
+    name : str
+        Its name in configs/instruments, without the ending.
+
+    Returns
+    -------
+    InstrumentFile
+        The settings of its family.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such file or family, or the file is wrong.
+    """
+    path = FOLDER / f"{name}.toml"
+    return instrument_of(configs.read_source(path), str(path))
+
+
+def instrument_of(source: bytes, place: str) -> InstrumentFile:
+    """An instrument's settings from the text of its file.
+
+    Parameters
+    ----------
+    source : bytes
+        TOML text.
+    place : str
+        The file, for the error text.
+
+    Raises
+    ------
+    ConfigError
+        When the text is wrong, or names no family of rig.instruments.
+    """
+    data = configs.parse_toml(source, place)
+    family = data.get("family")
+    if family not in families():
+        raise ConfigError(f"{place}: family {family!r} is not one of {', '.join(families())}")
+    module = importlib.import_module(f"rig.instruments.{family}")
+    settings: InstrumentFile = configs.validate(module.Settings, data, place)
+    return settings

@@ -1,0 +1,125 @@
+"""A sheet of paper for a sweep, printed before it: as a page, and as a table to be filled in."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+
+from rig.bench.bench import Bench
+from rig.by_hand.by_hand import manual_device
+from rig.sweep.plan import Step, plan
+
+ZERO = "zero"  # in the column of the level: instruments read with the line vented
+
+
+def sheet_columns(bench: Bench) -> list[str]:
+    """The columns of a sheet of a bench, in order.
+
+    Parameters
+    ----------
+    bench : Bench
+        With one manual instrument.
+    """
+    typed = bench.build(manual_device(bench)).channels
+    pressure = bench.file.roles.pressure.partition(".")[2]
+    return ["time", "level_bar_abs", "direction", *typed, f"{pressure}_after", "note"]
+
+
+def print_sheet(bench: Bench) -> str:
+    """A sheet as CSV text: the levels of the bench's sweep, with cells to be filled in.
+
+    Parameters
+    ----------
+    bench : Bench
+        With one manual instrument.
+    """
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    columns = sheet_columns(bench)
+    writer.writerow(columns)
+    empty = [""] * (len(columns) - 3)
+    writer.writerow(["", ZERO, "", *empty])
+    writer.writerows(["", f"{step.level_bar_abs:g}", step.direction, *empty] for step in _steps(bench))
+    writer.writerow(["", ZERO, "", *empty])
+    return stream.getvalue()
+
+
+def print_page(bench: Bench) -> str:
+    """A sheet to be printed on A4 and filled in by hand, as HTML.
+
+    Parameters
+    ----------
+    bench : Bench
+        With one manual instrument.
+    """
+    shown = {name: figures.unit for name, figures in bench.build(manual_device(bench)).channels.items()}
+    heads = [html.escape(_words(column, shown)) for column in sheet_columns(bench)]
+    ambient_bar = bench.file.ambient.pressure_bar_abs or 1.01325
+    rows = [_page_row("zero", "", len(heads))]
+    for step in _steps(bench):
+        level = f"{step.level_bar_abs:.2f} <small>({step.level_bar_abs - ambient_bar:.2f} gauge)</small>"
+        rows.append(_page_row(level, step.direction, len(heads)))
+    rows.append(_page_row("zero", "", len(heads)))
+    blanks = "".join(
+        f"<p>{text} <span></span></p>"
+        for text in (
+            "Date, operator:",
+            "Ambient pressure at this height, start / end [mbar]:",
+            "Room temperature, start / end [degC]:",
+            "Relative humidity, start / end [%]:",
+            "Lubrication, when last given:",
+            "Minutes that the motor has run today:",
+        )
+    )
+    return PAGE.format(
+        title=html.escape(bench.file.title),
+        blanks=blanks,
+        heads="".join(f"<th>{head}</th>" for head in heads),
+        rows="\n".join(rows),
+        wait=f"{bench.file.sweep.dwell_s:g}",
+        highest=f"{bench.file.safety.highest_speed_rpm:g}",
+    )
+
+
+PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<style>
+@page {{ size: A4; margin: 15mm }}
+body {{ font: 10pt sans-serif }}
+h1 {{ font-size: 13pt }}
+p {{ margin: 2mm 0; display: flex }}
+p span {{ flex: 1; border-bottom: 0.3pt solid; margin-left: 2mm }}
+table {{ border-collapse: collapse; width: 100%; margin-top: 4mm }}
+th, td {{ border: 0.3pt solid; padding: 1mm; height: 6mm; text-align: left }}
+tr {{ break-inside: avoid }}
+</style></head><body>
+<h1>{title}</h1>
+{blanks}
+<table><thead><tr>{heads}</tr></thead><tbody>
+{rows}
+</tbody></table>
+<p>Approach each level from the side that stands beside it. Wait {wait} s, read all, read the pressure again.
+&lt;10, &gt;100: off the scale. Above {highest} rpm: close the valve.</p>
+</body></html>
+"""
+
+
+def _steps(bench: Bench) -> list[Step]:
+    table = bench.file.sweep
+    return plan(table.levels_bar_abs, table.order, table.repeats, table.seed)
+
+
+def _words(column: str, units: dict[str, str]) -> str:
+    """A column's name as a person reads it."""
+    base = column.removesuffix("_after")
+    named = {"level_bar_abs": "level [bar abs]", "direction": "from", "time": "time"}
+    if base not in units:
+        return named.get(column, column)
+    quantity, _, rest = base.partition("_")
+    kind = " abs" if rest.endswith("abs") else " gauge" if rest.endswith("gauge") else ""
+    return f"{quantity}{' after' if base != column else ''} [{units[base]}{kind}]"
+
+
+def _page_row(level: str, direction: str, cells: int) -> str:
+    return f"<tr><td></td><td>{level}</td><td>{direction}</td>{'<td></td>' * (cells - 3)}</tr>"

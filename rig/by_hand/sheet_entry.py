@@ -1,0 +1,263 @@
+"""Entry of a filled-in sheet: a run with the times that stand on it, through the bench's own driver."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from rig.acquisition import actions
+from rig.acquisition.derived import DEVICE as DERIVED
+from rig.acquisition.opening import line_of
+from rig.acquisition.stage import Stage
+from rig.bench.bench import Bench
+from rig.bench.instrument import ChannelFile
+from rig.by_hand import entry
+from rig.by_hand.by_hand import manual_device
+from rig.by_hand.sheet import ZERO, sheet_columns
+from rig.clock import Clock
+from rig.instruments.manual import EntryError, decode_entry
+from rig.lines.keyboard import KeyboardPort
+from rig.readings import NS, Exchange, Reading
+from rig.runlog import columns_of
+from rig.sweep.ambient import Ambient
+from rig.sweep.orders import FINISHED
+from rig.sweep.plan import DOWN, UP, Step, SweepError
+from rig.sweep.plateau import Mean, Plateau
+from rig.sweep.runner import Outcome
+
+MOST_BYTES = 1_000_000
+MOST_ROWS = 2000
+MOST_NOTE = 500
+CLOCK_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
+NUMBER = re.compile(r"\d{1,7}(?:\.\d{1,6})?")
+DAY_S = 86_400.0
+
+
+class SheetError(SweepError):
+    """A sheet cannot be entered as it stands. The text names every row and column that is wrong."""
+
+
+class Sink(Protocol):
+    """`rig.runlog.RunWriter`."""
+
+    def exchange(self, exchange: Exchange) -> None:
+        """Write an exchange and its readings."""
+
+    def event(self, kind: str, time_ns: int, **details: Any) -> None:
+        """Write an event."""
+
+    def plateau(self, row: Mapping[str, Any]) -> None:
+        """Write a plateau."""
+
+
+@dataclass(frozen=True)
+class SheetRow:
+    """One line of a sheet.
+
+    Attributes
+    ----------
+    time_s : float
+        After the first row [s].
+    level_bar_abs : float or None
+        None for a zero [bar].
+    direction : str
+        ``up`` or ``down``.
+    entry : str
+        The readings as they would be typed.
+    after : str
+        The entry of the pressure read again; empty when it was not.
+    note : str
+        As written.
+    """
+
+    time_s: float
+    level_bar_abs: float | None
+    direction: str
+    entry: str
+    after: str
+    note: str
+
+
+def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
+    """Read a filled-in sheet.
+
+    Parameters
+    ----------
+    text : str
+        CSV with the columns of `sheet_columns`; the times are of the clock (``14:05``) or seconds.
+    bench : Bench
+        With one manual instrument.
+
+    Returns
+    -------
+    list of SheetRow
+        Rows with an empty time and no reading are levels that were not taken, and are left out.
+
+    Raises
+    ------
+    SheetError
+        A line for each mistake, with row and column.
+    """
+    if len(text) > MOST_BYTES:
+        raise SheetError(f"longer than {MOST_BYTES} characters; this is no sheet")
+    columns = sheet_columns(bench)
+    try:
+        lines = list(csv.reader(io.StringIO(text.removeprefix("\ufeff")), strict=True))
+    except csv.Error as error:
+        raise SheetError(f"not a table of CSV ({error}); is there a quotation mark that is not closed?") from None
+    if not lines or [cell.strip() for cell in lines[0]] != columns:
+        raise SheetError(f"header: expected {','.join(columns)} (the sheet that is printed for this bench has it)")
+    if len(lines) > MOST_ROWS:
+        raise SheetError(f"more than {MOST_ROWS} rows")
+    typed = bench.build(manual_device(bench)).channels
+    rows: list[SheetRow] = []
+    mistakes: list[str] = []
+    last_s: float | None = None
+    first_s = 0.0
+    for number, cells in enumerate(lines[1:], start=1):
+        if not any(cell.strip() for i, cell in enumerate(cells) if i not in (1, 2)):
+            continue
+        if any("\n" in cell for cell in cells):
+            mistakes.append(f"row {number}: a cell of several lines; is there a quotation mark that is not closed?")
+            continue
+        try:
+            row = _row(dict(zip(columns, [cell.strip() for cell in cells], strict=True)), typed, last_s)
+        except ValueError as error:
+            text = f"{len(cells)} cells, expected {len(columns)}" if len(cells) != len(columns) else str(error)
+            mistakes.append(f"row {number}: {text}")
+            continue
+        first_s = row.time_s if last_s is None else first_s
+        last_s = row.time_s
+        rows.append(row)
+    if mistakes:
+        raise SheetError("\n".join(mistakes[:20]))
+    if not rows:
+        raise SheetError("no row has readings")
+    return [SheetRow(row.time_s - first_s, *_rest(row)) for row in rows]
+
+
+def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Ambient) -> Outcome:
+    """Write the readings of a sheet into a run, as if they had been typed at the times that stand on it.
+
+    Parameters
+    ----------
+    bench : Bench
+        With one manual instrument.
+    rows : sequence of SheetRow
+        From `read_sheet`.
+    sink : Sink
+        The run, of kind ``manual``; its time 0 is the first row's.
+    ambient : Ambient
+        The room.
+    """
+    keys = _Keys(bench, sink, ambient)
+    plateaus: list[Plateau] = []
+    for row in rows:
+        time_ns = round(row.time_s * NS)
+        found = keys.enter(row.entry, time_ns)
+        if row.level_bar_abs is None:
+            channels = {reading.name: {"mean": reading.value, "se": None, "n": 1} for reading in found.values()}
+            which = "end" if plateaus else "start"
+            times = {"start_s": row.time_s, "end_s": row.time_s}
+            sink.event("zero", time_ns, which=which, vented=True, channels=channels, **times)
+            continue
+        means = {role: entry.mean_of_entries([reading]) for role, reading in found.items()}
+        if row.after:
+            means["pressure"] = entry.with_drift(means["pressure"], keys.enter(row.after, time_ns)["pressure"])
+        taken = _plateau(len(plateaus) + 1, row, time_ns, means, bench, ambient)
+        plateaus.append(taken)
+        sink.plateau(taken.row(keys.columns))
+    return Outcome(FINISHED, "", True, plateaus, [])
+
+
+class _Keys:
+    """Lays entries into the log through the bench's own driver."""
+
+    def __init__(self, bench: Bench, sink: Sink, ambient: Ambient) -> None:
+        self.device = manual_device(bench)
+        self.driver = bench.build(self.device)
+        self.columns = columns_of(bench.file.roles.model_dump())
+        self._sink = sink
+        self._stage = Stage(bench, False, ambient.pressure_bar_abs, ambient.temperature_c)
+        name = bench.file.devices[self.device].line
+        clock = Clock()
+        self._port = KeyboardPort(clock, -1, -1)
+        self._line = line_of(name, bench.file.lines[name], self._port, clock)
+        self._port.open()
+        self._roles = {getattr(bench.file.roles, role): role for role in ("pressure", "flow", "speed", "temperature")}
+
+    def enter(self, text: str, time_ns: int) -> dict[str, Reading]:
+        """Write one entry, and return its readings by role; a derived one stands for what it comes of."""
+        self._port.feed(f"{text}\n".encode(), time_ns, time_ns)
+        exchange, fault = actions.perform(self._line, self.device, self.driver, actions.POLL)
+        if fault is not None:
+            raise fault
+        logged = self._stage(exchange)
+        self._sink.exchange(logged)
+        found = {self._roles[reading.name]: reading for reading in logged.readings if reading.name in self._roles}
+        derived = [reading for reading in logged.readings if reading.device == DERIVED]
+        return found | ({"flow": derived[0]} if derived else {})
+
+
+def _plateau(
+    number: int, row: SheetRow, time_ns: int, means: dict[str, Mean], bench: Bench, ambient: Ambient
+) -> Plateau:
+    level = row.level_bar_abs or 0.0
+    pressure = means["pressure"].mean
+    if pressure is not None and bench.file.roles.pressure.endswith("_gauge"):
+        pressure += ambient.pressure_bar_abs
+    notes = [row.note, *entry.remarks(pressure, level, row.direction)]
+    text = "; ".join(note for note in notes if note)
+    return Plateau(number, Step(level, row.direction, 1), time_ns, time_ns, True, means, text)
+
+
+def _row(cells: dict[str, str], typed: dict[str, ChannelFile], last_s: float | None) -> SheetRow:
+    """One row; a ValueError says what is wrong with it."""
+    time_s = _time(cells["time"], last_s)
+    level = None if cells["level_bar_abs"] == ZERO else _level(cells["level_bar_abs"])
+    direction = cells["direction"] or UP
+    if direction not in (UP, DOWN):
+        raise ValueError(f"direction: '{direction[:20]}' is neither up nor down")
+    text = " ".join(cells[name] or "-" for name in typed)
+    pressure = next(name for name in cells if name.endswith("_after")).removesuffix("_after")
+    after = cells[f"{pressure}_after"]
+    after_text = " ".join(after if name == pressure else "-" for name in typed) if after else ""
+    try:
+        decode_entry(text, typed)
+        if after_text:
+            decode_entry(after_text, typed)
+    except EntryError as error:
+        raise ValueError(str(error)) from None
+    return SheetRow(time_s, level, direction, text, after_text, cells["note"][:MOST_NOTE])
+
+
+def _rest(row: SheetRow) -> tuple[float | None, str, str, str, str]:
+    return row.level_bar_abs, row.direction, row.entry, row.after, row.note
+
+
+def _time(cell: str, last_s: float | None) -> float:
+    match = CLOCK_TIME.fullmatch(cell)
+    if match:
+        hours, minutes, seconds = (int(part or 0) for part in match.groups())
+        if hours > 23 or minutes > 59 or seconds > 59:
+            raise ValueError(f"time: '{cell}' is no time of the day")
+        time_s = hours * 3600.0 + minutes * 60.0 + seconds
+        while last_s is not None and time_s < last_s - 0.5 * DAY_S:  # past midnight
+            time_s += DAY_S
+    elif NUMBER.fullmatch(cell):
+        time_s = float(cell)
+    else:
+        raise ValueError(f"time: '{cell[:20]}': expected 14:05, 14:05:30 or seconds")
+    if last_s is not None and time_s < last_s:
+        raise ValueError(f"time: '{cell}' is before the row above")
+    return time_s
+
+
+def _level(cell: str) -> float:
+    if not NUMBER.fullmatch(cell):
+        raise ValueError(f"level_bar_abs: '{cell[:20]}': expected a number with a decimal point, or {ZERO}")
+    return float(cell)

@@ -1,0 +1,298 @@
+"""Data taken elsewhere, as a run of this tool or, of another rig, as a recording; the mapping's motor decides."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rig.exchange.converted import Converted, convert
+from rig.exchange.export import NOTES
+from rig.exchange.mapping import FileTable, Mapping
+from rig.exchange.tables import read_table
+from rig.readings import NS, Exchange, Quality, Reading
+from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
+from rig.recording.columns import FIGURES, MEASURED
+from rig.recording.mistakes import shown
+from rig.recording.schema import ChannelTable, channel_of
+from rig.runlog.folder import RunError, sha256_of, write_whole
+from rig.runlog.phases import CAPTURE, ZERO
+from rig.runlog.plateaus import PRESSURES, QUANTITIES
+from rig.runlog.rows import utc_text
+from rig.runlog.schema import AmbientRecord, ChannelRecord, ClockRecord, DeviceRecord, StartRecord
+from rig.runlog.start import source, versions
+from rig.runlog.writer import RunWriter
+
+DEVICE = "import"
+UNITS = {
+    "pressure_bar_abs": "bar",
+    "pressure_bar_gauge": "bar",
+    "flow_l_min": "L/min",
+    "speed_rpm": "rpm",
+    "inlet_temperature_c": "degC",
+    "supply_open": "1",
+}
+ROLES = {"flow": "flow_l_min", "speed": "speed_rpm", "temperature": "inlet_temperature_c"}
+
+
+def import_files(files: Sequence[Path], mapping: Mapping, target: Path, as_recording: bool = False) -> Path:
+    """Import files: as a run in the folder of runs or, when the mapping holds another rig's motor, as a recording.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        The files.
+    mapping : Mapping
+        From `read_mapping`.
+    target : Path
+        Where runs are kept, or the recording's folder to make.
+    as_recording : bool
+        Whether data of a motor by name become a recording too.
+
+    Returns
+    -------
+    Path
+        The run's folder, or the recording's.
+    """
+    is_run = isinstance(mapping.file.motor, str) and not as_recording
+    return (import_table if is_run else import_recording)(files, mapping, target)
+
+
+def import_table(files: Sequence[Path], mapping: Mapping, root: Path) -> Path:
+    """Write tables as a run of kind ``import``; its readings count as unverified, for nothing here checked them.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        The files.
+    mapping : Mapping
+        From `read_mapping`.
+    root : Path
+        Where runs are kept.
+
+    Returns
+    -------
+    Path
+        The run's folder.
+
+    Raises
+    ------
+    RunError
+        When a file cannot be read as the mapping says; no run is made then.
+    """
+    parts = _converted(files, mapping)
+    columns = {name for part in parts for name in part.columns}
+    foreign = sorted(columns - {"time_s", *UNITS})
+    if foreign:
+        raise RunError(
+            f"{mapping.path}: {', '.join(foreign)}: not in a run of this motor; make a recording of it with -o, or, "
+            "of another rig, give it as a table [motor]"
+        )
+    start = _start(mapping, columns)
+    with RunWriter.create(Path(root), start, wire=False) as writer:
+        for path in sorted({path for path, _ in _entries(files, mapping)}):
+            writer.event("import", 0, file=path.name, sha256=sha256_of(path))
+        plateaus = 0
+        for part in parts:
+            plateaus = _write_part(writer, part, plateaus)
+        writer.end("finished")
+    return writer.folder
+
+
+def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path) -> Path:
+    """Write tables as a recording/1 folder.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        The files.
+    mapping : Mapping
+        From `read_mapping`; its motor may be a table of another rig.
+    folder : Path
+        The folder to make.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    RunError
+        When a file cannot be read as the mapping says.
+    RecordingError
+        When what it gives is no recording.
+    """
+    parts = _converted(files, mapping)
+    columns = {name for part in parts for name in part.columns}
+    ambient = Ambient(**mapping.file.ambient.model_dump())
+    channels = {name: _channel(mapping, name) for name in MEASURED if name in columns}
+    named = _names(parts)
+    recorded = tuple(
+        RecordingFile(
+            name, part.entry.kind, part.entry.start_s, part.entry.noise_scale, part.rows, part.columns, part.direction
+        )
+        for name, part in zip(named, parts, strict=True)
+    )
+    Path(folder).parent.mkdir(parents=True, exist_ok=True)
+    try:
+        write_recording(Recording(Path(folder), mapping.file.motor, ambient, channels, recorded), Path(folder))
+    except RecordingError as error:
+        raise RecordingError(_of_sources(str(error), Path(folder), named, parts)) from None
+    paths = sorted({path for path, _ in _entries(files, mapping)})
+    lines = [mapping.file.title, f"source: {mapping.file.source}", f"licence: {mapping.file.licence}"]
+    lines += [f"imported with {mapping.path.name} from {path.name}, SHA-256 {sha256_of(path)}" for path in paths]
+    write_whole(Path(folder) / NOTES, ("\n".join(lines) + "\n").encode("utf-8"))
+    return Path(folder)
+
+
+def _entries(files: Sequence[Path], mapping: Mapping) -> list[tuple[Path, FileTable]]:
+    """What is made of which file. Every file is used, and every entry has one."""
+    paths = [Path(file) for file in files]
+    if not mapping.file.files:
+        kind = mapping.file.kind or "steady"
+        return [(path, FileTable(file=path.name, kind=kind)) for path in paths]
+    known = {path.name: path for path in paths}
+    missing = sorted({entry.file for entry in mapping.file.files} - set(known))
+    unused = sorted(set(known) - {entry.file for entry in mapping.file.files})
+    if missing or unused or len(known) < len(paths):
+        words = [f"'{shown(name)}' is named in [[files]] and was not given" for name in missing]
+        words += [f"'{shown(name)}' was given and is not named in [[files]]" for name in unused]
+        words += ["two files have one name"] * (len(known) < len(paths))
+        raise RunError("\n".join(f"{mapping.path}: {word}" for word in words))
+    return [(known[entry.file], entry) for entry in mapping.file.files]
+
+
+def _converted(files: Sequence[Path], mapping: Mapping) -> list[Converted]:
+    if not files:
+        raise RunError(f"{mapping.path}: no file was given to import")
+    parts = []
+    for path, entry in _entries(files, mapping):
+        table = read_table(path, mapping.file.table, entry.sheet, entry.group)
+        part = convert(mapping.file, entry, table)
+        if entry.kind == "transient" and "time_s" not in part.columns:
+            raise RunError(f"{table.place}: a transient needs time_s")
+        parts.append(part)
+    return parts
+
+
+def _names(parts: list[Converted]) -> list[str]:
+    """A CSV name for each part, none twice."""
+    names: list[str] = []
+    for part in parts:
+        stem = part.entry.name or "".join(c if c.isalnum() and c.isascii() else "_" for c in Path(part.entry.file).stem)
+        stem = stem.strip("_") or "data"
+        number = 1
+        while (name := f"{stem}.csv" if number == 1 else f"{stem}_{number}.csv") in names:
+            number += 1
+        names.append(name)
+    return names
+
+
+def _of_sources(text: str, folder: Path, names: Sequence[str], parts: Sequence[Converted]) -> str:
+    """What is wrong with a recording that was not written, told of the files that it would be made of."""
+    for name, part in zip(names, parts, strict=True):
+        text = text.replace(f"{folder / name}, row ", f"{part.entry.file}, of the rows taken the number ")
+        text = text.replace(str(folder / name), part.entry.file)
+    return text
+
+
+def _channel(mapping: Mapping, name: str) -> Channel:
+    table = mapping.file.columns[name]
+    return channel_of(name, ChannelTable(**{key: getattr(table, key) for key in FIGURES}))
+
+
+def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
+    file = mapping.file
+    now_ns = time.time_ns()
+    pressure = next((name for name in PRESSURES if name in columns), None)
+    roles = {role: f"{DEVICE}.{name}" if name in columns else None for role, name in ROLES.items()}
+    channels = {
+        name: ChannelRecord(
+            unit=UNITS[name],
+            **{key: getattr(file.columns[name], key) for key in ("noise_sd", "bias_sd", "scale_sd", "resolution")},
+        )
+        for name in UNITS
+        if name in columns
+    }
+    return StartRecord(
+        kind="import",
+        bench=mapping.path.stem,
+        title=file.title,
+        utc_start=utc_text(now_ns),
+        clock=ClockRecord(utc_start_ns=now_ns),
+        motor=file.motor,
+        ambient=AmbientRecord(**file.ambient.model_dump()),
+        roles={"pressure": f"{DEVICE}.{pressure}" if pressure else None, **roles},
+        devices={DEVICE: DeviceRecord(instrument=file.title, channels=channels)},
+        versions=versions(),
+        sources={mapping.path.name: source(mapping.data)},
+        imported={"title": file.title, "source": file.source, "licence": file.licence},
+    )
+
+
+def _write_part(writer: RunWriter, part: Converted, plateaus: int) -> int:
+    """The rows of one file; returned is the number of plateaus written so far."""
+    times = part.columns["time_s"].values if "time_s" in part.columns else np.zeros(part.rows)
+    times_ns = np.round((times + part.entry.start_s) * NS).astype(np.int64).tolist()
+    for row, time_ns in enumerate(times_ns):
+        readings = _readings(part, row, time_ns)
+        writer.exchange(Exchange(DEVICE, DEVICE, "import", None, (), readings))
+        if part.entry.kind == "steady":
+            plateaus += 1
+            writer.plateau(_plateau(part, row, plateaus, time_ns, readings))
+    first, last = min(times_ns), max(times_ns)
+    span = {"start_s": first / NS, "end_s": last / NS}
+    if part.entry.kind == "zero":
+        writer.event(ZERO, last, which=part.entry.file, vented=True, **span)
+    elif part.entry.kind == "transient":
+        writer.event(CAPTURE, last, capture=_which(part), file=part.entry.file, **span, **_supply(part, times_ns))
+    return plateaus
+
+
+def _readings(part: Converted, row: int, time_ns: int) -> tuple[Reading, ...]:
+    readings = []
+    for name, column in part.columns.items():
+        value, censored = float(column.values[row]), int(column.censor[row])
+        if name == "time_s" or math.isnan(value):
+            continue
+        cells = part.cells.get(name)
+        raw = cells[row] if cells else ""
+        readings.append(
+            Reading(
+                DEVICE, name, value, UNITS[name], Quality.UNVERIFIED, time_ns, time_ns, time_ns, 0, raw, "", censored
+            )
+        )
+    return tuple(readings)
+
+
+def _plateau(part: Converted, row: int, number: int, time_ns: int, readings: tuple[Reading, ...]) -> dict[str, object]:
+    sign = {-1: "<", 0: "", 1: ">"}
+    cells: dict[str, object] = {"n": number, "start_s": time_ns / NS, "end_s": time_ns / NS, "note": part.entry.file}
+    if part.direction is not None:
+        cells["direction"] = str(part.direction[row])
+    for reading in readings:
+        if reading.channel in QUANTITIES and reading.value is not None:
+            off = sign[reading.censored]
+            cells[reading.channel] = f"{off}{reading.value!r}" if off else reading.value
+            cells[f"{reading.channel}_n"] = 1
+    return cells
+
+
+def _which(part: Converted) -> str:
+    """A transient is taken for a coast-down unless it ends faster than it began."""
+    speed = part.columns.get("speed_rpm")
+    known = speed.values[~np.isnan(speed.values)] if speed is not None else np.zeros(0)
+    return "spin-up" if known.size and known[-1] > known[0] else "coast-down"
+
+
+def _supply(part: Converted, times_ns: list[int]) -> dict[str, float]:
+    """When the supply was switched, where a column says it."""
+    flags = part.columns.get("supply_open")
+    if flags is None:
+        return {}
+    switched = np.flatnonzero(np.diff(flags.values) != 0.0)
+    return {"event_s": times_ns[int(switched[0]) + 1] / NS} if switched.size else {}

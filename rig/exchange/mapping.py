@@ -1,0 +1,178 @@
+"""import/1: how columns of a table that was taken elsewhere become the columns of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pydantic
+from pydantic import Field
+
+from configs import FOLDER as CONFIGS
+from configs import Strict, read_toml, validate
+from rig.exchange.units import unit_of
+from rig.recording.columns import MEASURED, NAMES, nearest
+from rig.recording.mistakes import shown
+from rig.runlog.folder import RunError
+
+FORMAT = "import/1"
+FOLDER = CONFIGS / "imports"
+Kind = Literal["steady", "transient", "zero"]
+Positive = Annotated[float, Field(gt=0.0, le=1e9)]
+NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
+Whole = Annotated[int, Field(ge=1, le=10_000_000)]
+
+
+class StandardTable(Strict):
+    """The state that a standard flow refers to."""
+
+    pressure_bar_abs: Annotated[float, Field(ge=0.5, le=2.0)]
+    temperature_c: Annotated[float, Field(ge=-50.0, le=50.0)]
+
+
+class ColumnTable(Strict):
+    """[columns.NAME]: where a column comes from, in which unit, and its instrument's 1-sigma figures."""
+
+    column: str | Whole | None = None  # its heading, or its place from 1
+    constant: float | None = None  # in `unit`
+    unit: str = ""
+    factor: float = 1.0  # beside the unit's, such as -1 for a sign
+    pulses_per_rev: Positive | None = None  # of a pulse rate
+    standard: StandardTable | None = None  # of a standard flow
+    differentiate: bool = False  # the source is a length or an angle, the column its mean rate since the row before
+    words: dict[str, str] = Field(default_factory=dict)  # of `direction`: the source's word to up or down
+    noise_sd: NotNegative | None = None
+    bias_sd: NotNegative | None = None
+    scale_sd: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    resolution: NotNegative | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _comes_from_one_place(self) -> ColumnTable:
+        if (self.column is None) == (self.constant is None):
+            raise ValueError("give either column (a heading, or a place from 1) or constant")
+        return self
+
+
+class TableTable(Strict):
+    """[table]: how the files are read."""
+
+    reader: Literal["csv", "tdms", "mat", "xlsx"]
+    delimiter: Literal[",", ";", "\t", "|", " "] | None = None
+    decimal: Literal[".", ","] | None = None
+    encoding: Literal["utf-8", "latin-1", "utf-16", "cp1252"] = "utf-8"
+    heading_line: Annotated[int, Field(ge=0, le=1000)] = 1  # 0: there are no headings
+    first_line: Whole | None = None  # of the data; the one after the headings when left out
+    group: str = ""  # of a TDMS file
+    sheet: str = ""  # of a workbook
+
+    @pydantic.model_validator(mode="after")
+    def _text_says_its_marks(self) -> TableTable:
+        if self.reader == "csv" and (self.delimiter is None or self.decimal is None):
+            raise ValueError("a CSV file needs delimiter and decimal; they are said and never guessed")
+        return self
+
+
+class OnlyTable(Strict):
+    """Takes the rows in which a column holds one number or word."""
+
+    column: str | Whole
+    equals: str | float
+
+
+class FileTable(Strict):
+    """[[files]]: what is made of one file; a file may stand in several entries."""
+
+    file: str
+    kind: Kind
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,60}$")] | None = None
+    start_s: float = 0.0
+    noise_scale: Positive = 1.0
+    rows: Annotated[list[Whole], Field(min_length=2, max_length=2)] | None = None  # first and last, from 1
+    only: OnlyTable | None = None
+    average_rows: Whole = 1  # so many rows become one, their mean
+    sheet: str = ""
+    group: str = ""
+
+
+class AmbientTable(Strict):
+    """[ambient]: the room, as in recording/1."""
+
+    pressure_bar_abs: Annotated[float, Field(ge=0.3, le=1.2)] | None = None
+    pressure_sd_bar: NotNegative | None = None
+    temperature_c: Annotated[float, Field(ge=-60.0, le=80.0)] | None = None
+    temperature_sd_k: NotNegative | None = None
+    relative_humidity: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+
+
+class MappingFile(Strict):
+    """A mapping file."""
+
+    format: Literal["import/1"]
+    title: str
+    source: str  # who took the data, and where they are
+    licence: str
+    motor: str | dict[str, Any]  # a name in configs/motors, or the table of another rig
+    kind: Kind | None = None  # of every file, when there is no [[files]]
+    ambient: AmbientTable = AmbientTable()
+    table: TableTable
+    columns: Annotated[dict[str, ColumnTable], Field(min_length=1)]
+    files: Annotated[list[FileTable], Field(max_length=1000)] = Field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """A mapping file with its name and its bytes."""
+
+    path: Path
+    file: MappingFile
+    data: bytes
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Read a mapping file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, or the name of one in configs/imports.
+
+    Raises
+    ------
+    ConfigError
+        When it is missing, or a key is wrong.
+    RunError
+        When a column or a unit is wrong; a line for each.
+    """
+    path = Path(path)
+    if not path.suffix and not path.is_file():
+        path = FOLDER / f"{path.name}.toml"
+    file = validate(MappingFile, read_toml(path), str(path))
+    mistakes = [f"{path}: {mistake}" for name, table in file.columns.items() for mistake in _mistakes(name, table)]
+    if not file.files and file.kind is None:
+        mistakes.append(f"{path}: the key 'kind' is missing; say steady, transient or zero, or list [[files]]")
+    if mistakes:
+        raise RunError("\n".join(mistakes))
+    return Mapping(path, file, path.read_bytes())
+
+
+def _mistakes(name: str, table: ColumnTable) -> list[str]:
+    place = f"columns.{shown(name)}"
+    if name not in NAMES:
+        return [f"{place}: no recording has this column{nearest(name)}; known: {', '.join(NAMES)}"]
+    try:
+        unit = unit_of(name, "words" if name == "direction" else table.unit, table.differentiate)
+    except RunError as error:
+        return [f"{place}: {error}"]
+    mistakes = []
+    if unit.quantity == "standard flow" and table.standard is None:
+        mistakes.append(
+            f"{place}: '{table.unit}' refers to a standard state; say which in "
+            "standard = {pressure_bar_abs = .., temperature_c = ..}"
+        )
+    if (unit.quantity == "pulse rate") != (table.pulses_per_rev is not None):
+        mistakes.append(f"{place}: Hz needs pulses_per_rev, and no other unit takes it")
+    figures = (table.noise_sd, table.bias_sd, table.scale_sd, table.resolution)
+    if name not in MEASURED and any(figure is not None for figure in figures):
+        mistakes.append(f"{place}: this column is no instrument and has no figures")
+    return mistakes

@@ -1,0 +1,8 @@
+"""Bytes to numbers and back, as several families need it.
+
+registers   Modbus registers
+values      what a codec makes of a channel
+patterns    regular expressions out of a file
+streaming   frames of a device that sends unasked
+edge_frames frames of the edge counter
+"""

@@ -1,0 +1,414 @@
+"""One run on a bench, from its start record to its end record: everything of the rig put together.
+
+The order is that of safety: the instruments are identified before there is a run, the failsafes are set and the
+watchdog watches before the regulator is first raised, and whatever happens then, the regulator is sent to zero before
+the run is sealed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rig.acquisition import Acquisition, RecorderError
+from rig.acquisition.opening import port_of
+from rig.bench.bench import Bench, LineTable, bench_path, read_bench
+from rig.by_hand.by_hand import is_manual
+from rig.by_hand.conversation import Conversation, StoppedError, ValveHand
+from rig.by_hand.manual import run_manual
+from rig.by_hand.sheet_entry import enter_sheet, read_sheet
+from rig.clock import Clock
+from rig.interlock.failsafe import set_and_check
+from rig.interlock.guard import Guard
+from rig.interlock.limits import Limits
+from rig.interlock.stop import Stop
+from rig.interlock.watchdog import Plan as WatchdogPlan
+from rig.interlock.watchdog import Watchdog
+from rig.lines import LineError, Port
+from rig.lines.keyboard import KeyboardPort
+from rig.readings import NS
+from rig.runlog import Circumstances, RunError, RunWriter, StartRecord, start_record
+from rig.runlog.folder import WATCHDOG
+from rig.sweep.ambient import Ambient, AmbientError, Ask, Given, at_end, at_start
+from rig.sweep.capture import motor_of
+from rig.sweep.course import Course
+from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded
+from rig.sweep.orders import View
+from rig.sweep.plateau import Plateau
+from rig.sweep.runner import Outcome, run_course
+
+BAR = 1e5
+ATTENDED_S = 30.0  # real time without a look at the limits after which the watchdog takes the sweep for hung
+DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
+UNVENTED = "the line is NOT known to be without pressure: close the supply"
+
+
+def nobody(plateau: Plateau) -> None:
+    """Who is told of a plateau when nobody asked to be.
+
+    Parameters
+    ----------
+    plateau : Plateau
+        As taken.
+    """
+
+
+# What goes on beside a run: called with the run's folder and a function that writes an event (its kind, then details by
+# name), it gives a context, whose value is called with each plateau. Whatever fails in it is its own to catch.
+Beside = Callable[[Path, Callable[..., None]], AbstractContextManager[Callable[[Plateau], None]]]
+
+
+def alone(folder: Path, note: Callable[..., None]) -> AbstractContextManager[Callable[[Plateau], None]]:
+    """What goes on beside a run when nothing does.
+
+    Parameters
+    ----------
+    folder : Path
+        The run.
+    note : callable
+        Writes an event.
+    """
+    return contextlib.nullcontext(nobody)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a run is to be.
+
+    Attributes
+    ----------
+    kind : str
+        ``sweep``, ``coast-down``, ``spin-up`` or ``zero``; a sweep of a manual bench is logged as ``manual``.
+    root : Path
+        Where runs are kept.
+    operator : str
+        Who runs the bench.
+    parent : str or None
+        The run that this one continues.
+    wire : bool
+        Whether the bytes are kept.
+    rate : float or None
+        Seconds of a virtual bench in one of the wall [-]; the file's when left out.
+    server : tuple of str or None
+        Module and options of the process that serves a virtual bench, see `rig.virtual.launch`; its own when left out.
+    progress : Progress
+        Who is told.
+    ask : callable or None
+        Puts a prompt about the room to the person; None when nobody is there.
+    on_plateau : callable
+        Called with each `Plateau`.
+    beside : callable
+        Gives the context in which the course is gone through, see `Beside`; it ends before the run is sealed.
+    """
+
+    kind: str
+    root: Path
+    operator: str = ""
+    parent: str | None = None
+    wire: bool = True
+    rate: float | None = None
+    server: tuple[str, ...] | None = None
+    progress: Progress = field(default_factory=Silent)
+    ask: Ask | None = None
+    on_plateau: Callable[[Plateau], None] = nobody
+    beside: Beside = alone
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a bench is: its clock, its ports, and what a watchdog has to know of a virtual one's."""
+
+    clock: Clock
+    ports: Callable[[str, LineTable, Clock], Port]
+    virtual: dict[str, Any] | None
+
+
+@contextlib.contextmanager
+def place_of(
+    bench: Bench, path: Path, rate: float | None = None, server: tuple[str, ...] | None = None
+) -> Iterator[Place]:
+    """The bench as it stands, or a virtual one that is started and ended here.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench.
+    path : Path
+        Its file.
+    rate : float or None
+        Seconds of a virtual bench in one of the wall [-]; the file's when left out.
+    server : tuple of str or None
+        Module and options of the process that serves a virtual bench; its own when left out.
+
+    Raises
+    ------
+    VirtualBenchError
+        When a virtual bench does not start.
+    """
+    if bench.file.virtual is None:
+        yield Place(Clock(), port_of, None)
+        return
+    from rig.virtual.launch import SERVER, launch
+
+    with launch(path, rate, server=server or SERVER) as virtual:
+        yield Place(virtual.clock, virtual.port_for, virtual.ports["lines"])
+
+
+Plan = Callable[[Bench, Ambient], tuple[Course, list[str]]]
+
+
+def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Outcome]:
+    """A run, from the bench file to the sealed folder.
+
+    Parameters
+    ----------
+    path : Path
+        The bench file, or the name of one in configs/benches.
+    given : Given
+        What is known of the room.
+    plan : callable
+        From the bench and the room to the course, and remarks on it.
+    wanted : Wanted
+        What the run is to be.
+
+    Returns
+    -------
+    folder : Path
+        The run.
+    outcome : Outcome
+        How it ended.
+
+    Raises
+    ------
+    ConfigError, AmbientError, SweepError
+        When the bench file, the room or the course make no sense; there is no run then.
+    LineError, IdentityError, VirtualBenchError
+        When the bench is not as its file says; there is no run then.
+    SafetyError
+        When a failsafe or the watchdog is missing; the run is sealed as failed.
+    RecorderError
+        When the run log cannot be written; the regulator is at zero.
+    """
+    path = bench_path(path)
+    bench = read_bench(path)
+    by_hand = bench.file.roles.regulator is None
+    # Before the operator's stop is listened to: at a question, Ctrl-C ends the program, and there is no run yet.
+    ambient = None if by_hand else at_start(bench, given, wanted.ask)
+    with Stop(_tell_stop) as stop, place_of(bench, path, wanted.rate, wanted.server) as place:
+        conversation = None
+        if by_hand:
+            conversation = Conversation(KeyboardPort(place.clock), place.clock, lambda: stop.asked)
+            wanted = replace(wanted, ask=conversation.ask_text)
+            try:
+                ambient = at_start(bench, given, wanted.ask)
+            except StoppedError:
+                raise AmbientError("stopped at a question about the room; there is no run") from None
+        if ambient is None:
+            raise AmbientError(f"{bench.name}: nothing is known of the room")
+        if conversation is not None:
+            conversation.room = ambient
+        course, remarks = plan(bench, ambient)
+        for words in remarks:
+            wanted.progress.say(words, True)
+        return _Run(bench, path, place, ambient, wanted, stop, conversation).go(course)
+
+
+def _tell_stop(who: str) -> None:
+    """Called inside a signal handler: it takes no lock that the interrupted thread might hold, as a bar does."""
+    with contextlib.suppress(OSError):
+        os.write(2, f"\nspinbench: {who}: venting the line and sealing the run\n".encode())
+
+
+class _Run:
+    """What every step of one run needs."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        path: Path,
+        place: Place,
+        ambient: Ambient,
+        wanted: Wanted,
+        stop: Stop,
+        conversation: Conversation | None,
+    ) -> None:
+        self.bench, self.path, self.place, self.ambient = bench, path, place, ambient
+        self.wanted, self.stop, self.conversation = wanted, stop, conversation
+        self.acquisition = Acquisition(
+            bench,
+            place.clock,
+            ports=place.ports if conversation is None else conversation.ports,
+            simulated=place.virtual is not None,
+            ambient_bar=ambient.pressure_bar_abs,
+            ambient_c=ambient.temperature_c,
+        )
+
+    def go(self, course: Course) -> tuple[Path, Outcome]:
+        """Identify, make the run, go through the course, seal."""
+        # Before anything is under way: right after an installation the solvers are compiled here. A watchdog that was
+        # there by then would take a long compilation for a sweep that hangs.
+        guard, limits = self._guard(), self._limits()
+        self.acquisition.connect()
+        writer = RunWriter.create(self.wanted.root, self._start(), self.wanted.wire)
+        begin_ns = self.place.clock.now_ns()
+        outcome = Outcome("failed", "the program ended", False, [], [])
+        watchdog = None
+        try:
+            self.acquisition.begin(writer)
+            watchdog = self._watchdog(writer)
+            with self.wanted.beside(writer.folder, self._note) as tell:
+                outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, tell))
+        except BaseException as error:
+            outcome = Outcome("failed", f"{type(error).__name__}: {error}", False, [], [])
+            error.add_note(self._seal(writer, outcome, begin_ns, watchdog))
+            raise
+        self._seal(writer, outcome, begin_ns, watchdog)
+        return writer.folder, outcome
+
+    def _note(self, kind: str, **details: Any) -> None:
+        self.acquisition.event(kind, None, **details)
+
+    def _start(self) -> StartRecord:
+        room, wanted = self.ambient, self.wanted
+        kind: Any = "manual" if wanted.kind == "sweep" and is_manual(self.bench) else wanted.kind
+        circumstances = Circumstances(
+            wanted.operator, room.record(), room.lubrication, room.minutes_running, wanted.parent
+        )
+        simulated = self.place.virtual is not None
+        return start_record(self.bench, kind, self.place.clock, self.acquisition.identities(), circumstances, simulated)
+
+    def _course(self, writer: RunWriter, course: Course, hooks: Hooks) -> Outcome:
+        if self.conversation is not None and is_manual(self.bench):
+            return run_manual(self.acquisition, writer, self.bench, course, self.conversation, hooks)
+        return run_course(self.acquisition, writer, self.bench, course, hooks)
+
+    def _watchdog(self, writer: RunWriter) -> Watchdog | None:
+        """The failsafes set, and a watchdog that watches; neither where a person has the valve."""
+        if self.bench.file.roles.regulator is None:
+            return None
+        for line in set_and_check(self.acquisition, self.bench):
+            self.acquisition.event("failsafe", None, text=line)
+        virtual = self.place.virtual
+        line_name = self.bench.file.devices[self.bench.file.roles.regulator].line
+        where = None if virtual is None else virtual.get(line_name)
+        plan = WatchdogPlan.of(self.bench, self.path, self.place.clock, writer.folder / WATCHDOG, where)
+        watchdog = Watchdog.start(plan, ATTENDED_S)
+        self.acquisition.event("watchdog", None, pid=watchdog.pid)
+        return watchdog
+
+    def _guard(self) -> Guard:
+        """What predicts the speed of a level."""
+        _, gauge = self.bench.channel("pressure")
+        gauge_sd_bar = DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
+        motor = motor_of(self.bench, self.ambient)
+        limit_rpm = min(self.bench.file.safety.highest_speed_rpm, motor["speed_limit"].value)
+        return Guard(motor, limit_rpm, gauge_sd_bar * BAR)
+
+    def _limits(self) -> Limits:
+        """What a reading may not pass."""
+        file = self.bench.file
+        return Limits(file.safety, file.roles, self.ambient.pressure_bar_abs, self.place.clock.rate)
+
+    def _hooks(self, guard: Guard, limits: Limits, watchdog: Watchdog | None, tell: Callable[[Plateau], None]) -> Hooks:
+        """What the course asks and tells on its way."""
+
+        def trip(view: View, now_ns: int, pressurised: bool) -> str | None:
+            fault = watchdog.fault() if watchdog is not None else None
+            return fault or limits.trip(view, now_ns, pressurised)
+
+        def taken(plateau: Plateau) -> None:
+            self.wanted.on_plateau(plateau)
+            tell(plateau)
+
+        is_gauge = self.bench.file.roles.pressure.endswith("_gauge")
+        return Hooks(
+            guarded(guard, self.ambient.pressure_bar_abs, is_gauge),
+            trip,
+            lambda: self.stop.asked,
+            self.wanted.progress,
+            Silent() if self.conversation is None else ValveHand(self.conversation),
+            taken,
+            expecting(guard, self.ambient.pressure_bar_abs, is_gauge),
+        )
+
+    def _seal(self, writer: RunWriter, outcome: Outcome, begin_ns: int, watchdog: Watchdog | None) -> str:
+        """Statistics, last readings, end record; a failure of the run log is told once the run is closed.
+
+        A line that is not known to be vented is left to the watchdog, which tries on by itself. What is known of the
+        line is returned in words, and goes with every error.
+        """
+        if self.conversation is not None and self.conversation.room is not None:
+            self.ambient = self.conversation.room  # as the person has put it right meanwhile
+        minutes = (self.place.clock.now_ns() - begin_ns) / NS / 60.0
+        statistics = self.acquisition.statistics()
+        self.acquisition.event("statistics", None, **statistics)
+        failure: RecorderError | None = None
+        try:
+            self.acquisition.stop()
+        except RecorderError as error:
+            failure = error
+            outcome = replace(outcome, outcome="failed", reason=str(error))
+        line = "the line is without pressure" if outcome.vented else UNVENTED
+        if watchdog is not None and outcome.vented:
+            watchdog.release()
+        elif watchdog is not None and watchdog.hand_over():
+            line = f"{UNVENTED}; the regulator reads back zero"
+        room: Any = self._room_at_end(minutes, outcome.outcome == "finished").record()
+        kind: Any = outcome.outcome
+        try:
+            writer.end(kind, outcome.reason, room, statistics, outcome.vented)
+        except RunError as error:
+            failure = RecorderError(f"{failure or error}; the run counts as killed")
+        if failure is not None:
+            failure.add_note(line)
+            raise failure
+        return line
+
+    def _room_at_end(self, minutes: float, ask: bool) -> Ambient:
+        """The room once more; as at the start where nobody says, for no answer may keep a run from being sealed."""
+        if not ask or self.wanted.ask is None:
+            return at_end(self.ambient, minutes)
+        try:
+            with self.stop.interrupting():
+                if self.conversation is not None:
+                    self.conversation.resume()  # its port was closed with the other lines
+                return at_end(self.ambient, minutes, self.wanted.ask)
+        except (AmbientError, LineError, StoppedError, KeyboardInterrupt):
+            self.wanted.progress.say("the room's figures at the end were not told; those of the start stand", True)
+            return at_end(self.ambient, minutes)
+
+
+def enter(bench: Bench, text: str, ambient: Ambient, root: Path, operator: str = "") -> Path:
+    """A run from a sheet that was filled in.
+
+    Parameters
+    ----------
+    bench : Bench
+        With one manual instrument.
+    text : str
+        The sheet, CSV.
+    ambient : Ambient
+        The room.
+    root : Path
+        Where runs are kept.
+    operator : str
+        Who read the instruments.
+
+    Raises
+    ------
+    SheetError
+        Every mistake of the sheet; there is no run then.
+    """
+    rows = read_sheet(text, bench)
+    circumstances = Circumstances(operator, ambient.record(), ambient.lubrication, ambient.minutes_running)
+    writer = RunWriter.create(root, start_record(bench, "manual", Clock(), {}, circumstances))
+    with writer:
+        outcome = enter_sheet(bench, rows, writer, ambient)
+        kind: Any = outcome.outcome
+        writer.end(kind, outcome.reason, ambient.record(), None, outcome.vented)
+    return writer.folder

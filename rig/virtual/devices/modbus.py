@@ -1,0 +1,128 @@
+"""Any Modbus device that its file describes: the register image of the file, filled from the truth."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rig.bench.bench import Place
+from rig.virtual.devices import frames
+from rig.virtual.devices.base import World
+from rig.virtual.devices.modbus_device import Field, ModbusDevice, Refusal, constant, value_of, width_of, words_of
+from rig.virtual.devices.sensors import Sensor
+
+
+def serve(device: str, settings: Any, place: Place, world: World) -> DescribedDevice:
+    """A device after its file.
+
+    Parameters
+    ----------
+    device : str
+        In the bench file.
+    settings : InstrumentFile
+        Of a generic Modbus device.
+    place : Place
+        Its tables in the bench file.
+    world : World
+        Line, motor, faults.
+    """
+    return DescribedDevice(device, settings, place.table.unit_id or 0, world)
+
+
+class DescribedDevice(ModbusDevice):
+    """A device with the registers of its file, and with its set-point where it has one.
+
+    Parameters
+    ----------
+    device : str
+        In the bench file.
+    settings : InstrumentFile
+        Of a generic Modbus device.
+    unit : int
+        Address on the bus [-].
+    world : World
+        Line, motor, faults.
+    """
+
+    def __init__(self, device: str, settings: Any, unit: int, world: World) -> None:
+        fields = [self._channel(device, name, settings, world) for name in settings.channels]
+        checks = [*settings.expect, *([settings.identity] if settings.identity else [])]
+        fields += [constant(check.address, check.values[0]) for check in checks]
+        first = min(field.address for field in fields)
+        last = max(field.address + field.size for field in fields)
+        # registers between those of the file hold something on a real device too
+        fields.insert(0, constant(first, *[0] * min(last - first, 1000)))
+        self.setpoint, self.plant = settings.setpoint, world.plant
+        self._ordered: list[int] = []
+        if self.setpoint is not None:
+            self._ordered = self._words(0.0)
+            fields.append(Field(self.setpoint.address, len(self._ordered), lambda _: self._ordered))
+        table = frames.READ_HOLDING if settings.registers == "holding" else frames.READ_INPUT_REGISTERS
+        tables = {table: fields}
+        if self.setpoint is not None and table != frames.READ_HOLDING:
+            tables[frames.READ_HOLDING] = fields[-1:]
+        super().__init__(device, unit, tables)
+
+    def restart(self, time_ns: int) -> None:
+        """Power comes back, with no set-point.
+
+        Parameters
+        ----------
+        time_ns : int
+            Time of the bench [ns].
+        """
+        super().restart(time_ns)
+        self.switch_off()
+
+    def switch_off(self) -> None:
+        """Without power a regulator shuts."""
+        if self.setpoint is not None:
+            self._ordered = self._words(0.0)
+            self.plant.order(0.0)
+
+    def write(self, address: int, values: list[int], time_ns: int) -> None:
+        """Take a set-point.
+
+        Parameters
+        ----------
+        address : int
+            First register on the wire [-].
+        values : list of int
+            0-65535 each [-].
+        time_ns : int
+            Time of the bench [ns].
+        """
+        table = self.setpoint
+        if table is None or address != table.address or len(values) != width_of(table.type):
+            raise Refusal(frames.ILLEGAL_ADDRESS)
+        value = table.scale * value_of(values, table.type, table.word_order == "little") + table.offset
+        if not table.lowest <= value <= table.highest:
+            raise Refusal(frames.ILLEGAL_VALUE)
+        self._ordered = values
+        above = 0.0 if "abs" in table.unit else self.plant.ambient_bar
+        self.plant.order(value + above)
+
+    def _words(self, value: float) -> list[int]:
+        table = self.setpoint
+        return words_of((value - table.offset) / table.scale, table.type, table.word_order == "little")
+
+    @staticmethod
+    def _channel(device: str, name: str, settings: Any, world: World) -> Field:
+        channel = settings.channels[name]
+        sensor = world.sensor(device, name, channel, settings.update_s)
+
+        def words(time_ns: int) -> list[int]:
+            """The registers' number of the value, or the one that stands for a state."""
+            number = _number(sensor, channel, time_ns)
+            return words_of(number, channel.type, channel.word_order == "little")
+
+        return Field(channel.address, width_of(channel.type), words)
+
+
+def _number(sensor: Sensor, channel: Any, time_ns: int) -> float:
+    value = sensor.read(time_ns)
+    if math.isnan(value) and channel.invalid:
+        return float(channel.invalid[0])
+    if channel.highest is not None and value > channel.highest and channel.over_range:
+        return float(channel.over_range[0])
+    return float((value - channel.offset) / channel.scale)

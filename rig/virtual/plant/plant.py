@@ -1,0 +1,430 @@
+"""The air line and the motor of the virtual bench: the transient model, carried on from wherever it was.
+
+The truth is the motor's file with the parameters that the bench file's ``[virtual.truth]`` changes. The line's
+pressure follows the regulator's set-point as a first-order lag; a set-point of zero opens the dump valve, which is
+faster. A line that holds air fills and empties by its mass balance instead (`air_line`).
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+import configs
+from model.air import gas_constant, water_fraction
+from model.cylinder import gas_state
+from model.layout import RPM
+from model.motor import QUANTITIES, Motor
+from model.transient import DONE, M_IN, OMEGA, THETA, Supply, integrate, rest_state
+from rig.readings import NS
+from rig.virtual.plant.air_line import AirLine
+
+BAR = 1e5
+SAMPLE_NS = 1_000_000  # of the shaft's angle: between two samples it is a cubic
+SPAN_NS = 10_000_000  # the line's pressure is constant for so long
+CHUNK_NS = 250_000_000  # in one call of the model
+# Where the line holds air, motor and line take turns: for so long while the pressure moves, and where it stands.
+FINE_NS, COARSE_NS = 2_000_000, 10_000_000
+STANDS_BAR = 1e-4  # in a turn
+SETTLED_BAR = 1e-7
+PULSE_S = 0.005  # of the motor's draught: what the line feels of it
+METER_LAG_S = 0.2  # the flow meter's, first order; the motor draws air in pulses
+HISTORY_NS = 20_000_000
+MOST_HISTORY = 60_000
+MOST_GASES = 1000
+MOST_SETPOINTS = 10_000
+# What the truth may change besides the motor's parameters: its value when left out, and its bounds.
+LINE_TRUTH: dict[str, tuple[float, float, float]] = {
+    "regulator_lag_s": (0.3, 1e-3, 100.0),
+    "vent_lag_s": (0.03, 1e-3, 100.0),
+    "regulator_gain": (1.0, 1e-3, 100.0),
+    "comm_safety_s": (2.0, 1e-3, 100.0),
+    "regulator_droop_bar_min_l": (0.0, 0.0, 0.02),
+    "line_volume_l": (0.0, 0.0, 50.0),
+    "valve_time_s": (0.0, 0.0, 10.0),
+    "valve_area_mm2": (50.0, 1.0, 1000.0),
+    "pitch_error_sd": (0.0, 0.0, 0.3),
+    "tachometer_window_s": (0.0, 0.0, 10.0),
+}
+LEAST_VOLUME_L = 0.01  # of a line that holds air
+
+# Called with sample times [ns, shape (n,)], angles [rad] and speeds [rad/s] as they become known; the first sample is
+# the last of the call before.
+Listener = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
+
+
+@dataclass(frozen=True)
+class LineTruth:
+    """How the bench besides the motor is.
+
+    Attributes
+    ----------
+    regulator_lag_s, vent_lag_s : float
+        Time constants of the pressure towards a set-point, and towards the ambient with the dump valve open [s]; the
+        second counts only where the line holds no air.
+    regulator_gain : float
+        Gauge pressure that the regulator makes of 1 bar ordered [-].
+    comm_safety_s : float
+        Silence after which an output module's communications safety acts [s].
+    regulator_droop_bar_min_l : float
+        What the regulator loses for each L/min that the motor takes at the line's state [bar min/L].
+    line_volume_l : float
+        Of the line between valve and motor [L]; 0 when the regulator's pressure is the motor's.
+    valve_time_s : float
+        From shut to open, and back [s].
+    valve_area_mm2 : float
+        Effective area of the valve, to the regulator and to the vent, where the line holds air [mm2].
+    pitch_error_sd : float
+        Errors of a toothed wheel, each tooth its own, as a share of the pitch, 1 sigma [-].
+    tachometer_window_s : float
+        Over which a tachometer that is asked takes its mean [s]; 0 when it tells the present speed.
+    """
+
+    regulator_lag_s: float = LINE_TRUTH["regulator_lag_s"][0]
+    vent_lag_s: float = LINE_TRUTH["vent_lag_s"][0]
+    regulator_gain: float = LINE_TRUTH["regulator_gain"][0]
+    comm_safety_s: float = LINE_TRUTH["comm_safety_s"][0]
+    regulator_droop_bar_min_l: float = LINE_TRUTH["regulator_droop_bar_min_l"][0]
+    line_volume_l: float = LINE_TRUTH["line_volume_l"][0]
+    valve_time_s: float = LINE_TRUTH["valve_time_s"][0]
+    valve_area_mm2: float = LINE_TRUTH["valve_area_mm2"][0]
+    pitch_error_sd: float = LINE_TRUTH["pitch_error_sd"][0]
+    tachometer_window_s: float = LINE_TRUTH["tachometer_window_s"][0]
+
+    @property
+    def holds_air(self) -> bool:
+        """Whether there is a mass balance to keep."""
+        return self.line_volume_l > 0.0 or self.valve_time_s > 0.0 or self.regulator_droop_bar_min_l > 0.0
+
+
+class Turning(Protocol):
+    """Line and motor as the instruments know them: `Plant`, or what stands in its place.
+
+    What they tell is what an instrument without errors of its own would read.
+
+    Attributes
+    ----------
+    time_ns : int
+        To which it has been carried on [ns].
+    ambient_bar, target_bar : float
+        Of the room, and ordered, absolute [bar].
+    room_k, inlet_k : float
+        Temperature of the room, and of the line's air [K].
+    line : LineTruth
+        How the bench besides the motor is.
+    listeners : list of callable
+        Called with samples of the shaft.
+    setpoints, history : deque
+        Of the control socket's ``state``.
+    """
+
+    time_ns: int
+    ambient_bar: float
+    room_k: float
+    inlet_k: float
+    target_bar: float
+    line: LineTruth
+    listeners: list[Listener]
+    setpoints: deque[tuple[float, float]]
+    history: deque[tuple[float, float, float, float]]
+
+    @property
+    def pressure_bar(self) -> float:
+        """Of the line at its gauge, absolute."""
+
+    @property
+    def line_bar(self) -> float:
+        """Of the line, whatever its gauge reads, absolute."""
+
+    @property
+    def flow_kg_s(self) -> float:
+        """Through the meter."""
+
+    @property
+    def speed_rpm(self) -> float:
+        """Instantaneous speed."""
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle of the shaft since the start."""
+
+    @property
+    def vented(self) -> bool:
+        """Whether the dump valve is open."""
+
+    def order(self, pressure_bar_abs: float) -> None:
+        """Order a pressure, now.
+
+        Parameters
+        ----------
+        pressure_bar_abs : float
+            Absolute [bar]; the ambient's or less opens the dump valve.
+        """
+
+    def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
+        """The present mass flow as a volume flow at a state.
+
+        Parameters
+        ----------
+        pressure_bar_abs : float
+            Absolute pressure of the state [bar].
+        temperature_k : float
+            Its temperature [K].
+        """
+
+    def advance(self, to_ns: int) -> None:
+        """Carry on to a time; an earlier one changes nothing.
+
+        Parameters
+        ----------
+        to_ns : int
+            Time of the bench [ns].
+        """
+
+
+def read_truth(motor: Motor, truth: Mapping[str, float], place: str) -> tuple[Motor, LineTruth]:
+    """The motor and the line as they really are on a virtual bench.
+
+    Parameters
+    ----------
+    motor : Motor
+        As its file says.
+    truth : mapping of str to float
+        Changed figures: the motor's parameters each in its own unit, and those of the line [own unit].
+    place : str
+        The bench file, for the error text.
+
+    Returns
+    -------
+    Motor, LineTruth
+        The truth.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown name, or a value out of its bounds.
+    """
+    known = [*QUANTITIES, *LINE_TRUTH]
+    mistakes = []
+    for name, value in truth.items():
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            mistakes.append(f"{place}: virtual.truth.{name}: no such parameter; {hint}")
+        elif name in LINE_TRUTH:
+            _, low, high = LINE_TRUTH[name]
+            if not low <= value <= high:
+                mistakes.append(f"{place}: virtual.truth.{name}: {value:g} is outside {low:g}..{high:g}")
+    if mistakes:
+        raise configs.ConfigError("\n".join(mistakes))
+    line = LineTruth(**{name: value for name, value in truth.items() if name in LINE_TRUTH})
+    return motor.with_values({name: value for name, value in truth.items() if name in QUANTITIES}), line
+
+
+class Plant:
+    """The line and the motor; `advance` carries them on, the attributes tell how they stand.
+
+    Parameters
+    ----------
+    motor : Motor
+        The true one.
+    line : LineTruth
+        How the line answers.
+    """
+
+    def __init__(self, motor: Motor, line: LineTruth | None = None) -> None:
+        self.motor = motor
+        self.line = line or LineTruth()
+        self.time_ns = 0
+        self.ambient_bar = motor.si("ambient_pressure") / BAR
+        self.room_k, self.inlet_k = motor.si("ambient_temperature"), motor.si("inlet_temperature")
+        self.pressure_bar = self.ambient_bar  # absolute, at the inlet
+        self.target_bar = self.ambient_bar
+        self.flow_kg_s = 0.0  # through the meter, with its lag
+        self.state = rest_state(motor)
+        self.listeners: list[Listener] = []
+        # time [s] and pressure ordered [bar abs]
+        self.setpoints: deque[tuple[float, float]] = deque([(0.0, self.ambient_bar)], maxlen=MOST_SETPOINTS)
+        # time [s], pressure [bar abs], speed [rpm], flow [kg/s]
+        self.history: deque[tuple[float, float, float, float]] = deque(maxlen=MOST_HISTORY)
+        self._next_history_ns = 0.0
+        self._parameters, self._readings = motor.vector(), motor.readings.vector()
+        self._gases: dict[float, np.ndarray] = {}  # by pressure [Pa]
+        # where the pressure is taken for vented: there an open inlet holds what a vented one does
+        drops = (motor.si("inlet_pressure_drop") + motor.si("outlet_pressure_drop")) / BAR
+        self._vented_bar = self.ambient_bar + drops
+        moist = water_fraction(
+            motor.si("ambient_temperature"), motor.si("ambient_pressure"), motor.si("relative_humidity")
+        )
+        self.gas_constant = float(gas_constant(moist))
+        self._taken_kg_s = 0.0  # by the motor, over the time of a pulse
+        self._turn_ns = FINE_NS
+        self._air = None if not self.line.holds_air else self._air_line()
+
+    @property
+    def line_bar(self) -> float:
+        """Pressure of the line, whatever its gauge reads, absolute."""
+        return self.pressure_bar
+
+    @property
+    def speed_rpm(self) -> float:
+        """Instantaneous speed."""
+        return float(self.state[OMEGA]) * RPM
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle of the shaft since the start."""
+        return float(self.state[THETA])
+
+    @property
+    def vented(self) -> bool:
+        """Whether the dump valve is open: no gauge pressure is ordered."""
+        return self.target_bar <= self.ambient_bar
+
+    def order(self, pressure_bar_abs: float) -> None:
+        """Order a pressure, now.
+
+        Parameters
+        ----------
+        pressure_bar_abs : float
+            Absolute [bar]; the ambient's or less opens the dump valve.
+        """
+        gauge = max(0.0, pressure_bar_abs - self.ambient_bar) * self.line.regulator_gain
+        target = self.ambient_bar + gauge
+        if abs(target - self.target_bar) > SETTLED_BAR:
+            self.target_bar = target
+            self._turn_ns = FINE_NS
+            self.setpoints.append((self.time_ns / NS, target))
+
+    def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
+        """The present mass flow as a volume flow at a state.
+
+        Parameters
+        ----------
+        pressure_bar_abs : float
+            Absolute pressure of the state [bar].
+        temperature_k : float
+            Its temperature [K].
+        """
+        density = pressure_bar_abs * BAR / (self.gas_constant * temperature_k)
+        return self.flow_kg_s / density * 60e3
+
+    def advance(self, to_ns: int) -> None:
+        """Carry line and motor on to a time; an earlier one changes nothing.
+
+        Parameters
+        ----------
+        to_ns : int
+            Time of the bench [ns].
+        """
+        while self.time_ns < to_ns:
+            self._carry_on(min(to_ns, self.time_ns + CHUNK_NS))
+
+    def _carry_on(self, to_ns: int) -> None:
+        if self._air is None:
+            self._carry_over(to_ns)
+            return
+        while self.time_ns < to_ns:  # what the motor takes of the line is known only when it has taken it
+            before = self.pressure_bar
+            self._carry_over(min(to_ns, self.time_ns + self._turn_ns))
+            self._turn_ns = COARSE_NS if abs(self.pressure_bar - before) < STANDS_BAR else FINE_NS
+
+    def _carry_over(self, to_ns: int) -> None:
+        span_ns = to_ns - self.time_ns
+        pieces = math.ceil(span_ns / SPAN_NS)
+        samples = pieces * max(1, round(span_ns / pieces / SAMPLE_NS))  # whole samples in each span
+        time_s = np.linspace(0.0, span_ns / NS, samples + 1)
+        supply, pressures = self._supply(pieces, span_ns / pieces / NS)
+        run = self._integrate(supply, time_s)
+        every = samples // pieces
+        self._follow(pressures, np.diff(run[::every, 2]), span_ns / pieces, run[every::every, 1])
+        start_ns, self.time_ns = self.time_ns, to_ns
+        self.state[M_IN:] = 0.0  # counting on would lose digits
+        times_ns = start_ns + time_s * NS
+        for listener in self.listeners:
+            listener(times_ns, run[:, 0], run[:, 1])
+
+    def _integrate(self, supply: list[Supply], time_s: np.ndarray) -> np.ndarray:
+        """`model.transient.simulate`, carried on; so often called that what does not change is worked out once."""
+        samples = np.empty((time_s.size, 6))
+        status, _, _ = integrate(
+            self.state,
+            0.0,
+            np.array([span.start_s for span in supply]),
+            np.array([span.pressure_pa for span in supply]),
+            np.array([float(span.is_open) for span in supply]),
+            time_s,
+            samples,
+            np.empty(0),
+            self._parameters,
+            self._gas(round(max(span.pressure_pa for span in supply), -1 if self._air is None else -2)),
+            self._readings,
+            1,
+        )
+        if status != DONE:
+            raise ArithmeticError(f"the motor's model failed (status {status}): is the truth of the bench physical?")
+        return samples
+
+    def _gas(self, pressure_pa: float) -> np.ndarray:
+        gas = self._gases.get(pressure_pa)
+        if gas is None:
+            gas = gas_state(self._parameters, pressure_pa, self._readings)
+            if len(self._gases) >= MOST_GASES:
+                self._gases.clear()
+            self._gases[pressure_pa] = gas
+        return gas
+
+    def _supply(self, pieces: int, piece_s: float) -> tuple[list[Supply], list[float]]:
+        """The line over the next spans, each at the pressure of its middle, and the pressure at the end of each."""
+        if self._air is not None:
+            return self._from_air(self._air, pieces * piece_s)
+        lag_s = self.line.vent_lag_s if self.vented else self.line.regulator_lag_s
+        supply: list[Supply] = []
+        ends: list[float] = []
+        pressure = self.pressure_bar
+        for piece in range(pieces):
+            away = pressure - self.target_bar
+            middle = self.target_bar + away * math.exp(-0.5 * piece_s / lag_s)
+            is_open = middle > self._vented_bar
+            last = supply[-1] if supply else None
+            if last is None or last.is_open != is_open or abs(last.pressure_pa - middle * BAR) > SETTLED_BAR * BAR:
+                supply.append(Supply(piece * piece_s, middle * BAR, is_open))
+            pressure = self.target_bar + away * math.exp(-piece_s / lag_s)
+            if abs(pressure - self.target_bar) < SETTLED_BAR:
+                pressure = self.target_bar
+            ends.append(pressure)
+        self.pressure_bar = pressure
+        return supply, ends
+
+    def _air_line(self) -> AirLine:
+        line = self.line
+        volume_l = max(line.line_volume_l, LEAST_VOLUME_L)
+        gas = self.gas_constant * self.inlet_k
+        droop = line.regulator_droop_bar_min_l
+        return AirLine(
+            volume_l, line.valve_time_s, line.valve_area_mm2, line.regulator_lag_s, droop, self.ambient_bar, gas
+        )
+
+    def _from_air(self, air: AirLine, span_s: float) -> tuple[list[Supply], list[float]]:
+        """The same over one short span, from the mass balance."""
+        middle = air.step(self.target_bar, not self.vented, self._taken_kg_s, span_s)
+        self.pressure_bar = air.pressure_bar
+        return [Supply(0.0, middle * BAR, middle > self._vented_bar)], [air.pressure_bar]
+
+    def _follow(self, pressures: list[float], passed_kg: np.ndarray, piece_ns: float, speeds: np.ndarray) -> None:
+        """Keep what the spans have shown; with the dump valve open nothing passes the meter."""
+        for piece, pressure in enumerate(pressures):
+            taken = float(passed_kg[piece]) / piece_ns * NS
+            self._taken_kg_s += (taken - self._taken_kg_s) * -math.expm1(-piece_ns / NS / PULSE_S)
+            flow = 0.0 if self.vented else taken
+            self.flow_kg_s += (flow - self.flow_kg_s) * -math.expm1(-piece_ns / NS / METER_LAG_S)
+            time_ns = self.time_ns + (piece + 1) * piece_ns
+            if time_ns >= self._next_history_ns:
+                self._next_history_ns = time_ns + HISTORY_NS
+                self.history.append((time_ns / NS, pressure, float(speeds[piece]) * RPM, self.flow_kg_s))
