@@ -20,11 +20,11 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from calibration.data import joined as together
+from calibration.data.refusals import refuse_starved
 from calibration.diagnosis import Diagnosis, as_json, diagnose, sets_in_words
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.verdict import Verdict
-from calibration.diagnosis.usable import refuse_starved
 from calibration.report import diagnosis_figures, diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words
 from calibration.report import diagnosis_numbers as numbers
 from calibration.systems.radial_piston.problem import Problem

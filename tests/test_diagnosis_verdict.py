@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.data.refusals import refuse_at_rest
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.document import set_probability
 from calibration.diagnosis.linear_model.forces import forces
@@ -22,7 +23,6 @@ from calibration.diagnosis.steps.detect import _Test
 from calibration.diagnosis.steps.misread import alone_at_an_end
 from calibration.diagnosis.steps.name import log_prior, refusal, weigh
 from calibration.diagnosis.steps.verdict import Verdict, judge, not_excluded
-from calibration.diagnosis.usable import refuse_at_rest
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.noise import SCALES

@@ -16,13 +16,13 @@ import pytest
 
 import spinbench
 from calibration.data.blocks import Blocks, blocks_of
+from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply
 from calibration.data.runs_in_time import coast_down, few_used, lone_zeros, release
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json, finite
 from calibration.diagnosis.next_test.planned import planned
 from calibration.diagnosis.other_rigs import diagnose_rig
 from calibration.diagnosis.steps.verdict import judge
-from calibration.diagnosis.usable import refuse_mixed_units, refuse_wrong_supply
 from calibration.likelihood.linear import Comparison
 from calibration.report.diagnosis_words import sentence
 from calibration.systems.radial_piston.problem import Problem

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.data.clock import times_of, untimed_row
 from calibration.data.measurement import OBSERVED, Measurement, gather
 from calibration.data.runs_in_time import lone_zeros, repeated
 from calibration.unknowns.priors import PASCAL_PER_BAR
@@ -53,7 +54,9 @@ class Plateaus:
     flow, speed : ndarray
         Readings [m3/s], [rad/s].
     time : ndarray
-        On the recording's clock [s]; the row's number in seconds where no time was taken.
+        On the recording's clock [s]; 0 throughout where some row has none.
+    untimed : str
+        The first row without a time, as ``file, row``; empty where each has one.
     up : ndarray
         1 on the way up, -1 down, 0 where that was not noted [-].
     noise_scale : ndarray
@@ -67,6 +70,7 @@ class Plateaus:
     flow: np.ndarray
     speed: np.ndarray
     time: np.ndarray
+    untimed: str
     up: np.ndarray
     noise_scale: np.ndarray
 
@@ -285,7 +289,7 @@ def _standing(recording: Recording) -> Standing:
         if "flow_l_min" not in file.columns or not (held or file.kind == "zero"):
             continue
         gauge = "pressure_bar_gauge" in file.columns
-        flow, stamps = file.columns["flow_l_min"], file.columns.get("time_s")
+        flow, clock = file.columns["flow_l_min"], times_of(file)
         used = np.isfinite(flow.values) & (flow.censor == 0)
         pressure = np.full(file.rows, np.nan)
         if held:
@@ -300,9 +304,10 @@ def _standing(recording: Recording) -> Standing:
             if not rows.size or (shows_nothing and not held):
                 continue
             sd = float(np.hypot(noise / np.sqrt(1 if shows_nothing else rows.size), rounding))
-            clock = file.start_s + float(np.mean(stamps.values[rows] if stamps is not None else rows + 1.0))
+            timed = clock[rows][np.isfinite(clock[rows])]
+            when = float(np.mean(timed)) if timed.size else file.start_s
             value = float(np.mean(flow.values[rows])) / L_MIN
-            found.append((file.file, float(np.mean(pressure[rows])), gauge, value, sd / L_MIN, clock))
+            found.append((file.file, float(np.mean(pressure[rows])), gauge, value, sd / L_MIN, when))
     names, *rest = list(zip(*found, strict=True)) or [(), (), (), (), (), ()]
     line, is_gauge, mean, sds, time = map(np.array, rest)
     return Standing(names, line, is_gauge.astype(bool), mean, sds, time)
@@ -334,15 +339,14 @@ def _settled(time: np.ndarray, opened: np.ndarray) -> np.ndarray:
 def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
     rows = measured.steady
     files = {file.file: file for file in recording.files}
-    time = np.empty(len(rows))
+    places = [(files[name], int(number)) for name, number in zip(rows.file, rows.row, strict=True)]
+    untimed = untimed_row(places)
+    clocks = {file.file: np.zeros(file.rows) if untimed else times_of(file) for file in recording.files}
+    time = np.array([clocks[file.file][number - 1] for file, number in places])
     up = np.zeros(len(rows))
-    for i, (name, number) in enumerate(zip(rows.file, rows.row, strict=True)):
-        file = files[name]
-        index = int(number) - 1
-        stamps = file.columns.get("time_s")
-        time[i] = file.start_s + (stamps.values[index] if stamps is not None else float(number))
+    for i, (file, number) in enumerate(places):
         if file.direction is not None:
-            up[i] = {"up": 1.0, "down": -1.0}.get(str(file.direction[index]), 0.0)
+            up[i] = {"up": 1.0, "down": -1.0}.get(str(file.direction[number - 1]), 0.0)
     rests = (rows.speed_state == OBSERVED) & (rows.speed == 0.0)  # what flows then is no matter of the model's
     return Plateaus(
         rows.file,
@@ -352,6 +356,7 @@ def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
         np.where((rows.flow_state == OBSERVED) & ~rests, rows.flow / L_MIN, np.nan),
         np.where((rows.speed_state == OBSERVED) & (rows.speed > 0.0), rows.speed / RPM, np.nan),
         time,
+        untimed,
         up,
         rows.noise_scale,
     )

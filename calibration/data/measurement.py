@@ -90,7 +90,7 @@ def gather(recording: Recording, channels: tuple[str, ...] = ("pressure", "flow"
     Raises
     ------
     RecordingError
-        When no row can be used, or a pressure is outside the range of the air properties.
+        When no row can be used.
     """
     notes = list(recording.warnings)
     blocks: dict[str, list[Rows]] = {"steady": [], "zero": []}
@@ -141,7 +141,7 @@ def check_against_model(recording: Recording, measured: Measurement, motor: Moto
     Raises
     ------
     RecordingError
-        Gauge pressure declared absolute (or the reverse), or an absolute pressure out of range.
+        Gauge pressure declared absolute (or the reverse).
     """
     rows = measured.steady
     P_a = motor.si("ambient_pressure") / PASCAL_PER_BAR
@@ -159,13 +159,6 @@ def check_against_model(recording: Recording, measured: Measurement, motor: Moto
             f"{P_a:.3f} bar, yet the rotor turns at {rows.speed[i]:g} rpm; {advice}"
         )
     low, high = PRESSURE_LIMITS_BAR
-    outside = np.flatnonzero((declared < low) | (declared > high))
-    if outside.size:
-        i = int(outside[0])
-        raise RecordingError(
-            f"{rows.file[i]}: row {rows.row[i]}: {declared[i]:g} bar absolute is outside {low:g}..{high:g} bar; "
-            f"{advice}"
-        )
     usable = spinning & (other > low) & (other < high)
     if usable.sum() < 1:
         return

@@ -1,6 +1,6 @@
 """What physics a recording shows that the model leaves out.
 
-usable       recordings of which nothing can be said
+not_described whether the base model describes a recording at all
 steps        base, detect, locate, search and name, confirm, discover, verdict, and what each needs
 linear_model what each effect, and a force of any shape, would do to the readings
 next_test    which test would tell explanations apart

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis.linear_model.forces import Force, forces
 from calibration.diagnosis.linear_model.signatures import Signature, signatures
 from calibration.diagnosis.next_test.recommend import NextTest, propose
+from calibration.diagnosis.not_described import not_described
 from calibration.diagnosis.steps.abrupt import step_instead
 from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.confirm import HeldOut, cross_validate
@@ -36,7 +38,6 @@ from calibration.diagnosis.steps.verdict import (
     judge,
     not_excluded,
 )
-from calibration.diagnosis.usable import not_described, refuse_unusable
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode

@@ -13,12 +13,12 @@ from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
 from calibration.diagnosis.linear_model.further_forces import not_observable
 from calibration.diagnosis.next_test.recommend import NextTest
+from calibration.diagnosis.not_described import CHECK
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
 from calibration.diagnosis.steps.name import Candidate
 from calibration.diagnosis.steps.sizes import sizes_of
 from calibration.diagnosis.steps.verdict import Verdict
-from calibration.diagnosis.usable import CHECK
 from calibration.unknowns.priors import Unknown
 
 FORMAT = "diagnosis/1"

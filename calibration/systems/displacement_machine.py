@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from calibration.data.clock import times_of
 from calibration.systems.readings import TO_SI, Readings, means, noise_sd, plateaus
 from calibration.systems.table import RigTable, Seen, instrument, rows_used
 from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
@@ -51,9 +52,9 @@ def see(table: RigTable) -> Seen:
     P = all_of(name) * PASCAL_PER_BAR + (table.ambient if gauge else 0.0)
     speed = all_of("speed_rpm") / RPM
     known = np.isfinite(P) & np.isfinite(speed)
-    time = np.concatenate(
-        [f.start_s + (f.columns["time_s"].values if "time_s" in f.columns else np.arange(f.rows)) for f in files]
-    )
+    time = np.concatenate([times_of(f) for f in files])
+    timed = bool(np.all(np.isfinite(time[known])))
+    time = time if timed else np.zeros(time.size)
     T = all_of("inlet_temperature_c", table.room - KELVIN_AT_0_C) + KELVIN_AT_0_C
     T = np.where(np.isfinite(T), T, table.room)
     group = plateaus(speed[known], P[known], np.repeat(np.arange(len(files)), [f.rows for f in files])[known])
@@ -84,7 +85,7 @@ def see(table: RigTable) -> Seen:
     gauge_pa = float(np.median(rows_of[1])) - table.ambient
     median = float(np.median(rows_of[0]))
     sizes = Sizes(V * gauge_pa / (2.0 * np.pi), median, V * median / (2.0 * np.pi), gauge_pa)
-    return Seen(readings, [], unknowns, sizes, rows=rows_of, has=of_channel, files=files_used)
+    return Seen(readings, [], unknowns, sizes, rows=rows_of, has=of_channel, files=files_used, timed=timed)
 
 
 def predict(table: RigTable, seen: Seen, values: Mapping[str, float], chosen: Chosen) -> list[np.ndarray]:

@@ -72,6 +72,8 @@ class Seen:
         Which plateaus have a reading, for each of ``readings``.
     files : list of dict
         Rows used of each file that was looked at, of `rows_used`.
+    timed : bool
+        Whether it is known when each plateau was read.
     """
 
     readings: list[Readings]
@@ -84,6 +86,7 @@ class Seen:
     rows: tuple[np.ndarray, ...] = ()
     has: list[np.ndarray] = field(default_factory=list)
     files: list[dict[str, Any]] = field(default_factory=list)
+    timed: bool = True
 
 
 def table_of(recording: Recording, motor: Mapping[str, Any]) -> RigTable:

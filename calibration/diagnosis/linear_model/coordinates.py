@@ -69,7 +69,7 @@ def coordinates(comparison: Comparison, mode: Mode) -> dict[str, Along]:
         "speed": (mode.prediction.speed, speed),
         "pressure": (plateaus.pressure + np.where(plateaus.is_gauge, ambient, 0.0), tuple(line)),
         "flow": (mode.prediction.flow, nothing),
-        "time": (plateaus.time, time),
+        "time": (np.full(plateaus.size, np.nan) if plateaus.untimed else plateaus.time, time),
         "direction": (plateaus.up, nothing),
         "angle": (np.full(plateaus.size, np.nan), angle),
     }

@@ -79,10 +79,10 @@ def forces(comparison: Comparison, mode: Mode) -> list[Force]:
             count = (rows.stop - rows.start) // n
             columns[rows] = np.tile(pieces, (count, 1)) * per[rows, None]
             found.append(Force(channel, balance, "time", "s", columns, spans(parts)))
-        if np.any(up > 0) and np.any(up < 0):
-            columns = np.zeros((comparison.read.size, 1))
-            columns[: 2 * n, 0] = np.tile(up, 2) * torque[: 2 * n]
-            found.append(Force("speed", "torque", "direction", "1", columns, np.array([[-1.0, 1.0]])))
+    if n >= 8 and np.any(up > 0) and np.any(up < 0):
+        columns = np.zeros((comparison.read.size, 1))
+        columns[: 2 * n, 0] = np.tile(up, 2) * torque[: 2 * n]
+        found.append(Force("speed", "torque", "direction", "1", columns, np.array([[-1.0, 1.0]])))
     for i, run in enumerate(problem.blocks.runs):
         mine = comparison.kind == RUN + i
         clock = run.time[comparison.index[mine]]

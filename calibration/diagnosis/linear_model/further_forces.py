@@ -75,7 +75,8 @@ def not_observable(comparison: Comparison, mode: Mode) -> list[str]:
     if not (np.any(plateaus.up > 0) and np.any(plateaus.up < 0)):
         said.append("Sweep direction: the pressure went one way only, or that was not noted.")
     if plateaus.size < 8 or np.ptp(plateaus.time) == 0.0:
-        said.append("Running time: there are fewer than eight plateaus with a time.")
+        row = f": {plateaus.untimed}, has none" if plateaus.untimed else ""
+        said.append(f"Running time: there are fewer than eight plateaus with a time{row}.")
     if not np.isfinite(plateaus.flow).any():
         said.append("Flow balance: no flow was read at a plateau.")
     alike = same_coordinates(comparison, mode, "pressure")

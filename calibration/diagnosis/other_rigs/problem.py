@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.clock import needs_clock
 from calibration.systems import displacement_machine as rigs_machine
 from calibration.systems import driven_axis as rigs_axis
 from calibration.systems import free_rotor as rigs_rotor
@@ -106,6 +107,8 @@ class RigProblem:
             found = [name for name in found if effects()[name].torque is None]
         if not any(one.channel == "flow" for one in self.readings):
             found = [name for name in found if "flow" not in effects()[name].reads and name != "leakage"]
+        if not self.seen.timed:
+            found = [name for name in found if not needs_clock(effects()[name])]
         return sorted(found)
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown, float, float]]:

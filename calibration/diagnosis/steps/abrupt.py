@@ -95,8 +95,7 @@ def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
         Of the set; of the base model a step is tried in the place of the readings that it takes for bad.
     """
     time = coordinates(comparison, mode)["time"]
-    steady = [file for file in comparison.problem.recording.files if file.kind == "steady"]
-    moments = _moments(time) if all("time_s" in file.columns for file in steady) else np.zeros(0)
+    moments = np.zeros(0) if comparison.problem.blocks.plateaus.untimed else _moments(time)
     if not moments.size:
         return None
     kinds = {key: columns for key, columns in _columns(comparison, mode, time, moments).items() if columns.any()}

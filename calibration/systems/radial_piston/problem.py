@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data.blocks import Blocks, RunInTime, Vented, blocks_of
+from calibration.data.clock import needs_clock
 from calibration.systems.radial_piston import gauge, in_time, wheel
 from calibration.systems.radial_piston.standing import standing_flow
 from calibration.systems.radial_piston.supply import Course, line_unknowns
@@ -443,6 +444,8 @@ class Problem:
         found = []
         for effect in effects().values():
             if effect.id == "bad_reading" or not effect.listed or (effect.transient_only and not self.blocks.runs):
+                continue
+            if self.blocks.plateaus.untimed and needs_clock(effect):
                 continue
             if "flow" in effect.reads and not np.isfinite(self.blocks.plateaus.flow).any():
                 continue

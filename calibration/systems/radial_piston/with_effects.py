@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.data.clock import needs_clock, times_of, untimed_row
 from calibration.data.measurement import Measurement
 from calibration.systems.radial_piston.effect_states import Way, way_of
 from calibration.unknowns.priors import SHAPE_FACTOR, Unknown
@@ -102,12 +103,16 @@ def in_fit(names: Sequence[str], motor: Motor, recording: Recording, measured: M
         return None
     for name in names:
         _check(name, names, measured)
-    time, taken = _times(recording, measured)
-    for name in names:
-        if not taken and any(parameter.unit == "s" for parameter in effects()[name].parameters):
-            raise EffectsError(
-                f"{name} changes with time, and {recording.folder} has rows without time_s; add the column"
-            )
+    files = {file.file: file for file in recording.files}
+    rows = measured.steady
+    places = [(files[name], int(number)) for name, number in zip(rows.file, rows.row, strict=True)]
+    if untimed := untimed_row(places):
+        for name in names:
+            if needs_clock(effects()[name]):
+                raise EffectsError(
+                    f"{name} changes with time, and {recording.folder}/{untimed}, has no time_s; give each row its time"
+                )
+    time = np.array([0.0 if untimed else times_of(file)[number - 1] for file, number in places])
     return Effects(tuple(names), time, way_of(names, motor, time))
 
 
@@ -153,15 +158,3 @@ def _unknown(name: str, parameter: EffectParameter) -> Unknown:
         middle, span = 0.5 * (parameter.low + parameter.high), parameter.high - parameter.low
         return Unknown(full, unit, "normal", middle, span / OFF_ZERO_SDS, why)
     return Unknown(full, unit, "halfnormal" if parameter.low == 0.0 else "normal", 0.0, parameter.scale, why)
-
-
-def _times(recording: Recording, measured: Measurement) -> tuple[np.ndarray, bool]:
-    """Time of each steady row [s], and whether each has one."""
-    files, rows = {file.file: file for file in recording.files}, measured.steady
-    time, taken = np.empty(len(rows)), True
-    for i, (name, number) in enumerate(zip(rows.file, rows.row, strict=True)):
-        stamps = files[name].columns.get("time_s")
-        known = stamps is not None and np.isfinite(stamps.values[int(number) - 1])
-        time[i] = files[name].start_s + (stamps.values[int(number) - 1] if stamps is not None and known else number)
-        taken &= bool(known)
-    return time, taken

@@ -1,4 +1,4 @@
-"""Recordings that nothing can be said of: refused before any search, in words, or found to be of something else."""
+"""Recordings that nothing can be said of: refused before any search, with the file, the row, and what to do."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import itertools
 import numpy as np
 from scipy.ndimage import median_filter
 
+from calibration.data.measurement import PRESSURE_LIMITS_BAR
 from calibration.data.runs_in_time import lone_zeros, release
-from calibration.likelihood.linear import FLOW, RUN, SPEED, Comparison
-from calibration.likelihood.mode import Mode
 from calibration.unknowns.priors import at_ambient
 from model import geometry
 from model.layout import LOBE, N_CYLINDERS, N_LOBES
@@ -17,16 +16,6 @@ from model.motor import read_motor
 from rig.recording import Recording, RecordingError
 
 PASCAL_PER_BAR = 1e5
-# Share of a reading by which the base model may miss it, at the median. Of effects as large as the list allows speeds
-# are missed by 3 % and flows, beside a leak, by 22 %; where units are mixed up, by 40 % and more.
-MOST_MISSED = {"speed": 0.2, "flow": 0.5}
-CHECK = (
-    "the units of each column",
-    "which motor it is, and its file",
-    "the clock, and the times of supply_open",
-    "the tachometer's pulses per turn",
-    "whether the pressures are absolute or gauge",
-)
 FULL = 0.9  # share of the swept volume that a turn takes in, measured on this motor; beside a leak up to 1.5
 MOST_OFF = 3.0  # factor on flow over speed that no leak and no wrong meter makes
 FEWEST_ROWS = 3
@@ -51,13 +40,15 @@ LATE_S = 0.1  # by which supply_open may be late or early: so much before and af
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
 
 
-def refuse_unusable(recording: Recording) -> None:
-    """Refuse what no diagnosis can be made of.
+def refuse_unusable(recording: Recording, in_time: bool = True) -> None:
+    """Refuse what neither a fit nor a diagnosis can be made of.
 
     Parameters
     ----------
     recording : Recording
         Of a motor by name; another one passes.
+    in_time : bool
+        Whether its runs in time are used.
 
     Raises
     ------
@@ -65,9 +56,11 @@ def refuse_unusable(recording: Recording) -> None:
         File and row where there is one, what is wrong, and what to do.
     """
     refuse_starved(recording)
+    refuse_out_of_range(recording)
     refuse_at_rest(recording)
     refuse_mixed_units(recording)
-    refuse_wrong_supply(recording)
+    if in_time:
+        refuse_wrong_supply(recording)
 
 
 def refuse_mixed_units(recording: Recording) -> None:
@@ -237,6 +230,40 @@ def refuse_starved(recording: Recording) -> None:
         )
 
 
+def refuse_out_of_range(recording: Recording) -> None:
+    """Refuse plateaus at pressures that the air properties do not reach.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a motor by name.
+
+    Raises
+    ------
+    RecordingError
+        Names the first such row.
+    """
+    if not isinstance(recording.motor, str):
+        return
+    P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / PASCAL_PER_BAR
+    low, high = PRESSURE_LIMITS_BAR
+    for file in recording.files:
+        gauge = "pressure_bar_gauge" in file.columns
+        name, other = ("pressure_bar_gauge", "pressure_bar_abs")[:: 1 if gauge else -1]
+        if file.kind != "steady" or name not in file.columns:
+            continue
+        column = file.columns[name]
+        absolute = column.values + (P_a if gauge else 0.0)
+        outside = np.flatnonzero((column.censor == 0) & ((absolute < low) | (absolute > high)))
+        if outside.size:
+            i = int(outside[0])
+            raise RecordingError(
+                f"{recording.folder}/{file.file}: row {i + 1}: {absolute[i]:g} bar absolute is outside "
+                f"{low:g}..{high:g} bar; correct the row or take it out; if the gauge shows "
+                f"{other.rsplit('_', 1)[-1]} pressure, name the column {other}"
+            )
+
+
 def refuse_at_rest(recording: Recording) -> None:
     """Refuse recordings in which the rotor never turns: there is no speed to compare.
 
@@ -259,35 +286,3 @@ def refuse_at_rest(recording: Recording) -> None:
             f"{recording.folder}: column speed_rpm is 0 in every row, so there is no speed to compare with the "
             "model; record plateaus at which the rotor turns, or a spin-up or coast-down"
         )
-
-
-def not_described(comparison: Comparison, base: Mode) -> str:
-    """How far the base model is from the readings where it does not describe them at all; empty where it does.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    base : Mode
-        The base model at its most probable point.
-    """
-    missed = np.abs(comparison.read - comparison.raw(base.prediction))
-    runs = comparison.problem.blocks.runs
-    parts = [("flow", FLOW, "the flows of the plateaus"), ("speed", SPEED, "the speeds of the plateaus")]
-    parts += [("speed", RUN + i, f"the speeds of {run.file}") for i, run in enumerate(runs)]
-    far = []
-    for channel, kind, words in parts:
-        mine = (comparison.kind == kind) & comparison.known & (np.abs(comparison.read) > 0.0)
-        if not mine.any():
-            continue
-        share = float(np.median(missed[mine] / np.abs(comparison.read[mine])))
-        if not share <= MOST_MISSED[channel]:  # nan too: nothing is predicted there
-            far.append((share, words))
-    if not far:
-        return ""
-    share, words = max(far, key=lambda one: np.nan_to_num(one[0], nan=np.inf))
-    return (
-        f"{words} are off by {100.0 * share:.0f} % at the median"
-        if np.isfinite(share)
-        else f"{words} have no prediction"
-    )
