@@ -65,3 +65,21 @@ def test_a_pressure_out_of_range_is_refused_by_fit_and_diagnosis_alike(tmp_path,
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     with pytest.raises(RecordingError, match=r"sweep\.csv: row 4: 20 bar absolute is outside 0\.5\.\.8 bar"):
         said_by(read_recording(tmp_path))
+
+
+def test_a_run_in_which_the_tachometer_shows_noise_alone_is_left_aside(tmp_path):
+    sweep(tmp_path, 3, {})
+    noise = np.abs(np.random.default_rng(4).normal(0.0, 0.4, 60))
+    noise[20] = 3.8  # it lurched
+    rows = [f"{0.1 * i:.1f},{int(i > 15)},{2.0 if i > 15 else 1.01},{n:.1f}" for i, n in enumerate(noise)]
+    (tmp_path / "spin_up.csv").write_text(
+        "\n".join(["time_s,supply_open,pressure_bar_abs,speed_rpm", *rows]) + "\n", encoding="utf-8"
+    )
+    place = tmp_path / "recording.toml"
+    both = '{ file = "sweep.csv", kind = "steady" }, { file = "spin_up.csv", kind = "transient", start_s = 2000.0 }'
+    text = place.read_text(encoding="utf-8").replace('{ file = "sweep.csv", kind = "steady" }', both)
+    place.write_text(text, encoding="utf-8")
+    found = as_json(diagnose(read_recording(tmp_path), seed=1))
+    assert found["verdict"] == "consistent"
+    assert [(one["file"], one["rows_used"]) for one in found["files"]] == [("sweep.csv", 26), ("spin_up.csv", 0)]
+    assert "did not break away" in found["files"][1]["why"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.data.clock import times_of, untimed_row
 from calibration.data.measurement import OBSERVED, Measurement, gather
-from calibration.data.runs_in_time import lone_zeros, repeated
+from calibration.data.runs_in_time import lone_zeros, repeated, turns
 from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, PULSE, RPM
 from model.transient import Supply
@@ -244,7 +244,7 @@ def blocks_of(recording: Recording) -> Blocks:
         When it has neither plateaus nor runs in time that can be used.
     """
     measured = gather(recording)
-    every = (_run(file, recording) for file in recording.files if file.kind == "transient")
+    every = (_run(file, recording) for file in recording.files if file.kind == "transient" and turns(recording, file))
     plateaus = _plateaus(recording, measured)
     runs = tuple(_told(run, plateaus) for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
     return Blocks(plateaus, runs, _vented(recording), _standing(recording), measured)
@@ -369,9 +369,9 @@ def _run(file: RecordingFile, recording: Recording) -> RunInTime:
         raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")
     clock, shown = file.columns["time_s"].values, file.columns["speed_rpm"].values
     tachometer = recording.channels["speed_rpm"]
-    turns = np.where(shown > 0.0, shown, np.nan)
+    turning = np.where(shown > 0.0, shown, np.nan)
     sampled = np.isfinite(shown) & ~lone_zeros(shown)
-    sampled &= ~repeated(turns, tachometer.noise_sd * file.noise_scale, tachometer.resolution)
+    sampled &= ~repeated(turning, tachometer.noise_sd * file.noise_scale, tachometer.resolution)
     speed, time = shown[sampled] / RPM, clock[sampled]
     opened = file.columns["supply_open"].values > 0.5 if "supply_open" in file.columns else np.ones(clock.size, bool)
     pressure = file.columns[name].values * PASCAL_PER_BAR

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calibration.data.runs_in_time import STANDS
 from calibration.unknowns.priors import PASCAL_PER_BAR, column_of
 from model import steady
 from model.layout import RPM
@@ -14,7 +15,6 @@ from rig.recording import Recording, RecordingError, RecordingFile
 
 OBSERVED, MISSING, BELOW, ABOVE = 0, 1, 2, 3
 SHAPE_WRONG, SHAPE_RIGHT = 0.1, 0.03  # relative distances of speeds from the motor's curve, see `_shape_misfit`
-STANDS = 3.0  # sds of noise, or digits, up to which a speed read is that of a rotor at rest
 PRESSURE_LIMITS_BAR = (0.5, 8.0)  # absolute, of the air properties
 
 

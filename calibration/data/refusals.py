@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from calibration.data.measurement import PRESSURE_LIMITS_BAR
-from calibration.data.runs_in_time import lone_zeros, release
+from calibration.data.runs_in_time import lone_zeros, release, turns
 from calibration.unknowns.priors import at_ambient
 from model import geometry
 from model.layout import LOBE, N_CYLINDERS, N_LOBES
@@ -121,12 +121,10 @@ def refuse_wrong_supply(recording: Recording) -> None:
         return
     for file in recording.files:
         time, read = file.columns.get("time_s"), file.columns.get("speed_rpm")
-        if file.kind != "transient" or time is None or read is None:
-            continue
+        if file.kind != "transient" or time is None or read is None or not turns(recording, file):
+            continue  # what did not break away has nothing to compare
         known = np.isfinite(read.values) & ~lone_zeros(read.values)
         t, speed = time.values[known], read.values[known]
-        if not np.any(speed > 0.0):  # it did not break away: nothing to compare
-            continue
         flags = file.columns.get("supply_open")
         opened = np.ones(t.size, dtype=bool) if flags is None else flags.values[known] > 0.5
         _hold_against_supply(f"{recording.folder}/{file.file}", t, speed, opened, flags is not None)
@@ -279,10 +277,10 @@ def refuse_at_rest(recording: Recording) -> None:
     """
     if not isinstance(recording.motor, str):
         return
-    speeds = [file.columns["speed_rpm"] for file in recording.files if "speed_rpm" in file.columns]
-    read = [speed.values[np.isfinite(speed.values)] for speed in speeds]
-    if any(one.size for one in read) and not any(np.any(one > 0.0) for one in read):
+    files = [file for file in recording.files if "speed_rpm" in file.columns]
+    files = [file for file in files if np.isfinite(file.columns["speed_rpm"].values).any()]
+    if files and not any(turns(recording, file) for file in files):
         raise RecordingError(
-            f"{recording.folder}: column speed_rpm is 0 in every row, so there is no speed to compare with the "
-            "model; record plateaus at which the rotor turns, or a spin-up or coast-down"
+            f"{recording.folder}: column speed_rpm shows a rotor at rest in every row, so there is no speed to compare "
+            "with the model; record plateaus at which the rotor turns, or a spin-up or coast-down"
         )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibration.data.runs_in_time import turns
 from rig.recording import Recording, RecordingFile
 
 if TYPE_CHECKING:
@@ -71,16 +72,15 @@ def _files(recording: Recording, used: Mapping[str, set[int]], in_time: str) -> 
                 "file": file.file,
                 "rows": file.rows,
                 "rows_used": file.rows - left.size,
-                "why": _why(file, left, in_time) if left.size else "",
+                "why": _why(recording, file, left, in_time) if left.size else "",
             }
         )
     return found
 
 
-def _why(file: RecordingFile, left: np.ndarray, in_time: str) -> str:
+def _why(recording: Recording, file: RecordingFile, left: np.ndarray, in_time: str) -> str:
     if file.kind == "transient":
-        speed = file.columns.get("speed_rpm")
-        return in_time if speed is None or np.any(speed.values > 0.0) else NEVER_TURNS
+        return in_time if turns(recording, file) else NEVER_TURNS
     if file.kind == "zero":
         return NOTHING_AT_ZERO
     held = int(_held(file)[left].sum())

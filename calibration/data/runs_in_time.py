@@ -1,6 +1,6 @@
 """Readings of a run in time as they come: which zeros are bad, where a coast-down begins, which rows that leaves.
 
-Pure rules on arrays. A run may hold rest, a spin-up and a driven stretch before its coast-down, and rest behind it. The
+A run may hold rest, a spin-up and a driven stretch before its coast-down, and rest behind it. The
 first row of a coast-down is where it starts: its speed is a mean since a row that still was driven, or an instantaneous
 value where a log was cut, and is compared with nothing.
 """
@@ -16,6 +16,9 @@ import numpy as np
 from scipy.stats import binom
 from scipy.stats import t as student
 
+from rig.recording import Recording, RecordingFile
+
+STANDS = 3.0  # sds of noise, or digits, up to which a speed read is that of a rotor at rest
 TURNS = 0.1  # share of a run's highest speed above which a rotor is well on its way, and cannot stand a row later
 ALIKE = 0.5  # share of the faster neighbour's speed that the slower one has, on both sides of zeros that are bad
 FEW_ROWS = 0.9  # share of a file's rows; with fewer used, a warning names the others
@@ -31,6 +34,26 @@ STOOD = "after the rotor stood"
 LONE = "a 0 among turning rows, which is a bad reading"
 UNREAD = "no speed, or one off the scale"
 START = "where the coast-down starts, compared with nothing"
+
+
+def turns(recording: Recording, file: RecordingFile) -> bool:
+    """Whether the rotor turns in a file: a reading is above noise and digit; in a run two in a row, for one is a lurch.
+
+    Parameters
+    ----------
+    recording : Recording
+        For the tachometer's figures.
+    file : RecordingFile
+        Of any kind; without speeds nothing says that it stands.
+    """
+    column, figures = file.columns.get("speed_rpm"), recording.channels.get("speed_rpm")
+    if column is None or figures is None:
+        return True
+    read = column.values[np.isfinite(column.values)]
+    above = read > max(STANDS * figures.noise_sd * file.noise_scale, figures.resolution)
+    if file.kind != "transient":
+        return bool(np.any(above))
+    return bool(np.any(above[1:] & above[:-1]))
 
 
 def lone_zeros(speed: np.ndarray) -> np.ndarray:
