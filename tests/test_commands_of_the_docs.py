@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from spinbench import app
+from spinbench.cli import app
 from tests.documented_commands import (
     FENCE,
     KINDS,
