@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spinbench import published
+
 if TYPE_CHECKING:
     from rig.recording import Recording
     from rig.runlog import Run
@@ -21,7 +23,10 @@ def run_named(name: str, logs: Path) -> Run:
 
 
 def folder_named(named: Path, logs: Path) -> Path:
-    """A recording's folder; what is no path that exists may be a run, by its name, the beginning of one, or `last`."""
+    """A recording's folder; what is no path that exists may be a run, by its name, the beginning of one, or `last`.
+
+    The sweep that comes with the program has its name too, where nothing else is called so.
+    """
     from rig.recording import RecordingError
     from rig.runlog.folder import RunError
     from rig.runlog.listing import find_run
@@ -31,6 +36,8 @@ def folder_named(named: Path, logs: Path) -> Path:
     try:
         return find_run(named, logs)
     except RunError as error:
+        if named == Path(published.NAME):
+            return published.published_sweep()
         raise RecordingError(f"there is no folder '{named}', and {error}") from error
 
 

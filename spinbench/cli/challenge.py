@@ -11,6 +11,7 @@ import typer
 from spinbench.cli.options import JsonOption, SchedulerOption, WorkersOption
 from spinbench.cli.progress import bars
 from spinbench.cli.show import check_places, deliver, on_terminal, remark
+from spinbench.extras import need
 
 if TYPE_CHECKING:
     from calibration.challenge.opening import Scored
@@ -41,6 +42,7 @@ def make(
     """Draw truths, seal them, and make their recordings by the second rig; goes on where it was interrupted."""
     from calibration.challenge.campaign import make as make_campaign
 
+    need("cryptography")
     processes = workers or os.cpu_count() or 1
     with bars() as begin:
         made = make_campaign(out, cases, seed, family, only, key=key, workers=processes, tell=begin("recordings"))
@@ -52,6 +54,9 @@ def run(out: CampaignArgument, workers: WorkersOption = None, scheduler: Schedul
     from calibration.challenge.running import VERDICTS
     from calibration.challenge.running import run as diagnose_all
 
+    need("pyarrow")
+    if scheduler is not None:
+        need("distributed")
     with bars() as begin:
         ran = diagnose_all(out, workers or os.cpu_count() or 1, scheduler, begin("verdicts"))
     remark(*[f"{result.name}: {result.error}" for result in ran.results if result.error][:10])
@@ -84,6 +89,9 @@ def score(
     from calibration.challenge import keeping, opening
     from calibration.report import files
 
+    need("cryptography")
+    if scheduler is not None:
+        need("distributed")
     check_places(page, json_file)
     check_places(keep, None)
     place = _ledger(book)

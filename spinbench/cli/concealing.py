@@ -9,6 +9,7 @@ import typer
 
 from spinbench.cli.options import JsonOption, SealKeyOption
 from spinbench.cli.show import check_places, takes_output
+from spinbench.extras import need
 
 
 def reveal(
@@ -20,6 +21,7 @@ def reveal(
     json_file: JsonOption = None,
 ) -> None:
     """Open the seal of a concealed bench: what was concealed, and what a diagnosis of it is worth."""
+    need("cryptography")
     from calibration.challenge import revealing
     from calibration.report import simulation
 
@@ -40,6 +42,7 @@ def server_of(conceal: Path | None, seed: int | None, only: str, key: Path | Non
         if seed is not None or only or key is not None:
             raise typer.BadParameter("--conceal-seed, --only and --key belong to --conceal SEAL")
         return None
+    need("cryptography")
     from calibration.challenge.concealed_bench import command
 
     return command(conceal.resolve(), None if key is None else key.resolve(), seed, only)

@@ -36,6 +36,7 @@ EXIT_CODES = {
     "rig.sweep.plan.SweepError": UNUSABLE_INPUT,
     "rig.virtual.launch.VirtualBenchError": UNUSABLE_INPUT,
     "model.performance.NotSettledError": NOT_CONVERGED,
+    "spinbench.extras.MissingPackageError": UNUSABLE_INPUT,
 }
 
 

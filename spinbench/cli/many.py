@@ -14,6 +14,7 @@ from spinbench.cli.errors import UNUSABLE_INPUT
 from spinbench.cli.options import EffectiveSamplesOption, MaxStepsOption, SchedulerOption, SeedOption, WorkersOption
 from spinbench.cli.progress import bars
 from spinbench.cli.show import on_terminal, remark
+from spinbench.extras import need
 
 ManyArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")
@@ -33,6 +34,7 @@ def diagnose(
     """Diagnose many recordings into one table; exit code 2 when some could not be."""
     from calibration import fleet
 
+    _need_packages(scheduler)
     found = fleet.recordings_in(recordings, readings.is_recording)
     processes = workers or os.cpu_count() or 1
     with bars() as begin:
@@ -54,6 +56,7 @@ def fit(
     from calibration import fleet
     from calibration.sampling import Settings
 
+    _need_packages(scheduler)
     found = fleet.recordings_in(recordings, readings.is_recording)
     settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
     processes = workers or os.cpu_count() or 1
@@ -66,6 +69,13 @@ def fit(
         for row, (mean, sd) in zip(rows, figures, strict=True)
     ]
     _tell(("recording", "f_overall, N m s", "the model fits"), shown, rows, out / fleet.CSV)
+
+
+def _need_packages(scheduler: str | None) -> None:
+    """Refuse at once what would fail when the table is written, or when the scheduler is asked."""
+    need("pyarrow")
+    if scheduler is not None:
+        need("distributed")
 
 
 def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[dict[str, Any]], place: Path) -> None:
