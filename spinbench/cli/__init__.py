@@ -18,6 +18,7 @@ import typer
 
 from spinbench.cli import bench, challenge, concealing, diagnose, fit, many, model, replay, runs, sheet, sweep
 from spinbench.cli.errors import exit_code, in_words
+from spinbench.cli.show import remark
 
 app = typer.Typer(
     help="Bench tool for a pneumatic radial piston motor: calibrates its dynamic model and says how sure it is.",
@@ -97,6 +98,5 @@ def main() -> None:
         code = exit_code(error)
         if code is None:
             raise
-        for line in in_words(error):
-            print(f"spinbench: {line}", file=sys.stderr)
+        remark(*in_words(error))
         sys.exit(code)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import typer
+
+from spinbench.cli.show import remark
 
 Command = Callable[..., None]
 
@@ -63,7 +64,7 @@ def kept_when_interrupted(kept: Callable[[Path | None], str]) -> Callable[[Comma
             try:
                 command(**given)
             except KeyboardInterrupt:
-                print(f"spinbench: interrupted; {kept(given['out'])}", file=sys.stderr)
+                remark(f"interrupted; {kept(given['out'])}")
                 raise typer.Exit(INTERRUPTED) from None
 
         return told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -134,8 +135,6 @@ def _keep_posterior(found: Fit, out: Path) -> None:
 
 
 def _show(found: Fit, variants: list[tuple[str, Posterior]], out: Path | None, json_file: Path | None) -> None:
-    import sys
-
     from calibration import fit_quality
     from calibration.report import files, fit_page, fit_words, simulation
 
