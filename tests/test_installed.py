@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -19,6 +20,10 @@ PACKAGES = {"spinbench", "rig", "model", "calibration", "configs"}
 ENVIRONMENT = {"NUMBA_DISABLE_JIT": "1", "COLUMNS": "200", "PYTHONNOUSERSITE": "1"}
 
 
+def environment() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | ENVIRONMENT
+
+
 @dataclass(frozen=True)
 class Installed:
     """The wheel, the environment it is in, and a folder far from the checkout to work in."""
@@ -28,11 +33,10 @@ class Installed:
     work: Path
 
     def run(self, *words: object, program: str = "spinbench", code: int = 0) -> subprocess.CompletedProcess[str]:
-        environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | ENVIRONMENT
         done = subprocess.run(
             [str(self.bin / program), *map(str, words)],
             cwd=self.work,
-            env=environment,
+            env=environment(),
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
@@ -97,8 +101,15 @@ def test_it_finds_its_motor(installed):
     assert "397.06" in installed.run("simulate", "--pressure-bar-abs", "2.0").stdout
 
 
-def test_it_finds_its_bench(installed):
-    assert "the polls asked for" in installed.run("doctor", "virtual").stdout
+def test_it_finds_its_bench_and_serves_it(installed):
+    command = [installed.bin / "spinbench", "virtual", "virtual", "--state", "bench"]
+    with subprocess.Popen(
+        command, cwd=installed.work, env=environment(), stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as bench:
+        said = bench.stderr.readline()
+        bench.send_signal(signal.SIGINT)
+        assert bench.wait(60.0) == 0
+    assert said == "serving virtual until Ctrl-C; bench/ports.json tells the ports\n"
 
 
 def test_it_finds_the_published_sweep_by_its_name(installed):
