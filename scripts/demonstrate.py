@@ -14,8 +14,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-
 # name: what is imported as (files, mapping, recording), then the recording to diagnose and one to hold out.
 DEMONSTRATIONS: dict[str, tuple[list[tuple[str, str, str]], str, str]] = {
     "emps": (
@@ -84,7 +82,7 @@ def demonstrate(name: str, folder: Path, out: Path, may_lack: bool) -> bool:
 
 def spinbench(*words: object) -> None:
     """Run a command of spinbench; the program ends where it fails."""
-    done = subprocess.run([sys.executable, str(ROOT / "spinbench.py"), *map(str, words)], check=False)
+    done = subprocess.run([sys.executable, "-m", "spinbench", *map(str, words)], check=False)
     if done.returncode:
         sys.exit(done.returncode)
 

@@ -103,7 +103,7 @@ def spinbench(folder: Path, *arguments: str, ends: tuple[int, ...] = (0,)) -> tu
         With another exit code.
     """
     start = time.monotonic()
-    command = [sys.executable, str(ROOT / "spinbench.py"), *arguments]
+    command = [sys.executable, "-m", "spinbench", *arguments]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=LONGEST_S, check=False)
     if done.returncode not in ends:
         said = " ".join(done.stderr.split())[-400:]

@@ -29,7 +29,7 @@ CONTROLLER = """
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-from spinbench import app
+from spinbench.cli import app
 app(["sweep", "virtual", "--logs", sys.argv[2], "--minutes-running", "0"])
 """
 WATCHDOG_S = 6.0  # one that was only being started has to read its files first

@@ -16,7 +16,7 @@ TRUE_F_OVERALL = 0.0625  # of configs/motors/ptm3600.toml, which stands behind t
 
 
 def spinbench(*arguments: str, folder: Path) -> None:
-    command = [sys.executable, str(ROOT / "spinbench.py"), *arguments]
+    command = [sys.executable, "-m", "spinbench", *arguments]
     found = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
     assert found.returncode == 0, found.stderr[-2000:]
 

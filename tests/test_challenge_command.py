@@ -19,7 +19,7 @@ from calibration.work.many import Result
 from tests import sweep_rig
 
 ROOT = Path(__file__).resolve().parent.parent
-SPINBENCH = [sys.executable, str(ROOT / "spinbench.py")]
+SPINBENCH = [sys.executable, "-m", "spinbench"]
 LIMIT_S = 300.0
 
 

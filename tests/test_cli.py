@@ -1,5 +1,6 @@
 """The command as a person runs it: a process, its output, its files and its exit code."""
 
+import importlib
 import json
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import pytest
 
 from model.motor import read_motor
 from model.steady import steady
-from spinbench import EXIT_CODES, exit_code
+from spinbench.cli.errors import EXIT_CODES, exit_code
 
 HEAVY = ("numpy", "numba", "scipy", "matplotlib", "pandas", "emcee", "pydantic", "jinja2")
 
@@ -172,3 +173,16 @@ def test_only_errors_that_are_the_users_are_told_in_words():
     assert exit_code(ValueError("ours")) is None
     assert exit_code(PermissionError(13, "denied", "x")) == 2
     assert {name.rpartition(".")[0] for name in EXIT_CODES} >= {"configs", "model.performance"}
+
+
+@pytest.mark.parametrize("name", EXIT_CODES)
+def test_an_error_with_an_exit_code_is_where_its_name_says(name):
+    module, _, error = name.rpartition(".")
+    found = getattr(importlib.import_module(module), error)
+    assert issubclass(found, Exception)
+    assert f"{found.__module__}.{found.__qualname__}" == name
+
+
+def test_the_command_is_also_a_module():
+    command = [sys.executable, "-m", "spinbench", "--version"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.startswith("spinbench 0.")

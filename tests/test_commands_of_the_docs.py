@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from spinbench import app
+from spinbench.cli import app
 from tests.documented_commands import (
     FENCE,
     KINDS,
@@ -49,6 +49,8 @@ def test_a_command_that_does_not_run_here_says_why(command: Command) -> None:
 def test_all_but_these_run_somewhere() -> None:
     assert {command.text for command in COMMANDS if command.kinds & {"hardware", "person", "network"}} == {
         "make setup",
+        "python3 -m venv ~/spinbench",
+        '~/spinbench/bin/pip install ".[cluster,formats,seal]"',
         "spinbench doctor configs/benches/lab.toml",
         "spinbench sweep configs/benches/lab.toml",
         "spinbench sweep configs/benches/manual.toml",

@@ -465,7 +465,7 @@ def test_the_times_of_like_steps_are_told_together():
 
 
 def spinbench(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, ROOT / "spinbench.py", *arguments]
+    command = [sys.executable, "-m", "spinbench", *arguments]
     return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, cwd=ROOT)
 
 

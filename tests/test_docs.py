@@ -10,7 +10,7 @@ import typer
 
 from calibration.fit import fit
 from rig.recording import read_recording
-from spinbench import app
+from spinbench.cli import app
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(ROOT.glob("docs/**/*.md"))

@@ -24,7 +24,7 @@ from model.effects import steady as effect_steady
 from model.effects.laws import behind_the_gauge, readings_of
 from model.motor import read_motor
 from rig.recording import Column, Recording, read_recording
-from spinbench import app
+from spinbench.cli import app
 from tests import diagnosis_recordings
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -223,7 +223,7 @@ def test_an_effect_that_changes_with_time_needs_rows_with_a_time():
 
 
 def spinbench(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, ROOT / "spinbench.py", *arguments]
+    command = [sys.executable, "-m", "spinbench", *arguments]
     return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300, cwd=ROOT)
 
 

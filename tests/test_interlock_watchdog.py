@@ -29,7 +29,7 @@ from pathlib import Path
 from rig.bench import read_bench
 from rig.clock import Clock
 from rig.interlock.watchdog import Plan, Watchdog
-from rig.lines.opening import line_of, port_of
+from rig.acquisition.opening import line_of, port_of
 
 folder = Path(sys.argv[1])
 bench, clock = read_bench(folder / "bench.toml"), Clock()

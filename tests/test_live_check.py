@@ -25,10 +25,10 @@ from calibration.live_checks import Beside
 from rig.bench.bench import FOLDER
 from rig.recording import Column, Recording, RecordingFile, read_recording, write_recording
 from rig.runlog import read_run, verify
-from spinbench import app
+from spinbench.cli import app
 from tests.diagnosis_recordings import sweep
 
-PROGRAM = [sys.executable, str(Path(__file__).resolve().parents[1] / "spinbench.py")]
+PROGRAM = [sys.executable, "-m", "spinbench"]
 DAY = ["--lubrication", "none", "--minutes-running", "0"]
 ENOUGH_S = 120.0
 LEAK = {"leakage": {"conductance_kg_s_pa2": 5e-14}}

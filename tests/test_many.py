@@ -115,7 +115,7 @@ def test_an_item_that_kills_every_worker_is_given_up_alone(tmp_path):
 INTERRUPTED = """
     import sys
     from pathlib import Path
-    from calibration.many import Item, run_many
+    from calibration.work.many import Item, run_many
     from tests.fake_rig import square
 
     if __name__ == "__main__":

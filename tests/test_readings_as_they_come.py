@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import spinbench
 from calibration.data.blocks import Blocks, blocks_of
 from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply
 from calibration.data.runs_in_time import coast_down, few_used, lone_zeros, release
@@ -29,6 +28,7 @@ from calibration.systems.radial_piston.problem import Problem
 from calibration.systems.radial_piston.supply import line_unknowns
 from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
+from spinbench.cli.progress import sampling
 from tests.diagnosis_recordings import sweep
 from tests.rig_recordings import axis, with_force
 from tests.test_cli import refused, run
@@ -468,7 +468,7 @@ def test_ctrl_c_in_a_diagnosis_says_that_nothing_is_kept(tmp_path: Path) -> None
 
 
 def test_the_bar_of_a_fit_does_not_run_backwards(capsys: pytest.CaptureFixture[str]) -> None:
-    with spinbench._sampling_progress("fit") as tell:
+    with sampling("fit") as tell:
         tell(600, 1000, "R-hat 1.1")
         tell(250, 1000, "R-hat 1.2")
     assert "600/1000" in capsys.readouterr().err

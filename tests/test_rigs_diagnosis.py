@@ -184,7 +184,7 @@ def test_an_instrument_without_any_noise_is_refused_with_what_to_do() -> None:
 def spinbench(*words: str) -> subprocess.CompletedProcess[str]:
     """The command line as a person runs it."""
     return subprocess.run(
-        [sys.executable, "spinbench.py", *words], cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "spinbench", *words], cwd=ROOT, capture_output=True, text=True, check=False
     )
 
 

@@ -25,7 +25,7 @@ from rig.run import running
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
 
-PROGRAM = [sys.executable, str(Path(__file__).resolve().parents[1] / "spinbench.py")]
+PROGRAM = [sys.executable, "-m", "spinbench"]
 ENOUGH_S = 90.0
 ROOM = ["--ambient-pressure-bar-abs", "1.013", "--ambient-temperature-c", "20", "--relative-humidity", "0.5"]
 DAY = ["--lubrication", "none", "--minutes-running", "0"]
@@ -553,7 +553,7 @@ def test_a_log_that_cannot_be_written_ends_with_what_is_known_of_the_line(bench,
         text=True,
         timeout=60,
         check=False,
-        cwd=Path(PROGRAM[1]).parent,
+        cwd=Path(__file__).resolve().parents[1],
     )
     assert result.returncode == 4, result.stderr
     assert "the run log cannot be written" in result.stderr

@@ -54,7 +54,7 @@ def _git(*arguments: str) -> str | None:
 
 
 def _dirty() -> bool | None:
-    status = _git("status", "--porcelain", "--", *EVERYTHING, "spinbench.py")
+    status = _git("status", "--porcelain", "--", *EVERYTHING, "spinbench")
     return None if status is None else bool(status)
 
 

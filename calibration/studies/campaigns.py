@@ -13,6 +13,7 @@ from typing import Any
 from calibration.work.files import write_files
 from calibration.work.many import Item, Result, Tell, run_many
 from calibration.work.sources import DIAGNOSIS, imported_sha256
+from rig.progress import Bar, Count, Elapsed, Left, bar_of
 
 RESULTS = "results"  # the folder with a result an item
 
@@ -160,18 +161,7 @@ def progress_bar(name: str) -> Iterator[Tell]:
     name : str
         What is being made.
     """
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), speed_estimate_period=3600.0) as bar:
+    with bar_of(name, Bar, Count, Elapsed, Left, pace_s=3600.0) as bar:
         task = bar.add_task(name, total=None)
         yield lambda done, total, item: bar.update(task, completed=done, total=total)
 

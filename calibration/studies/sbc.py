@@ -135,14 +135,13 @@ def run_campaign(fits: int, folder: Path, workers: int) -> list[dict[str, Any]]:
     list of dict
         Of `simulate_and_rank`, by seed.
     """
-    from rich.console import Console
-    from rich.progress import Progress
+    from rig.progress import TASK, Bar, Count, Elapsed, Left, bar_of
 
     folder.mkdir(parents=True, exist_ok=True)
     seeds = range(FIRST_SEED, FIRST_SEED + fits)
     missing = [seed for seed in seeds if not _place(folder, seed).exists()]
     with (
-        Progress(console=Console(stderr=True)) as bar,
+        bar_of(TASK, Bar, Count, Elapsed, Left) as bar,
         concurrent.futures.ProcessPoolExecutor(workers, initializer=_one_thread) as pool,
     ):
         task = bar.add_task("fits", total=fits, completed=fits - len(missing))

@@ -37,7 +37,9 @@ def export_parquet(run: Run, file: Path) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
-        raise RunError("a Parquet file needs the package pyarrow; install it with `pip install pyarrow`") from None
+        raise RunError(
+            'a Parquet file needs the package pyarrow; install it with `pip install "spinbench[formats]"`'
+        ) from None
     beside = file.with_name(f".{file.name}.{uuid.uuid4().hex}.writing")
     file.parent.mkdir(parents=True, exist_ok=True)
     try:

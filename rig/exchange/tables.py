@@ -133,7 +133,9 @@ def _tdms(path: Path, group: str) -> Table:
     try:
         from nptdms import TdmsFile
     except ImportError:
-        raise RunError("a TDMS file needs the package npTDMS; install it with `pip install npTDMS`") from None
+        raise RunError(
+            'a TDMS file needs the package npTDMS; install it with `pip install "spinbench[formats]"`'
+        ) from None
     with open_plain(path, MAX_BYTES) as stream:
         try:
             file = TdmsFile.read(stream)

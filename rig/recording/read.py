@@ -204,14 +204,13 @@ def _progress(places: list[Path]) -> Iterator[Callable[[int], None]]:
     if total <= PROGRESS_BYTES:
         yield lambda count: None
         return
-    from rich.console import Console
-    from rich.progress import Progress
+    from rig.progress import bar_of
 
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        console.print(f"reading the recording, {total / 1e6:.0f} MB")
+    progress = bar_of(passing=True)
+    if not progress.console.is_terminal:
+        progress.console.print(f"reading the recording, {total / 1e6:.0f} MB")
         yield lambda count: None
         return
-    with Progress(console=console, transient=True) as progress:
+    with progress:
         task = progress.add_task("reading the recording", total=total)
         yield lambda count: progress.advance(task, count)

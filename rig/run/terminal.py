@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from types import TracebackType
 
-from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from rig.progress import DONE, TASK, Bar, Elapsed, bar_of
 
 
 class Terminal:
@@ -20,9 +20,8 @@ class Terminal:
     """
 
     def __init__(self, title: str) -> None:
-        self.console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f}"))
-        self.bar = Progress(*columns, TimeElapsedColumn(), console=self.console)
+        self.bar = bar_of(TASK, Bar, DONE, Elapsed)
+        self.console = self.bar.console
         self.title = title
         self._task = self.bar.add_task(escape(title), total=1.0)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from results import Row
 from timing import once
 
-from spinbench import PUBLISHED_SWEEP
+from spinbench.published import published_sweep
 
 FIRST_CALLS = Path(__file__).with_name("first_calls.py")
 TOPIC = "Cold start"
@@ -37,7 +37,7 @@ def help_row(repeats: int) -> Row:
 
 def fit_row() -> Row:
     """Wall time of `spinbench fit logs/published_sweep`, compiled before."""
-    seconds = once(lambda: _run(_command("fit", str(PUBLISHED_SWEEP))))
+    seconds = once(lambda: _run(_command("fit", str(published_sweep()))))
     note = "the command in all, default of 10 000 effective samples, no report"
     return Row(TOPIC, "spinbench fit logs/published_sweep", seconds, None, "s", most=15.0, note=note)
 

@@ -23,7 +23,7 @@ def main() -> None:
     from model import steady, transient
     from model.motor import read_motor
     from rig.recording import read_recording
-    from spinbench import PUBLISHED_SWEEP
+    from spinbench.published import published_sweep
 
     motor = read_motor("ptm3600")
     begun = _lap(begun, laps, "imports")
@@ -31,7 +31,7 @@ def main() -> None:
     begun = _lap(begun, laps, "steady")
     transient.simulate(motor, [transient.Supply(0.0, 2.0e5)], np.array([0.0, 0.01]))
     begun = _lap(begun, laps, "transient")
-    _, _, likelihood = fit.prepare(read_recording(PUBLISHED_SWEEP))
+    _, _, likelihood = fit.prepare(read_recording(published_sweep()))
     likelihood.log_prob(np.zeros((1, len(likelihood.unknowns))))
     _lap(begun, laps, "likelihood")
     print(json.dumps(laps))

@@ -22,7 +22,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from calibration.fit.sampling import Settings
 from calibration.work.files import write_file
 from model.motor import read_motor
-from spinbench import PUBLISHED_SWEEP
+from spinbench.published import published_sweep
 
 STAGES = 15
 
@@ -77,7 +77,7 @@ def measure(size: Size, tell: Callable[[str], None]) -> Iterator[list[Row]]:
     motor = read_motor("ptm3600")
     yield operating_point.rows(motor, size.sets, size.rounds, tell)
     yield spin_up.rows(motor, size.spin_up_s, size.rounds, tell)
-    target = draws.of_recording(PUBLISHED_SWEEP) if size.whole else draws.gaussian(3)
+    target = draws.of_recording(published_sweep()) if size.whole else draws.gaussian(3)
     yield draws.rows(target, size.effort, tell)
     yield polling.rows(size.polling_s, tell)
     yield cold_start.rows(size.rounds, size.whole, tell)

@@ -1,0 +1,102 @@
+"""The command line: a file a group of commands, each command a call or two into the rooms below.
+
+What is slow to import is imported inside the commands, so that `spinbench --help` answers at once.
+
+    model, fit, diagnose, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
+    options     arguments and options that several of them share
+    show        tables, JSON, files and remarks
+    progress    what a person sees meanwhile
+    errors      exit codes, and mistakes told in words
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from spinbench.cli import bench, challenge, concealing, diagnose, fit, many, model, replay, runs, sheet, sweep
+from spinbench.cli.errors import exit_code, in_words
+from spinbench.cli.show import remark
+
+app = typer.Typer(
+    help="Bench tool for a pneumatic radial piston motor: calibrates its dynamic model and says how sure it is.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+runs_app = typer.Typer(
+    help="The runs that were logged: list, show, verify, repair, export, import.", no_args_is_help=True
+)
+challenge_app = typer.Typer(
+    help="Sealed blind campaigns: make recordings, run the diagnosis, score it, show the ledger.", no_args_is_help=True
+)
+many_app = typer.Typer(
+    help="Many recordings at once, a fleet or a year of runs: one table, as CSV and Parquet.", no_args_is_help=True
+)
+
+# In the order in which the help shows them.
+for command in (
+    model.simulate,
+    model.sensitivity,
+    fit.fit,
+    diagnose.diagnose,
+    model.reproduce,
+    sweep.sweep,
+    sweep.capture,
+    sheet.sheet,
+    bench.doctor,
+    bench.virtual,
+    concealing.reveal,
+    replay.replay,
+):
+    app.command()(command)
+
+app.add_typer(runs_app, name="runs")
+runs_app.command("list")(runs.list_all)
+runs_app.command("show")(runs.show)
+runs_app.command("verify")(runs.verify)
+runs_app.command("repair")(runs.repair)
+runs_app.command("export")(runs.export)
+runs_app.command("import")(runs.import_data)
+
+app.add_typer(challenge_app, name="challenge")
+challenge_app.command("make")(challenge.make)
+challenge_app.command("run")(challenge.run)
+challenge_app.command("score")(challenge.score)
+challenge_app.command("pool")(challenge.pool)
+challenge_app.command("ledger")(challenge.ledger)
+
+app.add_typer(many_app, name="many")
+many_app.command("diagnose")(many.diagnose)
+many_app.command("fit")(many.fit)
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"spinbench {version('spinbench')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version)
+    ] = False,
+) -> None:
+    """Options of the bare command; --version has done its work before this is called."""
+
+
+def main() -> None:
+    """Run the command line; a mistake of the user's is told in a line each on standard error."""
+    try:
+        app()
+    except Exception as error:
+        code = exit_code(error)
+        if code is None:
+            raise
+        remark(*in_words(error))
+        sys.exit(code)

@@ -1,0 +1,67 @@
+"""`doctor` examines a bench, `virtual` serves one that is not there."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spinbench.cli.concealing import server_of
+from spinbench.cli.errors import UNUSABLE_INPUT
+from spinbench.cli.options import BenchArgument, ConcealSeedOption, OnlyOption, RateOption, SealKeyOption, SealOption
+from spinbench.cli.progress import waiting
+from spinbench.cli.show import on_terminal
+
+
+def doctor(
+    bench: BenchArgument,
+    scan: Annotated[
+        bool, typer.Option("--scan", help="Try Modbus addresses 1 to 16 where a device is silent.")
+    ] = False,
+) -> None:
+    """Examine a bench: ports, identities, rates, and known culprits with their cure; exit code 2 on a fault."""
+    from rig.bench.bench import bench_path, read_bench
+    from rig.doctor import Level, examine, table
+    from rig.run.running import place_of
+
+    place = bench_path(bench)
+    read = read_bench(place)
+    with place_of(read, place, 1.0) as there, waiting(f"examining {read.name}"):
+        findings = examine(read, there.ports, there.clock, scan_units=range(1, 17) if scan else ())
+    on_terminal(table(findings))
+    if any(finding.level is Level.FAULT for finding in findings):
+        raise typer.Exit(UNUSABLE_INPUT)
+
+
+def virtual(
+    bench: BenchArgument,
+    state: Annotated[
+        Path, typer.Option("--state", metavar="DIR", help="Where ports.json and the links to the ptys go.")
+    ],
+    rate: RateOption = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of noise, errors and faults; the file's if left out.")
+    ] = None,
+    conceal: SealOption = None,
+    conceal_seed: ConcealSeedOption = None,
+    only: OnlyOption = "",
+    key: SealKeyOption = None,
+) -> None:
+    """Serve a virtual bench until Ctrl-C, for another program; a sweep on a virtual bench starts its own."""
+    from rig.bench.bench import bench_path
+    from rig.virtual.serve import serve
+
+    server_of(conceal, conceal_seed, only, key)
+    state.mkdir(parents=True, exist_ok=True)
+
+    def ready() -> None:
+        print(f"serving {bench} until Ctrl-C; {state / 'ports.json'} tells the ports", file=sys.stderr, flush=True)
+
+    if conceal is None:
+        serve(bench_path(bench), state, rate, None, seed, ready=ready)
+        return
+    from calibration.challenge.concealed_bench import serve_concealed
+
+    serve_concealed(bench_path(bench), state, conceal, key, conceal_seed, only, rate, None, seed, ready=ready)

@@ -1,0 +1,153 @@
+"""`diagnose`: whether the model explains a recording and, if not, which physics is missing."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from spinbench import readings
+from spinbench.cli.errors import kept_when_interrupted
+from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption
+from spinbench.cli.progress import diagnosing
+from spinbench.cli.show import check_places, deliver, remark
+
+if TYPE_CHECKING:
+    from rig.recording import Recording
+
+
+def _kept(out: Path | None) -> str:
+    return "nothing is kept of an unfinished diagnosis; the same command begins again"
+
+
+@kept_when_interrupted(_kept)
+def diagnose(
+    recording: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several as one."),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="Write report.html, .png and diagnosis.json there."),
+    ] = None,
+    json_file: JsonOption = None,
+    seed: SeedOption = 1,
+    hold_out: Annotated[
+        Path | None,
+        typer.Option("--hold-out", metavar="DIR", help="A run that nothing sees before it is predicted, as the proof."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=64,
+            help="Processes, of no influence on the result; when left out two, if there are as many cores.",
+        ),
+    ] = None,
+    logs: LogsOption = LOGS,
+) -> None:
+    """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
+    from calibration.data.joined import together
+    from calibration.diagnosis.other_rigs.problem import OF_KIND
+
+    check_places(out, json_file)
+    parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
+    unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
+    _refuse_twice(parts, unseen)
+    remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
+    read = together(parts)
+    if not isinstance(read.motor, str) and read.motor.get("kind") in OF_KIND:
+        _diagnose_rig(read, out, json_file, seed, unseen)
+    else:
+        _diagnose_motor(read, out, json_file, seed, unseen, workers or min(2, os.cpu_count() or 1))
+
+
+def _diagnose_motor(
+    read: Recording, out: Path | None, json_file: Path | None, seed: int, unseen: Recording | None, workers: int
+) -> None:
+    from calibration.diagnosis.diagnose import diagnose as look
+    from calibration.diagnosis.document import as_json
+    from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words, simulation
+    from calibration.work import files
+
+    with diagnosing() as tell:
+        diagnosis = look(read, seed, tell, unseen, workers)
+        found = as_json(diagnosis)
+        data = simulation.json_bytes(found)
+        if out is not None:
+            tell("report")
+            files.write_files(out, {diagnosis_page.JSON: data} | diagnosis_page.report(diagnosis, found))
+    deliver(data, [diagnosis_table.table(found)], json_file)
+    print(diagnosis_words.sentence(found), file=sys.stderr)
+    _warn_of_rows(found)
+    if blind := diagnosis_sets.blind_in_words(diagnosis):
+        print(blind, file=sys.stderr)
+    _tell_how_it_went(unseen, found, diagnosis.seconds, out)
+
+
+def _diagnose_rig(
+    read: Recording, out: Path | None, json_file: Path | None, seed: int, unseen: Recording | None
+) -> None:
+    """The diagnosis of a rig that is not this motor."""
+    from calibration.diagnosis.other_rigs import as_json, look, words
+    from calibration.report import rigs_page as page
+    from calibration.report import simulation
+    from calibration.work import files
+
+    with diagnosing() as tell:
+        diagnosis = look(read, seed, tell, unseen)
+        found = as_json(diagnosis)
+        data = simulation.json_bytes(found)
+        if out is not None:
+            tell("report")
+            files.write_files(out, {"diagnosis.json": data} | page.report(diagnosis, found))
+    deliver(data, [words.table(found)], json_file)
+    print(words.sentence(found), file=sys.stderr)
+    _warn_of_rows(found)
+    _tell_how_it_went(unseen, found, diagnosis.seconds, out)
+
+
+def _refuse_twice(parts: Sequence[Recording], unseen: Recording | None) -> None:
+    """Refuse readings that are given twice, whatever their path: they would count twice, or be predicted once seen."""
+    from rig.recording import RecordingError
+
+    def is_same(one: Recording, other: Recording) -> bool:
+        return one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256)
+
+    for i, one in enumerate(parts):
+        if unseen is not None and is_same(one, unseen):
+            also = "" if one.folder == unseen.folder else f", as {one.folder}"
+            raise RecordingError(
+                f"{unseen.folder} is to be held out and diagnosed{also}: name a run that is not among the others"
+            )
+        for other in parts[:i]:
+            if is_same(one, other):
+                these = one.folder if one.folder == other.folder else f"{one.folder}, which is {other.folder} or a copy"
+                raise RecordingError(
+                    f"a recording is given twice: {these}; its readings would count twice, so name it once"
+                )
+
+
+def _warn_of_rows(found: Mapping[str, Any]) -> None:
+    """Say of which files less than nine tenths of the rows were used, and which rows were not."""
+    from calibration.data.runs_in_time import few_used
+
+    remark(*few_used(found.get("files", [])))
+
+
+def _tell_how_it_went(
+    unseen: Recording | None, found: Mapping[str, Any], seconds: Mapping[str, float], out: Path | None
+) -> None:
+    """Say that a run was held out for nothing, how long each step took, and where the report is."""
+    from calibration.report.diagnosis_words import is_unseen, steps_in_words
+
+    held_out = found["improvement"]["held_out"]
+    if unseen is not None and not (held_out and is_unseen(held_out)):
+        remark(f"{unseen.folder} was not predicted: there is no set of effects to do it with")
+    remark(steps_in_words(seconds))
+    if out is not None:
+        remark(f"the report is {out / 'report.html'}")

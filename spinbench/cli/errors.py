@@ -1,0 +1,72 @@
+"""How a command ends that does not finish: exit codes, and mistakes of the user's told in words."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from spinbench.cli.show import remark
+
+Command = Callable[..., None]
+
+UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED, MODEL_DOES_NOT_FIT = 2, 3, 4, 5
+INTERRUPTED = 130  # as a shell has it for what Ctrl-C ends
+# Errors that are told in words instead of with a traceback, by their class's full name (which needs no import), and
+# the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.
+EXIT_CODES = {
+    "builtins.OSError": UNUSABLE_INPUT,
+    "calibration.challenge.layout.ChallengeError": UNUSABLE_INPUT,
+    "calibration.fit.fit.NotConvergedError": NOT_CONVERGED,
+    "calibration.fit.peak.NoPeakError": UNUSABLE_INPUT,
+    "calibration.fit.sampling.ChainError": UNUSABLE_INPUT,
+    "calibration.systems.radial_piston.with_effects.EffectsError": UNUSABLE_INPUT,
+    "configs.ConfigError": UNUSABLE_INPUT,
+    "model.performance.OperatingPointError": UNUSABLE_INPUT,
+    "rig.acquisition.recorder.RecorderError": RUN_FAILED,
+    "rig.bench.instrument.IdentityError": UNUSABLE_INPUT,
+    "rig.bench.instrument.InstrumentError": UNUSABLE_INPUT,
+    "rig.interlock.SafetyError": UNUSABLE_INPUT,
+    "rig.lines.port.LineError": UNUSABLE_INPUT,
+    "rig.recording.contents.RecordingError": UNUSABLE_INPUT,
+    "rig.runlog.folder.RunError": UNUSABLE_INPUT,
+    "rig.sweep.ambient.AmbientError": UNUSABLE_INPUT,
+    "rig.sweep.plan.SweepError": UNUSABLE_INPUT,
+    "rig.virtual.launch.VirtualBenchError": UNUSABLE_INPUT,
+    "model.performance.NotSettledError": NOT_CONVERGED,
+    "spinbench.extras.MissingPackageError": UNUSABLE_INPUT,
+}
+
+
+def exit_code(error: Exception) -> int | None:
+    """The exit code of an error that is told in words; None for one that deserves its traceback."""
+    names = (f"{base.__module__}.{base.__qualname__}" for base in type(error).__mro__)
+    return next((EXIT_CODES[name] for name in names if name in EXIT_CODES), None)
+
+
+def in_words(error: Exception) -> list[str]:
+    """What an error says to the person, a line each, its notes last."""
+    text = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return [*text.splitlines(), *getattr(error, "__notes__", ())]
+
+
+def kept_when_interrupted(kept: Callable[[Path | None], str]) -> Callable[[Command], Command]:
+    """Ctrl-C in a command ends it with exit code 130, in words: what is kept of it, by its folder of results."""
+
+    def around(command: Command) -> Command:
+        @functools.wraps(command)
+        def told(**given: Any) -> None:
+            try:
+                command(**given)
+            except KeyboardInterrupt:
+                remark(f"interrupted; {kept(given['out'])}")
+                raise typer.Exit(INTERRUPTED) from None
+
+        return told
+
+    return around

@@ -1,0 +1,94 @@
+"""`many`: many recordings at once, as one table."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from spinbench import readings
+from spinbench.cli.errors import UNUSABLE_INPUT
+from spinbench.cli.options import EffectiveSamplesOption, MaxStepsOption, SchedulerOption, SeedOption, WorkersOption
+from spinbench.cli.progress import bars
+from spinbench.cli.show import on_terminal, remark
+from spinbench.extras import need
+
+ManyArgument = Annotated[
+    list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")
+]
+TableOption = Annotated[
+    Path, typer.Option("-o", "--out", metavar="DIR", help="Gets the table; started again, it goes on.")
+]
+
+
+def diagnose(
+    recordings: ManyArgument,
+    out: TableOption,
+    seed: SeedOption = 1,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Diagnose many recordings into one table; exit code 2 when some could not be."""
+    from calibration import fleet
+
+    _need_packages(scheduler)
+    found = fleet.recordings_in(recordings, readings.is_recording)
+    processes = workers or os.cpu_count() or 1
+    with bars() as begin:
+        rows = fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
+    shown = [(str(row["recording"]), row["verdict"], " + ".join(row["effects"] or [])) for row in rows]
+    _tell(("recording", "verdict", "effects"), shown, rows, out / fleet.CSV)
+
+
+def fit(
+    recordings: ManyArgument,
+    out: TableOption,
+    seed: SeedOption = 1,
+    effective_samples: EffectiveSamplesOption = 2000,
+    max_steps: MaxStepsOption = 12_000,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Fit many recordings into one table, which says where the model does not fit; exit code 2 when some failed."""
+    from calibration import fleet
+    from calibration.fit.sampling import Settings
+
+    _need_packages(scheduler)
+    found = fleet.recordings_in(recordings, readings.is_recording)
+    settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
+    processes = workers or os.cpu_count() or 1
+    with bars() as begin:
+        rows = fleet.fit_all(found, readings.read, settings, out, processes, scheduler, begin("fits"))
+    figures = [(row.get("f_overall_mean"), row.get("f_overall_sd")) for row in rows]
+    fits_well = {True: "yes", False: "no: do not rely on it", None: ""}
+    shown = [
+        (str(row["recording"]), "failed" if mean is None else f"{mean:.4f} +- {sd:.4f}", fits_well[row["model_fits"]])
+        for row, (mean, sd) in zip(rows, figures, strict=True)
+    ]
+    _tell(("recording", "f_overall, N m s", "the model fits"), shown, rows, out / fleet.CSV)
+
+
+def _need_packages(scheduler: str | None) -> None:
+    """Refuse at once what would fail when the table is written, or when the scheduler is asked."""
+    need("pyarrow")
+    if scheduler is not None:
+        need("distributed")
+
+
+def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[dict[str, Any]], place: Path) -> None:
+    """The table on the terminal, what failed on standard error."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(*header)
+    for cells in shown:
+        table.add_row(*(escape(cell) for cell in cells))
+    on_terminal(table)
+    print(place)
+    failed = [row for row in rows if row["error"]]
+    remark(*(f"{row['recording']}: {row['error']}" for row in failed))
+    if failed:
+        raise typer.Exit(UNUSABLE_INPUT)

@@ -1,0 +1,140 @@
+"""The model alone: `simulate`, `sensitivity` and `reproduce`."""
+
+from __future__ import annotations
+
+import os
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from spinbench.cli.options import JsonOption, MotorOption, SetOption
+from spinbench.cli.show import deliver, remark
+
+if TYPE_CHECKING:
+    from model.motor import Motor
+
+
+class TransientKind(StrEnum):
+    """Runs in time."""
+
+    SPIN_UP = "spin-up"
+    COAST_DOWN = "coast-down"
+
+
+def simulate(
+    pressure_bar_abs: Annotated[float, typer.Option(help="Inlet pressure, absolute [bar].")],
+    to: Annotated[float | None, typer.Option("--to", help="Sweep up to this pressure, absolute [bar].")] = None,
+    points: Annotated[int, typer.Option(min=2, max=10_001, help="Points of the sweep.")] = 9,
+    transient: Annotated[TransientKind | None, typer.Option(help="A run in time instead of the steady state.")] = None,
+    duration_s: Annotated[float, typer.Option(min=0.001, max=60.0, help="Length of the run in time [s].")] = 0.6,
+    assignments: SetOption = None,
+    motor: MotorOption = "ptm3600",
+    json_file: JsonOption = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Write simulation.png and .json there.")
+    ] = None,
+) -> None:
+    """Simulate the motor: an operating point, a sweep of the pressure, a spin-up or a coast-down."""
+    if transient is not None and to is not None:
+        raise typer.BadParameter("a run in time has one pressure: leave out --to or --transient")
+    chosen = _motor(motor, assignments)
+    if transient is not None:
+        _simulate_transient(chosen, transient, pressure_bar_abs, duration_s, json_file, out)
+    else:
+        _simulate_points(chosen, pressure_bar_abs, to, points, json_file, out)
+
+
+def _simulate_points(
+    motor: Motor, start_bar: float, end_bar: float | None, count: int, json_file: Path | None, out: Path | None
+) -> None:
+    import numpy as np
+
+    from calibration.report import simulation, simulation_figures
+    from model.performance import BAR, check_pressures, operating_points
+
+    check_pressures(motor, [bar * BAR for bar in (start_bar, end_bar) if bar is not None])
+    pressures = [start_bar] if end_bar is None else np.linspace(start_bar, end_bar, count).round(9).tolist()
+    found = operating_points(motor, [bar * BAR for bar in pressures])
+    limit = motor["speed_limit"].value
+    table = simulation.point_table(found[0]) if end_bar is None else simulation.sweep_table(found)
+    data = simulation.json_bytes(simulation.points_data(motor, found))
+    if out is not None:
+        of_one = end_bar is None
+        plot = simulation_figures.power_plot(found[0]) if of_one else simulation_figures.sweep_plot(found, limit)
+        _keep(out, data, plot)
+    deliver(data, [table], json_file)
+    remark(*simulation.remarks(found, limit))
+
+
+def _simulate_transient(
+    motor: Motor, kind: TransientKind, bar: float, duration_s: float, json_file: Path | None, out: Path | None
+) -> None:
+    from calibration.report import simulation, simulation_figures
+    from model.performance import BAR
+    from model.runs import coast_down, spin_up
+
+    run = (spin_up if kind is TransientKind.SPIN_UP else coast_down)(motor, bar * BAR, duration_s)
+    data = simulation.json_bytes(simulation.transient_data(motor, kind.value, bar, run))
+    if out is not None:
+        _keep(out, data, simulation_figures.transient_plot(run))
+    deliver(data, [simulation.transient_table(run)], json_file)
+    remark(*simulation.transient_remarks(run, motor["speed_limit"].value))
+
+
+def _keep(out: Path, data: bytes, plot: bytes) -> None:
+    from calibration.work import files
+
+    files.write_files(out, {"simulation.json": data, "simulation.png": plot})
+
+
+def sensitivity(
+    pressure_bar_abs: Annotated[
+        list[float], typer.Option(help="Inlet pressure, absolute [bar]; several may be given.")
+    ],
+    assignments: SetOption = None,
+    motor: MotorOption = "ptm3600",
+    json_file: JsonOption = None,
+) -> None:
+    """Rank the parameters by what they do to speed and flow: per 1 %, and per standard deviation of their prior."""
+    from calibration.report import simulation
+    from model.performance import BAR
+    from model.sensitivity import sensitivities
+
+    chosen = _motor(motor, assignments)
+    ranking = sensitivities(chosen, [bar * BAR for bar in pressure_bar_abs])
+    tables = [simulation.sensitivity_table(bar, ranking, i) for i, bar in enumerate(pressure_bar_abs)]
+    deliver(simulation.json_bytes(simulation.sensitivity_data(chosen, pressure_bar_abs, ranking)), tables, json_file)
+
+
+def reproduce(
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where the figures and tables go.")],
+    page: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where the page goes; reproduce.md beside the figures if left out."),
+    ] = None,
+) -> None:
+    """Compute the article's figures and results anew, and set them beside the published ones."""
+    from calibration.report import reproduction
+    from calibration.work import files
+    from model.motor import read_motor
+    from model.reproduction import reproduce as compute
+    from spinbench.published import measured
+
+    motor = read_motor("ptm3600")
+    found = compute(motor, measured())
+    place = page or out / reproduction.PAGE
+    figures = Path(os.path.relpath(out.resolve(), place.resolve().parent)).as_posix()
+    text = reproduction.page(found, "" if figures == "." else figures)
+    files.write_files(out, reproduction.report(found, motor["port_lap"].value))
+    files.write_file(place, text)
+    print(f"{place}: the article's results beside ours; figures, tables and JSON in {out}")
+
+
+def _motor(name: str, assignments: list[str] | None) -> Motor:
+    """The motor that the options name, with what --set changes."""
+    from model.motor import read_motor, set_values
+
+    is_file = name.endswith(".toml") or "/" in name or "\\" in name
+    return set_values(read_motor(Path(name) if is_file else name), assignments or [])

@@ -1,0 +1,69 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+LOGS = Path("logs")  # of the folder that the program is started in: runs are data, not part of the program
+
+MotorOption = Annotated[str, typer.Option("--motor", metavar="NAME|FILE", help="A motor in configs/motors, or a file.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter or a reading; may be given several times."),
+]
+JsonOption = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for standard output.")
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed; the same seed gives the same result to the bit.")]
+EffectiveSamplesOption = Annotated[
+    int, typer.Option(min=200, max=1_000_000, help="Least effective sample size of every unknown.")
+]
+MaxStepsOption = Annotated[int, typer.Option(min=50, max=1_000_000, help="Budget of each ensemble.")]
+
+# A bench, and the room that it stands in.
+BenchArgument = Annotated[
+    Path, typer.Argument(metavar="BENCH", help="A bench file, or the name of one in configs/benches.")
+]
+RateOption = Annotated[
+    float | None,
+    typer.Option(min=0.1, max=50.0, help="Of a virtual bench: its seconds in one of the wall; the file's if left out."),
+]
+OperatorOption = Annotated[str, typer.Option(help="Who runs the bench.")]
+RoomPressureOption = Annotated[float | None, typer.Option(help="Of the room [bar].")]
+RoomTemperatureOption = Annotated[float | None, typer.Option(help="Of the room [degC].")]
+HumidityOption = Annotated[float | None, typer.Option(help="Of the room, 0 to 1.")]
+LubricationOption = Annotated[str | None, typer.Option(help="Oil, and when it was last given.")]
+MinutesRunningOption = Annotated[float | None, typer.Option(help="How long the motor has run today [min].")]
+
+# A bench that conceals something.
+SealOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--conceal", metavar="SEAL", help="Of a virtual bench: what is concealed is drawn, and sealed in this folder."
+    ),
+]
+ConcealSeedOption = Annotated[
+    int | None, typer.Option("--conceal-seed", min=0, help="Of what is concealed; drawn itself if left out.")
+]
+OnlyOption = Annotated[
+    str, typer.Option("--only", metavar="ID", help="Conceal this effect, or something of this category, such as none.")
+]
+SealKeyOption = Annotated[
+    Path | None, typer.Option("--key", metavar="FILE", help="The seal's key; in your state folder if left out.")
+]
+
+# Runs.
+RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run's folder, name, or its beginning; 'last'.")]
+LogsOption = Annotated[Path, typer.Option("--logs", metavar="DIR", help="Where runs are kept.")]
+
+# Many recordings.
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Processes of this machine; as many as it has cores if left out.")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers are used instead."),
+]

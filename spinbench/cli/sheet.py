@@ -1,0 +1,83 @@
+"""`sheet`: a sheet for a bench that a person reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from spinbench.cli.options import (
+    LOGS,
+    BenchArgument,
+    HumidityOption,
+    LogsOption,
+    LubricationOption,
+    RoomPressureOption,
+    RoomTemperatureOption,
+)
+
+if TYPE_CHECKING:
+    from rig.bench.bench import Bench
+    from rig.sweep.ambient import Given
+
+
+def sheet(
+    bench: BenchArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="Print a sheet: .html for paper, .csv to fill in."),
+    ] = None,
+    entered: Annotated[
+        Path | None, typer.Option("--enter", metavar="FILE", help="A filled-in .csv sheet becomes a run.")
+    ] = None,
+    logs: LogsOption = LOGS,
+    operator: Annotated[str, typer.Option(help="Who read the instruments.")] = "",
+    ambient_pressure_bar_abs: RoomPressureOption = None,
+    ambient_temperature_c: RoomTemperatureOption = None,
+    relative_humidity: HumidityOption = None,
+    lubrication: LubricationOption = None,
+    minutes_running: Annotated[float | None, typer.Option(help="How long the motor had run that day [min].")] = None,
+) -> None:
+    """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
+    from rig.bench.bench import bench_path, read_bench
+    from rig.sweep.ambient import Given
+
+    if (out is None) == (entered is None):
+        raise typer.BadParameter("give either -o, to print a sheet, or --enter, to enter one")
+    read = read_bench(bench_path(bench))
+    if out is not None:
+        _print(read, out)
+    if entered is not None:
+        given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
+        _enter(read, entered, given, logs, operator)
+
+
+def _print(bench: Bench, out: Path) -> None:
+    from calibration.work import files
+    from rig.by_hand import sheet as sheets
+
+    if out.suffix not in (".html", ".csv"):
+        raise typer.BadParameter(f"{out}: a sheet is .html, to be printed, or .csv, to be filled in")
+    if out.exists():
+        raise typer.BadParameter(f"{out} exists already, and may be filled in; give a name that is free")
+    text = sheets.print_sheet(bench) if out.suffix == ".csv" else sheets.print_page(bench)
+    files.write_file(out, text.encode())
+    print(out)
+
+
+def _enter(bench: Bench, entered: Path, given: Given, logs: Path, operator: str) -> None:
+    from rig.by_hand.sheet_entry import SheetError
+    from rig.run.running import enter
+    from rig.run.terminal import ask, somebody_is_there
+    from rig.sweep.ambient import at_start
+
+    room = at_start(bench, given, ask if somebody_is_there() else None)
+    try:
+        text = entered.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise SheetError(f"{entered}: not UTF-8 text; save it as UTF-8") from None
+    try:
+        print(enter(bench, text, room, logs, operator))
+    except SheetError as error:
+        raise SheetError("\n".join(f"{entered}: {line}" for line in str(error).splitlines())) from None

@@ -1,0 +1,180 @@
+"""`sweep` and `capture`: a run on a bench, real or virtual."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from spinbench import readings
+from spinbench.cli.concealing import server_of
+from spinbench.cli.errors import RUN_FAILED
+from spinbench.cli.options import (
+    LOGS,
+    BenchArgument,
+    ConcealSeedOption,
+    HumidityOption,
+    LogsOption,
+    LubricationOption,
+    MinutesRunningOption,
+    OnlyOption,
+    OperatorOption,
+    RateOption,
+    RoomPressureOption,
+    RoomTemperatureOption,
+    SealKeyOption,
+    SealOption,
+)
+from spinbench.cli.show import remark
+
+if TYPE_CHECKING:
+    from rig.bench.bench import Bench
+    from rig.run.running import Wanted
+    from rig.sweep.ambient import Ambient, Given
+    from rig.sweep.course import Course
+
+
+class CaptureKind(StrEnum):
+    """Single runs in time, and the vented zero."""
+
+    COAST_DOWN = "coast-down"
+    SPIN_UP = "spin-up"
+    ZERO = "zero"
+
+
+def sweep(
+    bench: BenchArgument,
+    logs: LogsOption = LOGS,
+    operator: OperatorOption = "",
+    rate: RateOption = None,
+    ambient_pressure_bar_abs: RoomPressureOption = None,
+    ambient_temperature_c: RoomTemperatureOption = None,
+    relative_humidity: HumidityOption = None,
+    lubrication: LubricationOption = None,
+    minutes_running: MinutesRunningOption = None,
+    resume: Annotated[
+        str | None, typer.Option("--continue", metavar="RUN", help="A new run that takes the levels this one did not.")
+    ] = None,
+    wire: Annotated[bool, typer.Option("--wire/--no-wire", help="Keep the bytes, so that it can be replayed.")] = True,
+    check: Annotated[
+        bool, typer.Option("--check/--no-check", help="Hold the plateaus against the model while it runs, and warn.")
+    ] = True,
+    conceal: SealOption = None,
+    conceal_seed: ConcealSeedOption = None,
+    only: OnlyOption = "",
+    key: SealKeyOption = None,
+) -> None:
+    """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
+    from rig.run.running import Wanted
+    from rig.sweep.ambient import Given
+    from rig.sweep.continuing import Taken, taken
+
+    given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
+    parent = readings.run_named(resume, logs) if resume else None
+
+    def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
+        from rig.sweep.planning import sweep_course
+
+        have = taken(parent, read, logs) if parent else Taken()
+        return sweep_course(read, ambient, have.steps, have.captures, have.plateaus)
+
+    server = server_of(conceal, conceal_seed, only, key)
+    wanted = Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate, server)
+    _take(bench, given, course, wanted, check)
+
+
+def capture(
+    bench: BenchArgument,
+    kind: Annotated[CaptureKind, typer.Option(help="What is taken.")],
+    level_bar_abs: Annotated[
+        float | None, typer.Option(help="Pressure, absolute [bar]; the bench file's if left out.")
+    ] = None,
+    logs: LogsOption = LOGS,
+    operator: OperatorOption = "",
+    rate: RateOption = None,
+    ambient_pressure_bar_abs: RoomPressureOption = None,
+    ambient_temperature_c: RoomTemperatureOption = None,
+    relative_humidity: HumidityOption = None,
+    lubrication: LubricationOption = None,
+    minutes_running: MinutesRunningOption = None,
+    conceal: SealOption = None,
+    conceal_seed: ConcealSeedOption = None,
+    only: OnlyOption = "",
+    key: SealKeyOption = None,
+) -> None:
+    """Take a coast-down, a spin-up or a vented zero at the highest rate; refused where the bench cannot resolve it."""
+    from rig.run.running import Wanted
+    from rig.sweep.ambient import Given
+
+    given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
+
+    def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
+        from rig.sweep.planning import capture_course
+
+        return capture_course(read, ambient, kind.value, level_bar_abs), []
+
+    server = server_of(conceal, conceal_seed, only, key)
+    _take(bench, given, course, Wanted(kind.value, logs, operator, rate=rate, server=server))
+
+
+def _take(
+    path: Path,
+    given: Given,
+    course: Callable[[Bench, Ambient], tuple[Course, list[str]]],
+    wanted: Wanted,
+    check: bool = False,
+) -> None:
+    """A run, under a bar where a regulator makes it; what came of it in a line."""
+    from calibration.live_checks import Beside
+    from rig.bench.bench import bench_path, read_bench
+    from rig.run.running import UNVENTED, take
+    from rig.run.terminal import Terminal, somebody_is_there
+
+    place = bench_path(path)
+    bench = read_bench(place)
+    if wanted.server is not None and bench.file.virtual is None:
+        raise typer.BadParameter(f"{place} is no virtual bench: there is nothing behind it to conceal anything in")
+    say: Callable[[str], None] = _say_beside
+    with contextlib.ExitStack() as shown:
+        if bench.file.roles.regulator is not None:
+            terminal = shown.enter_context(Terminal(f"{wanted.kind} on {bench.name}"))
+            wanted = replace(wanted, progress=terminal, ask=terminal.ask if somebody_is_there() else None)
+            say = partial(terminal.say, warning=True)
+        if check:
+            wanted = replace(wanted, beside=lambda folder, note: Beside(folder, readings.so_far, note, say))
+        folder, outcome = take(place, given, course, wanted)
+    print(f"{folder}: {outcome.outcome}{f', {outcome.reason}' if outcome.reason else ''}")
+    if not outcome.vented:
+        remark(UNVENTED)
+    if outcome.outcome != "finished":
+        if wanted.kind == "sweep":
+            print(f"go on with: {_continuing(path, folder, wanted, given, check)}")
+        raise typer.Exit(RUN_FAILED)
+
+
+def _continuing(path: Path, folder: Path, wanted: Wanted, given: Given, check: bool) -> str:
+    """The command that goes on where a sweep ended, with the options of that sweep."""
+    from rig.sweep.ambient import OPTIONS
+
+    words = ["spinbench", "sweep", str(path), "--continue", folder.name]
+    words += ["--logs", str(wanted.root)] if wanted.root != LOGS else []
+    words += ["--operator", wanted.operator] if wanted.operator else []
+    words += [f"--rate={wanted.rate:g}"] if wanted.rate is not None else []
+    stays = {name: value for name, value in vars(given).items() if value is not None and name != "minutes_running"}
+    words += [f"{OPTIONS[name]}={value}" for name, value in stays.items()]
+    words += [] if wanted.wire else ["--no-wire"]
+    words += [] if check else ["--no-check"]
+    return shlex.join(words)
+
+
+def _say_beside(text: str) -> None:
+    """Tell a person who may be typing."""
+    print(f"\nspinbench: {text}", file=sys.stderr)
