@@ -26,7 +26,7 @@ SAFE_WITHIN_S = 2.0
 CONTROLLER = """
 import os, signal, sys, time
 from pathlib import Path
-from rig.bench import read_bench
+from rig.bench.bench import read_bench
 from rig.clock import Clock
 from rig.interlock.watchdog import Plan, Watchdog
 from rig.acquisition.opening import line_of, port_of
