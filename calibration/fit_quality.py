@@ -10,9 +10,9 @@ import numpy as np
 from scipy.special import bdtrc
 
 from calibration.data import rows_used
-from calibration.diagnosis.diagnose import Detected, detect_mismatch
 from calibration.diagnosis.linear_model.forces import forces
 from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.mismatch import Detected, detect_mismatch
 from calibration.diagnosis.steps.detect import MISMATCH_P, detect
 from calibration.diagnosis.steps.locate import locate
 from calibration.fit import fit as fits

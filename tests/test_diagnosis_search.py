@@ -12,9 +12,9 @@ import pytest
 
 from calibration.data import joined as together
 from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis.diagnose import detect_mismatch
 from calibration.diagnosis.linear_model.forces import forces
 from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.confirm import folds_of, summed_up
 from calibration.diagnosis.steps.detect import MISMATCH_P, detect

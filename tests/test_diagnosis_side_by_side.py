@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis.diagnose import detect_mismatch
 from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.search import Search
 from calibration.likelihood import descent

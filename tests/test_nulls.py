@@ -14,7 +14,7 @@ import pytest
 from scipy.stats import binom
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.diagnose import detect_mismatch
+from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.detect import rarity
 from calibration.studies import nulls, nulls_draw, nulls_table
 from calibration.studies.campaigns import OtherCodeError, code_of_a_case

@@ -29,7 +29,7 @@ from calibration.challenge.second_rig.line import Supply
 from calibration.challenge.second_rig.runs_seen import LINE_SDS, MOMENT_SD_S, moved_supply
 from calibration.challenge.second_rig.separable import Seen
 from calibration.challenge.second_rig.signatures import LINE, Whitened, asked_of
-from calibration.diagnosis.diagnose import detect_mismatch
+from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.detect import MISMATCH_P
 from rig.recording import read_recording
 

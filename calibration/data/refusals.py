@@ -40,15 +40,13 @@ LATE_S = 0.1  # by which supply_open may be late or early: so much before and af
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
 
 
-def refuse_unusable(recording: Recording, in_time: bool = True) -> None:
-    """Refuse what neither a fit nor a diagnosis can be made of.
+def refuse_unusable(recording: Recording) -> None:
+    """Refuse what no diagnosis can be made of.
 
     Parameters
     ----------
     recording : Recording
         Of a motor by name; another one passes.
-    in_time : bool
-        Whether its runs in time are used.
 
     Raises
     ------
@@ -59,8 +57,7 @@ def refuse_unusable(recording: Recording, in_time: bool = True) -> None:
     refuse_out_of_range(recording)
     refuse_at_rest(recording)
     refuse_mixed_units(recording)
-    if in_time:
-        refuse_wrong_supply(recording)
+    refuse_wrong_supply(recording)
 
 
 def refuse_mixed_units(recording: Recording) -> None:

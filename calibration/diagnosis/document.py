@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from calibration.data.rows_used import by_diagnosis
-from calibration.diagnosis.diagnose import Diagnosis
 from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
 from calibration.diagnosis.linear_model.further_forces import not_observable
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.not_described import CHECK
+from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
 from calibration.diagnosis.steps.name import Candidate

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.result import Diagnosis
 from calibration.likelihood.mode import Mode
 
 DRAWS = 8000  # that an average is made of

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data.measurement import OBSERVED, gather
-from calibration.diagnosis.diagnose import detect_mismatch
+from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.detect import MISMATCH_P
 from calibration.diagnosis.steps.locate import Place, locate
 from rig.recording import Recording

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.data import measurement
 from calibration.data.measurement import Measurement
-from calibration.data.refusals import refuse_unusable
+from calibration.data.refusals import refuse_mixed_units, refuse_out_of_range
 from calibration.fit import posterior, sampling
 from calibration.fit.posterior import FitQuality, Posterior
 from calibration.fit.sampling import Progress, Settings
@@ -167,8 +167,9 @@ def prepare(
         )
     motor = set_values(priors.at_ambient(read_motor(recording.motor), recording), list(assignments))
     measured = measurement.gather(recording, channels)
-    refuse_unusable(recording, in_time=False)
+    refuse_out_of_range(recording)
     measurement.check_against_model(recording, measured, motor)
+    refuse_mixed_units(recording)
     seen = dataclasses.replace(
         recording, channels={c: f for c, f in recording.channels.items() if _channel_of(c) in measured.channels}
     )

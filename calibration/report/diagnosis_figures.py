@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.verdict import RESIDUAL_P
 from calibration.likelihood.linear import RUN, STANDING
 from calibration.report import diagnosis_numbers as numbers

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.correction import Correction, corrections
 from calibration.diagnosis.steps.locate import METERS
 from calibration.likelihood.linear import FLOW, SPEED

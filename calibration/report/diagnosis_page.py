@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.data.runs_in_time import few_used
-from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.sets_in_words import in_a_row, title, titles
 from calibration.diagnosis.steps.misread import MISREAD
 from calibration.report import diagnosis_figures as draw

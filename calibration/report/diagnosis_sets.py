@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.diagnose import Diagnosis
+from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.sets_in_words import listed, titles
 from calibration.diagnosis.steps.misread import MISREAD
 from calibration.diagnosis.steps.name import Candidate

@@ -82,7 +82,7 @@ def p_of_null(argument: Mapping[str, Any]) -> dict[str, Any]:
     OtherCodeError
         When this process has other sources.
     """
-    from calibration.diagnosis.diagnose import detect_mismatch
+    from calibration.diagnosis.mismatch import detect_mismatch
 
     same_code(argument["code"])
     key = (argument["seed"], NOISES.index(argument["noise"]), int(argument["with_runs"]))

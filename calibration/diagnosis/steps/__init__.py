@@ -4,6 +4,7 @@ base          the base model
 detect        whether anything is missing
 locate        where: balance, channel and coordinate; correction: the smooth curve that closes a balance
 search, name  which set of effects explains it, and how sets are weighed
+residual      what a set leaves unexplained
 confirm       whether the set predicts readings that it has not seen; unseen: those of another run
 discover      what a mismatch looks like that no listed effect explains
 abrupt        what is otherwise from one moment on

@@ -1,0 +1,104 @@
+"""The base model of a recording, and the test of it: whether anything is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.diagnosis.linear_model.forces import Force, forces
+from calibration.diagnosis.linear_model.signatures import Signature, signatures
+from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.detect import Detection, detect
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import Mode
+from calibration.systems.radial_piston.problem import Problem
+from calibration.work.step_clock import Tell
+from calibration.work.threads import threads
+from model.motor import Motor
+from rig.recording import Recording, RecordingError
+
+
+@dataclass(frozen=True)
+class Detected:
+    """What the base model and the test of it come to, before anything is looked for.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        The recording.
+    base : Mode
+        The base model.
+    found : list of Signature
+        Of all effects that the recording could show.
+    free : list of Force
+        Free-form forces.
+    detection : Detection
+        Whether anything is missing.
+    """
+
+    comparison: Comparison
+    base: Mode
+    found: list[Signature]
+    free: list[Force]
+    detection: Detection
+
+
+def detect_mismatch(
+    recording: Recording,
+    rng: np.random.Generator,
+    tell: Tell = lambda _: None,
+    workers: int = 1,
+    motor: Motor | None = None,
+) -> Detected:
+    """The first steps of a diagnosis: fit the base model, and test whether anything is missing.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording, of a motor that `model.motor` knows.
+    rng : numpy.random.Generator
+        For the null law.
+    tell : callable
+        Told the step that begins.
+    workers : int
+        Threads that simulate side by side; the result is the same [-].
+    motor : Motor or None
+        The motor that it names, when left out.
+
+    Raises
+    ------
+    RecordingError
+        When the motor's model gives no reading of it at all.
+    """
+    comparison, base = fit_base(recording, tell, workers, motor)
+    tell("detect")
+    return test_base(comparison, base, rng)
+
+
+def fit_base(recording: Recording, tell: Tell, workers: int = 1, motor: Motor | None = None) -> tuple[Comparison, Mode]:
+    """The recording as a vector, and the base model at its most probable point.
+
+    Raises
+    ------
+    RecordingError
+        When the motor's model gives no reading of it at all.
+    """
+    tell("base model")
+    with threads(workers):
+        try:
+            comparison = Comparison(Problem(recording, motor))
+            return comparison, base_of(comparison)
+        except RecordingError:
+            raise
+        except (ArithmeticError, ValueError) as problem:  # such as a pressure that no air has, or none at all
+            raise RecordingError(
+                f"{recording.folder}: the model gives no reading of it ({problem}); are the pressures absolute or "
+                "gauge as declared, was the gauge read in every run, and is it this motor?"
+            ) from None
+
+
+def test_base(comparison: Comparison, base: Mode, rng: np.random.Generator) -> Detected:
+    """Whether anything is missing from the base model."""
+    found, free = signatures(comparison, base), forces(comparison, base)
+    return Detected(comparison, base, found, free, detect(comparison, base, found, free, rng))

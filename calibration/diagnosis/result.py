@@ -1,0 +1,86 @@
+"""Everything that a diagnosis found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.diagnosis.next_test.recommend import NextTest
+from calibration.diagnosis.steps.confirm import HeldOut
+from calibration.diagnosis.steps.correction import Correction
+from calibration.diagnosis.steps.detect import Detection
+from calibration.diagnosis.steps.discover import Term
+from calibration.diagnosis.steps.locate import Place
+from calibration.diagnosis.steps.misread import BadRow
+from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.not_excluded import Faint
+from calibration.diagnosis.steps.resolves import Resolved
+from calibration.diagnosis.steps.verdict import Verdict
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import Mode
+
+
+@dataclass
+class Diagnosis:
+    """Everything that was found.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        The recording.
+    base : Mode
+        The base model.
+    detection : Detection
+        Of the base model.
+    places : list of Place
+        Where it does not close.
+    candidates : list of Candidate
+        Sets weighed, the most probable first.
+    residual_p : dict
+        p-values of the residuals of sets tested [-].
+    verdict : Verdict
+        What is said.
+    held_out : HeldOut or None
+        Cross-validation: of the set named, or of the smooth correction where no set explains the recording; or the
+        prediction of an unseen run.
+    term : Term or None
+        A law found from the data.
+    next_tests : list of NextTest
+        Tests worth making.
+    bad_rows : list
+        (file, row, channel, probability) of bad readings.
+    seconds : dict
+        Time of each step [s].
+    correction : Correction or None
+        A smooth torque or flow that stands for what no set explains.
+    beside : tuple of ndarray or None
+        The nuisances and their sd beside such a correction, whichever it is [-].
+    misread : frozenset of tuple of str
+        Sets named or listed beside which readings are misread.
+    resolved : list of Resolved
+        What the recording can tell of each effect.
+    faint : dict
+        For each set that f_overall is averaged over, the further effects that may be there unseen.
+    not_described : str
+        How far the base model is off where it does not describe the readings at all, and nothing was looked for.
+    """
+
+    comparison: Comparison
+    base: Mode
+    detection: Detection
+    places: list[Place]
+    candidates: list[Candidate]
+    residual_p: dict[tuple[str, ...], float]
+    verdict: Verdict[Candidate]
+    held_out: HeldOut | None = None
+    term: Term | None = None
+    next_tests: list[NextTest] = field(default_factory=list)
+    bad_rows: list[BadRow] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+    correction: Correction | None = None
+    beside: tuple[np.ndarray, np.ndarray] | None = None
+    misread: frozenset[tuple[str, ...]] = frozenset()
+    faint: dict[tuple[str, ...], list[Faint]] = field(default_factory=dict)
+    resolved: list[Resolved] = field(default_factory=list)
+    not_described: str = ""

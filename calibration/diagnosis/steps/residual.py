@@ -1,0 +1,90 @@
+"""What sets of effects leave unexplained: the test of the base model, repeated for each set that matters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.diagnosis.linear_model.forces import forces
+from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.steps.detect import detect
+from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.verdict import RESIDUAL_P, SHARE, SUPERSET_ODDS, is_small
+from calibration.likelihood.linear import Comparison
+from calibration.likelihood.mode import Mode
+from calibration.work.side_by_side import SideBySide
+
+TESTED = 3  # sets whose residual is tested; more only where one of these passes
+RESIDUAL_DRAWS, MORE_DRAWS = 100, 400
+NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
+
+
+class Residuals:
+    """Tests of what sets leave.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording.
+    rng : numpy.random.Generator
+        For the null laws.
+    side_by_side : SideBySide
+        Makes the tests.
+
+    Attributes
+    ----------
+    p : dict
+        p-value of what each set tested leaves [-].
+    """
+
+    def __init__(self, comparison: Comparison, rng: np.random.Generator, side_by_side: SideBySide) -> None:
+        self._comparison, self._rng, self._side_by_side = comparison, rng, side_by_side
+        self.p: dict[tuple[str, ...], float] = {}
+
+    def passes(self, one: Candidate) -> bool:
+        """Whether a set was tested and leaves nothing."""
+        return self.p.get(one.names, 0.0) >= RESIDUAL_P
+
+    def test(self, sets: Sequence[Candidate]) -> None:
+        """Test sets that were not tested before."""
+        untested = [one for one in sets if one.names not in self.p]
+        seeds = [int(seed) for seed in self._rng.integers(2**62, size=len(untested))]
+        arguments = [(self._comparison, one.mode, seed) for one, seed in zip(untested, seeds, strict=True)]
+        found = self._side_by_side(_residual, arguments)
+        self.p.update({one.names: p for one, p in zip(untested, found, strict=True)})
+
+    def test_all_that_matter(self, weighed: Sequence[Candidate]) -> None:
+        """Test the most probable sets; where one passes, also what is more probable, and parts of it that may do.
+
+        Parameters
+        ----------
+        weighed : sequence of Candidate
+            All sets, the most probable first.
+        """
+        namable = [one for one in weighed if one.names and not one.refused]
+        ranked = namable[:TESTED]
+        self.test(ranked[:1])
+        if ranked and self.passes(ranked[0]):
+            ranked = [one for one in ranked if one.probability > SHARE * ranked[0].probability]
+        self.test(ranked)
+        if any(self.passes(one) for one in namable):
+            self._test_up_to_the_first_that_passes(namable)
+        self.test([one for one in [one for one in weighed if one.names][:1] if is_small(one)])
+
+    def _test_up_to_the_first_that_passes(self, namable: Sequence[Candidate]) -> None:
+        for one in namable:
+            self.test([one])
+            if self.passes(one):
+                parts = [c for c in namable if set(c.names) < set(one.names)]
+                self.test([c for c in parts if one.probability < SUPERSET_ODDS * c.probability])
+                return
+
+
+def _residual(comparison: Comparison, mode: Mode, seed: int) -> float:
+    found, free = signatures(comparison, mode), forces(comparison, mode)
+    rng = np.random.default_rng(seed)
+    p = detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS).p_value
+    if RESIDUAL_P / NEAR < p < RESIDUAL_P * NEAR:  # a tail of so few draws is too rough to decide it
+        p = detect(comparison, mode, found, free, rng, MORE_DRAWS).p_value
+    return p
