@@ -12,7 +12,7 @@ import pytest
 from calibration.diagnosis.next_test.information import Expected, expected_nats, repeats_needed
 from calibration.diagnosis.next_test.planned import FLYWHEEL, planned
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked
-from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode
@@ -32,7 +32,7 @@ def base(comparison) -> Mode:
 
 def rival(comparison: Comparison, base: Mode, name: str) -> Candidate:
     mode = find(comparison, (name,), base)
-    return Candidate((name,), mode, mode.log_evidence, 0.5, "")
+    return Candidate((name,), mode, mode.log_evidence, 0.5)
 
 
 def normal(mean: float, shared: float, own: float) -> Expected:

@@ -14,8 +14,8 @@ from scipy.stats import johnsonsu, norm
 
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import fit_on, predict_held
-from calibration.diagnosis.steps.name import Candidate
 from calibration.diagnosis.steps.sizes import sizes_of
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
@@ -74,7 +74,7 @@ def test_a_large_size_costs_little_and_is_hardly_pulled(tmp_path: Path) -> None:
     allowed = math.log(2.0 * (SU.cdf(2e10 / 1.5e9) - 0.5))
     assert gain == pytest.approx(SU.logpdf(scales) - norm.logpdf(scales) - allowed, abs=1.0)
     assert gain > 6.0
-    (size,) = sizes_of(comparison.problem, Candidate(names, mode, 0.0, 1.0, ""))
+    (size,) = sizes_of(comparison.problem, Candidate(names, mode, 0.0, 1.0))
     assert scales < size.z < scales + 2.0 * math.sqrt(mode.covariance[-1, -1])
     assert size.unknown.value(np.array(size.z)) == pytest.approx(true, abs=2.0 * size.sd * size.unknown.b)
 

@@ -218,7 +218,7 @@ def test_an_effect_on_the_flow_is_refused_where_the_flow_is_left_out(rubbing):
 
 
 def test_an_effect_that_changes_with_time_needs_rows_with_a_time():
-    with pytest.raises(with_effects.EffectsError, match="rows without time_s"):
+    with pytest.raises(with_effects.EffectsError, match="row 1, has no time_s"):
         fit.prepare(read_recording(PUBLISHED_SWEEP), effects=["friction_warm_up"])
 
 

@@ -15,6 +15,7 @@ from calibration.diagnosis.not_described import not_described
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.abrupt import Step, step_instead
 from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut, cross_validate
 from calibration.diagnosis.steps.correction import Correction, corrections, nuisances_beside
 from calibration.diagnosis.steps.correction import hold_out as hold_out_smooth
@@ -22,7 +23,7 @@ from calibration.diagnosis.steps.detect import Detection
 from calibration.diagnosis.steps.discover import Term, discover
 from calibration.diagnosis.steps.locate import Place, locate, rows_as_places
 from calibration.diagnosis.steps.misread import MISREAD, BadRow, alone_at_an_end, bad_rows, by_chance, with_misread
-from calibration.diagnosis.steps.name import Candidate, evidence_p
+from calibration.diagnosis.steps.name import evidence_p
 from calibration.diagnosis.steps.not_excluded import faint
 from calibration.diagnosis.steps.residual import Residuals
 from calibration.diagnosis.steps.resolves import resolved
@@ -73,7 +74,7 @@ class _Said:
         A step in time that was tried instead.
     """
 
-    verdict: Verdict[Candidate]
+    verdict: Verdict[Mode]
     detection: Detection
     bad: list[BadRow]
     misread: frozenset[tuple[str, ...]]
@@ -197,7 +198,7 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
     if not detection.p_value < MISMATCH_P:
         detection = replace(detection, p_value=CERTAIN_P, extrapolated=True)
     clock("")
-    verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
+    verdict: Verdict[Mode] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
     return Diagnosis(
         first.comparison,
         first.base,
@@ -212,7 +213,7 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
 
 
 def _alone(base: Mode) -> Candidate:
-    return Candidate((), base, base.log_evidence, 1.0, "")
+    return Candidate((), base, base.log_evidence, 1.0)
 
 
 def _search(first: Detected, search: Search, residuals: Residuals, clock: StepClock) -> _Searched:
@@ -248,7 +249,7 @@ def _search(first: Detected, search: Search, residuals: Residuals, clock: StepCl
 
 def _judge(
     searched: _Searched, comparison: Comparison, residuals: Residuals, clock: StepClock
-) -> tuple[Verdict[Candidate], HeldOut | None]:
+) -> tuple[Verdict[Mode], HeldOut | None]:
     """The verdict, and the cross-validation of the set that it rests on."""
     best, held_out, candidates = None, None, searched.candidates
     if searched.detection.p_value < MISMATCH_P:
@@ -262,7 +263,7 @@ def _judge(
     return verdict, None if verdict.kind == "consistent" else held_out  # ... it was of a set that is not said
 
 
-def _held_against(verdict: Verdict[Candidate], unseen_run: HeldOut) -> Verdict[Candidate]:
+def _held_against(verdict: Verdict[Mode], unseen_run: HeldOut) -> Verdict[Mode]:
     """The verdict, where a set that is named predicts an unseen run better; else a refusal."""
     if verdict.kind != "named" or verdict.chosen is None or unseen_run.gain > ERRORS * unseen_run.gain_se:
         return verdict
@@ -270,7 +271,7 @@ def _held_against(verdict: Verdict[Candidate], unseen_run: HeldOut) -> Verdict[C
     return Verdict("unresolved", None, (), 0.0, words)
 
 
-def _single_readings(comparison: Comparison, verdict: Verdict[Candidate], searched: _Searched) -> _Said:
+def _single_readings(comparison: Comparison, verdict: Verdict[Mode], searched: _Searched) -> _Said:
     """What single readings do to the verdict: misread ones may be all that is wrong."""
     base = searched.base
     # Of a model that does not fit, no reading can be said to be off.
@@ -363,11 +364,11 @@ def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
     names = tuple(sorted(set(ids) - {MISREAD}))  # every fit looks for those
     best = max((find(comparison, names, start) for start in (base, None)), key=lambda mode: mode.log_evidence)
     # The oracle need not choose: it knows the set.
-    known = [Candidate(names, best, best.log_evidence, 1.0, ""), Candidate((), base, base.log_evidence, 0.0, "")]
+    known = [Candidate(names, best, best.log_evidence, 1.0), Candidate((), base, base.log_evidence, 0.0)]
     return cross_validate(comparison, known, names, choose=False).gain
 
 
-def _rivals(candidates: list[Candidate], verdict: Verdict[Candidate]) -> list[Candidate]:
+def _rivals(candidates: list[Candidate], verdict: Verdict[Mode]) -> list[Candidate]:
     """Sets that a next test should tell apart; none where nothing is open."""
     if verdict.kind == "named":
         return []

@@ -14,9 +14,9 @@ from calibration.diagnosis.linear_model.further_forces import not_observable
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.not_described import CHECK
 from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
-from calibration.diagnosis.steps.name import Candidate
 from calibration.diagnosis.steps.sizes import sizes_of
 from calibration.diagnosis.steps.verdict import Verdict
 from calibration.unknowns.priors import Unknown
@@ -112,7 +112,7 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def set_probability(verdict: Verdict[Candidate]) -> float:
+def set_probability(verdict: Verdict) -> float:
     """How probable the set is that a verdict rests on, lowered to what came true [-].
 
     Parameters

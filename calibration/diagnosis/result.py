@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.diagnosis.next_test.recommend import NextTest
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.correction import Correction
 from calibration.diagnosis.steps.detect import Detection
 from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.locate import Place
 from calibration.diagnosis.steps.misread import BadRow
-from calibration.diagnosis.steps.name import Candidate
 from calibration.diagnosis.steps.not_excluded import Faint
 from calibration.diagnosis.steps.resolves import Resolved
 from calibration.diagnosis.steps.verdict import Verdict
@@ -72,7 +72,7 @@ class Diagnosis:
     places: list[Place]
     candidates: list[Candidate]
     residual_p: dict[tuple[str, ...], float]
-    verdict: Verdict[Candidate]
+    verdict: Verdict[Mode]
     held_out: HeldOut | None = None
     term: Term | None = None
     next_tests: list[NextTest] = field(default_factory=list)

@@ -11,8 +11,8 @@ import numpy as np
 
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.sets_in_words import listed, titles
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.misread import MISREAD
-from calibration.diagnosis.steps.name import Candidate
 from calibration.diagnosis.steps.sizes import sizes_of
 from calibration.fit.posterior import UNINFORMED
 from calibration.likelihood.linear import RUN, STANDING, VENTED

@@ -32,7 +32,7 @@ def picture(found: RigDiagnosis) -> bytes:
     chosen = found.chosen
     parts = [("without any effect", found.base)]
     if chosen is not None:
-        parts.append(("with " + "\nand ".join(title(name) for name in chosen.names), chosen.fit))
+        parts.append(("with " + "\nand ".join(title(name) for name in chosen.names), chosen.mode))
     channels = list(dict.fromkeys(one.channel for one in found.problem.readings))
     with style.drawing(len(channels), len(parts), 2.9 * len(channels), sharey="row", sharex=True, squeeze=False) as (
         figure,

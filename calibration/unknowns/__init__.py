@@ -1,1 +1,1 @@
-"""Every unknown of a fit and of a diagnosis, and its prior."""
+"""Every unknown and its prior: `priors` of motor and instruments, `effects` of what may be missing."""

@@ -12,7 +12,7 @@ import numpy as np
 from calibration.data.blocks import RunInTime, levels
 from calibration.data.runs_in_time import placeholders
 from calibration.diagnosis.next_test.information import Expected
-from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.carried import carried
 from calibration.likelihood.function import Function, Predicts
 from calibration.likelihood.linear import RUN, Comparison

@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.diagnosis.next_test.information import Expected
 from calibration.diagnosis.next_test.planned import OF_THE_LIMIT
-from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.linear import Comparison
 from calibration.systems.radial_piston import gauge
 from calibration.systems.radial_piston.problem import Problem

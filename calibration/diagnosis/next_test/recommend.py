@@ -18,7 +18,7 @@ import numpy as np
 from calibration.diagnosis.next_test.information import Expected, expected_nats, repeats_needed
 from calibration.diagnosis.next_test.planned import MODEL_SD, expected_readings, planned
 from calibration.diagnosis.next_test.quantities import expected_quantity, quantities
-from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.linear import Comparison
 
 MOST = 4

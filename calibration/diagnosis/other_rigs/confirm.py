@@ -11,10 +11,10 @@ import numpy as np
 from calibration.diagnosis.other_rigs.coordinates import Coordinates
 from calibration.diagnosis.other_rigs.fit import RigFit
 from calibration.diagnosis.other_rigs.linear import Linear, linear
-from calibration.diagnosis.other_rigs.name import Candidate
 from calibration.diagnosis.other_rigs.noise import uncorrelated
 from calibration.diagnosis.other_rigs.places import LEVEL
 from calibration.diagnosis.other_rigs.problem import RigProblem
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.name import log_prior
 from calibration.diagnosis.steps.unseen import SCHEME
@@ -163,10 +163,10 @@ def folds_of(problem: RigProblem) -> tuple[list[np.ndarray], str]:
 
 
 def _view(problem: RigProblem, one: Candidate) -> _View:
-    view = linear(problem, one.fit)
+    view = linear(problem, one.mode)
     r, J, logs = [], [], []
     for readings, white, columns in zip(problem.readings, view.residual, view.jacobian, strict=True):
-        scale, rho = one.fit.noise_scale[readings.label], one.fit.correlation[readings.label]
+        scale, rho = one.mode.noise_scale[readings.label], one.mode.correlation[readings.label]
         r.append(uncorrelated(white / scale, rho))
         J.append(uncorrelated(columns / scale, rho))
         logs.append(np.full(white.size, _log(scale, rho)))
@@ -179,7 +179,7 @@ def _log(scale: float, rho: float) -> float:
 
 def _fit(view: _View, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Most probable point, precision and log evidence on some of the readings, in the linear model."""
-    x, prior = view.one.fit.point, view.linear.prior.astype(float)
+    x, prior = view.one.mode.point, view.linear.prior.astype(float)
     J = view.J * used[:, None]
     r = (view.r + view.J @ x) * used
     A = J.T @ J + np.diag(prior)
@@ -192,7 +192,7 @@ def _fit(view: _View, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 def _predict(view: _View, z: np.ndarray, A: np.ndarray, held: np.ndarray) -> tuple[float, np.ndarray]:
     """Log density of held-out readings, and their errors [SI]."""
-    moved = view.one.fit.point - z
+    moved = view.one.mode.point - z
     r, J = (view.r + view.J @ moved)[held], view.J[held]
     C = np.eye(r.size) + J @ np.linalg.solve(A, J.T)
     density = -0.5 * float(r @ np.linalg.solve(C, r)) - 0.5 * float(np.linalg.slogdet(C)[1])

@@ -13,11 +13,12 @@ from calibration.diagnosis.other_rigs.confirm import cross_validate, unseen
 from calibration.diagnosis.other_rigs.detect import DRAWS, Detection, detect
 from calibration.diagnosis.other_rigs.fit import RigFit, fit_rig
 from calibration.diagnosis.other_rigs.linear import forces, linear, signatures
-from calibration.diagnosis.other_rigs.name import Candidate, search
+from calibration.diagnosis.other_rigs.name import search
 from calibration.diagnosis.other_rigs.next_test import propose
 from calibration.diagnosis.other_rigs.places import Force
 from calibration.diagnosis.other_rigs.problem import RigProblem
 from calibration.diagnosis.other_rigs.verdict import weigh
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.verdict import MISMATCH_P, RESIDUAL_P, Verdict, is_small
 from calibration.work.step_clock import StepClock, Tell
@@ -73,7 +74,7 @@ class RigDiagnosis:
     candidates: list[Candidate]
     residual_p: dict[tuple[str, ...], float]
     left: dict[tuple[str, ...], float]
-    verdict: Verdict[Candidate]
+    verdict: Verdict[RigFit]
     held_out: HeldOut | None
     next_tests: list[NextTest]
     seconds: dict[str, float]
@@ -124,7 +125,7 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
     view = linear(problem, base)
     free = forces(view)
     detection = detect(view, signatures(view), free, rng, DRAWS)
-    candidates = [Candidate((), base, base.log_evidence, 1.0, "")]
+    candidates = [Candidate((), base, base.log_evidence, 1.0)]
     residual_p: dict[tuple[str, ...], float] = {(): detection.p_value}
     left: dict[tuple[str, ...], float] = {}
     found, best = None, None
@@ -133,7 +134,7 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
     if far:
         detection = replace(detection, p_value=min(detection.p_value, CERTAIN_P))
         residual_p[()] = detection.p_value
-        verdict: Verdict[Candidate] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
+        verdict: Verdict[RigFit] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {far}")
     elif detection.p_value < MISMATCH_P:
         clock("name")
         candidates = search(problem, base, tell)
@@ -203,19 +204,19 @@ def _confirm(problem: RigProblem, candidates: Sequence[Candidate], one: Candidat
     if other is None:
         return cross_validate(problem, candidates, one.names)
     base = next(c for c in candidates if not c.names)
-    return unseen(problem, base.fit, one.fit, other)
+    return unseen(problem, base.mode, one.mode, other)
 
 
 def _residual(problem: RigProblem, one: Candidate, base: Detection, rng: np.random.Generator) -> tuple[float, float]:
     """p-value of what a set leaves, and how much of the mismatch that is."""
-    view = linear(problem, one.fit)
+    view = linear(problem, one.mode)
     found = detect(view, signatures(view), forces(view), rng, RESIDUAL_DRAWS)
     if RESIDUAL_P / NEAR < found.p_value < RESIDUAL_P * NEAR:  # a tail of so few draws is too rough to decide it
         found = detect(view, signatures(view), forces(view), rng, MORE_DRAWS)
     return found.p_value, found.gain / max(base.gain, 1e-9)
 
 
-def _rivals(candidates: Sequence[Candidate], verdict: Verdict[Candidate]) -> list[Candidate]:
+def _rivals(candidates: Sequence[Candidate], verdict: Verdict[RigFit]) -> list[Candidate]:
     if verdict.chosen is None:
         return [c for c in candidates if c.names and not c.refused][:3]
     listed = set(verdict.alternatives)

@@ -19,9 +19,9 @@ from calibration.diagnosis.document import (
 )
 from calibration.diagnosis.other_rigs.coordinates import Coordinates
 from calibration.diagnosis.other_rigs.diagnose import RigDiagnosis
-from calibration.diagnosis.other_rigs.name import Candidate
 from calibration.diagnosis.other_rigs.places import same_coordinates
 from calibration.diagnosis.other_rigs.words import sentence
+from calibration.diagnosis.steps.candidate import Candidate
 
 CHECK = (
     "the units of each column",
@@ -144,7 +144,7 @@ def _parameters(found: RigDiagnosis, chosen: Candidate, name: str) -> dict[str, 
     for i, (effect, unknown, low, high) in enumerate(at.of_effects, start=first):
         if effect != name:
             continue
-        x, sd = float(chosen.fit.point[i]), math.sqrt(max(float(chosen.fit.covariance[i, i]), 0.0))
+        x, sd = float(chosen.mode.point[i]), math.sqrt(max(float(chosen.mode.covariance[i, i]), 0.0))
         unit = OF_SLIDE.get(unknown.unit, unknown.unit) if found.problem.slides else unknown.unit
         out[unknown.name] = {**size_as_json(unknown, x, sd, low, high), "unit": unit}
     return out
@@ -160,7 +160,7 @@ def _weighed(found: RigDiagnosis) -> list[Candidate]:
 def _friction(weighed: list[Candidate]) -> dict[str, float] | None:
     """The viscous coefficient averaged over sets [N m s], of a slide [N s/m]."""
     parts = [
-        (c.probability, c.fit.estimates["viscous_friction"]) for c in weighed if "viscous_friction" in c.fit.estimates
+        (c.probability, c.mode.estimates["viscous_friction"]) for c in weighed if "viscous_friction" in c.mode.estimates
     ]
     total = sum(p for p, _ in parts)
     if not parts:
@@ -181,7 +181,7 @@ def _left(found: RigDiagnosis) -> dict[str, float] | None:
 
 def _nuisances(found: RigDiagnosis) -> dict[str, dict[str, Any]]:
     """Every unknown that is no effect, with the chosen set or the base model: an offset of the drive stands here."""
-    fit = found.chosen.fit if found.chosen is not None else found.base
+    fit = found.chosen.mode if found.chosen is not None else found.base
     return {
         label: {"mean": one.mean, "sd": one.sd, "unit": one.unit}
         for label, one in fit.estimates.items()

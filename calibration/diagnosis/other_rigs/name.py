@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
@@ -17,37 +16,13 @@ from calibration.diagnosis.other_rigs.fit import RigFit, fit_rig
 from calibration.diagnosis.other_rigs.linear import linear, signatures
 from calibration.diagnosis.other_rigs.noise import uncorrelated
 from calibration.diagnosis.other_rigs.problem import RigProblem
-from calibration.diagnosis.steps.name import BEYOND_SD, NO_LARGER, log_prior
+from calibration.diagnosis.steps.candidate import Candidate, Refusal, at_bound, no_larger, vanishes
+from calibration.diagnosis.steps.name import BEYOND_SD, log_prior
 from model.effects import effects
 
 SEEDS = 3  # single effects that pairs are grown from
 SCREEN = 1.5  # nats that a further effect has to promise
 WORTH = 3.0  # nats that a single effect gains before a pair is grown from it
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A set of effects, fitted.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Ids, sorted; empty for the base model.
-    fit : RigFit
-        Its most probable point.
-    log_evidence : float
-        Natural logarithm [-].
-    probability : float
-        Over all sets weighed [-].
-    refused : str
-        Why it cannot be named; empty where it can.
-    """
-
-    names: tuple[str, ...]
-    fit: RigFit
-    log_evidence: float
-    probability: float
-    refused: str
 
 
 def search(problem: RigProblem, base: RigFit, tell: Callable[[str], None]) -> list[Candidate]:
@@ -80,7 +55,7 @@ def search(problem: RigProblem, base: RigFit, tell: Callable[[str], None]) -> li
     weight = {key: fit.log_evidence + log_prior(len(key), K) for key, fit in fits.items()}
     total = float(logsumexp(list(weight.values())))
     found = [
-        Candidate(key, fit, fit.log_evidence, math.exp(weight[key] - total), refusal(problem, fit) if key else "")
+        Candidate(key, fit, fit.log_evidence, math.exp(weight[key] - total), refusal(problem, fit) if key else None)
         for key, fit in fits.items()
     ]
     return sorted(found, key=lambda one: -one.probability)
@@ -124,7 +99,7 @@ def _better(problem: RigProblem, names: tuple[str, ...], start: RigFit) -> RigFi
     return max(both, key=lambda fit: fit.log_evidence)
 
 
-def refusal(problem: RigProblem, fit: RigFit) -> str:
+def refusal(problem: RigProblem, fit: RigFit) -> Refusal | None:
     """Why a set cannot be named: an amplitude at a bound, or a size that is its instrument's own.
 
     Parameters
@@ -139,15 +114,15 @@ def refusal(problem: RigProblem, fit: RigFit) -> str:
         label = f"{name}.{amplitude.name}"
         if label in fit.at_bound:
             absent = amplitude.low == 0.0 and abs(fit.estimates[label].mean) < 1e-3 * abs(_high(problem, name))
-            return f"{name} vanishes" if absent else f"{name}: {amplitude.name} is at the bound of what is believable"
+            return vanishes(name) if absent else at_bound(name, amplitude.name)
         nuisance = effects()[name].nuisance  # where the rig has no such unknown, nothing is refused
         if nuisance:
             sd = next((u.b for u in problem.unknowns if u.name == nuisance), 0.0)
             instrument = fit.estimates.get(nuisance)
             size = fit.estimates[label].mean + (instrument.mean if instrument is not None else 0.0)
             if abs(size) < BEYOND_SD * sd:
-                return f"{name} {NO_LARGER}"
-    return ""
+                return no_larger(name)
+    return None
 
 
 def _high(problem: RigProblem, name: str) -> float:

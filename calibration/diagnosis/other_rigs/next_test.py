@@ -10,8 +10,8 @@ import numpy as np
 from calibration.diagnosis.next_test.information import Expected
 from calibration.diagnosis.next_test.recommend import MODEL_SD, NOTHING, NextTest, ranked, weigh
 from calibration.diagnosis.other_rigs.coordinates import Coordinates
-from calibration.diagnosis.other_rigs.name import Candidate
 from calibration.diagnosis.other_rigs.problem import RigProblem
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.systems.driven_axis import loaded
 from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.effects.laws import Chosen, readings_of
@@ -60,16 +60,16 @@ def _each(problem: RigProblem, rivals: Sequence[Candidate], simulate: Simulate) 
 
 def _expected(problem: RigProblem, one: Candidate, simulate: Simulate) -> Expected:
     """What a test would read if an explanation holds, with what the fit leaves open, in its noise."""
-    at, x = Coordinates(problem, one.names), one.fit.point
+    at, x = Coordinates(problem, one.names), one.mode.point
     here, sd = simulate(*at.values(x))
     slopes = np.empty((here.size, x.size))
     for i in range(x.size):
-        step = min(0.1, max(1e-3, 0.1 * float(np.sqrt(one.fit.covariance[i, i]))))
+        step = min(0.1, max(1e-3, 0.1 * float(np.sqrt(one.mode.covariance[i, i]))))
         step = step if x[i] + step <= at.high[i] else -step
         moved = x.copy()
         moved[i] += step
         slopes[:, i] = (simulate(*at.values(moved))[0] - here) / step
-    shared = slopes @ one.fit.covariance @ slopes.T + np.diag((MODEL_SD * here) ** 2)
+    shared = slopes @ one.mode.covariance @ slopes.T + np.diag((MODEL_SD * here) ** 2)
     return Expected(here / sd, shared / np.outer(sd, sd), np.eye(here.size))
 
 
@@ -78,7 +78,7 @@ def _noise(problem: RigProblem, rivals: Sequence[Candidate], channel: str) -> fl
     of_channel = [one for one in problem.readings if one.channel == channel and one.value.size]
     if not of_channel:
         return float("inf")
-    return float(np.median([np.median(one.sd) * rivals[0].fit.noise_scale[one.label] for one in of_channel]))
+    return float(np.median([np.median(one.sd) * rivals[0].mode.noise_scale[one.label] for one in of_channel]))
 
 
 def _zero(problem: RigProblem, channel: str) -> float:

@@ -13,7 +13,8 @@ from calibration.systems import driven_axis as rigs_axis
 from calibration.systems import free_rotor as rigs_rotor
 from calibration.systems.readings import Flat
 from calibration.systems.table import rows_used, table_of
-from calibration.unknowns.priors import SHAPE_FACTOR, Unknown
+from calibration.unknowns.effects import searched
+from calibration.unknowns.priors import Unknown
 from model.effects import effects
 from model.effects.laws import Chosen
 from model.rigs.state import scaled
@@ -119,17 +120,11 @@ class RigProblem:
         names : sequence of str
             Effect ids.
         """
-        found = []
-        for name in names:
-            for parameter in (scaled(one, self.sizes) for one in effects()[name].parameters):
-                kind, a, b = (
-                    ("lognormal", parameter.scale, SHAPE_FACTOR)
-                    if parameter.shape
-                    else ("normal", parameter.expected, parameter.scale)
-                )
-                unknown = Unknown(parameter.name, parameter.unit, kind, a, b, "effect")  # type: ignore[arg-type]
-                found.append((name, unknown, parameter.low, parameter.high))
-        return found
+        return [
+            (name, searched(parameter), parameter.low, parameter.high)
+            for name in names
+            for parameter in (scaled(one, self.sizes) for one in effects()[name].parameters)
+        ]
 
     def predict(self, values: Mapping[str, float], chosen: Chosen) -> list[np.ndarray]:
         """What the instruments would read, an array for each of ``readings``.

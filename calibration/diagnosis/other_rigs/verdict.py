@@ -9,17 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from calibration.diagnosis.other_rigs.name import Candidate
+from calibration.diagnosis.steps.candidate import Candidate, Fitted
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.verdict import SUPERSET_ODDS, Verdict, judge
 
 
 def weigh(
     p_value: float,
-    found: Sequence[Candidate],
+    found: Sequence[Candidate[Fitted]],
     residual_p: dict[tuple[str, ...], float],
     held_out: HeldOut | None,
-) -> Verdict[Candidate]:
+) -> Verdict[Fitted]:
     """What is said.
 
     Parameters

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.data.blocks import levels
-from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.linear import RUN, Comparison
 from calibration.likelihood.linearized import GOOD
 from calibration.likelihood.mode import BAD, Mode, bad_weight, log_bad

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from calibration.data.blocks import LEVEL_PA
-from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.verdict import MISMATCH_P, Verdict
 from calibration.likelihood.linear import FLOW, Comparison
 from calibration.likelihood.mode import Mode
@@ -80,7 +80,7 @@ def alone_at_an_end(comparison: Comparison, mode: Mode) -> BadRow | None:
 
 
 def with_misread(
-    comparison: Comparison, verdict: Verdict[Candidate], candidates: Sequence[Candidate]
+    comparison: Comparison, verdict: Verdict[Mode], candidates: Sequence[Candidate]
 ) -> frozenset[tuple[str, ...]]:
     """Sets that a verdict rests on or lists and beside which readings are misread.
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import gammaln, log_ndtr, logsumexp
 
 from calibration.diagnosis.linear_model.signatures import Signature, log_gain, project
+from calibration.diagnosis.steps.candidate import Candidate, Reason, Refusal, at_bound, no_larger, vanishes
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.linearized import GOOD
 from calibration.likelihood.mode import Mode
@@ -27,33 +27,7 @@ WORTH = 1.0  # nats in the linear model below which nothing is refitted; far fro
 BEYOND_SD = 3.0  # of the declared size of a nuisance
 AT_BOUND = 1e-3
 DOUBT = 2.0  # nats by which the evidence may be wrong with runs in time: the less probable sets get their benefit
-NO_LARGER = "is no larger than declared"  # how a set is refused whose size is its nuisance's own
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A set of effects, refitted.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Ids, sorted; empty for the base model.
-    mode : Mode
-        Its most probable point.
-    log_evidence : float
-        Conditional on its nuisance-like members being beyond three sd [-].
-    probability : float
-        Over all sets weighed [-].
-    refused : str
-        Why it cannot be named; empty where it can.
-    """
-
-    names: tuple[str, ...]
-    mode: Mode
-    log_evidence: float
-    probability: float
-    refused: str
 
 
 def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> float:
@@ -241,7 +215,7 @@ def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | Non
     return effect.amplitude.scale / unit, nuisance
 
 
-def refusal(comparison: Comparison, mode: Mode) -> str:
+def refusal(comparison: Comparison, mode: Mode) -> Refusal | None:
     """Why a set cannot be named: an amplitude at a bound, or a size that is its nuisance's own.
 
     Of an effect whose size has two components, such as a sine and a cosine, both are amplitudes.
@@ -264,13 +238,13 @@ def refusal(comparison: Comparison, mode: Mode) -> str:
             value >= parameter.high - AT_BOUND * span
             or (parameter.low != 0.0 and value <= parameter.low + AT_BOUND * span)
         ):
-            return f"{name}: {unknown.name} is at the bound of what is believable"
+            return at_bound(name, unknown.name)
         if parameter is effects()[name].amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:
-            return f"{name} vanishes"
+            return vanishes(name)
     if mode.names and (loud := too_loud(mode.u)):
-        return f"the noise would be {loud[1]:.1f} times as large as declared"
+        return Refusal(Reason.TOO_LOUD, f"the noise would be {loud[1]:.1f} times as large as declared")
     for name in mode.names:
         found = total_size(problem, mode, name)
         if found is not None and abs(found[0]) < BEYOND_SD:
-            return f"{name} {NO_LARGER}"
-    return ""
+            return no_larger(name)
+    return None

@@ -8,8 +8,8 @@ import numpy as np
 
 from calibration.diagnosis.linear_model.forces import forces
 from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.detect import detect
-from calibration.diagnosis.steps.name import Candidate
 from calibration.diagnosis.steps.verdict import RESIDUAL_P, SHARE, SUPERSET_ODDS, is_small
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode

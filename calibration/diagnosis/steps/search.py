@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.diagnosis.linear_model.signatures import Signature, signatures
-from calibration.diagnosis.steps.name import WORTH, Candidate, screen, weigh
+from calibration.diagnosis.steps.candidate import Candidate
+from calibration.diagnosis.steps.name import WORTH, screen, weigh
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode, cost_of

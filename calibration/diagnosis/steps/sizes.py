@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.steps.name import Candidate
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.tails import marginals
 from calibration.systems.radial_piston.problem import Problem
 from calibration.unknowns.priors import Unknown

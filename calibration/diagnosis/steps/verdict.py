@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Generic
 
+from calibration.diagnosis.steps.candidate import Candidate, Fitted, Reason
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.detect import MISMATCH_P
-from calibration.diagnosis.steps.name import NO_LARGER
 from model.effects import effects
 
 RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
@@ -23,34 +23,15 @@ LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothin
 ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
 
 
-class Weighed(Protocol):
-    """A set of effects that was weighed against others, whatever rig it is of."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Effect ids, sorted; empty for the base model."""
-
-    @property
-    def probability(self) -> float:
-        """Over all sets weighed [-]."""
-
-    @property
-    def refused(self) -> str:
-        """Why it cannot be named; empty where it can."""
-
-
-Candidate = TypeVar("Candidate", bound=Weighed)
-
-
 @dataclass(frozen=True)
-class Verdict(Generic[Candidate]):
+class Verdict(Generic[Fitted]):
     """What is said.
 
     Attributes
     ----------
     kind : str
         consistent, named, confounded or unresolved.
-    chosen : Weighed or None
+    chosen : Candidate or None
         What the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
     alternatives : tuple of tuple of str
         Sets that cannot be told from it; the empty one is the base model.
@@ -61,45 +42,49 @@ class Verdict(Generic[Candidate]):
     """
 
     kind: str
-    chosen: Candidate | None
+    chosen: Candidate[Fitted] | None
     alternatives: tuple[tuple[str, ...], ...]
     set_probability: float
     why: str
 
 
-def not_excluded(found: Sequence[Candidate]) -> list[Candidate]:
+def not_excluded(found: Sequence[Candidate[Fitted]]) -> list[Candidate[Fitted]]:
     """Sets of effects that may be there although the base model explains the recording, the most probable first.
 
     Parameters
     ----------
-    found : sequence of Weighed
+    found : sequence of Candidate
         All sets weighed, the most probable first.
     """
     return [c for c in found if c.names and not c.refused and c.probability > UNSETTLED]
 
 
-def is_small(candidate: Weighed) -> bool:
+def is_small(candidate: Candidate[Fitted]) -> bool:
     """Whether all that a set says is that instruments have errors as large as declared.
 
     Parameters
     ----------
-    candidate : Weighed
+    candidate : Candidate
         A set.
     """
     of_instruments = all(name in effects() and effects()[name].nuisance for name in candidate.names)
-    return bool(candidate.names) and of_instruments and candidate.refused.endswith(NO_LARGER)
+    refused = candidate.refused
+    return bool(candidate.names) and of_instruments and refused is not None and refused.reason is Reason.NO_LARGER
 
 
 def judge(
-    p_value: float, found: Sequence[Candidate], residual_p: dict[tuple[str, ...], float], held_out: HeldOut | None
-) -> Verdict[Candidate]:
+    p_value: float,
+    found: Sequence[Candidate[Fitted]],
+    residual_p: dict[tuple[str, ...], float],
+    held_out: HeldOut | None,
+) -> Verdict[Fitted]:
     """Weigh everything.
 
     Parameters
     ----------
     p_value : float
         Of the base model [-].
-    found : sequence of Weighed
+    found : sequence of Candidate
         All sets weighed, the most probable first.
     residual_p : dict
         p-value of the residual of each set tested [-].
@@ -182,11 +167,11 @@ def judge(
     return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
 
 
-def _least_of(candidate: Weighed, found: Sequence[Weighed]) -> float:
+def _least_of(candidate: Candidate[Fitted], found: Sequence[Candidate[Fitted]]) -> float:
     """Probability of a set's least probable effect, over all sets weighed [-]."""
     return min(sum(c.probability for c in found if name in c.names) for name in candidate.names)
 
 
-def _nearly(candidate: Candidate, residual_p: dict[tuple[str, ...], float]) -> bool:
+def _nearly(candidate: Candidate[Fitted], residual_p: dict[tuple[str, ...], float]) -> bool:
     """Whether what a set leaves unexplained is little enough for doubt."""
     return residual_p.get(candidate.names, 0.0) >= RESIDUAL_P / NEARLY

@@ -20,7 +20,8 @@ from calibration.data.clock import needs_clock
 from calibration.systems.radial_piston import gauge, in_time, wheel
 from calibration.systems.radial_piston.standing import standing_flow
 from calibration.systems.radial_piston.supply import Course, line_unknowns
-from calibration.unknowns.priors import PASCAL_PER_BAR, SHAPE_FACTOR, Unknown, at_ambient, column_of, unknowns
+from calibration.unknowns.effects import all_searched
+from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, at_ambient, column_of, unknowns
 from model import layout as at
 from model import steady as base_steady
 from model.effects import effects
@@ -197,18 +198,7 @@ class Problem:
         list of (str, Unknown)
             Effect id and unknown; its prior is that of `model.effects.EffectParameter`.
         """
-        found = []
-        for name in names:
-            for parameter in effects()[name].parameters:
-                if (name, parameter.name) in self.given:
-                    continue
-                kind, a, b = (
-                    ("lognormal", parameter.scale, SHAPE_FACTOR)
-                    if parameter.shape
-                    else ("normal", parameter.expected, parameter.scale)
-                )
-                found.append((name, Unknown(parameter.name, parameter.unit, kind, a, b, "effect")))  # type: ignore[arg-type]
-        return found
+        return all_searched(names, self.given)
 
     def chosen(self, names: Sequence[str], z: np.ndarray) -> dict[str, dict[str, float]]:
         """Values of the effects' parameters.

@@ -11,14 +11,13 @@ import numpy as np
 from calibration.data.clock import needs_clock, times_of, untimed_row
 from calibration.data.measurement import Measurement
 from calibration.systems.radial_piston.effect_states import Way, way_of
-from calibration.unknowns.priors import SHAPE_FACTOR, Unknown
+from calibration.unknowns.effects import sampled
+from calibration.unknowns.priors import Unknown
 from model.effects import effects
 from model.effects.effect import Effect, EffectParameter
 from model.effects.laws import Chosen
 from model.motor import Motor
 from rig.recording import Recording
-
-OFF_ZERO_SDS = 5.0  # of an amplitude that cannot be 0, from one of its bounds to the other
 
 
 class EffectsError(ValueError):
@@ -45,7 +44,7 @@ class Effects:
 
     def unknowns(self) -> list[Unknown]:
         """Their unknowns, named ``effect.parameter``, with the priors of `model.effects`."""
-        return [_unknown(name, parameter) for name, parameter in self._parameters()]
+        return [sampled(name, parameter) for name, parameter in self._parameters()]
 
     def chosen(self, values: np.ndarray) -> list[Chosen]:
         """The set that each point stands for.
@@ -147,14 +146,3 @@ def _check(name: str, names: Sequence[str], measured: Measurement) -> None:
 def _in_flow_alone(effect: Effect) -> bool:
     on_motor = effect.torque or effect.inlet_drop or effect.outlet_rise or effect.factors
     return not on_motor and not set(effect.reads) - {"flow"}
-
-
-def _unknown(name: str, parameter: EffectParameter) -> Unknown:
-    full, why = f"{name}.{parameter.name}", f"effect {name}: {parameter.text}"
-    unit = "1" if parameter.unit == "-" else parameter.unit
-    if parameter.shape:
-        return Unknown(full, unit, "lognormal", parameter.scale, SHAPE_FACTOR, why)
-    if parameter.low > 0.0:
-        middle, span = 0.5 * (parameter.low + parameter.high), parameter.high - parameter.low
-        return Unknown(full, unit, "normal", middle, span / OFF_ZERO_SDS, why)
-    return Unknown(full, unit, "halfnormal" if parameter.low == 0.0 else "normal", 0.0, parameter.scale, why)
