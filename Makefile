@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test lint kernels bench chain sbc nulls evidence kills docs-commands challenge record demonstration figures lock \
+.PHONY: help setup demo demo-sweep test lint kernels bench chain sbc nulls evidence kills docs-commands challenge record demonstration figures house lock \
   clean clean-cache
 
 help:
@@ -37,6 +37,7 @@ help:
 	@echo "make demonstration FILES=FOLDER   the demonstrations on public data of other rigs, whose files are in the folder"
 	@echo "make figures the article's figures and results anew, in docs/figures and docs/reproduction.md"
 	@echo "make lint    formatting, lint, import layers and types"
+	@echo "make house   measure the code base: its size, what has grown too large, what imports in circles (LIST=1: which)"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"
 	@echo "make clean   remove $(VENV) and $(OUT)"
 	@echo "make clean-cache   remove compiled kernels, after a constant of another module was changed"
@@ -141,6 +142,10 @@ demonstration: $(STAMP)
 
 figures: $(STAMP)
 	$(BIN)/spinbench reproduce -o docs/figures --page docs/reproduction.md
+
+# Needs no environment; where there is one, the import contracts are counted too.
+house:
+	@$(PYTHON) scripts/house.py $(if $(LIST),--list)
 
 lock: $(STAMP)
 	$(BIN)/python -m pip install --quiet uv

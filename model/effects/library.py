@@ -6,7 +6,6 @@ import functools
 import importlib
 import pkgutil
 
-import model.effects as room
 from model.effects.effect import Effect
 
 
@@ -19,6 +18,8 @@ def effects() -> dict[str, Effect]:
     ValueError
         When a module's effect has another id than the module's name.
     """
+    import model.effects as room  # it imports this module
+
     found = {}
     for module in sorted(pkgutil.iter_modules(room.__path__), key=lambda info: info.name):
         effect = getattr(importlib.import_module(f"{room.__name__}.{module.name}"), "EFFECT", None)
