@@ -49,21 +49,6 @@ def judge(
 
     Bad readings are part of the model, as they are of the fit: a single one that stands out is no mismatch.
 
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    seed : int
-        Of the draws [-].
-    assignments : sequence of str
-        ``NAME=VALUE`` changes of the motor.
-    channels : tuple of str
-        Channels that the likelihood sees.
-    effects : sequence of str
-        Ids of effects that the model holds.
-    tell : callable
-        Told the step that begins.
-
     Raises
     ------
     RecordingError
@@ -89,13 +74,7 @@ def judge(
 
 
 def as_json(found: fits.Fit) -> dict[str, Any]:
-    """A fit as posterior/1.
-
-    Parameters
-    ----------
-    found : Fit
-        The fit, judged.
-    """
+    """A fit as posterior/1."""
     return posterior.as_json(found.posterior, found.quality, rows_used.by_fit(found.recording, found.measured))
 
 
@@ -104,10 +83,6 @@ def as_fitted(recording: Recording, channels: Sequence[str], motor: Motor | None
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
-    channels : sequence of str
-        Of pressure, flow and speed.
     motor : Motor or None
         Changed by hand: the recording gets its ambient and flywheel.
     """

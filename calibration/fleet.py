@@ -34,20 +34,12 @@ def diagnose_all(
 
     Parameters
     ----------
-    folders : sequence of Path
-        Recordings.
     read : callable
         Reads one; a function of a module.
-    seed : int
-        Of every diagnosis [-].
     out : Path
         Gets ``table.csv``, ``table.parquet`` and a result a recording; what is there is not done again.
-    workers : int
-        Processes [-].
     scheduler : str or None
         A Dask scheduler instead, whose workers see the folders under the same paths.
-    tell : callable
-        Told of the progress.
 
     Returns
     -------
@@ -67,20 +59,8 @@ def fit_all(
 
     Parameters
     ----------
-    folders : sequence of Path
-        Recordings.
     read : callable
         Reads one; a function of a module.
-    settings : Settings
-        Of every fit.
-    out : Path
-        As for `diagnose_all`.
-    workers : int
-        Processes [-].
-    scheduler : str or None
-        A Dask scheduler instead.
-    tell : callable
-        Told of the progress.
 
     Returns
     -------
@@ -95,13 +75,6 @@ def fit_all(
 
 def recordings_in(folders: Sequence[Path], is_recording: Callable[[Path], bool]) -> list[Path]:
     """The recordings that folders are, or hold one level down; each once, in the order given.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-        As a person names them.
-    is_recording : callable
-        Whether a folder is one.
 
     Raises
     ------
@@ -119,15 +92,7 @@ def recordings_in(folders: Sequence[Path], is_recording: Callable[[Path], bool])
 
 
 def item_of(folder: Path, options: dict[str, Any]) -> Item:
-    """A recording as an item: a file name of its own, and a mark that changes with its contents.
-
-    Parameters
-    ----------
-    folder : Path
-        The recording.
-    options : dict
-        What the task is told besides.
-    """
+    """A recording as an item: a file name of its own, and a mark that changes with its contents."""
     place = str(folder.resolve())
     slug = re.sub(r"[^A-Za-z0-9._-]", "_", folder.resolve().name)[:60]
     contents = hashlib.sha256()

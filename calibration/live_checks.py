@@ -47,16 +47,8 @@ class Beside:
 
     Parameters
     ----------
-    folder : Path
-        The run that is being written.
     read : callable
         From the folder to the recording so far; a function of a module, as it is called in the other process.
-    note : callable
-        Writes an event: its kind, then details by name.
-    say : callable
-        Tells the person a line.
-    seed : int
-        Of the checks' draws [-].
     """
 
     def __init__(

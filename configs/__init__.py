@@ -32,11 +32,6 @@ class Strict(pydantic.BaseModel):
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
     Returns
     -------
     dict
@@ -52,11 +47,6 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def read_source(path: Path) -> bytes:
     """Read a configuration file as it stands.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
 
     Returns
     -------
@@ -81,13 +71,6 @@ def read_source(path: Path) -> bytes:
 def parse_toml(source: bytes, place: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
-    Parameters
-    ----------
-    source : bytes
-        The text, UTF-8.
-    place : str
-        Its file, for the error text.
-
     Returns
     -------
     dict
@@ -111,15 +94,6 @@ def parse_toml(source: bytes, place: str) -> dict[str, Any]:
 
 def validate(schema: type[Schema], data: dict[str, Any], place: str) -> Schema:
     """Check data against a schema and report every mistake at once.
-
-    Parameters
-    ----------
-    schema : type
-        A pydantic class, usually a child of `Strict`.
-    data : dict
-        What `read_toml` returned, or a table of it.
-    place : str
-        The file (and table) for the error text.
 
     Returns
     -------

@@ -24,10 +24,6 @@ def bar_of(
     ----------
     *parts : str or type
         From left to right: words, which may name fields of the task, and columns of rich; rich's own if left out.
-    passing : bool
-        Whether it is gone once it is done.
-    seen_by_a_person : bool
-        Whether it is shown on a terminal alone.
     pace_s : float
         The time left is estimated from so many of the last seconds [s].
     """

@@ -36,22 +36,12 @@ class Reading:
 
     Attributes
     ----------
-    device : str
-        The device's name in the bench file.
-    channel : str
-        The channel's name with its unit, such as ``pressure_bar_gauge``.
     value : float or None
         In ``unit``; None where there is none. An off-scale reading holds the limit it is beyond.
-    unit : str
-        As the reports print it.
-    quality : Quality
-        See there.
     time_ns : int
         When the quantity was sampled, as well as that is known, on the bench's monotonic clock [ns].
     request_ns, reply_ns : int
         When the request was sent and the reply was whole [ns]; the same for what comes unasked.
-    retries : int
-        Requests that had failed before this one [-].
     raw : str
         The value as it came, in the instrument's own words or counts.
     detail : str
@@ -115,16 +105,10 @@ class Exchange:
 
     Attributes
     ----------
-    line, device : str
-        Names in the bench file.
     action : str
         What the driver was asked: ``open``, ``identify``, ``poll``, ``write``, ``failsafe`` or ``capture``.
-    argument : float or None
-        The set-point of a ``write``, in the actuator's unit.
     events : tuple of Event
         The wire, in order; a replay plays them back.
-    readings : tuple of Reading
-        What the driver made of them.
     outcome : str
         Empty, or why the action failed, or for ``identify`` the identity found.
     """
@@ -138,11 +122,5 @@ class Exchange:
     outcome: str = ""
 
     def with_readings(self, readings: tuple[Reading, ...]) -> Exchange:
-        """The same exchange with other readings.
-
-        Parameters
-        ----------
-        readings : tuple of Reading
-            In place of those it had.
-        """
+        """The same exchange with other readings."""
         return dataclasses.replace(self, readings=readings)

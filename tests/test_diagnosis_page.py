@@ -19,9 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
-from calibration.data import joined as together
 from calibration.data.refusals import refuse_starved
-from calibration.diagnosis import Diagnosis, as_json, diagnose, sets_in_words
+from calibration.diagnosis import Diagnosis, as_json, diagnose, sets_in_words, together
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.verdict import Verdict

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.data import joined as together
-from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis import as_json, diagnose, together
 from calibration.diagnosis.linear_model.forces import forces
 from calibration.diagnosis.linear_model.signatures import signatures
 from calibration.diagnosis.mismatch import detect_mismatch

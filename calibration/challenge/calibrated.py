@@ -18,11 +18,6 @@ def coverage(cases: Sequence[Case]) -> dict[str, Any]:
 
     Sizes are counted where the right set was named and its form is the library's. The 90 % interval is q05 to q95 as
     stated; the 50 % one is q25 to q75 where the diagnosis states them, else that of a normal with its mean and sd.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        All.
     """
     after, of_all = (
         [(c, c.diagnosis["f_overall_after"]) for c in some if c.diagnosis and _of(c, "after")]
@@ -48,13 +43,7 @@ def coverage(cases: Sequence[Case]) -> dict[str, Any]:
 
 
 def held_out(cases: Sequence[Case]) -> dict[str, Any]:
-    """The gain on held-out readings against that of the true set; a case without a set named or listed gained nothing.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        All.
-    """
+    """The gain on held-out readings against that of the true set; a case with no set named or listed gained nothing."""
     known = [(_gain(c), c.oracle_gain) for c in cases if c.group in LISTED_IN_LIBRARY and c.oracle_gain is not None]
     worth = [(gain, oracle) for gain, oracle in known if oracle >= LEAST_ORACLE_GAIN]
     return {

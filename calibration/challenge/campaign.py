@@ -36,22 +36,12 @@ def make(
     ----------
     out : Path
         Its folder; the folder's name is the campaign's.
-    cases : int
-        Recordings [-].
     seed : int, optional
         Of all truths; drawn by the system when left out. It is sealed with them [-].
     family : str
         Family of draws: what was used for development is no proof.
     only : str
         Category that all cases shall be of; all categories when empty.
-    maker : str
-        Module of the rig.
-    key : Path, optional
-        Where the key goes, or is.
-    workers : int
-        Processes [-].
-    tell : callable
-        Told of the progress.
 
     Raises
     ------
@@ -90,15 +80,7 @@ def make(
 
 
 def truth_of(maker: str, data: dict[str, Any]) -> Any:
-    """A truth as the rig knows it, from its JSON.
-
-    Parameters
-    ----------
-    maker : str
-        Module of the rig.
-    data : dict
-        As sealed.
-    """
+    """A truth as the rig knows it, from its JSON."""
     rig: Any = layout.maker_of(maker)
     return rig.from_json(data) if hasattr(rig, "from_json") else rig.Truth(**data)
 
@@ -145,13 +127,7 @@ def _make_one(maker: str, argument: dict[str, Any]) -> dict[str, Any]:
 
 
 def check_contents(folder: Path) -> None:
-    """Refuse a recording with anything beside its tables: it could tell the truth.
-
-    Parameters
-    ----------
-    folder : Path
-        The recording.
-    """
+    """Refuse a recording with anything beside its tables: it could tell the truth."""
     strange = [p.name for p in folder.iterdir() if p.suffix not in layout.RECORDING_SUFFIXES or not p.is_file()]
     if strange or not (folder / layout.RECORDING).exists():
         raise ChallengeError(f"{folder.name}: a recording is {layout.RECORDING} and CSV files, found {strange}")

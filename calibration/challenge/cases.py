@@ -11,26 +11,14 @@ from calibration.work import many_table
 
 
 def failures(cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """Every wrong name and every other verdict against the truth, worst first.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        All.
-    """
+    """Every wrong name and every other verdict against the truth, worst first."""
     order = {WRONG: 0, judging.FAILED: 1, ASTRAY: 2, judging.ALARM: 3, judging.PART: 4, MISSED: 5, judging.REFUSED: 6}
     wrong = [case for case in cases if case.outcome in order]
     return [row(case) for case in sorted(wrong, key=lambda c: (order[c.outcome], -(c.size or 0.0), c.name))]
 
 
 def row(case: Case) -> dict[str, Any]:
-    """A case in a line.
-
-    Parameters
-    ----------
-    case : Case
-        The case.
-    """
+    """A case in a line."""
     found = case.diagnosis or {}
     signatures = case.signatures or {}
     sets = judging.listed_sets(found) if case.verdict == "confounded" else [case.named] if case.named else []
@@ -56,13 +44,7 @@ def row(case: Case) -> dict[str, Any]:
 
 
 def as_csv(cases: Sequence[Case]) -> bytes:
-    """A line a case.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        All of them.
-    """
+    """A line a case."""
     rows = [row(case) for case in cases]
     return many_table.as_csv(rows, dict.fromkeys(rows[0] if rows else ["case"], many_table.TEXT))
 

@@ -56,8 +56,6 @@ def command(seal: Path, key: Path | None, seed: int | None, only: str) -> tuple[
 
     Parameters
     ----------
-    seal : Path
-        Folder of the seal.
     key : Path or None
         Its key; `sealing.default_key` when left out.
     seed : int or None
@@ -75,10 +73,6 @@ def contents_of(bench: Bench, seed: int | str, only: str = "") -> dict[str, Any]
 
     Parameters
     ----------
-    bench : Bench
-        Its sweep, its room and its captures count.
-    seed : int or str
-        Of what is drawn.
     only : str
         An effect's id or a category that is to be drawn; anything when empty.
 
@@ -119,8 +113,6 @@ def plant_of(contents: Mapping[str, Any], bench: Bench) -> LivePlant:
 
     Parameters
     ----------
-    contents : mapping
-        Of the seal.
     bench : Bench
         Its ``[virtual.truth]`` may set the line's figures, and none of the motor's.
 
@@ -151,12 +143,6 @@ def opened_or_drawn(bench: Bench, seal: Path, key: Path, seed: int | None, only:
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
-    seal : Path
-        Folder of the seal.
-    key : Path
-        Its key.
     seed : int or None
         Of what is drawn; drawn itself when left out.
     only : str
@@ -199,10 +185,6 @@ def serve_concealed(
     ----------
     path : Path
         The bench file, or the name of one in configs/benches.
-    state : Path
-        Folder of ports.json.
-    seal : Path
-        Folder of the seal.
     key : Path or None
         Its key; `sealing.default_key` when left out.
     conceal_seed : int or None
@@ -211,14 +193,8 @@ def serve_concealed(
         An effect's id or a category that is to be drawn; anything when empty.
     rate : float or None
         Seconds of the bench in one of the wall [-].
-    owner : int or None
-        Process that this bench is for [-].
-    seed : int or None
-        Of noise, the instruments' errors and faults [-].
     linger_s : float
         How long after the owner this process ends, on the wall's clock [s].
-    ready : callable
-        Called when the lines answer.
     """
 
     def made(bench: Bench) -> LivePlant:
@@ -254,13 +230,7 @@ def _sooner(effect: Mapping[str, Any], share: float) -> dict[str, float]:
 
 
 def length_s(bench: Bench) -> float:
-    """About how long a bench's sweep takes, by its own clock [s].
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    """
+    """About how long a bench's sweep takes, by its own clock [s]."""
     sweep = bench.file.sweep
     legs = 2 if "-" in sweep.order else 1
     plateau_s = sweep.window_s + sweep.dwell_s + SETTLES_S + RAMPS_S

@@ -12,13 +12,7 @@ CONFUSION, SIGNAL, RELIABILITY, COVERAGE = "confusion.png", "signal.png", "relia
 
 
 def pictures(found: Mapping[str, Any]) -> dict[str, bytes]:
-    """All of them, by file name.
-
-    Parameters
-    ----------
-    found : mapping
-        A summary.
-    """
+    """All of them, by file name."""
     return {
         CONFUSION: confusion(found["confusion"]["main"]),
         SIGNAL: signal(found["by_signal"]),
@@ -28,13 +22,7 @@ def pictures(found: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 def confusion(matrix: Mapping[str, Any]) -> bytes:
-    """The confusion matrix: shade by share of the row, counts written in.
-
-    Parameters
-    ----------
-    matrix : mapping
-        Of `scoring.confusion`.
-    """
+    """The confusion matrix: shade by share of the row, counts written in."""
     rows, columns, counts = matrix["rows"], matrix["columns"], matrix["counts"]
     with style.drawing(height_in=1.6 + 0.24 * max(len(rows), 4)) as (figure, axes):
         shown = [[n / max(sum(row), 1) for n in row] for row in counts] or [[0.0]]
@@ -53,13 +41,7 @@ def confusion(matrix: Mapping[str, Any]) -> bytes:
 
 
 def signal(bins: Sequence[Mapping[str, Any]]) -> bytes:
-    """Rates against D with their intervals.
-
-    Parameters
-    ----------
-    bins : sequence of mapping
-        Of `scoring.by_signal`.
-    """
+    """Rates against D with their intervals."""
     filled = [one for one in bins if one["n"]]
     words = [f"{one['from']:g}-{one['to']:g}" if one["to"] else f"{one['from']:g} up" for one in filled]
     series = (("detected", "mismatch detected"), ("right", "right name"), ("wrong", "wrong name"))
@@ -75,13 +57,7 @@ def signal(bins: Sequence[Mapping[str, Any]]) -> bytes:
 
 
 def reliability(found: Mapping[str, Any]) -> bytes:
-    """Stated probability against what came true.
-
-    Parameters
-    ----------
-    found : mapping
-        Of `calibrated.stated`.
-    """
+    """Stated probability against what came true."""
     with style.drawing() as (figure, axes):
         axes.plot([0.0, 1.0], [0.0, 1.0], color=style.FAINT, linewidth=0.8)
         for i, (key, words) in enumerate((("sets", "whole sets"), ("effects", "single effects"))):
@@ -95,13 +71,7 @@ def reliability(found: Mapping[str, Any]) -> bytes:
 
 
 def covered(found: Mapping[str, Any]) -> bytes:
-    """Coverage of the 50 and 90 % intervals with the band that was the goal.
-
-    Parameters
-    ----------
-    found : mapping
-        Of `calibrated.coverage`.
-    """
+    """Coverage of the 50 and 90 % intervals with the band that was the goal."""
     parts = [*found["f_overall"].items(), ("an effect's size", found["effect_size"])]
     parts = [(name, one) for name, one in parts if one["90"]["n"]]
     with style.drawing(height_in=1.2 + 0.32 * max(len(parts), 2)) as (figure, axes):

@@ -16,11 +16,6 @@ def goals(found: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The goals in a table: each with its bounds, the share, its interval, and whether it was met.
 
     A goal is met where the share itself is inside the bounds; ``certain`` says that the whole 95 % interval is.
-
-    Parameters
-    ----------
-    found : mapping
-        A summary.
     """
     strangers, covered = found["not_in_library"], found["coverage"]
     made = [

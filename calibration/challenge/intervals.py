@@ -12,15 +12,7 @@ BINS = 10
 
 
 def clopper_pearson(hits: int, n: int, level: float = LEVEL) -> tuple[float, float]:
-    """Exact binomial interval of a share; (0, 1) where there is nothing to count.
-
-    Parameters
-    ----------
-    hits, n : int
-        Of so many [-].
-    level : float
-        Its coverage, at least [-].
-    """
+    """Exact binomial interval of a share; (0, 1) where there is nothing to count."""
     from scipy.stats import beta
 
     tail = (1.0 - level) / 2.0
@@ -30,13 +22,7 @@ def clopper_pearson(hits: int, n: int, level: float = LEVEL) -> tuple[float, flo
 
 
 def share(hits: Iterable[bool]) -> dict[str, Any]:
-    """How many of how many, with the interval.
-
-    Parameters
-    ----------
-    hits : iterable of bool
-        One a case.
-    """
+    """How many of how many, with the interval."""
     counted = [bool(hit) for hit in hits]
     k, n = sum(counted), len(counted)
     low, high = clopper_pearson(k, n)
@@ -45,13 +31,6 @@ def share(hits: Iterable[bool]) -> dict[str, Any]:
 
 def reliability(stated: Sequence[float], hits: Sequence[bool]) -> dict[str, Any]:
     """Stated probability against hit rate.
-
-    Parameters
-    ----------
-    stated : sequence of float
-        Probabilities [-].
-    hits : sequence of bool
-        What came true.
 
     Returns
     -------

@@ -30,18 +30,10 @@ class Case:
 
     Attributes
     ----------
-    name : str
-        Of the case.
-    truth : dict
-        As sealed.
     diagnosis : dict or None
         diagnosis/1 without its times; None where it failed.
-    error : str
-        Why it failed.
     seconds : float
         Of the diagnosis [s].
-    signatures : dict or None
-        ``D``, ``rho``, ``rival``, ``form``, ``separable``: by the second rig.
     again : dict or None
         The diagnosis with the recommended test added, where one was made.
     oracle_gain : float or None
@@ -93,13 +85,7 @@ class Case:
         return self.outcome_of(self.diagnosis)
 
     def outcome_of(self, diagnosis: Mapping[str, Any] | None) -> str:
-        """What any diagnosis of this case is worth: right by diagnosis/1, or by what is at work.
-
-        Parameters
-        ----------
-        diagnosis : mapping or None
-            A diagnosis/1.
-        """
+        """What any diagnosis of this case is worth: right by diagnosis/1, or by what is at work."""
         full = outcome(self.truth["category"], self.true_set, diagnosis)
         if self.named_by_format == self.true_set or full in (RIGHT, WRONG, FAILED):
             return full
@@ -120,61 +106,27 @@ class Case:
 
 
 def mixed(cases: Sequence[Case]) -> list[Case]:
-    """Cases of campaigns with the whole make-up, for the shares of all; all of them where there are no such.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        Any.
-    """
+    """Cases of campaigns with the whole make-up, for the shares of all; all of them where there are no such."""
     return [case for case in cases if not case.apart] or list(cases)
 
 
 def said_set(diagnosis: Mapping[str, Any]) -> frozenset[str]:
-    """The set that a verdict rests on.
-
-    Parameters
-    ----------
-    diagnosis : mapping
-        A diagnosis/1.
-    """
+    """The set that a verdict rests on."""
     return frozenset(effect["id"] for effect in diagnosis["effects"])
 
 
 def listed_sets(diagnosis: Mapping[str, Any]) -> list[frozenset[str]]:
-    """All sets that a confounded verdict lists.
-
-    Parameters
-    ----------
-    diagnosis : mapping
-        A diagnosis/1.
-    """
+    """All sets that a confounded verdict lists."""
     return [said_set(diagnosis), *(frozenset(names) for names in diagnosis["alternatives"])]
 
 
 def tests_of_this_bench(diagnosis: Mapping[str, Any] | None) -> list[dict[str, Any]]:
-    """The tests recommended that need no other instrument: the rig has only its own.
-
-    Parameters
-    ----------
-    diagnosis : mapping or None
-        A diagnosis/1.
-    """
+    """The tests recommended that need no other instrument: the rig has only its own."""
     return [test for test in (diagnosis or {}).get("next_tests", []) if not test.get("needs")]
 
 
 def outcome(category: str, true_set: frozenset[str], diagnosis: Mapping[str, Any] | None) -> str:
-    """What a verdict is worth.
-
-    Parameters
-    ----------
-    category : str
-        Of the truth.
-    true_set : frozenset of str
-        What would be right to name.
-    diagnosis : mapping or None
-        A diagnosis/1.
-    """
+    """What a verdict is worth."""
     if diagnosis is None:
         return FAILED
     verdict = diagnosis["verdict"]

@@ -29,13 +29,7 @@ SAME_CODE = ("diagnosis_sha256", "scorer_sha256", "family", "follow_ups", "oracl
 
 
 def files(scored: Scored) -> dict[str, bytes]:
-    """Each campaign as a file, by name; the same campaign gives the same bytes but for the time it was scored.
-
-    Parameters
-    ----------
-    scored : Scored
-        The campaigns.
-    """
+    """Each campaign as a file, by name; the same campaign gives the same bytes but for the time it was scored."""
     return {one.entry["campaign"] + SUFFIX: _as_bytes(one) for one in scored.opened}
 
 
@@ -52,13 +46,6 @@ def _as_bytes(opened: Opened) -> bytes:
 
 def read(places: Sequence[Path], book: Path) -> Scored:
     """Count campaigns together that were kept.
-
-    Parameters
-    ----------
-    places : sequence of Path
-        Files that `files` made.
-    book : Path
-        The ledger that they are in.
 
     Raises
     ------
@@ -80,11 +67,6 @@ def read(places: Sequence[Path], book: Path) -> Scored:
 
 def hold_against_this_code(scored: Scored) -> None:
     """Refuse campaigns that were run or scored with other code than this: what it adds could not be counted with them.
-
-    Parameters
-    ----------
-    scored : Scored
-        Of `read`.
 
     Raises
     ------

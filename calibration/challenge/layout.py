@@ -37,13 +37,7 @@ class Maker(Protocol):
 
 
 def maker_of(name: str) -> Maker:
-    """A rig by the name of its module.
-
-    Parameters
-    ----------
-    name : str
-        Importable here and in every worker.
-    """
+    """A rig by the name of its module."""
     try:
         return cast(Maker, importlib.import_module(name))
     except ImportError as problem:
@@ -51,59 +45,29 @@ def maker_of(name: str) -> Maker:
 
 
 def plain(value: Any) -> Any:
-    """A dataclass or a mapping as JSON gives it back.
-
-    Parameters
-    ----------
-    value : object
-        What JSON can hold.
-    """
+    """A dataclass or a mapping as JSON gives it back."""
     data = asdict(value) if hasattr(value, "__dataclass_fields__") else value
     return json.loads(json.dumps(data))
 
 
 def canonical(data: Any) -> bytes:
-    """JSON with one spelling, so that its hash means something.
-
-    Parameters
-    ----------
-    data : object
-        What JSON can hold.
-    """
+    """JSON with one spelling, so that its hash means something."""
     return json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
 
 
 def sha256(content: bytes) -> str:
-    """Hexadecimal SHA-256.
-
-    Parameters
-    ----------
-    content : bytes
-        All of it.
-    """
+    """Hexadecimal SHA-256."""
     return hashlib.sha256(content).hexdigest()
 
 
 def recording_sha256(folder: Path) -> str:
-    """Hash of a recording's files, names and contents.
-
-    Parameters
-    ----------
-    folder : Path
-        The recording.
-    """
+    """Hash of a recording's files, names and contents."""
     parts = [(path.name, sha256(path.read_bytes())) for path in sorted(folder.iterdir())]
     return sha256(canonical(parts))
 
 
 def case_name(index: int) -> str:
-    """Name of a case: its recording's folder, its verdict's file.
-
-    Parameters
-    ----------
-    index : int
-        From 0 on [-].
-    """
+    """Name of a case: its recording's folder, its verdict's file."""
     return f"case{index:04d}"
 
 
@@ -113,20 +77,8 @@ class Campaign:
 
     Attributes
     ----------
-    folder : Path
-        Everything of it.
-    name : str
-        Enters each case's seed.
-    family : str
-        Family of draws.
-    maker : str
-        Module of the rig.
     only : str
         The one category it was limited to; empty for all.
-    cases : int
-        Recordings [-].
-    truth_sha256 : str
-        What was committed to.
     """
 
     folder: Path
@@ -148,13 +100,7 @@ class Campaign:
         return [case_name(index) for index in range(self.cases)]
 
     def seed(self, index: int) -> int:
-        """Of a case's diagnosis.
-
-        Parameters
-        ----------
-        index : int
-            Of the case [-].
-        """
+        """Of a case's diagnosis."""
         return int(sha256(f"{self.name}/{index}".encode())[:8], 16)
 
     def public(self) -> dict[str, Any]:
@@ -166,11 +112,6 @@ class Campaign:
 
 def read_campaign(folder: Path) -> Campaign:
     """A campaign that `make` has made.
-
-    Parameters
-    ----------
-    folder : Path
-        Its folder.
 
     Raises
     ------

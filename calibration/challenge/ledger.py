@@ -49,8 +49,6 @@ def append(place: Path, entry: Mapping[str, Any]) -> dict[str, Any] | None:
 
     Parameters
     ----------
-    place : Path
-        The ledger.
     entry : mapping
         What is told of the campaign, with the keys of SAME.
 
@@ -74,8 +72,6 @@ def append_opening(place: Path, entry: Mapping[str, Any]) -> dict[str, Any] | No
 
     Parameters
     ----------
-    place : Path
-        The ledger.
     entry : mapping
         What is known of the campaign before, with its ``truth_sha256`` and ``verdicts_sha256``.
     """
@@ -87,24 +83,12 @@ def append_opening(place: Path, entry: Mapping[str, Any]) -> dict[str, Any] | No
 
 
 def scored(lines: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The lines with a result.
-
-    Parameters
-    ----------
-    lines : sequence of mapping
-        Of the ledger.
-    """
+    """The lines with a result."""
     return [line for line in lines if "result" in line]
 
 
 def only_opened(lines: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The campaigns that were opened and have no result.
-
-    Parameters
-    ----------
-    lines : sequence of mapping
-        Of the ledger.
-    """
+    """The campaigns that were opened and have no result."""
     done = scored(lines)
     return [line for line in lines if "result" not in line and not any(_same(line, one, OPENING) for one in done)]
 
@@ -135,15 +119,7 @@ def _opened(line: Mapping[str, Any], entry: Mapping[str, Any]) -> bool:
 
 
 def line_of(lines: Sequence[Mapping[str, Any]], entry: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """The line of a campaign that was scored in the same way; None where there is none.
-
-    Parameters
-    ----------
-    lines : sequence of mapping
-        Of the ledger.
-    entry : mapping
-        What is told of the campaign.
-    """
+    """The line of a campaign that was scored in the same way; None where there is none."""
     return next((line for line in lines if _same(line, entry, SAME)), None)
 
 

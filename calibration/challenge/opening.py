@@ -34,12 +34,6 @@ class Settings:
         Whether the tests recommended for confounded verdicts are simulated and diagnosed.
     oracle : bool
         Whether the held-out gain of the true set is computed.
-    workers : int
-        Processes [-].
-    scheduler : str or None
-        A Dask scheduler instead.
-    task : callable or None
-        Diagnosis of a follow-up, instead of `running.diagnose_case`.
     """
 
     key: Path | None = None
@@ -56,14 +50,8 @@ class Opened:
 
     Attributes
     ----------
-    entry : dict
-        What it tells the ledger.
-    sealed : dict
-        What was sealed: truths, seed and salt.
     frozen : dict
         What was frozen before the first verdict: commit, hashes, thresholds, versions.
-    cases : list of Case
-        A case each.
     """
 
     entry: dict[str, Any]
@@ -74,21 +62,7 @@ class Opened:
 
 @dataclass(frozen=True)
 class Scored:
-    """Campaigns with their truths open, counted together.
-
-    Attributes
-    ----------
-    opened : list of Opened
-        The campaigns.
-    cases : list of Case
-        Of all campaigns.
-    summary : dict
-        Of `scoring.summary`.
-    added : list of bool
-        Whether the ledger did not have it before.
-    problems : list of str
-        What could not be computed, in words.
-    """
+    """Campaigns with their truths open, counted together."""
 
     opened: list[Opened]
     cases: list[Case]
@@ -103,17 +77,7 @@ class Scored:
 
 
 def together(opened: Sequence[Opened], added: Sequence[bool], problems: Sequence[str]) -> Scored:
-    """Campaigns counted together; of several, a case's name has the campaign's before it.
-
-    Parameters
-    ----------
-    opened : sequence of Opened
-        The campaigns.
-    added : sequence of bool
-        Whether the ledger did not have them before.
-    problems : sequence of str
-        What could not be computed, in words.
-    """
+    """Campaigns counted together; of several, a case's name has the campaign's before it."""
     cases = [
         case if len(opened) == 1 else replace(case, name=f"{one.entry['campaign']}/{case.name}")
         for one in opened
@@ -132,12 +96,6 @@ def score(
 
     Parameters
     ----------
-    folders : sequence of Path
-        The campaigns.
-    book : Path
-        The ledger.
-    settings : Settings
-        How.
     tell : callable
         Given a step's name, it gives what is told of the step's progress.
 
@@ -284,24 +242,12 @@ def _oracle_gain(argument: dict[str, Any]) -> dict[str, Any]:
 
 
 def frozen_sha256(frozen: Mapping[str, Any]) -> str:
-    """Of what was frozen: thresholds, commit, hashes, versions.
-
-    Parameters
-    ----------
-    frozen : mapping
-        Contents of frozen.json.
-    """
+    """Of what was frozen: thresholds, commit, hashes, versions."""
     return layout.sha256(layout.canonical(frozen))
 
 
 def scoring_sha256(cases: Sequence[Case]) -> str:
-    """Of what the scorer computed of each case, times left out.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        All.
-    """
+    """Of what the scorer computed of each case, times left out."""
     computed = [(case.name, case.signatures, case.again, case.oracle_gain) for case in cases]
     return layout.sha256(layout.canonical(computed))
 
@@ -351,13 +297,7 @@ def _entry(
 
 
 def result_of(cases: Sequence[Case]) -> dict[str, Any]:
-    """What the ledger keeps of the counts of one campaign.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        All.
-    """
+    """What the ledger keeps of the counts of one campaign."""
     found = scoring.summary(cases)
     told = ("goal", "got", "ratio", "met")
     return {
@@ -370,15 +310,6 @@ def result_of(cases: Sequence[Case]) -> dict[str, Any]:
 
 def refuse_twice(entry: Mapping[str, Any], others: Sequence[Mapping[str, Any]], place: Path) -> None:
     """Refuse a campaign some of whose cases others have: a case counts once.
-
-    Parameters
-    ----------
-    entry : mapping
-        What is told of the campaign.
-    others : sequence of mapping
-        The same of the others.
-    place : Path
-        Where it is.
 
     Raises
     ------

@@ -22,15 +22,7 @@ PICTURES = {
 
 
 def files(scored: Scored, book: Sequence[Mapping[str, Any]]) -> dict[str, bytes]:
-    """Everything by file name.
-
-    Parameters
-    ----------
-    scored : Scored
-        The campaigns.
-    book : sequence of mapping
-        All lines of the ledger.
-    """
+    """Everything by file name."""
     campaigns = [one.entry | {"thresholds": one.frozen["thresholds"]} for one in scored.opened]
     campaigns = json.loads(canonical(campaigns))  # in one order, wherever they were read
     found = scored.summary | {"failures": cases.failures(scored.cases), "campaigns": campaigns}
@@ -41,15 +33,7 @@ def files(scored: Scored, book: Sequence[Mapping[str, Any]]) -> dict[str, bytes]
 
 
 def page(scored: Scored, book: Sequence[Mapping[str, Any]]) -> str:
-    """The page, in Markdown.
-
-    Parameters
-    ----------
-    scored : Scored
-        The campaigns.
-    book : sequence of mapping
-        All lines of the ledger.
-    """
+    """The page, in Markdown."""
     found, failed = scored.summary, cases.failures(scored.cases)
     parts = ["# The blind record", _intro(scored)]
     for grid in tables.all_grids(found):
@@ -72,13 +56,7 @@ def page(scored: Scored, book: Sequence[Mapping[str, Any]]) -> str:
 
 
 def ledger_grid(book: Sequence[Mapping[str, Any]]) -> Grid:
-    """Every campaign that was ever scored.
-
-    Parameters
-    ----------
-    book : sequence of mapping
-        All lines of the ledger.
-    """
+    """Every campaign that was ever scored."""
     rows: list[tuple[str, ...]] = []
     for line in ledger.scored(book):
         got = {goal["goal"]: goal for goal in line["result"]["goals"]}

@@ -44,36 +44,18 @@ def first_place(truth: Mapping[str, Any], located: Sequence[Mapping[str, Any]]) 
     truth : mapping
         ``balance``, ``channel``, ``coordinate`` (each a word, or a list of those that are right) and ``where``; of
         several effects ``any_of``, a place each.
-    located : sequence of mapping
-        Of a diagnosis/1.
     """
     return compare(truth, located[0]) if located else NOWHERE
 
 
 def any_place(truth: Mapping[str, Any], located: Sequence[Mapping[str, Any]]) -> Located:
-    """The first of all places that is right; else the first.
-
-    Parameters
-    ----------
-    truth : mapping
-        As for `first_place`.
-    located : sequence of mapping
-        Of a diagnosis/1.
-    """
+    """The first of all places that is right; else the first."""
     compared = [compare(truth, place) for place in located]
     return next((one for one in compared if one.right), compared[0] if compared else NOWHERE)
 
 
 def compare(truth: Mapping[str, Any], place: Mapping[str, Any]) -> Located:
-    """One place against the truth; of several that are true, against the one that is nearest to it.
-
-    Parameters
-    ----------
-    truth : mapping
-        As for `first_place`.
-    place : mapping
-        Of a diagnosis/1.
-    """
+    """One place against the truth; of several that are true, against the one that is nearest to it."""
     compared = [_compare(one, place) for one in truth.get("any_of", [truth])]
     return max(compared, key=lambda one: (one.right, one.balance + one.channel + one.coordinate))
 

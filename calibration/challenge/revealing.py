@@ -36,8 +36,6 @@ def reveal(seal: Path, key: Path | None = None) -> dict[str, Any]:
 
     Parameters
     ----------
-    seal : Path
-        Its folder.
     key : Path or None
         Its key; the user's when left out.
 
@@ -58,13 +56,7 @@ def reveal(seal: Path, key: Path | None = None) -> dict[str, Any]:
 
 
 def in_words(contents: Mapping[str, Any]) -> list[str]:
-    """What was concealed, a sentence each; then the motor and its line.
-
-    Parameters
-    ----------
-    contents : mapping
-        Of `reveal`.
-    """
+    """What was concealed, a sentence each; then the motor and its line."""
     truth, line = contents["truth"], contents["line"]
     concealed = [_effect(effect) for effect in truth["effects"]] or ["Nothing was concealed."]
     return [
@@ -77,13 +69,6 @@ def in_words(contents: Mapping[str, Any]) -> list[str]:
 
 def score(contents: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
     """What a diagnosis is worth against what was concealed.
-
-    Parameters
-    ----------
-    contents : mapping
-        Of `reveal`.
-    diagnosis : mapping
-        A diagnosis/1.
 
     Returns
     -------
@@ -108,13 +93,7 @@ def score(contents: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str
 
 
 def score_in_words(scored: Mapping[str, Any]) -> list[str]:
-    """The same in sentences.
-
-    Parameters
-    ----------
-    scored : mapping
-        Of `score`.
-    """
+    """The same in sentences."""
     said = " and ".join(scored["named"]) or "nothing"
     true = " and ".join(scored["concealed"]) or "nothing"
     sentences = {
@@ -140,11 +119,6 @@ def score_in_words(scored: Mapping[str, Any]) -> list[str]:
 
 def read_diagnosis(file: Path) -> dict[str, Any]:
     """A diagnosis/1 from its file.
-
-    Parameters
-    ----------
-    file : Path
-        As `spinbench diagnose --json` wrote it.
 
     Raises
     ------

@@ -46,16 +46,8 @@ def run(
 
     Parameters
     ----------
-    out : Path
-        The campaign's folder.
-    workers : int
-        Processes [-].
     scheduler : str, optional
         A Dask scheduler, whose workers see the folder under the same path.
-    tell : callable
-        Told of the progress.
-    task : callable, optional
-        Instead of `diagnose_case`.
 
     Raises
     ------
@@ -77,13 +69,7 @@ def run(
 
 
 def freeze(campaign: Campaign) -> dict[str, Any]:
-    """Write frozen.json, or hold what is there against what is now.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-    """
+    """Write frozen.json, or hold what is there against what is now."""
     now = freezing.frozen() | {"truth_sha256": campaign.truth_sha256}
     place = campaign.folder / FROZEN
     if not place.exists():
@@ -99,13 +85,7 @@ def freeze(campaign: Campaign) -> dict[str, Any]:
 
 
 def read_frozen(campaign: Campaign) -> dict[str, Any]:
-    """What was frozen.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-    """
+    """What was frozen."""
     try:
         found: dict[str, Any] = json.loads((campaign.folder / FROZEN).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -116,13 +96,7 @@ def read_frozen(campaign: Campaign) -> dict[str, Any]:
 
 
 def read_verdicts(campaign: Campaign) -> Ran:
-    """The verdicts, all of them.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-    """
+    """The verdicts, all of them."""
     items = items_of(campaign, str(read_frozen(campaign)["diagnosis_sha256"]))
     found = read_results(items, campaign.folder / RESULTS)
     done = [result for result in found if result is not None and not _is_no_verdict(result)]
@@ -139,8 +113,6 @@ def items_of(campaign: Campaign, code: str | None = None) -> list[Item]:
 
     Parameters
     ----------
-    campaign : Campaign
-        The campaign.
     code : str, optional
         Hash of the diagnosis' sources; of those here when left out.
     """
@@ -173,13 +145,7 @@ def _told(place: Path) -> dict[str, str]:
 
 
 def diagnose_case(argument: dict[str, Any]) -> dict[str, Any]:
-    """The diagnosis of one recording, times apart from what has to be the same every time.
-
-    Parameters
-    ----------
-    argument : dict
-        ``folder``, ``seed`` and ``code``.
-    """
+    """The diagnosis of one recording, times apart from what has to be the same every time."""
     from calibration.diagnosis import as_json, diagnose
     from rig.recording import read_recording
 
@@ -195,11 +161,5 @@ def _is_no_verdict(result: Result) -> bool:
 
 
 def verdicts_sha256(results: Sequence[Result]) -> str:
-    """Of what was said, times left out.
-
-    Parameters
-    ----------
-    results : sequence of Result
-        Of `run`.
-    """
+    """Of what was said, times left out."""
     return layout.sha256(layout.canonical([(r.name, (r.value or {}).get("diagnosis")) for r in results]))

@@ -73,13 +73,7 @@ def summary(cases: Sequence[Case]) -> dict[str, Any]:
 
 
 def confusion(cases: Sequence[Case]) -> dict[str, Any]:
-    """Rows: what was concealed; columns: what was said, refusals included.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        To be counted.
-    """
+    """Rows: what was concealed; columns: what was said, refusals included."""
     counts = Counter((_row(case), _column(case)) for case in cases)
     rows = _ordered({row for row, _ in counts}, (NONE,), (PAIR_ROW, NOT_IN_LIBRARY))
     last = (PAIR_COLUMN, "truth listed", "confounded without the truth", "unresolved", "failed")
@@ -88,13 +82,7 @@ def confusion(cases: Sequence[Case]) -> dict[str, Any]:
 
 
 def accuracy(cases: Sequence[Case]) -> dict[str, Any]:
-    """Right verdicts of all cases, and of those in which something was named: refusing helps the second alone.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        Of one group.
-    """
+    """Right verdicts of all cases, and of those in which something was named: refusing helps the second alone."""
     return {
         "unconditional": share(c.outcome == RIGHT for c in cases),
         "with_truth_listed": share(c.outcome in (RIGHT, LISTED) for c in cases),
@@ -103,13 +91,7 @@ def accuracy(cases: Sequence[Case]) -> dict[str, Any]:
 
 
 def separable(by_group: dict[str, list[Case]]) -> dict[str, Any]:
-    """How many the recordings can tell apart by the scorer's account, and the right sets among these.
-
-    Parameters
-    ----------
-    by_group : dict
-        Cases of each group.
-    """
+    """How many the recordings can tell apart by the scorer's account, and the right sets among these."""
     own = [case for group in LISTED_IN_LIBRARY for case in by_group[group]]
     known = [case for case in own if case.signatures]
     found = {
@@ -126,13 +108,7 @@ def separable(by_group: dict[str, list[Case]]) -> dict[str, Any]:
 
 
 def by_signal(cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """Rates in bins of D, the projected signal-to-noise ratio.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        With something of the library concealed.
-    """
+    """Rates in bins of D, the projected signal-to-noise ratio."""
     made = []
     for low, high in itertools.pairwise(SIGNAL_EDGES):
         mine = [case for case in cases if case.size is not None and low <= case.size < high]
@@ -148,13 +124,7 @@ def by_signal(cases: Sequence[Case]) -> list[dict[str, Any]]:
 
 
 def nulls(cases: Sequence[Case]) -> dict[str, Any]:
-    """False alarms and false names where nothing was concealed, with honest and with misdeclared noise.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        With nothing concealed.
-    """
+    """False alarms and false names where nothing was concealed, with honest and with misdeclared noise."""
     parts = {
         "all": list(cases),
         "noise as declared": [c for c in cases if not c.truth.get("misdeclared")],
@@ -170,13 +140,7 @@ def nulls(cases: Sequence[Case]) -> dict[str, Any]:
 
 
 def near(cases: Sequence[Case]) -> dict[str, Any]:
-    """Effects of about a nuisance's size: by whether all of the case is beyond three declared standard deviations.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        Near a nuisance.
-    """
+    """Effects of about a nuisance's size: by whether all of the case is beyond three declared standard deviations."""
     parts = {
         "beyond three sds": [c for c in cases if c.named_by_format == c.true_set],
         "something within three sds": [c for c in cases if c.named_by_format != c.true_set],
@@ -193,13 +157,7 @@ def near(cases: Sequence[Case]) -> dict[str, Any]:
 
 
 def not_in_library(cases: Sequence[Case]) -> dict[str, Any]:
-    """What became of effects that resemble no entry.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        With such an effect.
-    """
+    """What became of effects that resemble no entry."""
     return {
         "unresolved": share(c.outcome == RIGHT for c in cases),
         "wrongly_named": share(c.outcome == WRONG for c in cases),
@@ -211,13 +169,7 @@ def not_in_library(cases: Sequence[Case]) -> dict[str, Any]:
 
 
 def located(cases: Sequence[Case]) -> dict[str, Any]:
-    """Places, by what is right of them and by the size of the group that held the coordinate.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        With something concealed.
-    """
+    """Places, by what is right of them and by the size of the group that held the coordinate."""
     placed = [case for case in cases if case.truth.get("place")]
     first = [_first(case) for case in placed]
     anywhere = [any_place(c.truth["place"], c.diagnosis["located"] if c.diagnosis else []) for c in placed]
@@ -236,13 +188,7 @@ def located(cases: Sequence[Case]) -> dict[str, Any]:
 
 
 def confounded(cases: Sequence[Case]) -> dict[str, Any]:
-    """Pairs that the recording cannot tell apart: said so or not, and what a further test made of them.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        All.
-    """
+    """Pairs that the recording cannot tell apart: said so or not, and what a further test made of them."""
     alike = [
         c
         for c in cases

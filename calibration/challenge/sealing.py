@@ -30,10 +30,6 @@ def seal(folder: Path, contents: Mapping[str, Any], key: Path | None = None) -> 
 
     Parameters
     ----------
-    folder : Path
-        The campaign's.
-    contents : mapping
-        Truths and seed.
     key : Path, optional
         Where the key goes; into the seal's folder when left out.
 
@@ -60,25 +56,12 @@ def default_key() -> Path:
 
 
 def is_sealed(folder: Path) -> bool:
-    """Whether a campaign has its seal.
-
-    Parameters
-    ----------
-    folder : Path
-        The campaign's.
-    """
+    """Whether a campaign has its seal."""
     return (folder / FOLDER / TRUTHS).exists()
 
 
 def open_seal(folder: Path, key: Path | None = None) -> tuple[dict[str, Any], str]:
     """Decrypt.
-
-    Parameters
-    ----------
-    folder : Path
-        The campaign's.
-    key : Path, optional
-        The key's file.
 
     Returns
     -------

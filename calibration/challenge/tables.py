@@ -36,12 +36,8 @@ class Grid:
 
     Attributes
     ----------
-    title : str
-        Above it.
     header : tuple of str
         Of its columns; the first holds words, the others figures.
-    rows : sequence of tuple of str
-        Its cells.
     """
 
     title: str
@@ -50,13 +46,7 @@ class Grid:
 
 
 def percent(got: Mapping[str, Any] | None) -> str:
-    """A share as 93.1 % (27 of 29; 77.2 to 99.2 %).
-
-    Parameters
-    ----------
-    got : mapping or None
-        Of `intervals.share`.
-    """
+    """A share as 93.1 % (27 of 29; 77.2 to 99.2 %)."""
     if not got or not got["n"]:
         return "no cases"
     low, high = 100.0 * got["low"], 100.0 * got["high"]
@@ -64,35 +54,17 @@ def percent(got: Mapping[str, Any] | None) -> str:
 
 
 def words(group: str) -> str:
-    """A group as a person calls it.
-
-    Parameters
-    ----------
-    group : str
-        One of judging.GROUPS.
-    """
+    """A group as a person calls it."""
     return GROUP_WORDS.get(group, group)
 
 
 def goals(found: Mapping[str, Any]) -> Grid:
-    """Goals beside what was got.
-
-    Parameters
-    ----------
-    found : mapping
-        A summary.
-    """
+    """Goals beside what was got."""
     return Grid("Goals", ("goal", "wanted", "got", ""), [_goal(one) for one in found["goals"]])
 
 
 def outcomes(found: Mapping[str, Any]) -> Grid:
-    """What became of the cases of each group.
-
-    Parameters
-    ----------
-    found : mapping
-        A summary.
-    """
+    """What became of the cases of each group."""
     present = [o for o in OUTCOMES if any(o in mine for mine in found["outcomes"].values())]
     rows = [
         (words(group), *(str(mine.get(one, 0)) for one in present), str(sum(mine.values())))
@@ -102,17 +74,7 @@ def outcomes(found: Mapping[str, Any]) -> Grid:
 
 
 def confusion(found: Mapping[str, Any], which: str, title: str) -> Grid:
-    """A confusion matrix.
-
-    Parameters
-    ----------
-    found : mapping
-        A summary.
-    which : str
-        main, other_form or near_nuisance.
-    title : str
-        Above it.
-    """
+    """A confusion matrix."""
     matrix = found["confusion"][which]
     rows = [
         (row, *(str(n) if n else "" for n in counts))
@@ -122,13 +84,7 @@ def confusion(found: Mapping[str, Any], which: str, title: str) -> Grid:
 
 
 def by_signal(found: Mapping[str, Any]) -> Grid:
-    """Rates against D.
-
-    Parameters
-    ----------
-    found : mapping
-        A summary.
-    """
+    """Rates against D."""
     keys = ("detected", "right", "right_or_listed", "wrong")
     rows = [
         (
@@ -143,26 +99,12 @@ def by_signal(found: Mapping[str, Any]) -> Grid:
 
 
 def shares(title: str, pairs: Sequence[tuple[str, Mapping[str, Any] | None]]) -> Grid:
-    """Shares with their names.
-
-    Parameters
-    ----------
-    title : str
-        Above it.
-    pairs : sequence of (str, mapping)
-        Name and share.
-    """
+    """Shares with their names."""
     return Grid(title, ("of", "share (95 % interval)"), [(name, percent(got)) for name, got in pairs])
 
 
 def all_grids(found: Mapping[str, Any]) -> list[Grid]:
-    """Every table of the page, in order.
-
-    Parameters
-    ----------
-    found : mapping
-        A summary.
-    """
+    """Every table of the page, in order."""
     separable, confounded, coverage = found["separable"], found["confounded"], found["coverage"]
     accuracy = [
         (words(g), percent(a["unconditional"]), percent(a["with_truth_listed"]), percent(a["given_a_name"]))
@@ -235,13 +177,7 @@ def all_grids(found: Mapping[str, Any]) -> list[Grid]:
 
 
 def as_rich(grid: Grid) -> Table:
-    """For the terminal.
-
-    Parameters
-    ----------
-    grid : Grid
-        The table.
-    """
+    """For the terminal."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -254,13 +190,7 @@ def as_rich(grid: Grid) -> Table:
 
 
 def as_markdown(grid: Grid) -> str:
-    """For the page.
-
-    Parameters
-    ----------
-    grid : Grid
-        The table.
-    """
+    """For the page."""
     if not grid.rows:
         return "none\n"
     lines = ["| " + " | ".join(cell_text(c) for c in row) + " |" for row in (grid.header, *grid.rows)]
@@ -269,13 +199,7 @@ def as_markdown(grid: Grid) -> str:
 
 
 def cell_text(text: str) -> str:
-    """Text of a file or a rig, fit for a cell of Markdown: bounded, one line, no markup.
-
-    Parameters
-    ----------
-    text : str
-        Any.
-    """
+    """Text of a file or a rig, fit for a cell of Markdown: bounded, one line, no markup."""
     line = " ".join(str(text).split())[:300]
     for mark, safe in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ("|", "&#124;"), ("`", "&#96;"), ("[", "&#91;")):
         line = line.replace(mark, safe)

@@ -43,14 +43,8 @@ class Plateaus:
 
     Attributes
     ----------
-    file : tuple of str
-        Of each row.
-    row : ndarray of int
-        Number in its file, from 1.
     pressure : ndarray
         Reading, absolute once a gauge's ambient is added [Pa].
-    is_gauge : ndarray of bool
-        Whether the ambient is to be added.
     flow, speed : ndarray
         Readings [m3/s], [rad/s].
     time : ndarray
@@ -59,8 +53,6 @@ class Plateaus:
         The first row without a time, as ``file, row``; empty where each has one.
     up : ndarray
         1 on the way up, -1 down, 0 where that was not noted [-].
-    noise_scale : ndarray
-        Of the file [-].
     """
 
     file: tuple[str, ...]
@@ -118,8 +110,6 @@ class RunInTime:
 
     Attributes
     ----------
-    file : str
-        Its name.
     time, begin : ndarray, shape (n,)
         Each speed reading is the mean from ``begin`` to ``time``, from the file's start [s].
     speed : ndarray, shape (n,)
@@ -130,8 +120,6 @@ class RunInTime:
         Of each span, how long no row was between the last one before the valve was moved and the first one after [s].
     settled_sd : float
         By how much the settled pressure may be off, the gauge's own errors apart [Pa].
-    line : Line
-        What the gauge read on the way.
     is_gauge : bool
         Whether the ambient is to be added to the gauge's readings.
     start_s : float
@@ -179,12 +167,8 @@ class Vented:
 
     Attributes
     ----------
-    file : tuple of str
-        Of each mean.
     pressure, sd : ndarray, shape (n,)
         Mean reading and its noise [Pa].
-    is_gauge : ndarray of bool
-        Whether it counts from the ambient.
     """
 
     file: tuple[str, ...]
@@ -199,12 +183,8 @@ class Standing:
 
     Attributes
     ----------
-    file : tuple of str
-        Of each mean.
     pressure : ndarray, shape (n,)
         Mean reading of the gauge [Pa]; nan with the line vented.
-    is_gauge : ndarray of bool
-        Whether it counts from the ambient.
     flow, sd : ndarray, shape (n,)
         Mean reading and its noise [m3/s].
     time : ndarray, shape (n,)
@@ -232,11 +212,6 @@ class Blocks:
 
 def blocks_of(recording: Recording) -> Blocks:
     """The parts of a recording.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
 
     Raises
     ------
@@ -555,13 +530,7 @@ def _line(time: np.ndarray, pressure: np.ndarray, valve: Sequence[Supply], noise
 
 
 def levels(plateaus: Plateaus) -> list[np.ndarray]:
-    """Indices of the plateaus at each pressure level, both directions together.
-
-    Parameters
-    ----------
-    plateaus : Plateaus
-        The rows.
-    """
+    """Indices of the plateaus at each pressure level, both directions together."""
     return _apart(np.arange(plateaus.size), plateaus.pressure)
 
 

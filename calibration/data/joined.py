@@ -15,11 +15,6 @@ GAP_S = 3600.0  # between two recordings on the common clock
 def together(recordings: Sequence[Recording]) -> Recording:
     """One recording with the files of all; the instruments' offsets and scales are then shared by all of them.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        In the order of their making.
-
     Raises
     ------
     RecordingError

@@ -62,8 +62,6 @@ class Measurement:
         Plateaus, and readings with the line vented and the rotor at rest.
     channels : tuple of str
         The channels that the likelihood sees, of pressure, flow and speed.
-    notes : tuple of str
-        What was left aside, for the report.
     """
 
     steady: Rows
@@ -77,8 +75,6 @@ def gather(recording: Recording, channels: tuple[str, ...] = ("pressure", "flow"
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
     channels : tuple of str
         Channels to use; flow or speed may be left out.
 
@@ -128,15 +124,6 @@ def _at_rest(recording: Recording, rows: Rows) -> Rows:
 
 def check_against_model(recording: Recording, measured: Measurement, motor: Motor) -> None:
     """Refuse readings that no motor of this kind can have given, and say what probably happened.
-
-    Parameters
-    ----------
-    recording : Recording
-        For the text of an error.
-    measured : Measurement
-        The rows.
-    motor : Motor
-        The motor at the recording's ambient.
 
     Raises
     ------

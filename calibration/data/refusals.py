@@ -63,11 +63,6 @@ def refuse_unusable(recording: Recording) -> None:
 def refuse_mixed_units(recording: Recording) -> None:
     """Refuse flows and speeds that cannot both be in the units of their names: a turn takes in what the cylinders hold.
 
-    Parameters
-    ----------
-    recording : Recording
-        Of a motor by name.
-
     Raises
     ------
     RecordingError
@@ -102,11 +97,6 @@ def refuse_mixed_units(recording: Recording) -> None:
 
 def refuse_wrong_supply(recording: Recording) -> None:
     """Refuse runs in time whose speed contradicts supply_open.
-
-    Parameters
-    ----------
-    recording : Recording
-        Of a motor by name.
 
     Raises
     ------
@@ -192,11 +182,6 @@ def swept_volume(parameters: np.ndarray) -> float:
 def refuse_starved(recording: Recording) -> None:
     """Refuse absolute pressures that are not above the room's while the rotor turns: a gauge's, under a wrong name.
 
-    Parameters
-    ----------
-    recording : Recording
-        Of a motor by name.
-
     Raises
     ------
     RecordingError
@@ -228,11 +213,6 @@ def refuse_starved(recording: Recording) -> None:
 def refuse_out_of_range(recording: Recording) -> None:
     """Refuse plateaus at pressures that the air properties do not reach.
 
-    Parameters
-    ----------
-    recording : Recording
-        Of a motor by name.
-
     Raises
     ------
     RecordingError
@@ -261,11 +241,6 @@ def refuse_out_of_range(recording: Recording) -> None:
 
 def refuse_at_rest(recording: Recording) -> None:
     """Refuse recordings in which the rotor never turns: there is no speed to compare.
-
-    Parameters
-    ----------
-    recording : Recording
-        Of a motor by name.
 
     Raises
     ------

@@ -23,28 +23,12 @@ NOTHING_AT_ZERO = "nothing was read"
 
 
 def by_fit(recording: Recording, measured: Measurement) -> list[dict[str, Any]]:
-    """Of a fit, as `files` of posterior/1.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    measured : Measurement
-        The rows that the fit uses.
-    """
+    """Of a fit, as `files` of posterior/1."""
     return _files(recording, _numbers(measured.steady, measured.zero), NOT_IN_A_FIT)
 
 
 def by_diagnosis(recording: Recording, blocks: Blocks) -> list[dict[str, Any]]:
-    """Of a diagnosis, as `files` of diagnosis/1.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    blocks : Blocks
-        What is compared of it.
-    """
+    """Of a diagnosis, as `files` of diagnosis/1."""
     used = _numbers(blocks.measured.zero)
     plateaus = blocks.plateaus
     known = np.isfinite(plateaus.flow) | np.isfinite(plateaus.speed)

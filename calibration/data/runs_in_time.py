@@ -41,8 +41,6 @@ def turns(recording: Recording, file: RecordingFile) -> bool:
 
     Parameters
     ----------
-    recording : Recording
-        For the tachometer's figures.
     file : RecordingFile
         Of any kind; without speeds nothing says that it stands.
     """
@@ -92,8 +90,6 @@ def repeated(values: np.ndarray, noise: float, resolution: float) -> np.ndarray:
     ----------
     values : ndarray, shape (n,)
         Readings as written; nan where there is none.
-    noise : float
-        Their standard deviation, in the same unit.
     resolution : float
         Step in which they are shown, in the same unit; 0 where that is not stated, and then the least between two.
     """
@@ -200,8 +196,6 @@ class CoastDown:
         Of its rows, in the file's: a start, which is not compared, and the first row behind.
     compared : ndarray of bool, shape (n,)
         Rows of the file that are compared with a model.
-    left : dict of str to ndarray of bool
-        The other rows, by the reason.
     """
 
     begin: int
@@ -279,13 +273,7 @@ def rows_in_words(mask: np.ndarray) -> str:
 
 
 def few_used(files: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A warning for each file of which less than nine tenths of the rows are used.
-
-    Parameters
-    ----------
-    files : sequence of mapping
-        ``files`` of a diagnosis/1 or a posterior/1.
-    """
+    """A warning for each file of which less than nine tenths of the rows are used."""
     return [
         f"{one['file']}: {one['rows_used']} of {one['rows']} rows are used; not used: {one['why']}"
         for one in files

@@ -58,21 +58,7 @@ class _Searched:
 
 @dataclass(frozen=True)
 class _Said:
-    """What is said so far.
-
-    Attributes
-    ----------
-    verdict : Verdict
-        The verdict.
-    detection : Detection
-        Of the base model.
-    bad : list of BadRow
-        Readings that are taken for bad.
-    misread : frozenset of tuple of str
-        Sets beside which readings are misread.
-    step : Step or None
-        A step in time that was tried instead.
-    """
+    """What is said so far."""
 
     verdict: Verdict[Mode]
     detection: Detection
@@ -107,12 +93,6 @@ def diagnose(
 
     Parameters
     ----------
-    recording : Recording
-        The recording, of a motor that `model.motor` knows.
-    seed : int
-        Of the draws [-].
-    tell : callable
-        Told the step that begins.
     hold_out : Recording or None
         A run that nothing here has seen, to be predicted once a set is named or listed.
     workers : int
@@ -350,15 +330,7 @@ def _next_tests(comparison: Comparison, rivals: Sequence[Candidate], clock: Step
 
 
 def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
-    """The gain in log predictive density of a given set over the base model, as the diagnosis takes it [-].
-
-    Parameters
-    ----------
-    folder : Path
-        A recording.
-    ids : sequence of str
-        Effects.
-    """
+    """The gain in log predictive density of a given set over the base model, as the diagnosis takes it [-]."""
     comparison = Comparison(Problem(read_recording(folder)))
     base = base_of(comparison)
     names = tuple(sorted(set(ids) - {MISREAD}))  # every fit looks for those

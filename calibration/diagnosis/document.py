@@ -33,13 +33,7 @@ UNKNOWN = {"id": "unknown", "probability": 1.0, "log10_bayes_factor": None, "par
 
 
 def as_json(found: Diagnosis) -> dict[str, Any]:
-    """The diagnosis as a mapping.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        Of `diagnose`.
-    """
+    """The diagnosis as a mapping."""
     verdict = found.verdict
     document = {
         "format": FORMAT,
@@ -96,13 +90,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
 
 
 def finite(value: Any) -> Any:
-    """A document without a number that JSON has no word for: null in its place.
-
-    Parameters
-    ----------
-    value : mapping, list, str, number, bool or None
-        What is to be written, whatever it holds.
-    """
+    """A document without a number that JSON has no word for: null in its place."""
     if isinstance(value, Mapping):
         return {key: finite(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
@@ -113,13 +101,7 @@ def finite(value: Any) -> Any:
 
 
 def set_probability(verdict: Verdict) -> float:
-    """How probable the set is that a verdict rests on, lowered to what came true [-].
-
-    Parameters
-    ----------
-    verdict : Verdict
-        Of a diagnosis.
-    """
+    """How probable the set is that a verdict rests on, lowered to what came true [-]."""
     if verdict.chosen is not None:
         return verdict.set_probability * WHOLE
     return verdict.set_probability * (ROWS_ALONE if verdict.kind == "named" else 1.0)
@@ -185,8 +167,6 @@ def size_as_json(unknown: Unknown, z: float, sd: float, low: float, high: float)
 
     Parameters
     ----------
-    unknown : Unknown
-        The parameter.
     z, sd : float
         Its most probable standard normal number, and the spread of it [-].
     low, high : float
@@ -198,13 +178,7 @@ def size_as_json(unknown: Unknown, z: float, sd: float, low: float, high: float)
 
 
 def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
-    """Tests worth making.
-
-    Parameters
-    ----------
-    tests : sequence of NextTest
-        The best first.
-    """
+    """Tests worth making."""
     return [
         {
             "test": t.test,
@@ -218,13 +192,7 @@ def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
 
 
 def held_out_as_json(h: HeldOut | None) -> dict[str, Any] | None:
-    """What held-out readings say; None where none were, or where the prediction of them has no density at all.
-
-    Parameters
-    ----------
-    h : HeldOut or None
-        Cross-validation, or an unseen run.
-    """
+    """What held-out readings say; None where none were, or where the prediction of them has no density at all."""
     if h is None or not (math.isfinite(h.gain) and math.isfinite(h.gain_se)):
         return None
     return {

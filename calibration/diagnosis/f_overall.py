@@ -27,26 +27,14 @@ Part = tuple[float, Draw]  # what f_overall is averaged over: a weight, and draw
 
 
 def f_overall_before(found: Diagnosis) -> dict[str, float] | None:
-    """Mean, spread and 5 and 95 % quantiles of f_overall in the base model [N m s]; None where it is no unknown.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        Of `diagnose`.
-    """
+    """Mean, spread and 5 and 95 % quantiles of f_overall in the base model [N m s]; None where it is no unknown."""
     place = found.comparison.problem.place("f_overall")
     share = SOLVERS_DIFFER if found.comparison.problem.blocks.runs else 0.0
     return None if place is None else _summary(found, place, [_alone(found, place, found.base, 1.0)], share)
 
 
 def f_overall_after(found: Diagnosis) -> dict[str, float] | None:
-    """The same, averaged over what the verdict leaves open, and as far off as what no recording shows [N m s].
-
-    Parameters
-    ----------
-    found : Diagnosis
-        Of `diagnose`.
-    """
+    """The same, averaged over what the verdict leaves open, and as far off as what no recording shows [N m s]."""
     place = found.comparison.problem.place("f_overall")
     return None if place is None else _summary(found, place, _averaged(found, place), UNSEEN)
 

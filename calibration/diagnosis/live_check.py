@@ -28,10 +28,6 @@ class Checked:
         Of the model without anything added [-]; None when it is too early to say.
     places : list of Place
         Where the balances do not close, the clearest first; empty where the model explains the recording.
-    sentence : str
-        In words.
-    plateaus : int
-        Looked at [-].
     extrapolated : bool
         Whether the p-value lies beyond the draws of its null law.
     """
@@ -55,8 +51,6 @@ def check(recording: Recording, seed: int = 0) -> Checked:
     ----------
     recording : Recording
         Of a motor that `model.motor` knows; its plateaus so far.
-    seed : int
-        Of the draws [-].
     """
     steady = tuple(file for file in recording.files if file.kind != "transient")
     swept = replace(recording, files=steady)

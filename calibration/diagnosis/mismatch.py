@@ -21,21 +21,7 @@ from rig.recording import Recording, RecordingError
 
 @dataclass(frozen=True)
 class Detected:
-    """What the base model and the test of it come to, before anything is looked for.
-
-    Attributes
-    ----------
-    comparison : Comparison
-        The recording.
-    base : Mode
-        The base model.
-    found : list of Signature
-        Of all effects that the recording could show.
-    free : list of Force
-        Free-form forces.
-    detection : Detection
-        Whether anything is missing.
-    """
+    """What the base model and the test of it come to, before anything is looked for."""
 
     comparison: Comparison
     base: Mode
@@ -55,12 +41,6 @@ def detect_mismatch(
 
     Parameters
     ----------
-    recording : Recording
-        The recording, of a motor that `model.motor` knows.
-    rng : numpy.random.Generator
-        For the null law.
-    tell : callable
-        Told the step that begins.
     workers : int
         Threads that simulate side by side; the result is the same [-].
     motor : Motor or None

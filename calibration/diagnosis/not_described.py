@@ -20,15 +20,7 @@ CHECK = (
 
 
 def not_described(comparison: Comparison, base: Mode) -> str:
-    """How far the base model is from the readings where it does not describe them at all; empty where it does.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    base : Mode
-        The base model at its most probable point.
-    """
+    """How far the base model is from the readings where it does not describe them at all; empty where it does."""
     missed = np.abs(comparison.read - comparison.raw(base.prediction))
     runs = comparison.problem.blocks.runs
     parts = [("flow", FLOW, "the flows of the plateaus"), ("speed", SPEED, "the speeds of the plateaus")]

@@ -27,39 +27,15 @@ class Diagnosis:
 
     Attributes
     ----------
-    comparison : Comparison
-        The recording.
-    base : Mode
-        The base model.
-    detection : Detection
-        Of the base model.
-    places : list of Place
-        Where it does not close.
-    candidates : list of Candidate
-        Sets weighed, the most probable first.
-    residual_p : dict
-        p-values of the residuals of sets tested [-].
-    verdict : Verdict
-        What is said.
     held_out : HeldOut or None
         Cross-validation: of the set named, or of the smooth correction where no set explains the recording; or the
         prediction of an unseen run.
-    term : Term or None
-        A law found from the data.
-    next_tests : list of NextTest
-        Tests worth making.
-    bad_rows : list
-        (file, row, channel, probability) of bad readings.
     seconds : dict
         Time of each step [s].
     correction : Correction or None
         A smooth torque or flow that stands for what no set explains.
     beside : tuple of ndarray or None
         The nuisances and their sd beside such a correction, whichever it is [-].
-    misread : frozenset of tuple of str
-        Sets named or listed beside which readings are misread.
-    resolved : list of Resolved
-        What the recording can tell of each effect.
     faint : dict
         For each set that f_overall is averaged over, the further effects that may be there unseen.
     not_described : str

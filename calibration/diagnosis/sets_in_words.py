@@ -20,26 +20,12 @@ def titles(names: Sequence[str]) -> str:
 
 
 def title(name: str) -> str:
-    """An effect as people call it, with its id.
-
-    Parameters
-    ----------
-    name : str
-        The effect's id.
-    """
+    """An effect as people call it, with its id."""
     return f"{effects()[name].title} ({name})"
 
 
 def in_a_row(sets: Sequence[Sequence[str]], word: str) -> str:
-    """Sets of effects in a row; where one has several members a comma tells where it ends.
-
-    Parameters
-    ----------
-    sets : sequence of sequence of str
-        Effect ids.
-    word : str
-        Before the last, as "or".
-    """
+    """Sets of effects in a row; where one has several members a comma tells where it ends."""
     *first, last = [titles(names) for names in sets]
     if not first:
         return last
@@ -48,11 +34,5 @@ def in_a_row(sets: Sequence[Sequence[str]], word: str) -> str:
 
 
 def listed(words: Sequence[str]) -> str:
-    """Words with commas, and an "and" before the last.
-
-    Parameters
-    ----------
-    words : sequence of str
-        The words.
-    """
+    """Words with commas, and an "and" before the last."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

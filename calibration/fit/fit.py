@@ -40,20 +40,6 @@ class Fit:
 
     Attributes
     ----------
-    recording : Recording
-        As read.
-    motor : Motor
-        At the recording's ambient.
-    measured : Measurement
-        The rows used, and notes on what was not.
-    likelihood : Likelihood
-        For predictions at draws.
-    posterior : Posterior
-        The result.
-    settings : Settings
-        Seed, target and budget.
-    effects : tuple of str
-        Ids of what the model holds beyond the article.
     quality : FitQuality or None
         Whether the model explains the readings; None where that was not asked.
     """
@@ -81,20 +67,12 @@ def fit(
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
-    settings : Settings
-        Seed, target and budget.
     assignments : sequence of str
         ``NAME=VALUE`` changes of the motor, as on the command line.
     channels : tuple of str
         Channels that the likelihood sees; pressure always.
     chain_folder : Path, optional
         Where the chain is kept as it grows, and continued from.
-    progress : callable, optional
-        Told of the effective samples so far.
-    effects : sequence of str
-        Ids of effects whose parameters are unknowns too.
 
     Returns
     -------
@@ -132,17 +110,6 @@ def prepare(
     effects: Sequence[str] = (),
 ) -> tuple[Motor, Measurement, Likelihood]:
     """Everything of a fit but the sampling.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    assignments : sequence of str
-        ``NAME=VALUE`` changes of the motor.
-    channels : tuple of str
-        Channels that the likelihood sees.
-    effects : sequence of str
-        Ids of effects that the model holds.
 
     Returns
     -------
@@ -183,8 +150,6 @@ def with_gauge_class(recording: Recording, accuracy_class: float, span_bar: floa
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
     accuracy_class : float
         EN 837 class: limit of error in percent of the span [-].
     span_bar : float
@@ -218,12 +183,6 @@ def variants(
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
-    channels : tuple of str
-        Channels of the main fit.
-    without_flow : bool
-        One without the flow channel.
     span_bar : float or None
         Full scale of the pressure gauge [bar]: one for each accuracy class; none when left out.
     """
@@ -245,21 +204,7 @@ def brief(settings: Settings) -> Settings:
 def fingerprint(
     recording: Recording, motor: Motor, measured: Measurement, settings: Settings, effects: Sequence[str] = ()
 ) -> str:
-    """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target.
-
-    Parameters
-    ----------
-    recording : Recording
-        Its data and instrument figures.
-    motor : Motor
-        Its parameters and readings.
-    measured : Measurement
-        Which channels are used.
-    settings : Settings
-        Seed and walkers.
-    effects : sequence of str
-        Ids of effects that the model holds.
-    """
+    """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target."""
     figures = {name: dataclasses.astuple(channel)[1:5] for name, channel in recording.channels.items()}
     parts = [recording.sha256, motor.model_dump(), figures, measured.channels, settings.seed, settings.walkers]
     if effects:

@@ -21,13 +21,6 @@ class IndependenceMove(Move):
     Successive samples then hardly depend on each other. Most proposals come from a Student t; one in seven is stretched
     `LONG` times along a single coordinate, for a posterior that has a little of its mass far out on one side of the
     ridge (a recording of a row or two, one reading of which may be bad) and would hold a walker there.
-
-    Parameters
-    ----------
-    degrees : float
-        Degrees of freedom of the t [-].
-    spread : float
-        Its scale [-].
     """
 
     LONG = 15.0
@@ -57,15 +50,7 @@ class IndependenceMove(Move):
         return found
 
     def draw(self, random: Any, walkers: int, n: int) -> np.ndarray:
-        """Draws of the proposal, shape (walkers, n) [-].
-
-        Parameters
-        ----------
-        random : numpy.random.RandomState
-            Source of randomness.
-        walkers, n : int
-            Number of draws and of coordinates [-].
-        """
+        """Draws of the proposal, shape (walkers, n) [-]."""
         widening = np.sqrt(self.degrees / random.chisquare(self.degrees, size=walkers))
         q = self.spread * widening[:, None] * random.randn(walkers, n)
         stretched = random.rand(walkers) < self.STRETCHED
@@ -79,8 +64,6 @@ class IndependenceMove(Move):
 
         Parameters
         ----------
-        model : emcee.model.Model
-            Log probability, mapping and randomness.
         state : emcee.State
             The walkers; changed.
 

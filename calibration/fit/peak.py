@@ -63,8 +63,6 @@ def spread_at(log_prob: BatchLogProb, peak: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    log_prob : callable
-        Log posterior, as in `find_peak`.
     peak : ndarray, shape (n,)
         The peak [-].
     """
@@ -93,14 +91,8 @@ def scatter(
 
     Parameters
     ----------
-    log_prob : callable
-        Log posterior, as in `find_peak`.
     peak, covariance : ndarray, shape (n_dimensions,) and (n_dimensions, n_dimensions)
         Of `find_peak` and `spread_at` [-].
-    rng : numpy.random.Generator
-        Source of randomness.
-    n : int
-        Number of points [-].
 
     Returns
     -------

@@ -25,12 +25,6 @@ class Estimate:
 
     Attributes
     ----------
-    unknown : Unknown
-        Name, unit and prior.
-    mean, sd : float
-        In the unknown's unit.
-    quantiles : dict of str to float
-        q05, q50, q95, in the unit.
     sd_of_prior : float
         Posterior sd over prior sd, in the prior's standard normal number: 1 when the recording says nothing [-].
     """
@@ -60,8 +54,6 @@ class FitQuality:
     ----------
     p_value : float
         How often chance alone leaves as much: uniform where the model is right [-].
-    model_fits : bool
-        Whether the fit's figures can be relied on.
     why : str
         What stands out, or that nothing does; in words.
     """
@@ -77,16 +69,8 @@ class Posterior:
 
     Attributes
     ----------
-    estimates : tuple of Estimate
-        In the order of the unknowns.
-    chain : Chain
-        Samples and their quality.
     values : ndarray, shape (n_samples, n_unknowns)
         Samples in the unknowns' units.
-    suspect_rows : tuple of SuspectRow
-        Most probable first.
-    seconds : float
-        Wall time of the fit.
     """
 
     estimates: tuple[Estimate, ...]
@@ -104,13 +88,7 @@ class Posterior:
         return self[name].sd_of_prior > UNINFORMED
 
     def share_from_priors(self, name: str) -> float:
-        """Share of an unknown's variance that the unknowns which the recording hardly informs explain linearly [-].
-
-        Parameters
-        ----------
-        name : str
-            The unknown.
-        """
+        """Share of an unknown's variance that the unknowns which the recording hardly informs explain linearly [-]."""
         names = [estimate.unknown.name for estimate in self.estimates]
         loose = [i for i, e in enumerate(self.estimates) if e.sd_of_prior > UNINFORMED and e.unknown.name != name]
         if not loose:
@@ -127,12 +105,6 @@ def summarise(chain: Chain, likelihood: Likelihood, columns: Sequence[str | None
 
     Parameters
     ----------
-    chain : Chain
-        The samples.
-    likelihood : Likelihood
-        Of the fit.
-    columns : sequence of str or None
-        The recording's column of pressure, flow and speed.
     seconds : float
         Wall time of the fit [s].
 
@@ -161,8 +133,6 @@ def thinned(flat: np.ndarray, most: int = DRAWS_FOR_ROWS) -> np.ndarray:
     ----------
     flat : ndarray, shape (n_samples, n_unknowns)
         All draws [-].
-    most : int
-        How many at most [-].
     """
     return flat[:: -(-len(flat) // most)]
 
@@ -174,8 +144,6 @@ def as_json(
 
     Parameters
     ----------
-    posterior : Posterior
-        The result.
     quality : FitQuality or None
         Whether the model explains the readings; null where that was not asked.
     files : sequence of dict

@@ -46,16 +46,6 @@ class Settings:
 
     Attributes
     ----------
-    seed : int
-        Seed of everything random.
-    effective_samples : int
-        Least effective sample size of every unknown.
-    most_steps : int
-        Budget of each ensemble after the warm-up.
-    walkers : int
-        Walkers of each ensemble.
-    times_tau : float
-        Least length of a chain, in autocorrelation times.
     warm_up_blocks : int
         Blocks that the map is fitted to, not kept. `sample` doubles them where
         the chain drawn after them forgets too slowly.
@@ -81,16 +71,6 @@ class Chain:
         Integrated autocorrelation time in steps.
     rhat, effective : ndarray, shape (n_unknowns,)
         Between-ensemble R-hat, and effective sample size.
-    acceptance : float
-        Share of proposals taken.
-    steps : int
-        Steps of each ensemble, warm-up and burn-in included.
-    drawn : int
-        Steps of each ensemble after the warm-up, burn-in included.
-    converged : bool
-        Long enough, R-hat small enough, effective samples enough.
-    seconds : float
-        Wall time of this process.
     """
 
     samples: np.ndarray
@@ -127,19 +107,13 @@ def sample(
     ----------
     log_prob : callable
         Log posterior of points of shape (n, n_unknowns), returning shape (n,) [-].
-    n_unknowns : int
-        Dimensions [-].
     factors : callable
         At a point of shape (n_unknowns,), what one unit of each coordinate multiplies its unknown by, same shape; 1
         where it adds [-].
-    settings : Settings
-        Seed, target and budget.
     folder : Path, optional
         Where the chain is kept as it grows; a chain that is there already is continued.
     fingerprint : str
         Of recording, motor and settings: a chain with another is refused.
-    progress : callable, optional
-        Told of the effective samples so far.
 
     Returns
     -------

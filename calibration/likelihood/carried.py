@@ -19,12 +19,6 @@ def carried(
 
     Parameters
     ----------
-    seen : Problem
-        The recording that was fitted.
-    mode : Mode
-        The model, fitted to it.
-    there : Problem
-        The other recording.
     names : collection of str or None
         Nuisances that are carried over, all if left out; the effects' unknowns always are.
 

@@ -63,14 +63,8 @@ def find(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    names : sequence of str
-        Effect ids.
     *starts : Mode or None
         Modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is given.
-    first : dict or None
-        Starting values of effects' unknowns by (effect, parameter) [-].
     best : float
         Cost of another set. With runs in time a search that stays far behind ends early [-].
 
@@ -295,16 +289,10 @@ def turned(
 
     Parameters
     ----------
-    f : Function
-        Of the set.
-    comparison : Comparison
-        The recording.
     z : ndarray, shape (n,)
         The point [-].
     u : ndarray, shape (5,)
         The noise [-].
-    here : Prediction
-        At the point.
     """
     for place, run in f.angles.items():
         white = comparison.whitener(here, u)
@@ -323,10 +311,6 @@ def with_lines(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray
 
     Parameters
     ----------
-    f : Function
-        Of the set.
-    comparison : Comparison
-        The recording.
     z : ndarray, shape (n,)
         The point [-].
     u : ndarray, shape (5,)

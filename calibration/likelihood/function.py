@@ -29,13 +29,6 @@ Predicts = Callable[..., Prediction]  # of a point, and of what else `Function` 
 class Function:
     """Predictions of a point, within the effects' bounds.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    names : sequence of str
-        Effect ids.
-
     Attributes
     ----------
     low, high : ndarray, shape (m,)
@@ -119,8 +112,6 @@ class Function:
         ----------
         z, tried : ndarray, shape (m,)
             Where from, and the end of the straight step [-].
-        here : Prediction
-            At the start.
         D : ndarray, shape (n, m)
             Derivatives there [SI].
         """
@@ -168,8 +159,6 @@ class Function:
         ----------
         z : ndarray, shape (m,)
             The point [-].
-        here : Prediction
-            At it, by the function differentiated.
         D : ndarray, shape (n, m)
             Derivatives so far, for the size of the steps; 0 where nothing is known [SI].
         u : ndarray, shape (5,)

@@ -29,11 +29,6 @@ LINE, STANDING, VENTED, FLOW, SPEED, RUN = -3, -2, -1, 0, 1, 2  # kinds of entri
 class Comparison:
     """A recording as a vector.
 
-    Parameters
-    ----------
-    problem : Problem
-        The recording.
-
     Attributes
     ----------
     read : ndarray, shape (m,)
@@ -50,8 +45,6 @@ class Comparison:
         Where the runs' samples end and the readings beside them begin [-].
     swing : ndarray, shape (end - 2 n,)
         How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
-    trusting : bool
-        Whether no reading may be taken for bad.
     middle : ndarray or None
         The prior's middle with the lines of the runs where they suit the readings best [-], once a search began there.
     """
@@ -137,26 +130,14 @@ class Comparison:
         return int(self.known.sum())
 
     def raw(self, predicted: Prediction) -> np.ndarray:
-        """A prediction as a vector [SI].
-
-        Parameters
-        ----------
-        predicted : Prediction
-            Of the problem.
-        """
+        """A prediction as a vector [SI]."""
         runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
         return np.concatenate(
             [predicted.flow, predicted.speed, *runs, predicted.vented, predicted.standing, predicted.line]
         )
 
     def is_told(self, predicted: Prediction) -> bool:
-        """Whether a prediction has a value for every reading that there is.
-
-        Parameters
-        ----------
-        predicted : Prediction
-            Of the problem.
-        """
+        """Whether a prediction has a value for every reading that there is."""
         return bool(np.all(np.isfinite(self.raw(predicted)[self.known])))
 
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
@@ -164,8 +145,6 @@ class Comparison:
 
         Parameters
         ----------
-        predicted : Prediction
-            Of the problem.
         u : ndarray, shape (5,)
             The noise, as in `calibration.likelihood.noise` [-].
         """
@@ -186,16 +165,12 @@ class Comparison:
         ----------
         difference : ndarray, shape (m,)
             Readings less predictions [SI].
-        predicted : Prediction
-            For its slopes.
         u : ndarray, shape (5,)
             Where to step from [-].
         weight : ndarray, shape (m,)
             Of each entry, below 1 where a reading is bad [-].
         columns : ndarray, shape (m, k) or None
             Derivatives that the prediction was fitted with [SI].
-        correlated : bool
-            Whether the correlations are stepped too.
 
         Returns
         -------

@@ -20,12 +20,8 @@ class Straight:
 
     Attributes
     ----------
-    comparison : Comparison
-        The recording.
     mode : Mode
         The point; no reading of it is bad where bad ones count.
-    white : Whitener
-        From differences of readings to standard normal numbers.
     good : ndarray, shape (m,)
         1, or 0 where a reading is bad [-].
     J : ndarray, shape (m, k)
@@ -70,14 +66,8 @@ def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = Fa
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
     u : ndarray, shape (5,)
         The noise [-].
-    every : bool
-        Whether readings that are probably bad count too.
     """
     if every:
         mode = replace(mode, bad=np.zeros(mode.bad.size))

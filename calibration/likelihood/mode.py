@@ -37,8 +37,6 @@ class Mode:
 
     Attributes
     ----------
-    names : tuple of str
-        Effect ids.
     z : ndarray, shape (m,)
         Nuisances, then the effects' unknowns [-].
     u : ndarray, shape (5,)
@@ -55,8 +53,6 @@ class Mode:
         Natural logarithm, up to a constant that all models of a recording share.
     bad : ndarray, shape (n,)
         Probability that each residual's reading is bad [-].
-    prediction : Prediction
-        At the point.
     """
 
     names: tuple[str, ...]
@@ -78,16 +74,8 @@ def close(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    names : sequence of str
-        Effect ids.
-    z, u : ndarray
-        The point [-].
     D : ndarray
         Derivatives there [SI].
-    predicted : Prediction
-        The prediction there.
     """
     white = comparison.whitener(predicted, u)
     r, J = white(comparison.read - comparison.raw(predicted)), white(D)
@@ -109,10 +97,6 @@ def suiting_noise(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    predicted : Prediction
-        The prediction.
     u : ndarray, shape (5,)
         Where to start from [-].
     D : ndarray, shape (n, m)
@@ -136,14 +120,6 @@ def minus_log_posterior(
     ----------
     r : ndarray, shape (n,)
         Whitened residuals [-].
-    log_scale : float
-        Of the whitener [-].
-    z, u : ndarray
-        The point [-].
-    comparison : Comparison
-        The recording.
-    found : bool
-        As in `robust_weights`.
     """
     good = -0.5 * r**2 + math.log(1.0 - BAD)
     _, bad = robust_weights(r, comparison, found)
@@ -152,25 +128,13 @@ def minus_log_posterior(
 
 
 def log_bad(r: np.ndarray) -> np.ndarray:
-    """Log of the share of bad readings times their density over the normal law's at 0 [-], same shape as ``r``.
-
-    Parameters
-    ----------
-    r : ndarray
-        Whitened residuals [-].
-    """
+    """Log of the share of bad readings times their density over the normal law's at 0 [-], same shape as ``r``."""
     price: np.ndarray = math.log(BAD / BAD_WIDTH) - np.log1p((r / CAUCHY) ** 2)
     return price
 
 
 def bad_weight(r: np.ndarray) -> np.ndarray:
-    """Weight in least squares of a reading that is bad [-], same shape as ``r``.
-
-    Parameters
-    ----------
-    r : ndarray
-        Whitened residuals [-].
-    """
+    """Weight in least squares of a reading that is bad [-], same shape as ``r``."""
     weight: np.ndarray = 2.0 / (CAUCHY**2 + r * r)
     return weight
 
@@ -179,13 +143,6 @@ def cost_of(comparison: Comparison, mode: Mode) -> float:
     """Minus the log posterior at a mode's point, up to a constant, with noise that is not correlated [-].
 
     That is how a search goes until its end: a correlation that passes a misfit for noise would make others hopeless.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The mode.
     """
     u = np.zeros_like(mode.u)
     u[SCALES] = mode.u[SCALES]
@@ -206,10 +163,6 @@ def robust_weights(r: np.ndarray, comparison: Comparison, found: bool = False) -
     ----------
     r : ndarray, shape (n,)
         Whitened residuals [-].
-    comparison : Comparison
-        The recording.
-    found : bool
-        Whether the search has ended there.
     """
     if comparison.size < 6 or comparison.trusting:
         return np.ones_like(r), np.zeros_like(r)
@@ -228,19 +181,7 @@ def robust_weights(r: np.ndarray, comparison: Comparison, found: bool = False) -
 
 
 def folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: np.ndarray) -> float:
-    """What bounds at 0 do to the evidence: the prior's half that is allowed counts twice, the posterior's cut is lost.
-
-    Parameters
-    ----------
-    problem : Problem
-        For the unknowns.
-    names : sequence of str
-        Effect ids.
-    z : ndarray
-        The point [-].
-    covariance : ndarray
-        There [-].
-    """
+    """What bounds at 0 do to the evidence: the allowed half of the prior counts twice, the posterior's cut is lost."""
     k = len(problem.nuisances)
     total = 0.0
     for i, (name, unknown) in enumerate(problem.effect_unknowns(names)):

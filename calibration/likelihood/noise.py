@@ -90,12 +90,8 @@ class Noise:
 
     Parameters
     ----------
-    problem : Problem
-        The recording.
     known : ndarray of bool, shape (m,)
         Readings that there are: plateaus' flows, their speeds, samples, readings beside them.
-    sizes : tuple of int
-        Samples of each run in time [-].
     step : ndarray, shape (k,)
         Time over which each sample is a mean [s].
     apart : ndarray of bool, shape (k,)
@@ -182,8 +178,6 @@ class Noise:
         columns : ndarray, shape (m, l) or None
             Derivatives with unknowns, standard normal a priori, to which the differences were fitted; what that fit
             took up of the plateaus' noise is allowed for [SI].
-        correlated : bool
-            Whether the correlations are stepped too.
 
         Returns
         -------
@@ -212,8 +206,6 @@ class Noise:
         ----------
         u : ndarray, shape (5,)
             The noise [-].
-        rng : numpy.random.Generator
-            Source of randomness.
         """
         factor = np.linalg.cholesky(self._alike(u)) if self.n else np.zeros((0, 0))
         sd = self.declared * np.exp(u[SCALES])
@@ -227,8 +219,6 @@ class Noise:
         ----------
         u : ndarray, shape (5,)
             The noise [-].
-        rng : numpy.random.Generator
-            Source of randomness.
         """
         rho, drawn = math.tanh(u[SAMPLES]), rng.standard_normal(self.step.size)
         new = math.sqrt(1.0 - rho * rho)

@@ -52,18 +52,8 @@ class Likelihood:
 
     Parameters
     ----------
-    motor : Motor
-        The motor at the recording's ambient.
-    recording : Recording
-        For the instruments' figures.
-    measured : Measurement
-        The rows.
-    found : list of Unknown
-        The coordinates of ``z``, those of the effects last.
     bad : float, optional
         Probability that a reading is bad [-]; `BAD`, or 0 with fewer than `FEW_ROWS` rows, when left out.
-    effects : Effects, optional
-        What the article leaves out and this model holds.
     """
 
     def __init__(
@@ -198,8 +188,6 @@ class Likelihood:
         parameters : ndarray, shape (n, n_parameters)
             Parameter sets [SI].
         errors : ndarray, shape (n, 3, 3)
-            As in `predict`.
-        chosen : sequence of mapping
             As in `predict`.
         pressure_bar : ndarray, shape (n_rows,)
             What the gauge reads [bar].

@@ -30,8 +30,6 @@ class Marginal:
 
     Attributes
     ----------
-    log_gain : float
-        What that prior makes of the log evidence [-].
     z, sd : float
         Mean and spread, in the scale of the size [-].
     """
@@ -42,38 +40,18 @@ class Marginal:
 
 
 def log_ratio(z: np.ndarray) -> np.ndarray:
-    """Logarithm of the density of a size over that of the normal law, [-], same shape as ``z``.
-
-    Parameters
-    ----------
-    z : ndarray
-        The size, in its scale [-].
-    """
+    """Logarithm of the density of a size over that of the normal law, [-], same shape as ``z``."""
     ratio: np.ndarray = 0.5 * (z * z - np.arcsinh(z) ** 2 - np.log1p(z * z))
     return ratio
 
 
 def share(low: float, high: float) -> float:
-    """Share of the prior between bounds [-].
-
-    Parameters
-    ----------
-    low, high : float
-        In the scale of the size [-].
-    """
+    """Share of the prior between bounds [-]."""
     return float(ndtr(math.asinh(high)) - ndtr(math.asinh(low)))
 
 
 def reweighed(z: float, sd: float, low: float, high: float) -> Marginal:
-    """A marginal that was found with the normal prior, with the longer tails.
-
-    Parameters
-    ----------
-    z, sd : float
-        Of the normal marginal [-].
-    low, high : float
-        Bounds of the size [-].
-    """
+    """A marginal that was found with the normal prior, with the longer tails."""
     told = 1.0 / (sd * sd) - 1.0  # precision of what the readings say without the prior
     there, width = (z / (sd * sd) / told, told**-0.5) if told > 1e-9 else (0.0, math.inf)
     near = min(max(there, low), high)
@@ -98,10 +76,6 @@ def marginals(
 
     Parameters
     ----------
-    problem : Problem
-        For the unknowns.
-    names : sequence of str
-        Effect ids.
     z : ndarray, shape (m,)
         The most probable point, with normal priors [-].
     covariance : ndarray, shape (m, m)

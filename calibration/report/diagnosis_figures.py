@@ -33,12 +33,8 @@ def residuals(found: Diagnosis, models: Sequence[Model], whitened: bool) -> byte
 
     Parameters
     ----------
-    found : Diagnosis
-        The diagnosis.
     models : sequence of Model
         The base model, and the one that the verdict rests on.
-    whitened : bool
-        In standard deviations of the noise instead of units.
     """
     along, channels = numbers.coordinates(found), numbers.channels(found)
     shape: dict[str, Any] = {"sharey": "row", "sharex": "col", "squeeze": False}
@@ -52,15 +48,7 @@ def residuals(found: Diagnosis, models: Sequence[Model], whitened: bool) -> byte
 
 
 def runs(found: Diagnosis, models: Sequence[Model]) -> bytes:
-    """Runs in time with the models, a column each, and the residuals beneath.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    models : sequence of Model
-        The models.
-    """
+    """Runs in time with the models, a column each, and the residuals beneath."""
     count = len(found.comparison.problem.blocks.runs)
     rows, columns = 2 * -(-count // 2), min(count, 2)
     ratios = [3, 2] * (rows // 2)
@@ -79,8 +67,6 @@ def held_rotor(found: Diagnosis, models: Sequence[Model]) -> bytes:
 
     Parameters
     ----------
-    found : Diagnosis
-        The diagnosis.
     models : sequence of Model
         The base model, and the one that the verdict rests on.
     """
@@ -104,13 +90,7 @@ def held_rotor(found: Diagnosis, models: Sequence[Model]) -> bytes:
 
 
 def forces(curves: Sequence[Curve]) -> bytes:
-    """Smooth torque and flow with bands, a panel each.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        Of `diagnosis_numbers.curves`.
-    """
+    """Smooth torque and flow with bands, a panel each."""
     rows = -(-len(curves) // 2)
     with style.drawing(rows, min(len(curves), 2), height_in=0.4 + 2.1 * rows, squeeze=False) as (figure, axes):
         for panel, curve in zip(axes.flat, curves, strict=False):
@@ -121,28 +101,14 @@ def forces(curves: Sequence[Curve]) -> bytes:
 
 
 def friction(found: Diagnosis, intervals: Sequence[Interval]) -> bytes:
-    """f_overall before and after, and in the sets that are not far behind.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    intervals : sequence of Interval
-        Of `diagnosis_sets.frictions`.
-    """
+    """f_overall before and after, and in the sets that are not far behind."""
     with style.drawing(height_in=0.9 + 0.4 * len(intervals)) as (figure, axes):
         _friction_panel(axes, intervals, _colours(found))
         return style.png(figure)
 
 
 def ranked(found: Diagnosis) -> bytes:
-    """The sets by their odds against the one that the verdict rests on.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    """
+    """The sets by their odds against the one that the verdict rests on."""
     with style.drawing(height_in=0.9 + 0.4 * len(sets.shortlist(found))) as (figure, axes):
         _odds_panel(axes, found)
         return style.png(figure)
@@ -155,16 +121,8 @@ def essentials(
 
     Parameters
     ----------
-    found : Diagnosis
-        The diagnosis.
-    models : sequence of Model
-        The models.
     curves : sequence of Curve
         Free-form forces; the first two are drawn.
-    intervals : sequence of Interval
-        f_overall.
-    sentence : str
-        The verdict, on top.
     """
     import textwrap
 
@@ -205,13 +163,7 @@ def essentials(
 
 
 def markers_in_words(found: Diagnosis) -> str:
-    """What the markers of the residuals mean, of those that are drawn.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    """
+    """What the markers of the residuals mean, of those that are drawn."""
     ways = set(found.comparison.problem.blocks.plateaus.up)
     return ", ".join(f"{shown} {name}" for way, _, shown, name in MARKERS if way in ways)
 

@@ -33,12 +33,8 @@ class Model:
 
     Attributes
     ----------
-    name : str
-        What it is.
     difference : ndarray
         Readings less what the model says [SI].
-    white : ndarray
-        The same in standard deviations of the noise [-].
     """
 
     name: str
@@ -52,8 +48,6 @@ class Coordinate:
 
     Attributes
     ----------
-    name, unit : str
-        For the axis.
     values : ndarray, shape (n,)
         Of each plateau [own unit].
     """
@@ -89,13 +83,7 @@ class Curve:
 
 
 def models(found: Diagnosis) -> list[Model]:
-    """The base model and, where there is one, the model that the verdict rests on; both in the same noise.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    """
+    """The base model and, where there is one, the model that the verdict rests on; both in the same noise."""
     shown = [of_mode(found, found.base, "base model")]
     if found.verdict.chosen is not None:
         chosen = found.verdict.chosen
@@ -108,13 +96,7 @@ def models(found: Diagnosis) -> list[Model]:
 
 
 def coordinates(found: Diagnosis) -> list[Coordinate]:
-    """Speed, pressure and time of the plateaus; those that do not change are left out.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    """
+    """Speed, pressure and time of the plateaus; those that do not change are left out."""
     plateaus = found.comparison.problem.blocks.plateaus
     if not plateaus.size:
         return []
@@ -127,27 +109,13 @@ def coordinates(found: Diagnosis) -> list[Coordinate]:
 
 
 def channels(found: Diagnosis) -> list[str]:
-    """The channels that plateaus were read of.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    """
+    """The channels that plateaus were read of."""
     comparison = found.comparison
     return [name for name, kind in KINDS.items() if comparison.known[comparison.kind == kind].any()]
 
 
 def noise(found: Diagnosis, channel: str) -> float:
-    """Middle standard deviation of a channel's residual by all instruments' noise and rounding [L/min or rpm].
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    channel : str
-        Of `channels`.
-    """
+    """Middle standard deviation of a channel's residual by all instruments' noise and rounding [L/min or rpm]."""
     white = found.comparison.whitener(found.base.prediction, found.detection.u)
     n = found.comparison.n
     sd = np.linalg.norm(white.plateaus, axis=1)[slice(0, n) if channel == "flow" else slice(n, 2 * n)]
@@ -159,11 +127,6 @@ def curves(found: Diagnosis) -> list[Curve]:
 
     Everything else is free with its prior. Along speed, time and pressure, an error along its instrument's own range;
     that which an unresolved verdict predicts with comes first.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
     """
     smooth = corrections(found.comparison, found.base, found.detection.u, meters=True)
     order = ["speed", "time", "pressure", "flow"]
@@ -208,17 +171,7 @@ def _curve(found: Diagnosis, one: Correction) -> Curve:
 
 
 def of_mode(found: Diagnosis, mode: Mode, name: str) -> Model:
-    """A model at its most probable point beside the readings.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    mode : Mode
-        The model.
-    name : str
-        What it is called.
-    """
+    """A model at its most probable point beside the readings."""
     comparison = found.comparison
     difference = comparison.read - comparison.raw(mode.prediction)
     return Model(name, difference, comparison.whitener(mode.prediction, found.detection.u)(difference))

@@ -31,15 +31,7 @@ CLEAR = 0.6  # share of what speaks against a rival, from which one file is said
 
 
 def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
-    """Files of the report by name: ``report.html``, ``report.png``.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    document : mapping
-        Its diagnosis/1.
-    """
+    """Files of the report by name: ``report.html``, ``report.png``."""
     models, curves, intervals = numbers.models(found), numbers.curves(found), sets.frictions(found, document)
     figures: dict[str, bytes] = {}
     if numbers.coordinates(found) and numbers.channels(found):
@@ -64,26 +56,12 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 def page(filled: Mapping[str, Any]) -> bytes:
-    """The page, every text in it escaped.
-
-    Parameters
-    ----------
-    filled : mapping
-        `context` with the figures.
-    """
+    """The page, every text in it escaped."""
     return render("diagnosis.html.j2", filled)
 
 
 def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
-    """The texts and tables of the page.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    document : mapping
-        Its diagnosis/1.
-    """
+    """The texts and tables of the page."""
     problem, held_out = found.comparison.problem, document["improvement"]["held_out"]
     return {
         "name": problem.recording.folder.resolve().name,

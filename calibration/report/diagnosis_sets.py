@@ -48,15 +48,7 @@ class Interval:
 
 
 def sizes(found: Diagnosis, one: Candidate) -> str:
-    """The parameters of a set's effects with their uncertainties, as text.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    one : Candidate
-        The set.
-    """
+    """The parameters of a set's effects with their uncertainties, as text."""
     parts = []
     for size in sizes_of(found.comparison.problem, one):
         unknown = size.unknown
@@ -72,8 +64,6 @@ def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
 
     Parameters
     ----------
-    found : Diagnosis
-        The diagnosis.
     one : Candidate or None
         The set; without one there is nothing to say.
     """
@@ -107,28 +97,13 @@ def odds(found: Diagnosis, one: Candidate) -> float:
     """How many times more probable than a set that is which the verdict rests on [-].
 
     Where it rests on none, the most probable set takes its place.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    one : Candidate
-        The set.
     """
     best = found.verdict.chosen or found.candidates[0]
     return math.inf if one.probability <= 0.0 else best.probability / one.probability
 
 
 def told_by(found: Diagnosis, rival: Candidate) -> tuple[str, float]:
-    """The file that speaks most against a rival of the chosen set, and its share of what all files say [-].
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    rival : Candidate
-        A set that fits worse.
-    """
+    """The file that speaks most against a rival of the chosen set, and its share of what all files say [-]."""
     if found.verdict.chosen is None:
         return "", 0.0
     comparison = found.comparison
@@ -149,15 +124,7 @@ def told_by(found: Diagnosis, rival: Candidate) -> tuple[str, float]:
 
 
 def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
-    """f_overall before and after, and in each set that is not far behind.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    document : mapping
-        Its diagnosis/1.
-    """
+    """f_overall before and after, and in each set that is not far behind."""
     before, after = document["f_overall_before"], document["f_overall_after"]
     if not before or not after:
         return []
@@ -172,25 +139,13 @@ def frictions(found: Diagnosis, document: Mapping[str, Any]) -> list[Interval]:
 
 
 def shortlist(found: Diagnosis) -> list[Candidate]:
-    """The most probable sets, the base model always among them.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    """
+    """The most probable sets, the base model always among them."""
     first = found.candidates[:MOST_SHOWN]
     return first if any(not c.names for c in first) else [*first, *(c for c in found.candidates if not c.names)]
 
 
 def gain_in_words(held_out: Mapping[str, Any]) -> str:
-    """What the held-out rows say, in a sentence or two.
-
-    Parameters
-    ----------
-    held_out : mapping
-        ``improvement.held_out`` of a diagnosis/1.
-    """
+    """What the held-out rows say, in a sentence or two."""
     falls = []
     for key, before in held_out["rmse_before"].items():
         channel, _, unit = key.partition("_")
@@ -214,13 +169,7 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
 
 
 def bias_in_words(found: Mapping[str, Any]) -> str:
-    """What f_overall was biased by, in a sentence; empty where the motor has none.
-
-    Parameters
-    ----------
-    found : mapping
-        A diagnosis/1.
-    """
+    """What f_overall was biased by, in a sentence; empty where the motor has none."""
     before, after = found["f_overall_before"], found["f_overall_after"]
     if not before or not after:
         return ""
@@ -247,13 +196,7 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
 
 
 def blind_in_words(found: Diagnosis) -> str:
-    """That nothing was to be seen, in a sentence; empty where an effect would have shown or something is said.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        The diagnosis.
-    """
+    """That nothing was to be seen, in a sentence; empty where an effect would have shown or something is said."""
     if found.verdict.kind != "consistent" or not found.resolved:
         return ""
     if any(one.seen_from is not None for one in found.resolved):

@@ -14,13 +14,7 @@ if TYPE_CHECKING:
 
 
 def table(found: Mapping[str, Any]) -> Table:
-    """Effects, alternatives, place, friction and next tests.
-
-    Parameters
-    ----------
-    found : mapping
-        A diagnosis/1.
-    """
+    """Effects, alternatives, place, friction and next tests."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -53,13 +47,7 @@ def table(found: Mapping[str, Any]) -> Table:
 
 
 def figures(effect: Mapping[str, Any]) -> str:
-    """An effect's parameters with their uncertainties.
-
-    Parameters
-    ----------
-    effect : mapping
-        An entry of ``effects``.
-    """
+    """An effect's parameters with their uncertainties."""
     known = effects().get(effect["id"])
     units = {parameter.name: parameter.unit for parameter in known.parameters} if known else {}
     parts = (

@@ -26,8 +26,6 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
 
     Parameters
     ----------
-    found : mapping
-        A diagnosis/1.
     at_top : mapping of str to str, optional
         What an effect amounts to at the highest level, by its id, for laws whose figure says nothing to a person.
     excluded : str
@@ -67,24 +65,12 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
 
 
 def reading_in_words(row: Mapping[str, Any]) -> str:
-    """A reading by its place.
-
-    Parameters
-    ----------
-    row : mapping
-        An entry of ``suspect_rows``.
-    """
+    """A reading by its place."""
     return f"{str(row['file'])[:40]}, row {row['row']}: {row['channel']}"
 
 
 def place_in_words(place: Mapping[str, Any]) -> str:
-    """Where the model does not close, in a sentence.
-
-    Parameters
-    ----------
-    place : mapping
-        An entry of ``located``.
-    """
+    """Where the model does not close, in a sentence."""
     sentence = str(place["sentence"])
     if place["coordinate"] in ("row", "phase", "angle") or " is off from " in sentence:
         return sentence
@@ -96,13 +82,7 @@ def place_in_words(place: Mapping[str, Any]) -> str:
 
 
 def span_in_words(place: Mapping[str, Any]) -> str:
-    """From where to where, in a person's unit.
-
-    Parameters
-    ----------
-    place : mapping
-        An entry of ``located``.
-    """
+    """From where to where, in a person's unit."""
     if place["coordinate"] == "row":
         return f"row {place['where'][0]:g}"
     unit, factor = FAMILIAR.get(place["unit"], (place["unit"], 1.0))
@@ -111,13 +91,7 @@ def span_in_words(place: Mapping[str, Any]) -> str:
 
 
 def law_in_words(term: Mapping[str, Any]) -> str:
-    """A law found from the data, with its unit.
-
-    Parameters
-    ----------
-    term : mapping
-        ``term`` of a diagnosis/1.
-    """
+    """A law found from the data, with its unit."""
     text = str(term["expression"])
     units = [f"{symbol} in {unit}" for name, symbol, unit in VARIABLES if re.search(rf"\b{name}\b", text)]
     for name, symbol, _ in VARIABLES:
@@ -155,15 +129,7 @@ def quantity(mean: float, sd: float, unit: str, name: str = "") -> str:
 
 
 def effect_in_words(effect: Mapping[str, Any], at_top: Mapping[str, str]) -> str:
-    """An effect's own sentence with its figures.
-
-    Parameters
-    ----------
-    effect : mapping
-        An entry of ``effects``.
-    at_top : mapping of str to str
-        As in `sentence`.
-    """
+    """An effect's own sentence with its figures."""
     known = effects().get(effect["id"])
     if known is None:
         return "An effect that is in no list."
@@ -182,13 +148,7 @@ def effect_in_words(effect: Mapping[str, Any], at_top: Mapping[str, str]) -> str
 
 
 def powers(text: str) -> str:
-    """Digits behind a letter raised, as in m3/s; names in braces are left alone.
-
-    Parameters
-    ----------
-    text : str
-        A unit, or an effect's sentence.
-    """
+    """Digits behind a letter raised, as in m3/s; names in braces are left alone."""
     return re.sub(r"\{[^}]*\}|(?<=[A-Za-z])\d\b", lambda m: m[0] if m[0][0] == "{" else m[0].translate(RAISED), text)
 
 
@@ -209,48 +169,24 @@ def steps_in_words(seconds: Mapping[str, float]) -> str:
 
 
 def is_unseen(held_out: Mapping[str, Any]) -> bool:
-    """Whether the held-out readings are a run of their own instead of folds of the recording.
-
-    Parameters
-    ----------
-    held_out : mapping
-        ``improvement.held_out`` of a diagnosis/1.
-    """
+    """Whether the held-out readings are a run of their own instead of folds of the recording."""
     return str(held_out["scheme"]).startswith("unseen run")
 
 
 def gain_in_figures(held_out: Mapping[str, Any]) -> str:
-    """By how much the log score changed, with its standard error where there is one; and what a fall of it means.
-
-    Parameters
-    ----------
-    held_out : mapping
-        ``improvement.held_out`` of a diagnosis/1.
-    """
+    """By how much the log score changed, with its standard error where there is one; and what a fall of it means."""
     gain, error = held_out["elpd_gain"], held_out["elpd_gain_se"]
     figures = f"{rounded(gain, error)} ± {uncertainty(error)}" if error > 0.0 else f"{gain:.1f}".replace("-", "−")
     return figures + (" (it predicts worse than the base model)" if gain < 0.0 else "")
 
 
 def is_corrected(held_out: Mapping[str, Any]) -> bool:
-    """Whether a smooth correction predicted the held-out readings instead of a set of effects.
-
-    Parameters
-    ----------
-    held_out : mapping
-        ``improvement.held_out`` of a diagnosis/1.
-    """
+    """Whether a smooth correction predicted the held-out readings instead of a set of effects."""
     return "correction" in str(held_out["scheme"])
 
 
 def stability_in_words(shares: Sequence[float]) -> str:
-    """How often the terms of a law were found again, in a sentence; empty where that is not known.
-
-    Parameters
-    ----------
-    shares : sequence of float
-        Of each term [-].
-    """
+    """How often the terms of a law were found again, in a sentence; empty where that is not known."""
     if not shares:
         return ""
     told = listed([f"{100.0 * share:.0f} %" for share in shares])

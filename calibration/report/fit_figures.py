@@ -25,17 +25,7 @@ Variants = Sequence[tuple[str, Posterior]]
 
 
 def measured_against_model(found: Fit, shown: list[Channel], suspects: list[Suspect]) -> bytes:
-    """Speed and flow against pressure, with bands, and the residuals beneath.
-
-    Parameters
-    ----------
-    found : Fit
-        The fit.
-    shown : list of Channel
-        What was measured and what is expected.
-    suspects : list of Suspect
-        Readings to ring and name.
-    """
+    """Speed and flow against pressure, with bands, and the residuals beneath."""
     with style.drawing(2, len(shown), height_in=4.7, sharex=True, squeeze=False, height_ratios=(3, 2)) as (
         figure,
         axes,
@@ -67,15 +57,7 @@ def ridge(posterior: Posterior) -> bytes:
 
 
 def forest(posterior: Posterior, variants: Variants) -> bytes:
-    """f_overall of the main fit and of each variant: mean, sd and 90 %.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the main fit.
-    variants : sequence of (str, Posterior)
-        Name and result of each other fit.
-    """
+    """f_overall of the main fit and of each variant: mean, sd and 90 %."""
     with style.drawing(height_in=0.9 + 0.38 * (1 + len(variants))) as (figure, axes):
         _forest_panel(axes, posterior, variants)
         return style.png(figure)
@@ -86,16 +68,8 @@ def essentials(found: Fit, shown: list[Channel], suspects: list[Suspect], varian
 
     Parameters
     ----------
-    found : Fit
-        The fit.
-    shown : list of Channel
-        What was measured and what is expected.
-    suspects : list of Suspect
-        Readings to ring and name.
     variants : sequence of (str, Posterior)
         Other fits; without any, the trade-off that is strongest is drawn instead.
-    sentence : str
-        The verdict, on top.
     """
     from matplotlib.gridspec import GridSpec
 

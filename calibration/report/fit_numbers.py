@@ -54,8 +54,6 @@ class Channel:
 
     Attributes
     ----------
-    name, unit : str
-        speed or flow, and its unit.
     reading, error : ndarray, shape (n_rows,)
         Readings, and one standard deviation of their declared noise and rounding, in the unit.
     state : ndarray of int, shape (n_rows,)
@@ -79,12 +77,6 @@ class Suspect:
 
     Attributes
     ----------
-    row : SuspectRow
-        File, row, column and probability.
-    index : int
-        Its place among the steady rows.
-    channel : str
-        pressure, flow or speed.
     reading, expected, sd : float
         As read, and the mean and sd of what the fit expects, in the channel's unit.
     """
@@ -98,13 +90,7 @@ class Suspect:
 
 
 def channels(found: Fit) -> list[Channel]:
-    """Speed and flow, as far as the fit used them, measured and expected.
-
-    Parameters
-    ----------
-    found : Fit
-        The fit.
-    """
+    """Speed and flow, as far as the fit used them, measured and expected."""
     rows = found.measured.steady
     at_rows = expected(found, rows.pressure, rows.is_gauge, rows.noise_scale, times(found))
     grid = _grid(rows.pressure)
@@ -138,8 +124,6 @@ def expected(
 
     Parameters
     ----------
-    found : Fit
-        The fit.
     pressure_bar : ndarray, shape (n,)
         What the gauge reads [bar].
     is_gauge : ndarray of bool, shape (n,)
@@ -184,13 +168,7 @@ def reading_sd(found: Fit, channel: str, rows: Rows) -> np.ndarray:
 
 
 def suspects(found: Fit) -> list[Suspect]:
-    """The readings that are probably bad, beside what the fit expects them to be.
-
-    Parameters
-    ----------
-    found : Fit
-        The fit.
-    """
+    """The readings that are probably bad, beside what the fit expects them to be."""
     if not found.posterior.suspect_rows:
         return []
     rows = found.measured.steady
@@ -209,15 +187,7 @@ def suspects(found: Fit) -> list[Suspect]:
 
 
 def trade_offs(posterior: Posterior, name: str = TARGET) -> list[tuple[Unknown, float]]:
-    """The other unknowns with their correlation with one, strongest first [-].
-
-    Parameters
-    ----------
-    posterior : Posterior
-        The result.
-    name : str
-        Which one.
-    """
+    """The other unknowns with their correlation with one, strongest first [-]."""
     names = [estimate.unknown.name for estimate in posterior.estimates]
     r = np.corrcoef(posterior.values, rowvar=False)[names.index(name)]
     others = [
@@ -257,8 +227,6 @@ def density_regions(
     ----------
     x, y : ndarray, shape (n,)
         Samples, each in its own unit.
-    shares : sequence of float
-        Falling [-].
 
     Returns
     -------

@@ -40,8 +40,6 @@ def report(found: Fit, variants: Variants) -> dict[str, bytes]:
 
     Parameters
     ----------
-    found : Fit
-        The fit.
     variants : list of (str, Posterior)
         Name and result of each fit that it is compared with.
     """
@@ -91,17 +89,7 @@ def page(filled: dict[str, Any]) -> bytes:
 
 
 def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> dict[str, Any]:
-    """The texts and tables of the page.
-
-    Parameters
-    ----------
-    found : Fit
-        The fit.
-    variants : list of (str, Posterior)
-        Fits that it is compared with.
-    suspects : list of Suspect
-        Suspect readings.
-    """
+    """The texts and tables of the page."""
     pairs = numbers.trade_offs(found.posterior)
     return {
         "name": found.recording.folder.resolve().name,

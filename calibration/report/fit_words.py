@@ -176,15 +176,7 @@ def suspect_in_words(one: Suspect) -> str:
 
 
 def remarks(found: Fit, suspects: Sequence[Suspect]) -> list[str]:
-    """What a person should know beside the table, in sentences.
-
-    Parameters
-    ----------
-    found : Fit
-        The fit.
-    suspects : sequence of Suspect
-        Its suspect readings.
-    """
+    """What a person should know beside the table, in sentences."""
     said = set(found.recording.warnings)
     sentences = [note for note in found.measured.notes if note not in said]
     if suspects and contradicted(found):

@@ -28,8 +28,6 @@ def draw_all(found: Reproduction, lap_deg: float) -> dict[str, bytes]:
 
     Parameters
     ----------
-    found : Reproduction
-        What was computed.
     lap_deg : float
         Port lap, for the shading [deg].
 
@@ -114,8 +112,6 @@ def cycle(found: Reproduction, lap_deg: float) -> bytes:
 
     Parameters
     ----------
-    found : Reproduction
-        What was computed.
     lap_deg : float
         Port lap [deg].
     """

@@ -7,15 +7,7 @@ from typing import Any
 
 
 def render(template: str, filled: Mapping[str, Any]) -> bytes:
-    """The page, UTF-8.
-
-    Parameters
-    ----------
-    template : str
-        File in calibration/report/templates.
-    filled : mapping
-        All that it names.
-    """
+    """The page, UTF-8."""
     import jinja2
 
     environment = jinja2.Environment(

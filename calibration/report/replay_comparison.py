@@ -38,8 +38,6 @@ class Residuals:
 
     Attributes
     ----------
-    name, unit : str
-        Of the channel.
     time_s, measured, simulated : ndarray, shape (n,)
         Time [s], and values in the unit.
     """
@@ -58,13 +56,6 @@ class Residuals:
 
 def compare(measured: Measured, simulated: Simulated) -> list[Residuals]:
     """Speed and flow at the times of their readings.
-
-    Parameters
-    ----------
-    measured : Measured
-        Of the run.
-    simulated : Simulated
-        Of `model.replayed.drive`.
 
     Returns
     -------
@@ -88,13 +79,7 @@ def compare(measured: Measured, simulated: Simulated) -> list[Residuals]:
 
 
 def table(compared: list[Residuals]) -> Table:
-    """Mean and scatter of what is left over.
-
-    Parameters
-    ----------
-    compared : list of Residuals
-        Of `compare`.
-    """
+    """Mean and scatter of what is left over."""
     from rich.table import Table
 
     made = Table("channel", "readings", "mean of measured less simulated", "root mean square", "largest")
@@ -106,32 +91,12 @@ def table(compared: list[Residuals]) -> Table:
 
 
 def report(name: str, measured: Measured, simulated: Simulated, compared: list[Residuals]) -> dict[str, bytes]:
-    """The picture and its figures, file name to content.
-
-    Parameters
-    ----------
-    name : str
-        The run's.
-    measured, simulated
-        What is compared.
-    compared : list of Residuals
-        Of `compare`.
-    """
+    """The picture and its figures, file name to content."""
     return {"replay.png": picture(name, simulated, compared), "replay.csv": figures(compared)}
 
 
 def picture(name: str, simulated: Simulated, compared: list[Residuals]) -> bytes:
-    """Measured and simulated speed and flow against time, and the residuals; a PNG file.
-
-    Parameters
-    ----------
-    name : str
-        The run's.
-    simulated : Simulated
-        Of the model.
-    compared : list of Residuals
-        Of `compare`.
-    """
+    """Measured and simulated speed and flow against time, and the residuals; a PNG file."""
     lines = {"speed": simulated.speed_rad_s * RPM, "flow": simulated.flow_m3_s * L_MIN}
     rows = 2 * len(compared)
     with style.drawing(rows, 1, height_in=2.1 * rows, sharex=True, squeeze=False) as (figure, axes):
@@ -151,13 +116,7 @@ def picture(name: str, simulated: Simulated, compared: list[Residuals]) -> bytes
 
 
 def figures(compared: list[Residuals]) -> bytes:
-    """Every reading with its simulated value as CSV.
-
-    Parameters
-    ----------
-    compared : list of Residuals
-        Of `compare`.
-    """
+    """Every reading with its simulated value as CSV."""
     text = io.StringIO()
     text.write("channel,unit,time_s,measured,simulated,residual\n")
     for one in compared:

@@ -21,8 +21,6 @@ def report(found: Reproduction, lap_deg: float) -> dict[str, bytes]:
 
     Parameters
     ----------
-    found : Reproduction
-        What was computed.
     lap_deg : float
         Port lap of the motor, for the shading of Fig. 13 [deg].
 
@@ -43,8 +41,6 @@ def page(found: Reproduction, figures: str) -> bytes:
 
     Parameters
     ----------
-    found : Reproduction
-        What was computed.
     figures : str
         Folder of the figures, relative to the page; empty when they are beside it.
     """
@@ -52,13 +48,7 @@ def page(found: Reproduction, figures: str) -> bytes:
 
 
 def tables(found: Reproduction) -> dict[str, Any]:
-    """The tables as reproduction/1, units in the keys.
-
-    Parameters
-    ----------
-    found : Reproduction
-        What was computed.
-    """
+    """The tables as reproduction/1, units in the keys."""
     return {
         "format": FORMAT,
         "comparisons": [_comparison(one) for one in compare(found)],
@@ -139,34 +129,16 @@ def _rendered(template: str, found: Reproduction, figures: str) -> bytes:
 
 
 def number(value: float) -> str:
-    """A figure to four significant digits, without an exponent; a zero is a plain 0.
-
-    Parameters
-    ----------
-    value : float
-        Any unit.
-    """
+    """A figure to four significant digits, without an exponent; a zero is a plain 0."""
     return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
 def difference(one: Comparison) -> str:
-    """Ours less the published figure, with its sign, to two significant digits; 0 inside a published range.
-
-    Parameters
-    ----------
-    one : Comparison
-        A row of the table.
-    """
+    """Ours less the published figure, with its sign, to two significant digits; 0 inside a published range."""
     return f"{one.difference:+.2g}" if one.difference else "0"
 
 
 def published(one: Comparison) -> str:
-    """The published figure or range in words.
-
-    Parameters
-    ----------
-    one : Comparison
-        A row of the table.
-    """
+    """The published figure or range in words."""
     low, high = number(one.published_low), number(one.published_high)
     return low if low == high else f"{low} to {high}"

@@ -22,15 +22,7 @@ MOST = 12  # rows of a table
 
 
 def report(found: RigDiagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
-    """Files of the report by name: ``report.html``, ``report.png``.
-
-    Parameters
-    ----------
-    found : RigDiagnosis
-        The diagnosis.
-    document : mapping
-        Its diagnosis/1.
-    """
+    """Files of the report by name: ``report.html``, ``report.png``."""
     drawn = picture(found)
     inline = f"data:image/png;base64,{base64.b64encode(drawn).decode()}"
     filled = context(found, document) | {"picture": inline}
@@ -38,15 +30,7 @@ def report(found: RigDiagnosis, document: Mapping[str, Any]) -> dict[str, bytes]
 
 
 def context(found: RigDiagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
-    """The texts and tables of the page.
-
-    Parameters
-    ----------
-    found : RigDiagnosis
-        The diagnosis.
-    document : mapping
-        Its diagnosis/1.
-    """
+    """The texts and tables of the page."""
     recording = found.problem.recording
     return {
         "name": recording.folder.resolve().name,

@@ -22,13 +22,7 @@ FEWEST = 60  # readings from which on means over pieces of the speed are drawn
 
 
 def picture(found: RigDiagnosis) -> bytes:
-    """PNG of it.
-
-    Parameters
-    ----------
-    found : RigDiagnosis
-        Of `look`.
-    """
+    """PNG of it."""
     chosen = found.chosen
     parts = [("without any effect", found.base)]
     if chosen is not None:

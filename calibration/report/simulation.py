@@ -55,15 +55,7 @@ SWEEP_COLUMNS = (
 
 
 def points_data(motor: Motor, points: Sequence[OperatingPoint]) -> dict[str, Any]:
-    """simulation/1 of one operating point, or of a sweep with its points in ``points``.
-
-    Parameters
-    ----------
-    motor : Motor
-        The motor.
-    points : sequence of OperatingPoint
-        At least one.
-    """
+    """simulation/1 of one operating point, or of a sweep with its points in ``points``."""
     head = _head(motor)
     return head | asdict(points[0]) if len(points) == 1 else head | {"points": [asdict(point) for point in points]}
 
@@ -73,14 +65,8 @@ def transient_data(motor: Motor, kind: str, pressure_bar: float, run: Transient)
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    kind : str
-        ``spin-up`` or ``coast-down``.
     pressure_bar : float
         Absolute inlet pressure while the supply is open [bar].
-    run : Transient
-        The run.
     """
     return _head(motor) | {
         "transient": kind,
@@ -99,12 +85,8 @@ def sensitivity_data(motor: Motor, pressures_bar: Sequence[float], ranking: Sequ
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     pressures_bar : sequence of float
         Absolute inlet pressures [bar].
-    ranking : sequence of Sensitivity
-        In its order.
     """
     rows = [
         {key: _plain(value) if isinstance(value, np.ndarray) else value for key, value in vars(one).items()}
@@ -160,10 +142,6 @@ def sensitivity_table(pressure_bar: float, ranking: Sequence[Sensitivity], index
     ----------
     pressure_bar : float
         For the title [bar].
-    ranking : sequence of Sensitivity
-        In its order.
-    index : int
-        Which of the pressures.
     """
     right = ("value", "rpm\n/ 1 %", "L/min\n/ 1 %", "prior\nsd", "rpm\n/ sd", "L/min\n/ sd")
     table = _table(f"{pressure_bar:g} bar abs", ("parameter", "left"), *((name, "right") for name in right))
@@ -185,8 +163,6 @@ def remarks(points: Sequence[OperatingPoint], limit_rpm: float) -> list[str]:
 
     Parameters
     ----------
-    points : sequence of OperatingPoint
-        Point or sweep.
     limit_rpm : float
         The manufacturer's limit [rpm].
     """
@@ -201,8 +177,6 @@ def transient_remarks(run: Transient, limit_rpm: float) -> list[str]:
 
     Parameters
     ----------
-    run : Transient
-        The run.
     limit_rpm : float
         The manufacturer's limit [rpm].
     """

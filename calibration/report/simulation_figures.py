@@ -15,8 +15,6 @@ def sweep_plot(points: Sequence[OperatingPoint], limit_rpm: float) -> bytes:
 
     Parameters
     ----------
-    points : sequence of OperatingPoint
-        The sweep.
     limit_rpm : float
         The manufacturer's limit, drawn where the speeds come near [rpm].
     """

@@ -62,12 +62,8 @@ def drawing(
 
     Parameters
     ----------
-    rows, columns : int
-        Panels.
     height_in : float
         Height [in]; the width is the same for all.
-    **layout
-        As ``Figure.subplots`` takes it: ``sharex``, ``height_ratios`` and so on.
 
     Yields
     ------
@@ -98,27 +94,13 @@ def label(quantity: str, unit: str) -> str:
 
 
 def name_axes(axes: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
-    """Label both axes.
-
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    x, y : tuple of str
-        Quantity and unit of each axis.
-    """
+    """Label both axes."""
     axes.set_xlabel(label(*x))
     axes.set_ylabel(label(*y))
 
 
 def series(index: int) -> dict[str, Any]:
-    """Colour and line style of the n-th series.
-
-    Parameters
-    ----------
-    index : int
-        From 0 on.
-    """
+    """Colour and line style of the n-th series."""
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": LINES[index % len(LINES)]}
 
 

@@ -30,11 +30,6 @@ def code_of_a_case() -> str:
 def same_code(code: str) -> None:
     """See that this process has the sources that a campaign began with.
 
-    Parameters
-    ----------
-    code : str
-        Their hash.
-
     Raises
     ------
     OtherCodeError
@@ -58,16 +53,8 @@ def results_of(
     ----------
     task : callable
         Of one item's argument; it calls `same_code`.
-    items : sequence of Item
-        All there is to do.
-    out : Path
-        The campaign's folder.
     workers : int
         Processes; 0 works in this one [-].
-    scheduler : str or None
-        A Dask scheduler instead.
-    tell : callable
-        Told of the progress.
 
     Raises
     ------
@@ -87,19 +74,7 @@ def results_of(
 
 
 def add_options(parser: argparse.ArgumentParser, first_seed: int, seeds_of: str, page: Iterable[str]) -> None:
-    """The options that each campaign has.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the campaign.
-    first_seed : int
-        When none is given [-].
-    seeds_of : str
-        What it is the first of.
-    page : iterable of str
-        Files that the docs get.
-    """
+    """The options that each campaign has."""
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--first-seed", type=whole_number, default=first_seed, help=f"{seeds_of} (%(default)s)")
     parser.add_argument(
@@ -112,19 +87,7 @@ def add_options(parser: argparse.ArgumentParser, first_seed: int, seeds_of: str,
 def go(
     name: str, given: argparse.Namespace, page: Iterable[str], run: Callable[[Tell], dict[str, Any]]
 ) -> dict[str, Any] | int:
-    """Run a campaign beneath its bar and copy its page; what it comes to, or the exit code where it comes to nothing.
-
-    Parameters
-    ----------
-    name : str
-        Of the campaign.
-    given : argparse.Namespace
-        With the options of `add_options`.
-    page : iterable of str
-        Files that the docs get.
-    run : callable
-        The campaign, told whom to tell of its progress.
-    """
+    """Run a campaign beneath its bar and copy its page; what it comes to, or the exit code where that is nothing."""
     try:
         with progress_bar(name) as tell:
             found = run(tell)
@@ -139,28 +102,14 @@ def go(
 
 
 def refuse(name: str, why: str) -> int:
-    """Say why a campaign cannot be; the exit code.
-
-    Parameters
-    ----------
-    name : str
-        Of the campaign.
-    why : str
-        What is wrong, and what to do.
-    """
+    """Say why a campaign cannot be; the exit code."""
     print(f"{name}: {why}", file=sys.stderr)
     return 2
 
 
 @contextlib.contextmanager
 def progress_bar(name: str) -> Iterator[Tell]:
-    """A bar on the error stream with the time gone and the time left; its value is what `run_many` tells.
-
-    Parameters
-    ----------
-    name : str
-        What is being made.
-    """
+    """A bar on the error stream with the time gone and the time left; its value is what `run_many` tells."""
     with bar_of(name, Bar, Count, Elapsed, Left, pace_s=3600.0) as bar:
         task = bar.add_task(name, total=None)
         yield lambda done, total, item: bar.update(task, completed=done, total=total)
@@ -168,11 +117,6 @@ def progress_bar(name: str) -> Iterator[Tell]:
 
 def whole_number(text: str) -> int:
     """A number of 0 or more of a command line [-].
-
-    Parameters
-    ----------
-    text : str
-        As given.
 
     Raises
     ------

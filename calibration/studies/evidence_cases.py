@@ -80,12 +80,6 @@ def evidences(comparison: Any, mode: Any, seed: int, repeats: int) -> dict[str, 
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The model.
-    seed : int
-        Of the draws [-].
     repeats : int
         Of nested sampling, each with draws of its own [-].
 
@@ -119,8 +113,6 @@ def items_of(cases: int, first_seed: int = FIRST_SEED, nested_every: int = 1) ->
 
     Parameters
     ----------
-    cases : int
-        How many [-].
     first_seed : int
         Of the first; the others follow it [-].
     nested_every : int

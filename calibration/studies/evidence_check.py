@@ -52,21 +52,11 @@ def run_campaign(
 
     Parameters
     ----------
-    cases : int
-        How many [-].
     out : Path
         Gets a result a case in ``results/``, ``evidence.parquet``, ``evidence.json``, ``evidence.md`` and
         ``evidence.png``.
     workers : int
         Processes; 0 works in this one [-].
-    scheduler : str or None
-        A Dask scheduler instead.
-    first_seed : int
-        Of the first case [-].
-    nested_every : int
-        As in `items_of` [-].
-    tell : callable
-        Told of the progress.
 
     Returns
     -------
@@ -95,15 +85,7 @@ def run_campaign(
 
 
 def row_of(item: Item, result: Result) -> dict[str, Any]:
-    """A case as a row of the table; a failed one has its error.
-
-    Parameters
-    ----------
-    item : Item
-        The case.
-    result : Result
-        What became of it.
-    """
+    """A case as a row of the table; a failed one has its error."""
     given = item.argument
     row = {
         "name": item.name,

@@ -39,11 +39,6 @@ Rows = Sequence[Row]
 def numbers(value: Mapping[str, Any]) -> dict[str, float | None]:
     """The figures of a case.
 
-    Parameters
-    ----------
-    value : mapping
-        Of `evidence_cases.check_case`.
-
     Returns
     -------
     dict
@@ -81,25 +76,13 @@ def numbers(value: Mapping[str, Any]) -> dict[str, float | None]:
 
 
 def reference(row: Row) -> tuple[float, float]:
-    """A case's ln Bayes factor by sampling, and its error: nested sampling's, or importance sampling's without it [-].
-
-    Parameters
-    ----------
-    row : mapping
-        A case.
-    """
+    """A case's ln Bayes factor by sampling, and its error: by nested sampling, or by importance sampling [-]."""
     name = "importance" if row["nested"] is None else "nested"
     return row[name], row[f"{name}_error"]
 
 
 def kind(row: Row) -> str:
-    """Which of the groups of KINDS a case belongs to.
-
-    Parameters
-    ----------
-    row : mapping
-        A case.
-    """
+    """Which of the groups of KINDS a case belongs to."""
     if row["not_read"] or row["slowest_rad_s"] < NEAR_STALL:
         return "stall"
     one_sided = effects()[row["effect"]].amplitude.low == 0.0
@@ -120,10 +103,6 @@ def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
     ----------
     rows : sequence of mapping
         A case each; the figures None where it failed.
-    first_seed : int
-        Of the first case [-].
-    code : str
-        Hash of the sources.
 
     Returns
     -------

@@ -14,13 +14,7 @@ OFF_TICKS, RATIO_TICKS = (-20, -5, -2, -1, -0.5, 0, 0.5, 1, 2, 5, 20), (-3, 0, 3
 
 
 def verdict(found: Mapping[str, Any]) -> str:
-    """In how many cases Laplace agrees, as a table in Markdown.
-
-    Parameters
-    ----------
-    found : mapping
-        Of `summary`.
-    """
+    """In how many cases Laplace agrees, as a table in Markdown."""
     lines = [
         _line(["cases", "number", f"within {AGREE:g}", "within it or 2 errors", "median", "rms", "largest"]),
         _line(["---"] * 7),
@@ -36,15 +30,7 @@ def verdict(found: Mapping[str, Any]) -> str:
 
 
 def page(found: Mapping[str, Any], rows: Rows) -> str:
-    """A page for the docs.
-
-    Parameters
-    ----------
-    found : mapping
-        Of `summary`.
-    rows : sequence of mapping
-        As for `summary`.
-    """
+    """A page for the docs."""
     failed = "".join(f"- {name}: {words}\n" for name, words in found["errors"].items())
     return (
         "# The evidence against nested sampling\n\n"
@@ -81,13 +67,7 @@ def page(found: Mapping[str, Any], rows: Rows) -> str:
 
 
 def table(rows: Rows) -> str:
-    """Every case in a line, as a table in Markdown.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        As for `summary`.
-    """
+    """Every case in a line, as a table in Markdown."""
     head = ["seed", "noise", "concealed", "size", "weighed", "Laplace", "with scales", "nested", "again", "importance"]
     head += ["off", "base", "effect", "amplitude", "slowest"]
     lines = [_line(head), _line(["---"] * len(head))]
@@ -114,13 +94,7 @@ def table(rows: Rows) -> str:
 
 
 def picture(rows: Rows) -> bytes:
-    """PNG of how far Laplace is off: in each model's ln Z by the slowest level, and in the ln Bayes factor.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        As for `summary`.
-    """
+    """PNG of how far Laplace is off: in each model's ln Z by the slowest level, and in the ln Bayes factor."""
     from calibration.report import style
 
     made = [row for row in rows if row["laplace"] is not None]

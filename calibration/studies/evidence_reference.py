@@ -33,14 +33,6 @@ class Found:
 
     Attributes
     ----------
-    log_evidence : float
-        Natural logarithm [-].
-    error : float
-        Its standard error as the sampler estimates it [-].
-    calls : int
-        Of the model [-].
-    effective : float
-        Effective sample size [-].
     mean, covariance : ndarray, shape (d,), (d, d)
         Of the posterior's coordinates v [-].
     """
@@ -61,12 +53,8 @@ def adapted(density: Density, width: np.ndarray, seed: Sequence[int]) -> Found:
 
     Parameters
     ----------
-    density : callable
-        Log density of a place, shape (d,) [-].
     width : ndarray, shape (d,)
         Scale of the first round in each coordinate [-].
-    seed : sequence of int
-        Of the draws [-].
     """
     rng = np.random.default_rng(seed)
     d = width.size
@@ -105,14 +93,8 @@ def nested(density: Density, mean: np.ndarray, covariance: np.ndarray, seed: Seq
 
     Parameters
     ----------
-    density : callable
-        Log density of a place, shape (d,) [-].
     mean, covariance : ndarray, shape (d,), (d, d)
         Of q [-].
-    seed : sequence of int
-        Of the draws [-].
-    live : int
-        Live points [-].
     """
     import dynesty
 
@@ -162,14 +144,8 @@ def importance(density: Density, mean: np.ndarray, covariance: np.ndarray, seed:
 
     Parameters
     ----------
-    density : callable
-        Log density of a place, shape (d,) [-].
     mean, covariance : ndarray, shape (d,), (d, d)
         About which and how widely to draw [-].
-    seed : sequence of int
-        Of the draws [-].
-    draws : int
-        Number of them [-].
     """
     shape = IMPORTANCE_WIDTH**2 * (covariance + 1e-9 * np.eye(mean.size))
     law = multivariate_t(mean, shape, DEGREES, seed=np.random.default_rng(seed))

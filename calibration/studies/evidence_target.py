@@ -31,13 +31,6 @@ WIDTH, VALLEY_WIDTH = 1.0, 3.0  # to begin with, in sds of the mode's covariance
 class Target:
     """The posterior of a model in coordinates about its mode.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording, with a sweep alone.
-    mode : Mode
-        The model's most probable point.
-
     Attributes
     ----------
     size : int
@@ -47,8 +40,6 @@ class Target:
     noise_log_volume : float or None
         What Laplace's approximation over the noise scales adds to a log evidence that holds them fixed [-]; None where
         the mode is no maximum in them.
-    calls : int
-        Of the model so far [-].
     """
 
     def __init__(self, comparison: Comparison, mode: Mode) -> None:
@@ -193,8 +184,6 @@ def part_of(recording: Recording, rows: np.ndarray) -> Recording:
 
     Parameters
     ----------
-    recording : Recording
-        With one file.
     rows : ndarray of int, shape (n,)
         Which [-].
     """

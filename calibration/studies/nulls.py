@@ -44,15 +44,7 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Kind:
-    """A class of nulls.
-
-    Attributes
-    ----------
-    noise : str
-        One of `nulls_draw.NOISES`.
-    with_runs : bool
-        Whether a spin-up and a coast-down follow the sweep.
-    """
+    """A class of nulls."""
 
     noise: str
     with_runs: bool = False
@@ -103,8 +95,6 @@ def items_of(kinds: Mapping[Kind, int], first_seed: int = FIRST_SEED) -> list[It
 
     Parameters
     ----------
-    kinds : mapping of Kind to int
-        How many of each [-].
     first_seed : int
         Of each class; the others follow it [-].
     """
@@ -132,18 +122,10 @@ def run_campaign(
 
     Parameters
     ----------
-    kinds : mapping of Kind to int
-        How many of each class [-].
     out : Path
         Gets a result a null in ``results/``, ``nulls.parquet``, ``nulls.json``, ``nulls.md`` and ``nulls.png``.
     workers : int
         Processes; 0 works in this one [-].
-    scheduler : str or None
-        A Dask scheduler instead.
-    first_seed : int
-        Of each class [-].
-    tell : callable
-        Told of the progress.
 
     Returns
     -------
@@ -167,15 +149,7 @@ def run_campaign(
 
 
 def row_of(item: Item, result: Result) -> dict[str, Any]:
-    """A null as a row of the table; a failed one has its error.
-
-    Parameters
-    ----------
-    item : Item
-        The null.
-    result : Result
-        What became of it.
-    """
+    """A null as a row of the table; a failed one has its error."""
     value = result.value or {}
     kind = Kind(item.argument["noise"], item.argument["with_runs"])
     return {
@@ -191,15 +165,7 @@ def row_of(item: Item, result: Result) -> dict[str, Any]:
 
 
 def documents(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> dict[str, bytes]:
-    """The result as a document, a page and a picture, by file name.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Of `row_of`.
-    found : mapping
-        Of `nulls_table.summary`.
-    """
+    """The result as a document, a page and a picture, by file name."""
     return {
         "nulls.json": (json.dumps(found, indent=1) + "\n").encode(),
         "nulls.md": nulls_table.page(found).encode(),

@@ -56,12 +56,6 @@ def null_recording(
 
     Parameters
     ----------
-    noise : str
-        One of NOISES.
-    with_runs : bool
-        Whether a spin-up and a coast-down follow the sweep.
-    rng : numpy.random.Generator
-        Source of randomness.
     concealed : mapping or None
         Effects and their parameters [SI], to see that the test notices; a null has none.
 
@@ -108,8 +102,6 @@ def template(noise: str, with_runs: bool) -> Recording:
     ----------
     noise : str
         One of NOISES; a coarse instrument shows steps as large as its noise, and declares them.
-    with_runs : bool
-        Whether a spin-up and a coast-down follow the sweep.
     """
     if noise not in NOISES:
         raise ValueError(f"'{noise}' is no class of noise; there are {', '.join(NOISES)}")
@@ -121,17 +113,7 @@ def template(noise: str, with_runs: bool) -> Recording:
 
 
 def unit_noise(noise: str, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise of unit standard deviation, one number a row, shape (n,).
-
-    Parameters
-    ----------
-    noise : str
-        One of NOISES.
-    n : int
-        Rows [-].
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """Noise of unit standard deviation, one number a row, shape (n,)."""
     if noise == "heavy":
         return rng.standard_t(DEGREES, n) * math.sqrt((DEGREES - 2.0) / DEGREES)
     found = rng.standard_normal(n)

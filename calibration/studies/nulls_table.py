@@ -34,10 +34,6 @@ def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
     ----------
     rows : sequence of mapping
         A null each: ``class``, ``p_value`` (None where it failed), ``seconds``, ``error``.
-    first_seed : int
-        Of each class [-].
-    code : str
-        Hash of the sources.
 
     Returns
     -------
@@ -52,15 +48,7 @@ def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
 
 
 def binomial_band(n: int, alpha: float) -> tuple[int, int]:
-    """Fewest and most of n p-values below alpha that a calibrated test gives in 99 % of campaigns [-].
-
-    Parameters
-    ----------
-    n : int
-        Nulls [-].
-    alpha : float
-        Level [-].
-    """
+    """Fewest and most of n p-values below alpha that a calibrated test gives in 99 % of campaigns [-]."""
     from scipy.stats import binom
 
     low, high = binom.ppf([0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND)], n, alpha)
@@ -68,13 +56,7 @@ def binomial_band(n: int, alpha: float) -> tuple[int, int]:
 
 
 def table(found: Mapping[str, Any]) -> str:
-    """The classes as a table in Markdown.
-
-    Parameters
-    ----------
-    found : mapping
-        Of `summary`.
-    """
+    """The classes as a table in Markdown."""
     head = ["class", "nulls", "failed"]
     for alpha in ALPHAS:
         head += [f"p < {alpha:g}", f"within {100 * BAND:g} %"]
@@ -90,13 +72,7 @@ def table(found: Mapping[str, Any]) -> str:
 
 
 def page(found: Mapping[str, Any]) -> str:
-    """A page for the docs.
-
-    Parameters
-    ----------
-    found : mapping
-        Of `summary`.
-    """
+    """A page for the docs."""
     noises = dict.fromkeys((n.removesuffix(RUNS), one["noise"]) for n, one in found["classes"].items())
     errors = {name: one["errors"] for name, one in found["classes"].items() if one["errors"]}
     failed = "".join(f"- {name}: {count} times {words}\n" for name, e in errors.items() for words, count in e.items())
@@ -122,13 +98,7 @@ def page(found: Mapping[str, Any]) -> str:
 
 
 def picture(rows: Rows) -> bytes:
-    """PNG of the distribution of p by class: whole, and its small values on logarithmic axes.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        As for `summary`.
-    """
+    """PNG of the distribution of p by class: whole, and its small values on logarithmic axes."""
     from calibration.report import style
 
     kinds = [kind for kind in (False, True) if any(row["class"].endswith(RUNS) == kind for row in rows)]

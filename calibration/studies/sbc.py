@@ -29,13 +29,6 @@ FIRST_SEED = 100_000
 def simulate_and_rank(seed: int, **changed: float) -> dict[str, Any]:
     """One recording from the prior, its fit, and the rank of each truth.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the truth, the noise and the sampler.
-    **changed : float
-        Of the sampler's settings, against those of the campaign.
-
     Returns
     -------
     dict
@@ -66,11 +59,6 @@ def simulate_and_rank(seed: int, **changed: float) -> dict[str, Any]:
 
 def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]]:
     """A recording drawn from the prior predictive distribution.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
 
     Returns
     -------
@@ -123,12 +111,8 @@ def run_campaign(fits: int, folder: Path, workers: int) -> list[dict[str, Any]]:
 
     Parameters
     ----------
-    fits : int
-        Number of fits [-].
     folder : Path
         One JSON file a fit, written whole or not at all.
-    workers : int
-        Processes [-].
 
     Returns
     -------
@@ -153,11 +137,6 @@ def run_campaign(fits: int, folder: Path, workers: int) -> list[dict[str, Any]]:
 
 def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
     """Uniformity of the ranks and coverage of f_overall's intervals.
-
-    Parameters
-    ----------
-    results : list of dict
-        Of `run_campaign`.
 
     Returns
     -------
@@ -194,13 +173,7 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def rank_plot(results: list[dict[str, Any]]) -> bytes:
-    """PNG of the rank histograms, one panel an unknown, with the band that holds 99 % of uniform histograms' bars.
-
-    Parameters
-    ----------
-    results : list of dict
-        Of `run_campaign`.
-    """
+    """PNG of the rank histograms, one panel an unknown, with the band that holds 99 % of uniform histograms' bars."""
     from scipy import stats
 
     from calibration.report import style

@@ -24,11 +24,6 @@ SERIES = 40  # plateaus from which on their order in time says something of the 
 def see(table: RigTable) -> Seen:
     """The plateaus of a recording, from its steady files.
 
-    Parameters
-    ----------
-    table : RigTable
-        The rig.
-
     Raises
     ------
     RecordingError
@@ -93,14 +88,8 @@ def predict(table: RigTable, seen: Seen, values: Mapping[str, float], chosen: Ch
 
     Parameters
     ----------
-    table : RigTable
-        The rig.
-    seen : Seen
-        Of `see`.
     values : mapping of str to float
         Of flats and unknowns by their names [SI].
-    chosen : mapping
-        Effect id to the values of its parameters.
     """
     speed, reading, T, time = seen.rows
     V = float(table.motor["displacement_m3_per_rev"]) * values["displacement"]

@@ -30,11 +30,6 @@ Files = list[tuple[RecordingFile, Blocks]]
 def see(table: RigTable) -> Seen:
     """The runs of a recording in blocks, without those in which the axis may have stood still.
 
-    Parameters
-    ----------
-    table : RigTable
-        The rig.
-
     Raises
     ------
     RecordingError
@@ -153,8 +148,6 @@ def loaded(values: Mapping[str, float], chosen: Chosen) -> Chosen:
     ----------
     values : mapping of str to float
         Of flats and unknowns by their names [SI].
-    chosen : mapping
-        Effect id to the values of its parameters.
     """
     if "load_friction" not in chosen:
         return chosen
@@ -167,14 +160,8 @@ def predict(table: RigTable, seen: Seen, values: Mapping[str, float], chosen: Ch
 
     Parameters
     ----------
-    table : RigTable
-        The rig.
-    seen : Seen
-        Of `see`.
     values : mapping of str to float
         Of flats and unknowns by their names [SI].
-    chosen : mapping
-        Effect id to the values of its parameters.
     """
     area, chosen = values.get("piston_area", 0.0), loaded(values, chosen)
     found = []

@@ -22,11 +22,6 @@ DOES_NOT_FALL = "the speed does not fall: there is no coast-down in it"
 def see(table: RigTable) -> Seen:
     """The coast-downs of a recording, each from its release until the rotor stands.
 
-    Parameters
-    ----------
-    table : RigTable
-        The rig.
-
     Raises
     ------
     RecordingError
@@ -78,13 +73,7 @@ def falls(speed: np.ndarray) -> bool:
 
 
 def sees_turns(seen: Seen) -> bool:
-    """Whether samples follow each other within half a turn, for nine in ten of them.
-
-    Parameters
-    ----------
-    seen : Seen
-        Of `see`.
-    """
+    """Whether samples follow each other within half a turn, for nine in ten of them."""
     turned = [
         one.value * np.diff(time)[compared[1:]]
         for one, (_, time, compared) in zip(seen.readings, seen.coasts, strict=True)
@@ -97,14 +86,8 @@ def predict(table: RigTable, seen: Seen, values: Mapping[str, float], chosen: Ch
 
     Parameters
     ----------
-    table : RigTable
-        The rig.
-    seen : Seen
-        Of `see`.
     values : mapping of str to float
         Of flats and unknowns by their names [SI].
-    chosen : mapping
-        Effect id to the values of its parameters.
     """
     f = values.get("viscous_friction", 0.0)
     scale, offset = 1.0 + values.get("speed_scale", 0.0), values.get("speed_offset", 0.0)

@@ -25,8 +25,6 @@ class Readings:
 
     Attributes
     ----------
-    channel : str
-        ``drive``, ``speed`` or ``flow``.
     value, sd : ndarray
         [SI].
     serial : bool
@@ -69,17 +67,7 @@ class Flat:
 
 
 def noise_sd(recording: Recording, column: str, file: RecordingFile) -> float:
-    """Declared noise of one row, its resolution included [SI].
-
-    Parameters
-    ----------
-    recording : Recording
-        For the instruments' figures.
-    column : str
-        The channel.
-    file : RecordingFile
-        For its noise scale.
-    """
+    """Declared noise of one row, its resolution included [SI]."""
     figures = recording.channels[column]
     return float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)) * TO_SI[column])
 

@@ -24,10 +24,6 @@ class RigTable:
 
     Attributes
     ----------
-    recording : Recording
-        The recording.
-    motor : mapping
-        Its motor table.
     ambient : float
         Pressure around it [Pa].
     room : float
@@ -52,18 +48,8 @@ class Seen:
 
     Attributes
     ----------
-    readings : list of Readings
-        What is compared.
-    flats : list of Flat
-        Unknowns of which nothing is known.
-    unknowns : list of Unknown
-        Those that have a prior.
-    sizes : Sizes
-        The rig's ordinary torque, speed, flow and pressure.
     coasts : list of (RecordingFile, ndarray, ndarray of bool)
         Coast-downs of a free rotor: file, times of its readings from where it starts [s], and which are compared.
-    blocks : list of (RecordingFile, Blocks)
-        Files of a driven axis.
     weight : float or None
         The drive of an axis where that is constant, a weight [N m, N].
     rows : tuple of ndarray, each of shape (n,)
@@ -72,8 +58,6 @@ class Seen:
         Which plateaus have a reading, for each of ``readings``.
     files : list of dict
         Rows used of each file that was looked at, of `rows_used`.
-    timed : bool
-        Whether it is known when each plateau was read.
     """
 
     readings: list[Readings]
@@ -90,15 +74,7 @@ class Seen:
 
 
 def table_of(recording: Recording, motor: Mapping[str, Any]) -> RigTable:
-    """The rig of a recording.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    motor : mapping
-        Its motor table.
-    """
+    """The rig of a recording."""
     ambient, slides = recording.ambient, "mass_kg" in motor
     return RigTable(
         recording,
@@ -112,15 +88,7 @@ def table_of(recording: Recording, motor: Mapping[str, Any]) -> RigTable:
 
 
 def transients(recording: Recording, *columns: str) -> list[RecordingFile]:
-    """Files of runs in time that have certain columns.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    *columns : str
-        Names of the columns.
-    """
+    """Files of runs in time that have certain columns."""
     return [f for f in recording.files if f.kind == "transient" and set(columns) <= set(f.columns)]
 
 
@@ -129,8 +97,6 @@ def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> dict[str, 
 
     Parameters
     ----------
-    file : RecordingFile
-        The file.
     left : mapping of str to ndarray of bool, shape (rows,)
         Rows that are not used, by the reason.
     """
@@ -139,17 +105,7 @@ def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> dict[str, 
 
 
 def instrument(recording: Recording, channel: str, column: str) -> list[Unknown]:
-    """Offset and scale of an instrument, where its recording declares that they may be off.
-
-    Parameters
-    ----------
-    recording : Recording
-        For the instruments' figures.
-    channel : str
-        What it reads: ``drive``, ``speed``, ``flow`` or ``pressure``.
-    column : str
-        Of the recording.
-    """
+    """Offset and scale of an instrument, where its recording declares that they may be off."""
     figures = recording.channels[column]
     why = f"recording, channels.{column}"
     both = (("offset", figures.bias_sd * TO_SI[column], SI_UNITS[column]), ("scale", figures.scale_sd, "1"))

@@ -20,15 +20,7 @@ OFF_ZERO_SDS = 5.0  # of an amplitude that cannot be 0, from one of its bounds t
 
 
 def sampled(effect: str, parameter: EffectParameter) -> Unknown:
-    """The unknown that a parameter is to a sampler, named ``effect.parameter``.
-
-    Parameters
-    ----------
-    effect : str
-        Its id.
-    parameter : EffectParameter
-        One of its parameters.
-    """
+    """The unknown that a parameter is to a sampler, named ``effect.parameter``."""
     name, why = f"{effect}.{parameter.name}", f"effect {effect}: {parameter.text}"
     unit = "1" if parameter.unit == "-" else parameter.unit
     if parameter.shape:
@@ -40,28 +32,14 @@ def sampled(effect: str, parameter: EffectParameter) -> Unknown:
 
 
 def searched(parameter: EffectParameter) -> Unknown:
-    """The unknown that a parameter is to a search, named like it.
-
-    Parameters
-    ----------
-    parameter : EffectParameter
-        Of an effect.
-    """
+    """The unknown that a parameter is to a search, named like it."""
     if parameter.shape:
         return Unknown(parameter.name, parameter.unit, "lognormal", parameter.scale, SHAPE_FACTOR, "effect")
     return Unknown(parameter.name, parameter.unit, "normal", parameter.expected, parameter.scale, "effect")
 
 
 def all_searched(names: Sequence[str], given: Container[tuple[str, str]] = ()) -> list[tuple[str, Unknown]]:
-    """Effect id and unknown of each parameter of a set, in its order.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Effect ids.
-    given : container of (str, str)
-        Effect and parameter of those that are no unknowns.
-    """
+    """Effect id and unknown of each parameter of a set, in its order."""
     return [
         (name, searched(parameter))
         for name in names

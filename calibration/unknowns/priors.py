@@ -31,15 +31,9 @@ class Unknown:
 
     Attributes
     ----------
-    name, unit : str
-        As they stand in posterior/1.
     kind : str
         normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z), loguniform (between ``a`` and ``b``) or halfnormal (above
         ``a``, of scale ``b``: a normal one folded there, but rising with z, so that it has one peak).
-    a, b : float
-        The prior's figures, in the unit.
-    why : str
-        Where the prior comes from, for the report.
     """
 
     name: str
@@ -87,8 +81,6 @@ def unknowns(motor: Motor, recording: Recording) -> list[Unknown]:
     ----------
     motor : Motor
         The motor, already moved to the recording's ambient by `at_ambient`.
-    recording : Recording
-        For the instruments' figures and the ambient's uncertainty.
 
     Returns
     -------
@@ -114,13 +106,6 @@ def unknowns(motor: Motor, recording: Recording) -> list[Unknown]:
 
 def at_ambient(motor: Motor, recording: Recording) -> Motor:
     """The motor in the recording's ambient, with its flywheel; what the recording leaves out keeps the motor's default.
-
-    Parameters
-    ----------
-    motor : Motor
-        The motor as configured.
-    recording : Recording
-        The recording.
 
     Returns
     -------
@@ -152,17 +137,7 @@ def column_of(recording: Recording, channel: str) -> str | None:
 
 
 def draw(found: Sequence[Unknown], rng: np.random.Generator, n: int) -> np.ndarray:
-    """Draws from the prior, shape (n, n_unknowns), as standard normal numbers [-].
-
-    Parameters
-    ----------
-    found : sequence of Unknown
-        The unknowns.
-    rng : numpy.random.Generator
-        Source of randomness.
-    n : int
-        Number of draws [-].
-    """
+    """Draws from the prior, shape (n, n_unknowns), as standard normal numbers [-]."""
     return rng.standard_normal((n, len(found)))
 
 

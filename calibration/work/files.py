@@ -13,13 +13,6 @@ from pathlib import Path
 def check_places(folder: Path | None, file: Path | None = None) -> None:
     """Whether results could be written, before the work that they come of.
 
-    Parameters
-    ----------
-    folder : Path or None
-        To be made, or to be written into.
-    file : Path or None
-        A further file.
-
     Raises
     ------
     OSError
@@ -43,13 +36,6 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
 
     All are written out in full before the first gets its name.
 
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    files : mapping of str to bytes
-        Contents by file name.
-
     Raises
     ------
     OSError
@@ -66,13 +52,6 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
 
 def write_file(path: Path, content: bytes) -> None:
     """Write one file, as `write_files` does.
-
-    Parameters
-    ----------
-    path : Path
-        Where to.
-    content : bytes
-        All of it.
 
     Raises
     ------

@@ -63,10 +63,6 @@ class Result:
 
     Attributes
     ----------
-    name : str
-        The item's.
-    value : dict or None
-        What the task returned.
     error : str
         Why there is no value, in words; empty when there is one.
     seconds : float
@@ -96,8 +92,6 @@ def run_many(
         error, and the item is tried again the next time.
     items : sequence of Item
         What to do; names differ.
-    out : Path
-        Folder of the results, a JSON file each.
     workers : int
         Processes; 0 works in this one [-].
     scheduler : str, optional
@@ -136,28 +130,12 @@ def run_many(
 
 
 def read_results(items: Sequence[Item], out: Path) -> list[Result | None]:
-    """What is on disk of each item; None where there is nothing, or of another mark.
-
-    Parameters
-    ----------
-    items : sequence of Item
-        As `run_many` had them.
-    out : Path
-        Its folder.
-    """
+    """What is on disk of each item; None where there is nothing, or of another mark."""
     return [_read(out, item) for item in items]
 
 
 def call(task: Task, argument: Any) -> dict[str, Any]:
-    """A task's value, or its error in words, with its time [s].
-
-    Parameters
-    ----------
-    task : callable
-        The task.
-    argument : object
-        Its argument.
-    """
+    """A task's value, or its error in words, with its time [s]."""
     began = time.monotonic()
     try:
         value, error = task(argument), ""

@@ -41,13 +41,7 @@ NOT_IN_CSV = "diagnosis"  # the whole document, for programs
 
 
 def diagnosis_row(result: Result) -> dict[str, Any]:
-    """A diagnosis as a row; a failed one has its error.
-
-    Parameters
-    ----------
-    result : Result
-        Its value holds ``diagnosis``, a diagnosis/1.
-    """
+    """A diagnosis as a row; a failed one has its error."""
     made = dict.fromkeys(DIAGNOSIS_COLUMNS) | {"name": result.name, "error": result.error, "seconds": result.seconds}
     found = (result.value or {}).get("diagnosis")
     if found is None:
@@ -71,13 +65,7 @@ def diagnosis_row(result: Result) -> dict[str, Any]:
 
 
 def fit_row(result: Result) -> dict[str, Any]:
-    """A fit as a row: whether the model fits, each unknown's mean, sd and 90 % interval.
-
-    Parameters
-    ----------
-    result : Result
-        Its value holds ``posterior``, a posterior/1.
-    """
+    """A fit as a row: whether the model fits, each unknown's mean, sd and 90 % interval."""
     made = dict.fromkeys(FIT_FIRST) | {"name": result.name, "error": result.error, "seconds": result.seconds}
     found = (result.value or {}).get("posterior")
     if found is None:
@@ -90,27 +78,13 @@ def fit_row(result: Result) -> dict[str, Any]:
 
 
 def fit_columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Columns of fits: what is always there, then every unknown that occurs.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Of `fit_row`.
-    """
+    """Columns of fits: what is always there, then every unknown that occurs."""
     unknowns = dict.fromkeys(key for row in rows for key in row if key not in FIT_FIRST)
     return FIT_FIRST | dict.fromkeys(unknowns, NUMBER)
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> bytes:
-    """The table as CSV; sets are joined by words.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        The rows.
-    columns : mapping of str to str
-        Names, and what they hold.
-    """
+    """The table as CSV; sets are joined by words."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     shown = [name for name in columns if name != NOT_IN_CSV]
@@ -120,15 +94,7 @@ def as_csv(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> byt
 
 
 def as_parquet(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> bytes:
-    """The table as Parquet.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        The rows.
-    columns : mapping of str to str
-        Names, and what they hold.
-    """
+    """The table as Parquet."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -141,13 +107,7 @@ def as_parquet(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) ->
 
 
 def cell(value: Any) -> str:
-    """A value as a cell of CSV: text from outside is bounded, on one line, and nothing a spreadsheet would run.
-
-    Parameters
-    ----------
-    value : object
-        Text, a number, a set, or sets.
-    """
+    """A value as a cell of CSV: text from outside is bounded, on one line, and nothing a spreadsheet would run."""
     if value is None:
         return ""
     if isinstance(value, list):

@@ -40,13 +40,7 @@ class SideBySide:
         return self
 
     def begin(self, modules: Sequence[str]) -> None:
-        """Start the processes.
-
-        Parameters
-        ----------
-        modules : sequence of str
-            What a process loads before there is work.
-        """
+        """Start the processes."""
         if self._workers > 1 and self._pool is None:
             with contextlib.suppress(OSError):  # no more processes: then all is done in this one
                 self._others = set(multiprocessing.active_children())
@@ -68,15 +62,7 @@ class SideBySide:
                     process.kill()
 
     def __call__(self, function: Callable[..., Answer], arguments: Sequence[tuple[Any, ...]]) -> list[Answer]:
-        """What a function of a module answers to each set of arguments, in their order.
-
-        Parameters
-        ----------
-        function : callable
-            Of a module: it is called in other processes.
-        arguments : sequence of tuple
-            Of each call.
-        """
+        """What a function of a module answers to each set of arguments, in their order."""
         if self._pool is not None and len(arguments) > 1:
             try:
                 asked = [self._pool.submit(function, *each) for each in arguments]
@@ -97,19 +83,6 @@ class SideBySide:
 
         An answer is taken when ``at_once`` turns have been asked and not taken: which answers a turn knows does not
         hang on the number of processes, nor on their speed.
-
-        Parameters
-        ----------
-        function : callable
-            Of a module: it is called in other processes.
-        turns : int
-            Number of calls [-].
-        ask : callable
-            Gives the arguments of a turn.
-        take : callable
-            Told the turn and its answer, in order.
-        at_once : int
-            Turns asked beyond the last one taken [-].
         """
         asked: deque[Callable[[], Answer]] = deque()
         for turn in range(turns):

@@ -11,11 +11,6 @@ Tell = Callable[[str], None]
 class StepClock:
     """Called with the name of a step when it begins, and with an empty one after the last.
 
-    Parameters
-    ----------
-    tell : callable
-        Told the name of each step.
-
     Attributes
     ----------
     tell : callable

@@ -35,14 +35,6 @@ def threads(count: int) -> Iterator[None]:
 
 
 def each(function: Callable[[Argument], Answer], arguments: Iterable[Argument]) -> list[Answer]:
-    """What a function that changes nothing answers to each argument, in their order; the same to the bit in threads.
-
-    Parameters
-    ----------
-    function : callable
-        Of one argument.
-    arguments : iterable
-        One for each call.
-    """
+    """What a function that changes nothing answers to each argument, in their order; the same to the bit in threads."""
     pool = _pool.get()
     return [function(one) for one in arguments] if pool is None else list(pool.map(function, arguments))

@@ -25,16 +25,10 @@ class Acquisition:
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
-    clock : Clock
-        Its clock.
     sink : Sink or None
         The run log; may come later, with `begin`.
     ports : callable
         From a line's name, its table and the clock to its port; the ports that the bench file names when left out.
-    simulated : bool
-        Whether the bench is a virtual one.
     ambient_bar, ambient_c : float or None
         The room's pressure [bar] and temperature [degree Celsius] in this run; the bench file's when left out.
     """
@@ -128,10 +122,6 @@ class Acquisition:
 
         Parameters
         ----------
-        device : str
-            In the bench file.
-        action : str
-            ``write``, ``failsafe``, ``identify``, ``poll`` or ``capture``.
         argument : float or None
             Set-point of a write, in the actuator's unit [own unit].
         wait_s : float
@@ -160,23 +150,11 @@ class Acquisition:
             raise NoReplyError(f"{device}: '{action}' was not done within {wait_s:g} s; its line is busy") from None
 
     def hurry(self, device: str) -> None:
-        """Poll a device as fast as its line bears, until `relax`; commands and other devices go first.
-
-        Parameters
-        ----------
-        device : str
-            In the bench file.
-        """
+        """Poll a device as fast as its line bears, until `relax`; commands and other devices go first."""
         self.workers[self._line_of[device]].hurry(device, self.bench.instruments[device].update_s)
 
     def relax(self, device: str) -> None:
-        """Poll a device at its own period again.
-
-        Parameters
-        ----------
-        device : str
-            In the bench file.
-        """
+        """Poll a device at its own period again."""
         self.workers[self._line_of[device]].relax(device)
 
     def event(self, kind: str, time_ns: int | None = None, **details: Any) -> None:
@@ -184,12 +162,8 @@ class Acquisition:
 
         Parameters
         ----------
-        kind : str
-            What happened.
         time_ns : int or None
             When, on the bench's clock [ns]; now when left out.
-        **details
-            What else is to be said.
         """
         self.recorder.note(kind, self.clock.now_ns() if time_ns is None else time_ns, **details)
 
@@ -198,8 +172,6 @@ class Acquisition:
 
         Parameters
         ----------
-        channel : str
-            ``device.channel``, or a role.
         span_s : float
             Length of the span, up to now [s].
         """
@@ -211,32 +183,18 @@ class Acquisition:
 
         Parameters
         ----------
-        channel : str
-            ``device.channel``, or a role.
         start_ns, end_ns : int
             Bench times [ns].
         """
         return self.channels.window(self._name(channel), start_ns, end_ns)
 
     def last(self, channel: str) -> Reading | None:
-        """The newest reading of a channel, failed or not; None before the first.
-
-        Parameters
-        ----------
-        channel : str
-            ``device.channel``, or a role.
-        """
+        """The newest reading of a channel, failed or not; None before the first."""
         self.check()
         return self.channels.last(self._name(channel))
 
     def subscribe(self, listener: Callable[[Exchange], None]) -> None:
-        """Show every exchange to a listener once it is written.
-
-        Parameters
-        ----------
-        listener : callable
-            Takes an `Exchange`, in the recorder's thread.
-        """
+        """Show every exchange to a listener once it is written."""
         self.recorder.subscribe(listener)
 
     def statistics(self) -> dict[str, Any]:

@@ -15,11 +15,6 @@ FAULTS = (LineError, IdentityError, InstrumentError)
 def open_line(line: Line) -> tuple[Exchange, LostError | None]:
     """Open a line.
 
-    Parameters
-    ----------
-    line : Line
-        The line.
-
     Returns
     -------
     exchange : Exchange
@@ -41,14 +36,6 @@ def perform(
 
     Parameters
     ----------
-    line : Line
-        Where the device is.
-    device : str
-        Its name.
-    driver : Instrument
-        Its driver.
-    action : str
-        `OPEN`, `IDENTIFY`, `POLL`, `WRITE`, `FAILSAFE` or `CAPTURE`.
     argument : float or None
         The set-point of a write, in the actuator's unit [own unit].
 

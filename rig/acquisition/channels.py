@@ -21,8 +21,6 @@ class Window:
     ----------
     time_s, value : ndarray, shape (n,)
         Bench time [s], and the values in the channel's unit.
-    quality : list of Quality
-        Of each.
     censored : ndarray of int, shape (n,)
         -1 and 1 for readings beyond the scale [-].
     """
@@ -46,25 +44,13 @@ class Channels:
         self._lock = threading.Lock()
 
     def add(self, readings: tuple[Reading, ...]) -> None:
-        """Keep readings, failed ones included.
-
-        Parameters
-        ----------
-        readings : tuple of Reading
-            In the order of the log.
-        """
+        """Keep readings, failed ones included."""
         with self._lock:
             for reading in readings:
                 self._readings.setdefault(reading.name, collections.deque(maxlen=KEPT)).append(reading)
 
     def last(self, name: str) -> Reading | None:
-        """The newest reading of a channel, failed or not; None before the first.
-
-        Parameters
-        ----------
-        name : str
-            ``device.channel``.
-        """
+        """The newest reading of a channel, failed or not; None before the first."""
         with self._lock:
             kept = self._readings.get(name)
             return kept[-1] if kept else None
@@ -74,8 +60,6 @@ class Channels:
 
         Parameters
         ----------
-        name : str
-            ``device.channel``.
         start_ns, end_ns : int
             Bench times [ns]; to the newest when the end is left out.
         """

@@ -37,10 +37,6 @@ def inlet_flow(flow: float, flow_sd: float, reference: Reference, inlet: State) 
     ----------
     flow, flow_sd : float
         The meter's reading and its uncertainty [L/min].
-    reference : Reference
-        The state that its scale refers to.
-    inlet : State
-        The gas at the inlet.
 
     Returns
     -------
@@ -63,8 +59,6 @@ class InletFlow:
 
     Parameters
     ----------
-    bench : Bench
-        For the roles and the instruments' figures.
     ambient_bar : float or None
         Ambient pressure, for a gauge that reads above it [bar]; the bench file's, or 1.01325, when left out.
     ambient_c : float or None
@@ -85,13 +79,7 @@ class InletFlow:
         self._temperature: Reading | None = None
 
     def __call__(self, reading: Reading) -> Reading | None:
-        """The derived reading of a flow reading; None for any other, and where the meter reads the inlet's state.
-
-        Parameters
-        ----------
-        reading : Reading
-            The next reading of the log.
-        """
+        """The derived reading of a flow reading; None for any other, and where the meter reads the inlet's state."""
         if reading.name == self.pressure_name:
             self._pressure = reading
         elif reading.name == self.temperature_name:

@@ -17,15 +17,6 @@ if TYPE_CHECKING:
 def port_of(name: str, table: LineTable, clock: Clock) -> Port:
     """The port that a line's table describes.
 
-    Parameters
-    ----------
-    name : str
-        The line's, for a keyboard's prompts.
-    table : LineTable
-        Of the bench file.
-    clock : Clock
-        The bench's.
-
     Returns
     -------
     Port
@@ -41,30 +32,12 @@ def port_of(name: str, table: LineTable, clock: Clock) -> Port:
 
 
 def line_of(name: str, table: LineTable, port: Port, clock: Clock) -> Line:
-    """A line with the times that its table says.
-
-    Parameters
-    ----------
-    name : str
-        In the bench file.
-    table : LineTable
-        Of the bench file.
-    port : Port
-        What carries the bytes.
-    clock : Clock
-        The bench's.
-    """
+    """A line with the times that its table says."""
     return Line(name, port, clock, timing_of(table))
 
 
 def timing_of(table: LineTable) -> Timing:
-    """The times of a line.
-
-    Parameters
-    ----------
-    table : LineTable
-        Of the bench file.
-    """
+    """The times of a line."""
     bits = 1 + table.data_bits + (table.parity != "N") + table.stop_bits
     byte_s = bits / table.baud if table.kind == "serial" and table.paced else 0.0
     # Modbus RTU separates frames by 3.5 characters of silence; no line is drained for less than 5 ms

@@ -26,25 +26,15 @@ class Sink(Protocol):
     """Where a run is written: `rig.runlog.RunWriter`, or a list in a test."""
 
     def exchange(self, exchange: Exchange) -> None:
-        """Write an exchange and its readings.
-
-        Parameters
-        ----------
-        exchange : Exchange
-            The next one, in the order of the log.
-        """
+        """Write an exchange and its readings."""
 
     def event(self, kind: str, time_ns: int, **details: Any) -> None:
         """Write an event.
 
         Parameters
         ----------
-        kind : str
-            What happened.
         time_ns : int
             When, on the bench's clock [ns].
-        **details
-            What else is to be said.
         """
 
 
@@ -55,10 +45,6 @@ class Recorder(threading.Thread):
     ----------
     sink : Sink or None
         The run log; set before the thread starts.
-    stage : Stage
-        What is added on the way.
-    channels : Channels
-        Gets the readings once they are written.
     """
 
     def __init__(self, sink: Sink | None, stage: Stage, channels: Channels) -> None:
@@ -86,11 +72,6 @@ class Recorder(threading.Thread):
 
         Once the log cannot be written the exchange is dropped: the run is over, `check` says so to whoever runs it,
         and the lines go on, so that the regulator can still be sent to zero.
-
-        Parameters
-        ----------
-        exchange : Exchange
-            As it came from the line.
         """
         self._put(exchange)
 
@@ -99,12 +80,8 @@ class Recorder(threading.Thread):
 
         Parameters
         ----------
-        kind : str
-            What happened.
         time_ns : int
             When, on the bench's clock [ns].
-        **details
-            What else is to be said.
         """
         self._put((kind, time_ns, details))
 

@@ -14,10 +14,6 @@ class Stage:
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
-    simulated : bool
-        Whether the bench is a virtual one.
     ambient_bar, ambient_c : float or None
         Ambient pressure [bar] and temperature [degree Celsius] of the run; the bench file's when left out.
     """
@@ -29,13 +25,7 @@ class Stage:
         self.inlet_flow = InletFlow(bench, ambient_bar, ambient_c)
 
     def __call__(self, exchange: Exchange) -> Exchange:
-        """The exchange as it is logged.
-
-        Parameters
-        ----------
-        exchange : Exchange
-            As it came from the line.
-        """
+        """The exchange as it is logged."""
         if not exchange.readings:
             return exchange
         logged: list[Reading] = []

@@ -37,8 +37,6 @@ class Device:
 
     Attributes
     ----------
-    driver : Instrument
-        Its driver.
     period_ns : int or None
         Between polls [ns]; None for a device that is only asked on command.
     due_ns, last_cost_ns, polls, failures, skipped : int
@@ -46,8 +44,6 @@ class Device:
         slots of the schedule that passed without a poll [-].
     identified : bool
         Whether it answered as itself since the line was last opened.
-    identity : str
-        What it answered.
     hurried_ns : int or None
         While it is polled as fast as its line bears: the least between two polls [ns].
     hurry_since_ns, hurry_total_ns : int
@@ -90,12 +86,8 @@ class Worker(threading.Thread):
         The line; nobody else uses it.
     drivers : dict of str to (Instrument, float or None)
         Device to its driver and its period [s].
-    put : callable
-        Takes each `Exchange`.
     note : callable
         Takes events: kind, time [ns] and details.
-    clock : Clock
-        The bench's.
     """
 
     def __init__(
@@ -155,10 +147,6 @@ class Worker(threading.Thread):
 
         Parameters
         ----------
-        device : str
-            On this line.
-        action : str
-            Of `rig.acquisition.actions`.
         argument : float or None
             Set-point of a write [own unit].
 
@@ -196,13 +184,7 @@ class Worker(threading.Thread):
         self._wake.set()
 
     def relax(self, device: str) -> None:
-        """Poll a device at its own period again.
-
-        Parameters
-        ----------
-        device : str
-            On this line.
-        """
+        """Poll a device at its own period again."""
         chosen = self.devices[device]
         if chosen.hurried_ns is None:
             return

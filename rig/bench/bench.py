@@ -155,12 +155,6 @@ class Bench:
 
     Attributes
     ----------
-    name : str
-        The file's name without its ending.
-    file : BenchFile
-        What it says.
-    instruments : dict of str to InstrumentFile
-        Device to the file of its instrument.
     sources : dict of str to bytes
         The text of each file, for the run's record: a run is replayed with what it was made with.
     """
@@ -171,13 +165,7 @@ class Bench:
     sources: dict[str, bytes]
 
     def build(self, device: str) -> Instrument:
-        """The driver of a device.
-
-        Parameters
-        ----------
-        device : str
-            Its name in the bench file.
-        """
+        """The driver of a device."""
         settings = self.instruments[device]
         table = self.file.devices[device]
         module = importlib.import_module(f"rig.instruments.{settings.family}")
@@ -185,13 +173,7 @@ class Bench:
         return built
 
     def channel(self, role: str) -> tuple[str, ChannelFile]:
-        """The full name and the figures of the channel that plays a role.
-
-        Parameters
-        ----------
-        role : str
-            ``pressure``, ``flow``, ``speed`` or ``temperature``.
-        """
+        """The full name and the figures of the channel that plays a role."""
         name: str = getattr(self.file.roles, role)
         device, _, channel = name.partition(".")
         return name, self.build(device).channels[channel]
@@ -230,39 +212,18 @@ def read_bench(path: Path) -> Bench:
 
 
 def bench_path(path: Path) -> Path:
-    """The bench file that a person means: a path, or the name of one in configs/benches.
-
-    Parameters
-    ----------
-    path : Path
-        What was typed.
-    """
+    """The bench file that a person means: a path, or the name of one in configs/benches."""
     path = Path(path)
     return FOLDER / f"{path.name}.toml" if not path.suffix and not path.is_file() else path
 
 
 def instrument_source(instrument: str) -> str:
-    """The key of an instrument's file among the sources of a bench.
-
-    Parameters
-    ----------
-    instrument : str
-        Its name in configs/instruments.
-    """
+    """The key of an instrument's file among the sources of a bench."""
     return f"instruments/{instrument}.toml"
 
 
 def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
     """A bench from the texts of its files: those on disk, or those that a run has kept.
-
-    Parameters
-    ----------
-    name : str
-        The bench's.
-    sources : mapping of str to bytes
-        `BENCH_SOURCE` and, by `instrument_source`, each instrument's file.
-    place : str
-        The bench file, for the error text.
 
     Returns
     -------

@@ -112,21 +112,10 @@ class Instrument(Protocol):
     channels: dict[str, ChannelFile]
 
     def open(self, line: Line) -> None:
-        """Forget what was known, and prepare the device; called after each opening of the line.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Forget what was known, and prepare the device; called after each opening of the line."""
 
     def identify(self, line: Line) -> str:
         """Who answers, with the firmware where the device tells it.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
 
         Raises
         ------
@@ -138,11 +127,6 @@ class Instrument(Protocol):
 
     def poll(self, line: Line) -> list[Reading]:
         """Read every channel once; a failure of the device is a reading without a value.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
 
         Raises
         ------
@@ -163,8 +147,6 @@ class Actuator(Instrument, Protocol):
 
         Parameters
         ----------
-        line : Line
-            Where the device is.
         value : float
             The set-point, in the actuator's unit [own unit].
 
@@ -178,11 +160,6 @@ class Actuator(Instrument, Protocol):
 
     def set_failsafe(self, line: Line) -> str:
         """Make the device go to zero by itself when it hears nothing, read that back, and say what was set.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
 
         Raises
         ------
@@ -204,11 +181,6 @@ def families() -> list[str]:
 def read_instrument(name: str) -> InstrumentFile:
     """Read an instrument's file.
 
-    Parameters
-    ----------
-    name : str
-        Its name in configs/instruments, without the ending.
-
     Returns
     -------
     InstrumentFile
@@ -225,13 +197,6 @@ def read_instrument(name: str) -> InstrumentFile:
 
 def instrument_of(source: bytes, place: str) -> InstrumentFile:
     """An instrument's settings from the text of its file.
-
-    Parameters
-    ----------
-    source : bytes
-        TOML text.
-    place : str
-        The file, for the error text.
 
     Raises
     ------

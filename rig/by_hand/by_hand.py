@@ -9,11 +9,6 @@ from rig.sweep.plan import SweepError
 def manual_device(bench: Bench) -> str:
     """The device that a person reads.
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-
     Raises
     ------
     SweepError
@@ -29,11 +24,5 @@ def manual_device(bench: Bench) -> str:
 
 
 def is_manual(bench: Bench) -> bool:
-    """Whether a person reads any of the bench's instruments.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    """
+    """Whether a person reads any of the bench's instruments."""
     return any(bench.file.lines[table.line].kind == "keyboard" for table in bench.file.devices.values())

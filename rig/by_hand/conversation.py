@@ -34,8 +34,6 @@ class Typed:
 
     Attributes
     ----------
-    text : str
-        Without its end, printable, at most 200 characters.
     asked_ns, typed_ns : int
         When the prompt was shown and when the line was there [ns].
     """
@@ -50,10 +48,6 @@ class Conversation:
 
     Parameters
     ----------
-    port : KeyboardPort
-        The terminal, or a pipe.
-    clock : Clock
-        The bench's.
     stops : callable
         How often the operator has asked to stop by other means than typing, such as Ctrl-C.
 
@@ -73,17 +67,7 @@ class Conversation:
         port.open()
 
     def ports(self, name: str, table: LineTable, clock: Clock) -> Port:
-        """The ports of a bench, with this one for its keyboard: what `Acquisition` is given.
-
-        Parameters
-        ----------
-        name : str
-            The line's.
-        table : LineTable
-            Of the bench file.
-        clock : Clock
-            The bench's.
-        """
+        """The ports of a bench, with this one for its keyboard: what `Acquisition` is given."""
         return self.port if table.kind == "keyboard" else port_of(name, table, clock)
 
     def resume(self) -> None:
@@ -108,11 +92,6 @@ class Conversation:
     def ask(self, prompt: str) -> Typed:
         """Show a prompt and wait for a line.
 
-        Parameters
-        ----------
-        prompt : str
-            What to show.
-
         Raises
         ------
         StoppedError
@@ -134,13 +113,7 @@ class Conversation:
         return typed
 
     def ask_text(self, prompt: str) -> str:
-        """The same for `rig.sweep.ambient`: only the text, and EOFError when nobody can type.
-
-        Parameters
-        ----------
-        prompt : str
-            What to show.
-        """
+        """The same for `rig.sweep.ambient`: only the text, and EOFError when nobody can type."""
         try:
             return self.ask(prompt).text
         except EndedError as error:
@@ -199,26 +172,14 @@ def _unlogged(kind: str, **details: object) -> None:
 
 
 class ValveHand:
-    """The person at the valve of a bench whose instruments read themselves: `rig.sweep.hooks.Person`.
-
-    Parameters
-    ----------
-    conversation : Conversation
-        The terminal.
-    """
+    """The person at the valve of a bench whose instruments read themselves: `rig.sweep.hooks.Person`."""
 
     def __init__(self, conversation: Conversation) -> None:
         self._conversation = conversation
         self._answer: str | None = None
 
     def ask(self, text: str) -> None:
-        """Put a question, and do not wait.
-
-        Parameters
-        ----------
-        text : str
-            What is to be done.
-        """
+        """Put a question, and do not wait."""
         while self._conversation.line_there() is not None:
             pass  # what was typed before is no answer to this
         self._answer = None
@@ -256,13 +217,7 @@ COMMANDS = {
 
 
 def command_of(text: str) -> Command | None:
-    """The command that a line is; None for an entry.
-
-    Parameters
-    ----------
-    text : str
-        As typed.
-    """
+    """The command that a line is; None for an entry."""
     word, _, rest = text.partition(" ")
     return Command(word.lower(), rest.strip()) if word.lower() in COMMANDS else None
 

@@ -22,15 +22,7 @@ DOUBT, DOUBT_RPM = 1.25, 10.0  # likewise a speed that is beyond what was expect
 
 
 def agree(first: Mapping[str, Reading], second: Mapping[str, Reading], channels: Mapping[str, ChannelFile]) -> bool:
-    """Whether two entries agree within what the instruments scatter.
-
-    Parameters
-    ----------
-    first, second : mapping of str to Reading
-        By channel.
-    channels : mapping of str to ChannelFile
-        With the figures.
-    """
+    """Whether two entries agree within what the instruments scatter."""
     return all(_alike(first[name], second[name], channel) for name, channel in channels.items())
 
 
@@ -67,8 +59,6 @@ def with_drift(before: Mean, after: Reading | None) -> Mean:
 
     Parameters
     ----------
-    before : Mean
-        Of the entries.
     after : Reading or None
         Read at the end; None when it was not.
     """
@@ -142,8 +132,6 @@ def remarks(pressure_bar_abs: float | None, level_bar_abs: float, direction: str
         As read [bar].
     level_bar_abs : float
         As asked for [bar].
-    direction : str
-        ``up`` or ``down``.
     """
     if pressure_bar_abs is None:
         return []

@@ -36,18 +36,8 @@ class ManualSweep:
 
     Parameters
     ----------
-    acquisition : Acquisition
-        Running, with the conversation's ports.
-    sink : PlateauSink
-        Where plateaus are written.
-    bench : Bench
-        With one manual instrument on a keyboard line.
     course : Course
         Its steps and its table; captures are not made by hand.
-    conversation : Conversation
-        The person.
-    hooks : Hooks
-        Guard and limits.
     """
 
     def __init__(
@@ -324,14 +314,6 @@ def run_manual(
     ----------
     acquisition : Acquisition
         Started, with ``conversation.ports``; it is not stopped here.
-    sink : PlateauSink
-        Where plateaus are written.
-    bench : Bench
-        With one manual instrument.
-    course : Course
-        From `rig.sweep.planning.sweep_course`.
-    conversation : Conversation
-        The person.
     hooks : Hooks or None
         Guard and limits; none when left out.
     """

@@ -24,13 +24,7 @@ Doubt = Callable[[Mapping[str, Value]], str]
 
 
 def believed(values: Mapping[str, Value]) -> str:
-    """No doubt.
-
-    Parameters
-    ----------
-    values : mapping of str to Value
-        As typed, by role.
-    """
+    """No doubt."""
     return ""
 
 
@@ -47,32 +41,7 @@ class TrippedError(Exception):
 
 
 class Prompter:
-    """Asks for readings and lays them into the log.
-
-    Parameters
-    ----------
-    acquisition : Acquisition
-        Running, with the conversation's ports.
-    bench : Bench
-        With one manual instrument.
-    course : Course
-        For its roles and its wait.
-    conversation : Conversation
-        The person.
-    trip : callable
-        The limits, asked after every entry.
-
-    Attributes
-    ----------
-    device : str
-        That a person reads.
-    typed : dict of str to ChannelFile
-        The channels of an entry, in order.
-    typed_roles : dict of str to str
-        The roles that are typed, and their channels.
-    note : str
-        Remarks typed since it was last cleared.
-    """
+    """Asks for readings and lays them into the log."""
 
     def __init__(
         self, acquisition: Acquisition, bench: Bench, course: Course, conversation: Conversation, trip: Trip
@@ -99,8 +68,6 @@ class Prompter:
 
         Parameters
         ----------
-        lead : str
-            Before the prompt.
         doubt : callable
             Says why typed values, by role, may be a slip; empty when they are plausible.
 
@@ -137,13 +104,7 @@ class Prompter:
         return bool(why)
 
     def pressure_now(self, doubt: Doubt = believed) -> Reading | None:
-        """The pressure read again, to see whether it has drifted.
-
-        Parameters
-        ----------
-        doubt : callable
-            As in `entry`.
-        """
+        """The pressure read again, to see whether it has drifted."""
         doubted = ""
         while True:
             typed = self._asked("  pressure now? (Enter when it was not read) ")

@@ -14,26 +14,14 @@ ZERO = "zero"  # in the column of the level: instruments read with the line vent
 
 
 def sheet_columns(bench: Bench) -> list[str]:
-    """The columns of a sheet of a bench, in order.
-
-    Parameters
-    ----------
-    bench : Bench
-        With one manual instrument.
-    """
+    """The columns of a sheet of a bench, in order."""
     typed = bench.build(manual_device(bench)).channels
     pressure = bench.file.roles.pressure.partition(".")[2]
     return ["time", "level_bar_abs", "direction", *typed, f"{pressure}_after", "note"]
 
 
 def print_sheet(bench: Bench) -> str:
-    """A sheet as CSV text: the levels of the bench's sweep, with cells to be filled in.
-
-    Parameters
-    ----------
-    bench : Bench
-        With one manual instrument.
-    """
+    """A sheet as CSV text: the levels of the bench's sweep, with cells to be filled in."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     columns = sheet_columns(bench)
@@ -46,13 +34,7 @@ def print_sheet(bench: Bench) -> str:
 
 
 def print_page(bench: Bench) -> str:
-    """A sheet to be printed on A4 and filled in by hand, as HTML.
-
-    Parameters
-    ----------
-    bench : Bench
-        With one manual instrument.
-    """
+    """A sheet to be printed on A4 and filled in by hand, as HTML."""
     shown = {name: figures.unit for name, figures in bench.build(manual_device(bench)).channels.items()}
     heads = [html.escape(_words(column, shown)) for column in sheet_columns(bench)]
     ambient_bar = bench.file.ambient.pressure_bar_abs or 1.01325

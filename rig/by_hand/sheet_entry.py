@@ -64,14 +64,8 @@ class SheetRow:
         After the first row [s].
     level_bar_abs : float or None
         None for a zero [bar].
-    direction : str
-        ``up`` or ``down``.
-    entry : str
-        The readings as they would be typed.
     after : str
         The entry of the pressure read again; empty when it was not.
-    note : str
-        As written.
     """
 
     time_s: float
@@ -89,8 +83,6 @@ def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
     ----------
     text : str
         CSV with the columns of `sheet_columns`; the times are of the clock (``14:05``) or seconds.
-    bench : Bench
-        With one manual instrument.
 
     Returns
     -------
@@ -145,14 +137,8 @@ def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Amb
 
     Parameters
     ----------
-    bench : Bench
-        With one manual instrument.
-    rows : sequence of SheetRow
-        From `read_sheet`.
     sink : Sink
         The run, of kind ``manual``; its time 0 is the first row's.
-    ambient : Ambient
-        The room.
     """
     keys = _Keys(bench, sink, ambient)
     plateaus: list[Plateau] = []

@@ -33,16 +33,12 @@ def examine(
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
     ports : callable or None
         From a line's name, its table and the clock to its port; the ports of the bench file when left out.
     clock : Clock or None
         The bench's; real time when left out.
     host : Host or None
         The machine; this one when left out.
-    polls : int
-        Of each device, for latency and rate [-].
     scan_units : sequence of int
         Modbus addresses to try where a device does not answer [-].
 

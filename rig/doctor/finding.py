@@ -28,12 +28,6 @@ class Finding:
 
     Attributes
     ----------
-    level : Level
-        See there.
-    where : str
-        ``line bus``, ``gauge``, ``host``.
-    what : str
-        What was found, with figures.
     fix : str
         What to do; empty when there is nothing.
     """
@@ -45,25 +39,13 @@ class Finding:
 
 
 def printable(text: str) -> str:
-    """Text that came from a device or the system, fit for a terminal: one line, bounded, no control characters.
-
-    Parameters
-    ----------
-    text : str
-        Anything.
-    """
+    """Text that came from a device or the system, fit for a terminal: one line, bounded, no control characters."""
     clean = "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
     return clean if len(clean) <= MOST_CHARACTERS else clean[: MOST_CHARACTERS - 3] + "..."
 
 
 def table(findings: Sequence[Finding]) -> Table:
-    """The findings as a table for a terminal.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-        In the order of the examination.
-    """
+    """The findings as a table for a terminal."""
     from rich.table import Table
     from rich.text import Text
 

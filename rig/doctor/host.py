@@ -46,13 +46,7 @@ class Host:
         return [str(port) for port in (*by_id, *plain)]
 
     def holders(self, port: str) -> list[str]:
-        """Other programs that have a port open: ``name (process 123)``.
-
-        Parameters
-        ----------
-        port : str
-            Its path.
-        """
+        """Other programs that have a port open: ``name (process 123)``."""
         target = os.path.realpath(port)
         others = (entry for entry in self.proc.glob("[0-9]*") if entry.name != str(os.getpid()))
         return [
@@ -75,13 +69,7 @@ class Host:
         return None
 
     def latency_timer_ms(self, port: str) -> int | None:
-        """The latency timer of an FTDI adapter [ms]; None where the port has none.
-
-        Parameters
-        ----------
-        port : str
-            Its path.
-        """
+        """The latency timer of an FTDI adapter [ms]; None where the port has none."""
         name = Path(os.path.realpath(port)).name
         with contextlib.suppress(OSError, ValueError):
             return int((self.sys / "class" / "tty" / name / "device" / "latency_timer").read_text())
@@ -89,17 +77,7 @@ class Host:
 
 
 def of_port(host: Host, where: str, port: str) -> list[Finding]:
-    """What the machine tells of a port before it is opened.
-
-    Parameters
-    ----------
-    host : Host
-        The machine.
-    where : str
-        The line, for the findings.
-    port : str
-        Its path.
-    """
+    """What the machine tells of a port before it is opened."""
     found = []
     holders = host.holders(port)
     if holders:
@@ -114,13 +92,7 @@ def of_port(host: Host, where: str, port: str) -> list[Finding]:
 
 
 def of_programs(host: Host) -> list[Finding]:
-    """Programs that are known to take serial ports.
-
-    Parameters
-    ----------
-    host : Host
-        The machine.
-    """
+    """Programs that are known to take serial ports."""
     found = []
     for name, (what, fix) in GRABBERS.items():
         process = host.running(name)
@@ -130,19 +102,7 @@ def of_programs(host: Host) -> list[Finding]:
 
 
 def why_closed(host: Host, where: str, port: str, error: Exception) -> Finding:
-    """Why a serial port did not open.
-
-    Parameters
-    ----------
-    host : Host
-        The machine.
-    where : str
-        The line, for the finding.
-    port : str
-        Its path.
-    error : Exception
-        What opening it gave.
-    """
+    """Why a serial port did not open."""
     path = Path(port)
     if not os.path.exists(port):  # noqa: PTH110 (where we may not look there is nothing for us, and no error)
         there = host.serial_ports()

@@ -27,10 +27,6 @@ class Latency:
     ----------
     p50_s, p99_s : float
         Of the polls that gave a reading, on the bench's clock [s].
-    polls, failures : int
-        Polls made, and those without a usable reading [-].
-    faults : str
-        What the failed ones said, most frequent first.
     """
 
     p50_s: float
@@ -45,10 +41,6 @@ def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
 
     Parameters
     ----------
-    line : Line
-        Open.
-    driver : Instrument
-        The device.
     polls : int
         How many; fewer when it fails several times in a row [-].
     gap_s : float
@@ -95,10 +87,6 @@ def of_device(
 
     Parameters
     ----------
-    device, identity : str
-        Its name, and who answered.
-    latency : Latency
-        Measured.
     period_s, timeout_s : float
         Of the bench file [s].
     update_s : float
@@ -130,8 +118,6 @@ def of_line(where: str, taken: dict[str, tuple[float, float]]) -> list[Finding]:
 
     Parameters
     ----------
-    where : str
-        The line, for the findings.
     taken : dict of str to (float, float)
         Device to what a poll takes and to its period, in the same time [s].
     """

@@ -22,19 +22,7 @@ Ports = Callable[[str, LineTable, Clock], Port]
 
 
 def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock) -> LineTable | None:
-    """The line's table with the baud rate or parity at which a device answers; None when it does at none.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    device : str
-        On a serial line that is closed now.
-    ports : callable
-        See `rig.acquisition.Acquisition`.
-    clock : Clock
-        The bench's.
-    """
+    """The line's table with the baud rate or parity at which a device answers; None when it does at none."""
     name = bench.file.devices[device].line
     table = bench.file.lines[name]
     candidates: list[dict[str, int | str]] = [{"baud": baud} for baud in BAUDS if baud != table.baud]
@@ -47,21 +35,7 @@ def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock) -> Lin
 
 
 def other_units(bench: Bench, device: str, units: Sequence[int], ports: Ports, clock: Clock) -> list[int]:
-    """The Modbus addresses, of some that no device of the line has, at which somebody answers, whoever it is.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    device : str
-        On a line that is closed now.
-    units : sequence of int
-        Addresses to try [-].
-    ports : callable
-        See `rig.acquisition.Acquisition`.
-    clock : Clock
-        The bench's.
-    """
+    """The Modbus addresses, of some that no device of the line has, at which somebody answers, whoever it is."""
     of_device = bench.file.devices[device]
     table = bench.file.lines[of_device.line]
     taken = {other.unit_id for other in bench.file.devices.values() if other.line == of_device.line}
@@ -74,19 +48,7 @@ def other_units(bench: Bench, device: str, units: Sequence[int], ports: Ports, c
 
 
 def built(bench: Bench, device: str, of_device: DeviceTable, table: LineTable) -> Instrument:
-    """The driver of a device with other tables than the bench file's.
-
-    Parameters
-    ----------
-    bench : Bench
-        For the instrument's file.
-    device : str
-        Its name.
-    of_device : DeviceTable
-        Its table.
-    table : LineTable
-        Its line's.
-    """
+    """The driver of a device with other tables than the bench file's."""
     settings = bench.instruments[device]
     module = importlib.import_module(f"rig.instruments.{settings.family}")
     driver: Instrument = module.build(device, settings, Place(of_device, table))

@@ -36,8 +36,6 @@ class Converted:
 
     Attributes
     ----------
-    entry : FileTable
-        What the mapping makes of the file.
     columns : dict of str to Column
         In the units of their names, all of one length.
     direction : ndarray of str, or None
@@ -59,15 +57,6 @@ class Converted:
 
 def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     """A file's columns as those of a recording.
-
-    Parameters
-    ----------
-    mapping : MappingFile
-        Which column is which.
-    entry : FileTable
-        Which rows are taken.
-    table : Table
-        The file.
 
     Raises
     ------

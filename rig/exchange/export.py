@@ -37,8 +37,6 @@ class Exported:
 
     Attributes
     ----------
-    recording : Recording
-        As it was written.
     notes : list of str
         What was left out, and what was assumed.
     """
@@ -49,15 +47,6 @@ class Exported:
 
 def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exported:
     """Write a run as a recording/1 folder.
-
-    Parameters
-    ----------
-    run : Run
-        Sealed or killed.
-    folder : Path
-        The folder to make.
-    unsettled : bool
-        Whether plateaus that had not settled are taken too.
 
     Raises
     ------
@@ -76,13 +65,6 @@ def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exporte
 
 def recording_of(run: Run, unsettled: bool = False) -> Exported:
     """A run as a recording, not written anywhere: what `fit` and `diagnose` take of a run folder.
-
-    Parameters
-    ----------
-    run : Run
-        Sealed or killed.
-    unsettled : bool
-        Whether plateaus that had not settled are taken too.
 
     Raises
     ------

@@ -25,8 +25,6 @@ class Figures:
     ----------
     run : Run
         Its devices' records hold the figures, its plateaus the noise.
-    channels : mapping of str to str
-        Quantity to ``device.channel``.
     """
 
     def __init__(self, run: Run, channels: Mapping[str, str]) -> None:
@@ -37,13 +35,7 @@ class Figures:
         self._scatter = {name: _rms(self._plateau_scatter(run, name)) for name in channels}
 
     def channel(self, name: str) -> Channel:
-        """A quantity's figures; its noise is that of a plateau's mean.
-
-        Parameters
-        ----------
-        name : str
-            The quantity.
-        """
+        """A quantity's figures; its noise is that of a plateau's mean."""
         record, device = self._records[name], self._devices[name]
         stated: dict[str, Any] = {
             "noise_sd": self.noise_sd(name),
@@ -61,23 +53,12 @@ class Figures:
         """Noise of one row of the steady file; the instrument's own where the plateaus do not show it.
 
         Beside the standard error of a mean stands what averaging leaves: the instrument's repeatability.
-
-        Parameters
-        ----------
-        name : str
-            The quantity.
         """
         record = self._records[name]
         return math.hypot(self._errors[name] or record.noise_sd or 0.0, record.repeatability_sd or 0.0) or None
 
     def sample_scale(self, name: str) -> float:
-        """Noise of a single reading, times that of a row of the steady file [-].
-
-        Parameters
-        ----------
-        name : str
-            The quantity.
-        """
+        """Noise of a single reading, times that of a row of the steady file [-]."""
         noise = self.noise_sd(name)
         sample = self._records[name].noise_sd or self._scatter[name]
         return _ratio(sample, noise)

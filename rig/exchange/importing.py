@@ -43,10 +43,6 @@ def import_files(files: Sequence[Path], mapping: Mapping, target: Path, as_recor
 
     Parameters
     ----------
-    files : sequence of Path
-        The files.
-    mapping : Mapping
-        From `read_mapping`.
     target : Path
         Where runs are kept, or the recording's folder to make.
     as_recording : bool
@@ -63,15 +59,6 @@ def import_files(files: Sequence[Path], mapping: Mapping, target: Path, as_recor
 
 def import_table(files: Sequence[Path], mapping: Mapping, root: Path) -> Path:
     """Write tables as a run of kind ``import``; its readings count as unverified, for nothing here checked them.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        The files.
-    mapping : Mapping
-        From `read_mapping`.
-    root : Path
-        Where runs are kept.
 
     Returns
     -------
@@ -107,12 +94,8 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path) -> P
 
     Parameters
     ----------
-    files : sequence of Path
-        The files.
     mapping : Mapping
         From `read_mapping`; its motor may be a table of another rig.
-    folder : Path
-        The folder to make.
 
     Returns
     -------

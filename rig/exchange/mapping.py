@@ -132,11 +132,6 @@ class Mapping:
 def read_mapping(path: Path) -> Mapping:
     """Read a mapping file.
 
-    Parameters
-    ----------
-    path : Path
-        The file, or the name of one in configs/imports.
-
     Raises
     ------
     ConfigError

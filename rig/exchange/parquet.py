@@ -15,13 +15,6 @@ from rig.runlog.reader import Run
 def export_parquet(run: Run, file: Path) -> None:
     """Write the samples of a run as a Parquet file, with its start and end records in the file's metadata.
 
-    Parameters
-    ----------
-    run : Run
-        Sealed.
-    file : Path
-        The file to make.
-
     Raises
     ------
     RunError

@@ -34,14 +34,8 @@ class Table:
 
     Attributes
     ----------
-    place : str
-        The file, and the sheet or group.
     headings : list of str
         Empty where the file has none.
-    columns : list of list
-        Cells, all columns of one length.
-    lines : sequence of int
-        What a person calls each row [-].
     """
 
     place: str
@@ -51,11 +45,6 @@ class Table:
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
-
-        Parameters
-        ----------
-        key : str or int
-            Its heading, or its place from 1 [-].
 
         Raises
         ------
@@ -77,15 +66,6 @@ class Table:
 
 def read_table(path: Path, table: TableTable, sheet: str = "", group: str = "") -> Table:
     """Read a table.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    table : TableTable
-        How it is read.
-    sheet, group : str
-        In place of the table's.
 
     Raises
     ------

@@ -93,8 +93,6 @@ def known_units(column: str, differentiate: bool = False) -> list[str]:
 
     Parameters
     ----------
-    column : str
-        A recording/1 column.
     differentiate : bool
         Whether it is made from a length or an angle.
     """
@@ -107,10 +105,6 @@ def unit_of(column: str, name: str, differentiate: bool = False) -> Unit:
 
     Parameters
     ----------
-    column : str
-        A recording/1 column.
-    name : str
-        As the mapping says it.
     differentiate : bool
         Whether the column is the rate of change of what the source holds.
 

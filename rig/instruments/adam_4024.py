@@ -66,8 +66,6 @@ def counts_of(value: float, span: tuple[float, float], output: Range) -> int:
         The set-point [own unit].
     span : (float, float)
         Set-point at the range's low and high end [own unit].
-    output : Range
-        The output's range.
     """
     share = (value - span[0]) / (span[1] - span[0])
     return round(output.low_counts + share * (output.high_counts - output.low_counts))
@@ -78,29 +76,15 @@ def value_of(counts: int, span: tuple[float, float], output: Range) -> float:
 
     Parameters
     ----------
-    counts : int
-        Of the output [-].
     span : (float, float)
         Set-point at the range's low and high end [own unit].
-    output : Range
-        The output's range.
     """
     share = (counts - output.low_counts) / (output.high_counts - output.low_counts)
     return span[0] + share * (span[1] - span[0])
 
 
 class Adam4024(Polled):
-    """One output of an ADAM-4024 with an analogue regulator behind it.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """One output of an ADAM-4024 with an analogue regulator behind it."""
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
         super().__init__(device, settings.channels, settings)
@@ -120,24 +104,12 @@ class Adam4024(Polled):
         self._range: Range | None = None
 
     def open(self, line: Line) -> None:
-        """Forget what was known, the output's range included.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Forget what was known, the output's range included."""
         super().open(line)
         self._range = None
 
     def ask(self, line: Line) -> Answer:
-        """Read the outputs and the safety flags; the two answers differ in length, so neither passes for the other.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Read the outputs and the safety flags; the two answers differ in length, so neither passes for the other."""
         timing, output = timing_of(self.settings, line), self._known_range(line)
         safety, first = self._unit.read(line, SAFETY, SAFETY_COUNT, timing)
         counts, reply = self._unit.read(line, OUTPUTS, OUTPUT_COUNT, timing)
@@ -152,13 +124,7 @@ class Adam4024(Polled):
         return Answer(found, registers_of(counts + safety), first.request_ns, reply.reply_ns, reply.reply_ns)
 
     def identify(self, line: Line) -> str:
-        """Check the model's name, where the module tells it, and the output's range.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Check the model's name, where the module tells it, and the output's range."""
         timing = timing_of(self.settings, line)
         try:
             words, _ = repeated(lambda: self._unit.read(line, NAME, NAME_COUNT, timing), 1)
@@ -180,8 +146,6 @@ class Adam4024(Polled):
 
         Parameters
         ----------
-        line : Line
-            Where the device is.
         value : float
             The set-point [own unit].
         """
@@ -199,13 +163,7 @@ class Adam4024(Polled):
         return set_and_read_back(value, self.unit, limits, order, read_back, half_a_count, self.device)
 
     def set_failsafe(self, line: Line) -> str:
-        """Switch the communications safety on, where it is not, and read it back.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Switch the communications safety on, where it is not, and read it back."""
         timing = timing_of(self.settings, line)
 
         def enabled() -> bool:
@@ -247,17 +205,7 @@ class Adam4024(Polled):
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> Adam4024:
-    """The driver of one output of an ADAM-4024.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of one output of an ADAM-4024."""
     chosen = cast(Settings, settings)
     refuse_serial_number(device, place, chosen.title)
     return Adam4024(device, chosen, place)

@@ -84,15 +84,6 @@ class Settings(PolledFile):
 def decode(text: str, address: str, layout: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
     """The fields of a frame as they came, and its flags.
 
-    Parameters
-    ----------
-    text : str
-        A line without its end.
-    address : str
-        The unit's letter.
-    layout : sequence of str
-        Of the file.
-
     Returns
     -------
     fields : dict of str to str
@@ -133,12 +124,8 @@ def judge(
     ----------
     numbers : mapping of str to float
         Channel to its number [own unit].
-    raw : mapping of str to str
-        Channel to its number as it came.
     flags : sequence of str
         All that were set; each goes into the detail of every channel.
-    note : str
-        Said besides the flags.
 
     Returns
     -------
@@ -159,17 +146,7 @@ def judge(
 
 
 class Alicat(Polled):
-    """An Alicat device at a letter of a line.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    address : str
-        The unit's letter.
-    """
+    """An Alicat device at a letter of a line."""
 
     checked = False
 
@@ -179,13 +156,7 @@ class Alicat(Polled):
         self.address = address
 
     def ask(self, line: Line) -> Answer:
-        """Ask for one frame.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Ask for one frame."""
         fields, flags, reply = self._frame(line, self.address)
         channels = self.settings.channels
         numbers = {name: channel.scale * float(fields[name]) + channel.offset for name, channel in channels.items()}
@@ -193,13 +164,7 @@ class Alicat(Polled):
         return Answer(judge(numbers, fields, flags, note), reply.data, reply.request_ns, reply.reply_ns)
 
     def identify(self, line: Line) -> str:
-        """See that the unit answers with a frame of the file's layout.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """See that the unit answers with a frame of the file's layout."""
         _, flags, _ = repeated(lambda: self._frame(line, self.address), 1)
         raised = f"; flags {' '.join(flags)}" if flags else ""
         return (
@@ -223,12 +188,8 @@ class AlicatController(Alicat):
 
     Parameters
     ----------
-    device : str
-        Its name in the bench file.
     settings : Settings
         Its file, with a ``[setpoint]``.
-    address : str
-        The unit's letter.
     """
 
     def __init__(self, device: str, settings: Settings, address: str) -> None:
@@ -241,8 +202,6 @@ class AlicatController(Alicat):
 
         Parameters
         ----------
-        line : Line
-            Where the device is.
         value : float
             The set-point [own unit].
         """
@@ -259,13 +218,7 @@ class AlicatController(Alicat):
         return set_and_read_back(value, self.unit, limits, order, read_back, table.tolerance, self.device)
 
     def set_failsafe(self, line: Line) -> str:
-        """There is none in the documents.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """There is none in the documents."""
         raise InstrumentError(NO_FAILSAFE.format(device=self.device))
 
 
@@ -277,17 +230,7 @@ NO_FAILSAFE = (
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> Alicat:
-    """The driver of an Alicat device that speaks text.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of an Alicat device that speaks text."""
     chosen = cast(Settings, settings)
     refuse_keyboard(device, place)
     refuse_serial_number(device, place, chosen.title)

@@ -74,26 +74,13 @@ class Settings(PolledFile):
 
 
 def flags_of(status: int) -> list[str]:
-    """The flags of the status bits; a bit without a name here is named by its number, and counts as a fault.
-
-    Parameters
-    ----------
-    status : int
-        32 bits [-].
-    """
+    """The flags of the status bits; a bit without a name here is named by its number, and counts as a fault."""
     raised = [FLAGS.get(bit, f"status bit {bit}") for bit in range(32) if status >> bit & 1]
     return list(dict.fromkeys(raised))
 
 
 def decode(words: Sequence[int], channels: dict[str, ScaledChannel]) -> dict[str, Value]:
     """The values of the block.
-
-    Parameters
-    ----------
-    words : sequence of int
-        The ten registers from 1201 [-].
-    channels : dict of str to ScaledChannel
-        Of the file.
 
     Returns
     -------
@@ -113,17 +100,7 @@ def _quantity(name: str) -> str | None:
 
 
 class AlicatModbus(Polled):
-    """An Alicat device at a unit of a Modbus line.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """An Alicat device at a unit of a Modbus line."""
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
         super().__init__(device, settings.channels, settings)
@@ -132,24 +109,12 @@ class AlicatModbus(Polled):
         self._unit = modbus_unit(device, place)
 
     def ask(self, line: Line) -> Answer:
-        """Read the block once.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Read the block once."""
         words, reply = self._unit.read(line, STATUS - self._less, BLOCK, timing_of(self.settings, line))
         return Answer(decode(words, self.settings.channels), registers_of(words), reply.request_ns, reply.reply_ns)
 
     def identify(self, line: Line) -> str:
-        """See that the block can be read.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """See that the block can be read."""
         answer = repeated(lambda: self.ask(line), 1)
         raised = next(iter(answer.found.values())).detail
         note = f"; flags {raised}" if raised else ""
@@ -161,12 +126,8 @@ class AlicatModbusController(AlicatModbus):
 
     Parameters
     ----------
-    device : str
-        Its name in the bench file.
     settings : Settings
         Its file, with a ``[setpoint]``.
-    place : Place
-        Its tables in the bench file.
     """
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
@@ -179,8 +140,6 @@ class AlicatModbusController(AlicatModbus):
 
         Parameters
         ----------
-        line : Line
-            Where the device is.
         value : float
             The set-point [own unit].
         """
@@ -198,28 +157,12 @@ class AlicatModbusController(AlicatModbus):
         return set_and_read_back(value, self.unit, limits, order, read_back, table.tolerance, self.device)
 
     def set_failsafe(self, line: Line) -> str:
-        """There is none in the documents.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """There is none in the documents."""
         raise InstrumentError(NO_FAILSAFE.format(device=self.device))
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> AlicatModbus:
-    """The driver of an Alicat device that speaks Modbus.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of an Alicat device that speaks Modbus."""
     chosen = cast(Settings, settings)
     refuse_serial_number(device, place, chosen.title)
     return (

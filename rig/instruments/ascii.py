@@ -73,15 +73,6 @@ class Settings(PolledFile):
 def decode(line: bytes, pattern: re.Pattern[str], channels: Mapping[str, TextChannel]) -> dict[str, Value]:
     """The values of a line of text.
 
-    Parameters
-    ----------
-    line : bytes
-        Without its end.
-    pattern : re.Pattern
-        With a named group a channel.
-    channels : mapping of str to TextChannel
-        Of the file.
-
     Returns
     -------
     dict of str to Value
@@ -115,13 +106,6 @@ def _value(text: str, channel: TextChannel) -> Value:
 def ends_with(terminator: bytes, most_bytes: int) -> Complete:
     """What tells where a reply in text ends.
 
-    Parameters
-    ----------
-    terminator : bytes
-        Ends it.
-    most_bytes : int
-        Of a reply, without its end [-].
-
     Returns
     -------
     callable
@@ -142,10 +126,6 @@ class AsciiDevice(Polled):
 
     Parameters
     ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
     serial_number : str
         Of the bench file; empty when any will do.
     """
@@ -162,25 +142,13 @@ class AsciiDevice(Polled):
         self._first = True
 
     def open(self, line: Line) -> None:
-        """Forget what was known; the first line that comes unasked may have lost its head, and will be dropped.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Forget what was known; the first line that comes unasked may have lost its head, and will be dropped."""
         super().open(line)
         self._stream.forget()
         self._first = True
 
     def ask(self, line: Line) -> Answer:
-        """Ask for a line, or wait for one, and decode it.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Ask for a line, or wait for one, and decode it."""
         reply = self._question(line, self.settings.query) if self.settings.query else self._unasked(line)
         text = reply.data.removesuffix(self._end)
         if text.decode("ascii", errors="replace").strip() in self.settings.refusals:
@@ -191,13 +159,7 @@ class AsciiDevice(Polled):
         return Answer(found, text, reply.request_ns, reply.reply_ns)
 
     def identify(self, line: Line) -> str:
-        """Ask who it is, where the file says how; otherwise see that a reply has the pattern.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Ask who it is, where the file says how; otherwise see that a reply has the pattern."""
         if self.settings.identity_pattern is None:
             repeated(lambda: self.ask(line), 1)
             return f"{self.settings.title} (its reply has the pattern; it does not tell who it is)"
@@ -233,17 +195,7 @@ class AsciiDevice(Polled):
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> AsciiDevice:
-    """The driver of a generic ASCII device.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of a generic ASCII device."""
     chosen = cast(Settings, settings)
     refuse_keyboard(device, place)
     if SERIAL_GROUP not in (re.compile(chosen.identity_pattern or "").groupindex):

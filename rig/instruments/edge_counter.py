@@ -55,10 +55,6 @@ class EdgeCounter:
 
     Parameters
     ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
     serial_number : str
         Of the bench file; empty when any will do.
     """
@@ -79,24 +75,12 @@ class EdgeCounter:
         return self._failed >= FAILING_POLLS
 
     def open(self, line: Line) -> None:
-        """Forget what was known.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Forget what was known."""
         self._failed = 0
         self._reset()
 
     def identify(self, line: Line) -> str:
-        """Stop the device, ask who it is, and start it.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Stop the device, ask who it is, and start it."""
         line.tell(STOP)
         line.drop()
         reply = repeated(lambda: line.ask(WHO, _identity_end, timing_of(self.settings, line)), 1)
@@ -121,13 +105,7 @@ class EdgeCounter:
         return f"edge counter {serial}, firmware {firmware}, {teeth} teeth, ticks of {tick_ns} ns"
 
     def poll(self, line: Line) -> list[Reading]:
-        """The mean speed over the whole teeth since the poll before.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """The mean speed over the whole teeth since the poll before."""
         self._capture_offset_ns = None
         seen: list[Mark] = []
         arrivals: list[int] = []
@@ -146,13 +124,7 @@ class EdgeCounter:
             return self._failure(line, error)
 
     def poll_edges(self, line: Line) -> list[Reading]:
-        """Speed and angle at each edge that came since the poll before; no reading when there was none.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Speed and angle at each edge that came since the poll before; no reading when there was none."""
         try:
             marks = self._marks(line)
         except (NoReplyError, BadReplyError) as error:
@@ -299,16 +271,6 @@ def _identity_end(buffer: bytes) -> int | None:
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> EdgeCounter:
-    """The driver of an edge counter.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of an edge counter."""
     refuse_keyboard(device, place)
     return EdgeCounter(device, cast(Settings, settings), place.table.serial_number)

@@ -46,13 +46,6 @@ class Settings(PolledFile):
 def decode(words: Sequence[int], channels: Sequence[str]) -> dict[str, Value]:
     """The values of the block.
 
-    Parameters
-    ----------
-    words : sequence of int
-        The six registers from 0x0002 [-].
-    channels : sequence of str
-        Of `OFFSETS`.
-
     Returns
     -------
     dict of str to Value
@@ -66,17 +59,7 @@ def decode(words: Sequence[int], channels: Sequence[str]) -> dict[str, Value]:
 
 
 class Keller30X(Polled):
-    """A Keller transmitter at a unit of a Modbus line.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """A Keller transmitter at a unit of a Modbus line."""
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
         super().__init__(device, settings.channels, settings)
@@ -84,25 +67,13 @@ class Keller30X(Polled):
         self._unit = modbus_unit(device, place)
 
     def ask(self, line: Line) -> Answer:
-        """Read the block once.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Read the block once."""
         words, reply = self._unit.read(line, FIRST, COUNT, timing_of(self.settings, line))
         found = decode(words, list(self.channels))
         return Answer(found, registers_of(words), reply.request_ns, reply.reply_ns)
 
     def identify(self, line: Line) -> str:
-        """Tell a transmitter by a block that reads as one: numbers on its scale, or its own marks for a fault.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Tell a transmitter by a block that reads as one: numbers on its scale, or its own marks for a fault."""
         answer = repeated(lambda: self.ask(line), 1)
         for name, value in answer.found.items():
             channel = self.channels[name]
@@ -119,17 +90,7 @@ class Keller30X(Polled):
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> Keller30X:
-    """The driver of a Keller transmitter.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of a Keller transmitter."""
     chosen = cast(Settings, settings)
     refuse_serial_number(device, place, chosen.title)
     return Keller30X(device, chosen, place)

@@ -55,15 +55,7 @@ class Settings(PolledFile):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A frame's content.
-
-    Attributes
-    ----------
-    display, unit_code : str
-        D13, and D12 with D11.
-    value : float
-        With sign and decimals, in the meter's unit.
-    """
+    """A frame's content."""
 
     display: str
     unit_code: str
@@ -72,11 +64,6 @@ class Frame:
 
 def decode(frame: bytes) -> Frame:
     """The content of a frame.
-
-    Parameters
-    ----------
-    frame : bytes
-        16 of them.
 
     Raises
     ------
@@ -95,15 +82,7 @@ def decode(frame: bytes) -> Frame:
 
 
 def encode(frame: Frame, decimals: int) -> bytes:
-    """The bytes of a frame.
-
-    Parameters
-    ----------
-    frame : Frame
-        Its content.
-    decimals : int
-        Digits after the point [-].
-    """
+    """The bytes of a frame."""
     digits = round(abs(frame.value) * 10**decimals)
     sign = "1" if frame.value < 0.0 else "0"
     text = f"4{frame.display}{frame.unit_code}{sign}{decimals}{digits:08d}"
@@ -112,11 +91,6 @@ def encode(frame: Frame, decimals: int) -> bytes:
 
 def cut(buffer: bytes) -> tuple[list[bytes], bytes]:
     """The whole frames of a buffer; bytes that belong to none are skipped up to the next start.
-
-    Parameters
-    ----------
-    buffer : bytes
-        What came.
 
     Returns
     -------
@@ -141,15 +115,7 @@ def cut(buffer: bytes) -> tuple[list[bytes], bytes]:
 
 
 class LutronMeter(Polled):
-    """A meter with Lutron's frames.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    """
+    """A meter with Lutron's frames."""
 
     checked = False
 
@@ -159,24 +125,12 @@ class LutronMeter(Polled):
         self._stream = Stream(cut)
 
     def open(self, line: Line) -> None:
-        """Forget what was known.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Forget what was known."""
         super().open(line)
         self._stream.forget()
 
     def ask(self, line: Line) -> Answer:
-        """The newest frame of each display.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """The newest frame of each display."""
         request_ns = line.tell(self.settings.query.encode("ascii")) if self.settings.query else None
         time_ns, frames = self._stream.frames(line, timing_of(self.settings, line).timeout_s)
         newest = {frame.display: (frame, data) for data in frames for frame in (decode(data),)}
@@ -187,13 +141,7 @@ class LutronMeter(Polled):
         return Answer(found, block, time_ns if request_ns is None else request_ns, time_ns, time_ns)
 
     def identify(self, line: Line) -> str:
-        """See that frames come; the meter does not tell who it is.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """See that frames come; the meter does not tell who it is."""
         answer = repeated(lambda: self.ask(line), 1)
         shown = "; ".join(value.detail for value in answer.found.values())
         return f"{self.settings.title} (its frames come; {shown})"
@@ -214,17 +162,7 @@ def _value(channel: DisplayChannel, newest: tuple[Frame, bytes] | None) -> Value
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> LutronMeter:
-    """The driver of a meter with Lutron's frames.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of a meter with Lutron's frames."""
     chosen = cast(Settings, settings)
     refuse_keyboard(device, place)
     refuse_serial_number(device, place, chosen.title)

@@ -53,13 +53,6 @@ class Settings(InstrumentFile):
 def decode_entry(text: str, columns: Mapping[str, ChannelFile]) -> dict[str, Value]:
     """The values of an entry.
 
-    Parameters
-    ----------
-    text : str
-        One line, as typed.
-    columns : mapping of str to ChannelFile
-        The channels in the order of the entry.
-
     Returns
     -------
     dict of str to Value
@@ -79,13 +72,7 @@ def decode_entry(text: str, columns: Mapping[str, ChannelFile]) -> dict[str, Val
 
 
 def example(columns: Mapping[str, ChannelFile]) -> str:
-    """What to type, for prompts and error texts.
-
-    Parameters
-    ----------
-    columns : mapping of str to ChannelFile
-        The channels in the order of the entry.
-    """
+    """What to type, for prompts and error texts."""
     return ", ".join(f"{name} [{channel.unit}]" for name, channel in columns.items()) + ", separated by spaces"
 
 
@@ -112,15 +99,7 @@ def _value(word: str, name: str, channel: ChannelFile) -> Value:
 
 
 class ManualEntry:
-    """A person at a keyboard line.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    """
+    """A person at a keyboard line."""
 
     failing = False
 
@@ -132,34 +111,16 @@ class ManualEntry:
         self._waiting: list[bytes] = []
 
     def open(self, line: Line) -> None:
-        """Forget what was half typed.
-
-        Parameters
-        ----------
-        line : Line
-            Where the person is.
-        """
+        """Forget what was half typed."""
         self._stream.forget()
         self._waiting.clear()
 
     def identify(self, line: Line) -> str:
-        """Whom to expect; nobody is asked.
-
-        Parameters
-        ----------
-        line : Line
-            Where the person is.
-        """
+        """Whom to expect; nobody is asked."""
         return f"{self.settings.title}: entry by hand of {example(self.channels)}"
 
     def poll(self, line: Line) -> list[Reading]:
-        """Ask for one line, and again while it cannot be read.
-
-        Parameters
-        ----------
-        line : Line
-            Where the person is.
-        """
+        """Ask for one line, and again while it cannot be read."""
         trouble = ""
         request_ns = time_ns = 0
         for attempt in range(MOST_ATTEMPTS):
@@ -190,17 +151,7 @@ class ManualEntry:
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> ManualEntry:
-    """The driver of manual entry.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of manual entry."""
     chosen = cast(Settings, settings)
     if place.line.kind != "keyboard":
         raise ConfigError(f"devices.{device}.line: manual entry needs a line of kind 'keyboard'")

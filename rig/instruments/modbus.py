@@ -94,13 +94,7 @@ class Settings(PolledFile):
 
 
 def block_of(settings: Settings) -> tuple[int, int]:
-    """First register and number of registers of the one block that a poll reads [-].
-
-    Parameters
-    ----------
-    settings : Settings
-        Of the device.
-    """
+    """First register and number of registers of the one block that a poll reads [-]."""
     spans = [(channel.address, width_of(channel.type)) for channel in settings.channels.values()]
     spans += [(check.address, 1) for check in settings.expect]
     first = min(start for start, _ in spans)
@@ -109,13 +103,6 @@ def block_of(settings: Settings) -> tuple[int, int]:
 
 def decode(settings: Settings, words: Sequence[int]) -> dict[str, Value]:
     """The values of a block.
-
-    Parameters
-    ----------
-    settings : Settings
-        Of the device.
-    words : sequence of int
-        The block of `block_of` [-].
 
     Returns
     -------
@@ -150,17 +137,7 @@ def _value(channel: RegisterChannel, words: Sequence[int]) -> Value:
 
 
 class ModbusDevice(Polled):
-    """A generic Modbus device that is only read.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """A generic Modbus device that is only read."""
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
         super().__init__(device, settings.channels, settings)
@@ -169,24 +146,12 @@ class ModbusDevice(Polled):
         self._function = READ_HOLDING if settings.registers == "holding" else READ_INPUT
 
     def ask(self, line: Line) -> Answer:
-        """Read the block once.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Read the block once."""
         words, reply = self._unit.read(line, *block_of(self.settings), timing_of(self.settings, line), self._function)
         return Answer(decode(self.settings, words), registers_of(words), reply.request_ns, reply.reply_ns)
 
     def identify(self, line: Line) -> str:
-        """Check the identity register, where the file names one, and that the block can be read.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Check the identity register, where the file names one, and that the block can be read."""
         answer = repeated(lambda: self.ask(line), 1)
         faults = {value.detail for value in answer.found.values() if value.quality is Quality.EXCEPTION}
         who = f"{self.settings.title} at unit {self._unit.unit}"
@@ -208,12 +173,8 @@ class ModbusRegulator(ModbusDevice):
 
     Parameters
     ----------
-    device : str
-        Its name in the bench file.
     settings : Settings
         Its file, with a ``[setpoint]``.
-    place : Place
-        Its tables in the bench file.
     """
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
@@ -226,8 +187,6 @@ class ModbusRegulator(ModbusDevice):
 
         Parameters
         ----------
-        line : Line
-            Where the device is.
         value : float
             The set-point [own unit].
         """
@@ -250,13 +209,7 @@ class ModbusRegulator(ModbusDevice):
             raise InstrumentError(f"{self.device}: {error}") from None
 
     def set_failsafe(self, line: Line) -> str:
-        """A generic device has none that its file could describe.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """A generic device has none that its file could describe."""
         raise InstrumentError(
             f"{self.device}: no communications failsafe is described for {self.settings.title}; set one in the device "
             "by its maker's means and waive it by name in the bench file ([safety] waive_failsafe)"
@@ -271,17 +224,7 @@ class ModbusRegulator(ModbusDevice):
 
 
 def build(device: str, settings: InstrumentFile, place: Place) -> ModbusDevice:
-    """The driver of a generic Modbus device, with a set-point if its file has one.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    settings : Settings
-        Its file.
-    place : Place
-        Its tables in the bench file.
-    """
+    """The driver of a generic Modbus device, with a set-point if its file has one."""
     chosen = cast(Settings, settings)
     refuse_serial_number(device, place, chosen.title)
     return ModbusDevice(device, chosen, place) if chosen.setpoint is None else ModbusRegulator(device, chosen, place)

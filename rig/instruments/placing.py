@@ -18,15 +18,7 @@ FIRST_UNIT, LAST_UNIT = 1, 247  # of an RTU bus; 0 would be everyone's
 
 @dataclass(frozen=True)
 class ModbusUnit:
-    """A unit on a Modbus line.
-
-    Attributes
-    ----------
-    unit : int
-        Its address [-].
-    framing : str
-        ``rtu`` or ``tcp``.
-    """
+    """A unit on a Modbus line."""
 
     unit: int
     framing: str
@@ -38,45 +30,18 @@ class ModbusUnit:
 
         Parameters
         ----------
-        line : Line
-            Where the unit is.
         first, count : int
             First register as on the wire, and how many [-].
-        timing : Timing
-            The device's.
-        function : int
-            `READ_HOLDING` or `READ_INPUT`.
         """
         return exchange(line, self.framing, Request(self.unit, function, first, count), timing)
 
     def write(self, line: Line, first: int, values: tuple[int, ...], function: int, timing: Timing) -> None:
-        """Write registers once.
-
-        Parameters
-        ----------
-        line : Line
-            Where the unit is.
-        first : int
-            First register as on the wire [-].
-        values : tuple of int
-            0-65535 each [-].
-        function : int
-            `WRITE_ONE` or `WRITE_MANY`.
-        timing : Timing
-            The device's.
-        """
+        """Write registers once."""
         exchange(line, self.framing, Request(self.unit, function, first, len(values), values), timing)
 
 
 def modbus_unit(device: str, place: Place) -> ModbusUnit:
     """Unit and framing of a Modbus device.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    place : Place
-        Its tables there.
 
     Raises
     ------
@@ -97,15 +62,6 @@ def modbus_unit(device: str, place: Place) -> ModbusUnit:
 def refuse_serial_number(device: str, place: Place, title: str) -> None:
     """Refuse a serial number that nothing would check.
 
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    place : Place
-        Its tables there.
-    title : str
-        The instrument, for the text.
-
     Raises
     ------
     ConfigError
@@ -120,13 +76,6 @@ def refuse_serial_number(device: str, place: Place, title: str) -> None:
 
 def refuse_keyboard(device: str, place: Place) -> None:
     """Refuse a keyboard line for a device that has a cable.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    place : Place
-        Its tables there.
 
     Raises
     ------

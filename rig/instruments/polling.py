@@ -45,8 +45,6 @@ class Answer:
 
     Attributes
     ----------
-    found : dict of str to Value
-        By channel.
     block : bytes
         What tells a repeated value from a new one: all that the device said about its channels.
     request_ns, reply_ns : int
@@ -73,17 +71,7 @@ class _Memory:
 
 
 class Polled(abc.ABC):
-    """An instrument that is asked, or listened to, once a poll.
-
-    Parameters
-    ----------
-    device : str
-        Its name in the bench file.
-    channels : mapping of str to ChannelFile
-        Of the instrument's file.
-    settings : PolledFile
-        The instrument's file.
-    """
+    """An instrument that is asked, or listened to, once a poll."""
 
     checked = True  # whether a checksum protects what is on the wire
 
@@ -99,34 +87,16 @@ class Polled(abc.ABC):
         return self._memory.failed >= FAILING_POLLS
 
     def open(self, line: Line) -> None:
-        """Forget what was known.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Forget what was known."""
         self._memory = _Memory()
         line.drop()
 
     @abc.abstractmethod
     def ask(self, line: Line) -> Answer:
-        """Ask once and decode; raises `LineError` on a timeout, damage or refusal.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Ask once and decode; raises `LineError` on a timeout, damage or refusal."""
 
     def poll(self, line: Line) -> list[Reading]:
-        """Read every channel once.
-
-        Parameters
-        ----------
-        line : Line
-            Where the device is.
-        """
+        """Read every channel once."""
         asked = 0
 
         def ask() -> Answer:
@@ -185,13 +155,6 @@ class Polled(abc.ABC):
 def repeated(ask: Callable[[], Found], retries: int) -> Found:
     """Ask, and ask again after a timeout or a damaged reply; a refusal is an answer and is not repeated.
 
-    Parameters
-    ----------
-    ask : callable
-        Asks once.
-    retries : int
-        How often to ask again [-].
-
     Returns
     -------
     found
@@ -212,28 +175,14 @@ def repeated(ask: Callable[[], Found], retries: int) -> Found:
 
 
 def agreement(channel: ChannelFile) -> float:
-    """How far two polls may differ and still agree [own unit].
-
-    Parameters
-    ----------
-    channel : ChannelFile
-        With ``agree_within`` or ``resolution``.
-    """
+    """How far two polls may differ and still agree [own unit]."""
     chosen = getattr(channel, "agree_within", None)
     within = channel.resolution if chosen is None else chosen
     return within * (1.0 + 1e-9) if within else 0.0
 
 
 def timing_of(settings: InstrumentFile, line: Line) -> Timing:
-    """The line's times, with those of the device's file in their place.
-
-    Parameters
-    ----------
-    settings : InstrumentFile
-        Of the device.
-    line : Line
-        Where it is.
-    """
+    """The line's times, with those of the device's file in their place."""
     timeout_s = settings.timeout_s or line.timing.timeout_s
     slowest_s = settings.slowest_reply_s or line.timing.slowest_reply_s
     return dataclasses.replace(line.timing, timeout_s=timeout_s, slowest_reply_s=max(timeout_s, slowest_s))

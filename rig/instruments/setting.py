@@ -25,18 +25,12 @@ def set_and_read_back(
     ----------
     value : float
         What to order [own unit].
-    unit : str
-        Its unit, for the text.
     limits : (float, float)
         Lowest and highest set-point [own unit].
-    order : callable
-        Sends the order, once.
     read_back : callable
         Asks what the device holds now; asked again once when the answer fails.
     tolerance : float
         How far the two may differ, by the device's resolution [own unit].
-    device : str
-        For the text.
 
     Returns
     -------

@@ -16,15 +16,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """How far the model may be off in log speed, as a stationary process that forgets with distance.
-
-    Attributes
-    ----------
-    sd : float
-        Standard deviation anywhere [-].
-    length : float
-        Distance over which the correlation falls to 1/e [-].
-    """
+    """How far the model may be off in log speed, as a stationary process that forgets with distance."""
 
     sd: float
     length: float
@@ -47,15 +39,7 @@ class Discrepancy:
 
 @dataclass(frozen=True)
 class LogPrior:
-    """What is known of log f before: normal between bounds; flat where the standard deviation is infinite.
-
-    Attributes
-    ----------
-    mean, sd : float
-        Of the normal [-].
-    low, high : float
-        Bounds [-].
-    """
+    """What is known of log f before: normal between bounds; flat where the standard deviation is infinite."""
 
     mean: float
     sd: float
@@ -63,13 +47,7 @@ class LogPrior:
     high: float
 
     def quantiles(self, probability: np.ndarray) -> np.ndarray:
-        """Quantiles.
-
-        Parameters
-        ----------
-        probability : ndarray
-            Between 0 and 1 [-].
-        """
+        """Quantiles."""
         if np.isinf(self.sd):
             return self.low + probability * (self.high - self.low)
         return _truncated(np.full_like(probability, self.mean), self.sd, self.low, self.high, probability)
@@ -109,8 +87,6 @@ def update(residual: np.ndarray, noise_sd: np.ndarray, shared: np.ndarray, prior
         Independent errors of the log speed [-].
     shared : ndarray, shape (n_points, n_points)
         Covariance of the discrepancy [-].
-    prior : LogPrior
-        Of log f.
     """
     n = residual.shape[1]
     covariance = shared + np.eye(n) * (noise_sd**2)[:, None, :]
@@ -132,10 +108,6 @@ def draw(belief: Belief, prior: LogPrior, probability: np.ndarray) -> np.ndarray
 
     Parameters
     ----------
-    belief : Belief
-        The belief.
-    prior : LogPrior
-        For its bounds.
     probability : ndarray, shape (n_draws,)
         Where in its belief each takes the value [-].
     """
@@ -149,14 +121,10 @@ def discrepancy_at(
 
     Parameters
     ----------
-    belief : Belief
-        The belief.
     log_f : ndarray, shape (n_draws,)
         Of `draw` [-].
     towards : ndarray, shape (n_points,)
         Covariance between the points' places and this one [-].
-    discrepancy : Discrepancy
-        Its process.
 
     Returns
     -------
@@ -194,8 +162,6 @@ def quantile(
         How likely each is; their sum is 1 [-].
     log_mean, log_sd : ndarray, shape (n_draws,)
         Of each factor's logarithm [-].
-    probability : float
-        Between 0 and 1 [-].
     """
     turning = speeds > 0.0
     standing = float(np.sum(weights[~turning]))

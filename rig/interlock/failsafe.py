@@ -19,10 +19,6 @@ class Commands(Protocol):
 
         Parameters
         ----------
-        device : str
-            In the bench file.
-        action : str
-            What.
         argument : float or None
             Of a write [own unit].
         wait_s : float
@@ -31,25 +27,12 @@ class Commands(Protocol):
 
 
 def regulators(bench: Bench) -> list[str]:
-    """The devices of a bench that can raise the pressure.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    """
+    """The devices of a bench that can raise the pressure."""
     return [device for device in bench.file.devices if hasattr(bench.build(device), "write")]
 
 
 def set_and_check(acquisition: Commands, bench: Bench) -> list[str]:
     """Set the failsafe of every regulator; the driver reads it back.
-
-    Parameters
-    ----------
-    acquisition : Acquisition
-        Running.
-    bench : Bench
-        The bench.
 
     Returns
     -------

@@ -138,8 +138,6 @@ class Guard:
         ----------
         level : float
             Absolute pressure [Pa].
-        points : sequence of Point
-            The plateaus so far.
         """
         stuck = self._stuck(level, points)
         if stuck:
@@ -163,11 +161,6 @@ class Guard:
 
     def highest_pa(self, points: Sequence[Point]) -> float:
         """The highest pressure whose upper 99 % is within the limit, to 200 Pa below.
-
-        Parameters
-        ----------
-        points : sequence of Point
-            The plateaus so far.
 
         Returns
         -------

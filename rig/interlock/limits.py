@@ -18,13 +18,7 @@ class View(Protocol):
     """Who knows the latest readings: the acquisition."""
 
     def last(self, channel: str) -> Reading | None:
-        """The newest reading of a channel, failed or not; None before the first.
-
-        Parameters
-        ----------
-        channel : str
-            ``device.channel``.
-        """
+        """The newest reading of a channel, failed or not; None before the first."""
 
 
 class Limits:
@@ -32,14 +26,8 @@ class Limits:
 
     Parameters
     ----------
-    safety : SafetyTable
-        The limits.
-    roles : RolesTable
-        Which channel is the speed, and which the pressure.
     ambient_bar_abs : float
         Of the room, for a gauge that counts from it [bar].
-    rate : float
-        Of the bench's clock [-].
     """
 
     def __init__(
@@ -55,8 +43,6 @@ class Limits:
 
         Parameters
         ----------
-        view : View
-            The latest readings.
         now_ns : int
             Time of the bench [ns].
         pressurised : bool

@@ -31,8 +31,6 @@ class Prediction:
     ----------
     mean_rpm, upper99_rpm, lower99_rpm : float
         Mean, and the speeds that are passed from above and below with 1 % each.
-    text : str
-        The same in words.
     """
 
     mean_rpm: float
@@ -47,10 +45,6 @@ class Verdict:
 
     Attributes
     ----------
-    allowed : bool
-        Whether.
-    text : str
-        The figures, and when refused what would do.
     highest_pa_abs : float
         The highest pressure that would be allowed now [Pa]; the level itself when it is allowed.
     """

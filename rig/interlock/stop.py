@@ -56,13 +56,7 @@ class Stop:
         return max(len(self._asks), min(1, len(self._polite)))
 
     def ask(self, who: str = "operator") -> None:
-        """Ask as Ctrl-C does; twice means now.
-
-        Parameters
-        ----------
-        who : str
-            For the log.
-        """
+        """Ask as Ctrl-C does; twice means now."""
         self._asks.append(who)
         self._tell(who)
 

@@ -48,12 +48,8 @@ class Plan:
     ----------
     bench_file : Path
         The bench file; it and the instruments' files are read when the watchdog starts.
-    device : str
-        The regulator's name in it.
     line : LineTable
         Its line, with the port where it really is (on a virtual bench the pty or the TCP port in use).
-    rate : float
-        Of the bench's clock [-].
     log : Path or None
         Where a line of JSON says what was done; usually ``watchdog.jsonl`` of the run.
     """
@@ -77,14 +73,6 @@ class Plan:
 
         Parameters
         ----------
-        bench : Bench
-            The bench.
-        bench_file : Path
-            Where it was read from.
-        clock : Clock
-            Its clock.
-        log : Path or None
-            See the class.
         where : mapping or None
             ``port``, or ``host`` and ``tcp_port``, in place of what the bench file says.
 
@@ -112,13 +100,7 @@ class Plan:
 
     @classmethod
     def from_json(cls, text: bytes) -> Plan:
-        """A plan from `to_json`.
-
-        Parameters
-        ----------
-        text : bytes
-            One line.
-        """
+        """A plan from `to_json`."""
         table = json.loads(text)
         log = None if table["log"] is None else Path(table["log"])
         return cls(Path(table["bench_file"]), table["device"], LineTable(**table["line"]), table["rate"], log)
@@ -129,8 +111,6 @@ class Beat(threading.Thread):
 
     Parameters
     ----------
-    pipe : int
-        File descriptor of the writing end.
     attended_s : float or None
         It falls silent when nobody has called `attend` for so long, in real time [s]; never, when left out.
     """
@@ -169,8 +149,6 @@ class Watchdog:
 
     Parameters
     ----------
-    process : subprocess.Popen
-        The watchdog.
     attended_s : float or None
         Of the `Beat` [s].
     """
@@ -189,8 +167,6 @@ class Watchdog:
 
         Parameters
         ----------
-        plan : Plan
-            How to reach the regulator.
         attended_s : float or None
             How long the sweep may go without asking for `fault`, in real time [s]: a sweep that hangs while its threads
             live, on a terminal stopped with Ctrl-S for example, counts as hung then. Never, when left out.

@@ -52,11 +52,6 @@ def main() -> int:
 def watch(pipe: int) -> str:
     """Wait for a reason to act, or for the release.
 
-    Parameters
-    ----------
-    pipe : int
-        File descriptor that the beats come from.
-
     Returns
     -------
     str
@@ -78,14 +73,8 @@ def vent(plan: Plan, driver: Any, pipe: int, reason: str) -> str:
 
     Parameters
     ----------
-    plan : Plan
-        How to reach the regulator.
-    driver : Actuator
-        Its driver.
     pipe : int
         Beats that come again before the port could be opened call it off.
-    reason : str
-        `CLOSED` or `SILENT`.
 
     Returns
     -------

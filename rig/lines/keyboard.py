@@ -24,8 +24,6 @@ class KeyboardPort:
 
     Parameters
     ----------
-    clock : Clock
-        The bench's.
     incoming, outgoing : int or None
         File descriptors; those of standard input and output when left out.
     """
@@ -56,21 +54,13 @@ class KeyboardPort:
 
         Parameters
         ----------
-        data : bytes
-            A line with its end.
         asked_ns, typed_ns : int
             When it was asked for and when it was there [ns].
         """
         self._fed.append((asked_ns, typed_ns, data))
 
     def write(self, data: bytes) -> int:
-        """Show text, and return when [ns].
-
-        Parameters
-        ----------
-        data : bytes
-            UTF-8.
-        """
+        """Show text, and return when [ns]."""
         self._check()
         if self._fed:
             return self._fed[0][0]

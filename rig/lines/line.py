@@ -66,12 +66,6 @@ class Line:
 
     Parameters
     ----------
-    name : str
-        In the bench file.
-    port : Port
-        What carries the bytes.
-    clock : Clock
-        The bench's.
     timing : Timing
         Used where a question brings none of its own.
     """
@@ -114,8 +108,6 @@ class Line:
 
         Parameters
         ----------
-        request : bytes
-            What to send.
         complete : callable
             Tells the length of a whole frame at the start of the bytes received, or None while more are needed.
         timing : Timing or None
@@ -168,13 +160,7 @@ class Line:
         return Reply(buffer[:length], request_ns, reply_ns)
 
     def tell(self, data: bytes) -> int:
-        """Send bytes that nothing answers, and return the time [ns].
-
-        Parameters
-        ----------
-        data : bytes
-            What to send.
-        """
+        """Send bytes that nothing answers, and return the time [ns]."""
         return self._send(data)
 
     def listen(self, wait_s: float) -> tuple[int, bytes]:

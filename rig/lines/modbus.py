@@ -43,15 +43,7 @@ _TCP = FramerSocket(DecodePDU(False))
 
 
 class RefusedError(BadReplyError):
-    """The device answered with a Modbus exception.
-
-    Parameters
-    ----------
-    text : str
-        Device, question and exception.
-    code : int
-        Exception code [-].
-    """
+    """The device answered with a Modbus exception."""
 
     def __init__(self, text: str, code: int) -> None:
         super().__init__(text, Quality.EXCEPTION)
@@ -60,21 +52,7 @@ class RefusedError(BadReplyError):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A question.
-
-    Attributes
-    ----------
-    unit : int
-        Address of the device on the bus [-].
-    function : int
-        `READ_COILS`, `READ_HOLDING`, `READ_INPUT`, `WRITE_ONE` or `WRITE_MANY`.
-    address : int
-        First register as on the wire, from 0 [-].
-    count : int
-        Registers or coils [-].
-    values : tuple of int
-        What is written, 0-65535 each.
-    """
+    """A question."""
 
     unit: int
     function: int
@@ -85,15 +63,6 @@ class Request:
 
 def encode(request: Request, framing: str, transaction: int) -> bytes:
     """The bytes of a question.
-
-    Parameters
-    ----------
-    request : Request
-        The question.
-    framing : str
-        ``rtu`` or ``tcp``.
-    transaction : int
-        Number of the question, for TCP [-].
 
     Returns
     -------
@@ -121,13 +90,6 @@ def encode(request: Request, framing: str, transaction: int) -> bytes:
 def length_of(request: Request, framing: str) -> Complete:
     """What tells how long the answer to a question is.
 
-    Parameters
-    ----------
-    request : Request
-        The question.
-    framing : str
-        ``rtu`` or ``tcp``.
-
     Returns
     -------
     callable
@@ -151,17 +113,6 @@ def length_of(request: Request, framing: str) -> Complete:
 
 def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tuple[int, ...]:
     """The registers, or coils, of an answer.
-
-    Parameters
-    ----------
-    request : Request
-        The question.
-    framing : str
-        ``rtu`` or ``tcp``.
-    transaction : int
-        Number of the question, for TCP [-].
-    frame : bytes
-        The answer, as long as `length_of` said.
 
     Returns
     -------
@@ -209,12 +160,6 @@ def exchange(line: Line, framing: str, request: Request, timing: Timing | None =
 
     Parameters
     ----------
-    line : Line
-        Where the device is.
-    framing : str
-        ``rtu`` or ``tcp``.
-    request : Request
-        The question.
     timing : Timing or None
         The device's own; the line's when left out.
 
@@ -243,13 +188,7 @@ def exchange(line: Line, framing: str, request: Request, timing: Timing | None =
 
 
 def registers_of(values: Sequence[int]) -> bytes:
-    """Registers as the bytes they came in.
-
-    Parameters
-    ----------
-    values : sequence of int
-        0-65535 each [-].
-    """
+    """Registers as the bytes they came in."""
     return b"".join(value.to_bytes(2, "big") for value in values)
 
 

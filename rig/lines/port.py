@@ -18,15 +18,7 @@ class NoReplyError(LineError):
 
 
 class BadReplyError(LineError):
-    """Bytes came, but not an answer to the question.
-
-    Parameters
-    ----------
-    text : str
-        What was expected and what came.
-    quality : Quality
-        What the readings get that hang on it.
-    """
+    """Bytes came, but not an answer to the question."""
 
     def __init__(self, text: str, quality: Quality = Quality.CRC) -> None:
         super().__init__(text)
@@ -47,13 +39,7 @@ class Port(Protocol):
         """Close; harmless when closed."""
 
     def write(self, data: bytes) -> int:
-        """Send all bytes, and return the time at which sending began [ns].
-
-        Parameters
-        ----------
-        data : bytes
-            What to send.
-        """
+        """Send all bytes, and return the time at which sending began [ns]."""
 
     def read(self, until_ns: int) -> tuple[int, bytes]:
         """Wait for bytes and return what is there, with the time; no bytes when none came in time.

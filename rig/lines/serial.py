@@ -31,18 +31,8 @@ class SerialPort:
 
     Parameters
     ----------
-    path : str
-        ``/dev/serial/by-id/...``, ``/dev/ttyUSB0``, ``COM3``.
-    clock : Clock
-        The bench's.
     baud : int
         Bits a second [1/s].
-    parity : str
-        ``N``, ``E`` or ``O``.
-    stop_bits : int
-        1 or 2 [-].
-    data_bits : int
-        7 or 8 [-].
 
     Attributes
     ----------
@@ -92,13 +82,7 @@ class SerialPort:
             self._serial = None
 
     def write(self, data: bytes) -> int:
-        """Send all bytes.
-
-        Parameters
-        ----------
-        data : bytes
-            What to send.
-        """
+        """Send all bytes."""
         port = self._opened()
         time_ns = self.clock.now_ns()
         try:

@@ -14,17 +14,7 @@ CONNECT_S = 3.0  # real time: the other end is a machine on the same bench
 
 
 class TcpPort:
-    """A connection to a device or a gateway.
-
-    Parameters
-    ----------
-    host : str
-        Name or address.
-    port : int
-        TCP port [-].
-    clock : Clock
-        The bench's.
-    """
+    """A connection to a device or a gateway."""
 
     def __init__(self, host: str, port: int, clock: Clock) -> None:
         self.host, self.port, self.clock = host, port, clock
@@ -50,13 +40,7 @@ class TcpPort:
             self._socket = None
 
     def write(self, data: bytes) -> int:
-        """Send all bytes.
-
-        Parameters
-        ----------
-        data : bytes
-            What to send.
-        """
+        """Send all bytes."""
         connection = self._connected()
         time_ns = self.clock.now_ns()
         try:

@@ -125,11 +125,6 @@ def siblings(column: str) -> tuple[str, ...]:
 def other_spelling(name: str) -> tuple[str, str] | None:
     """What a column that holds a known quantity under another name or unit should be called.
 
-    Parameters
-    ----------
-    name : str
-        A column's name that is not in `NAMES`.
-
     Returns
     -------
     tuple of two str, or None

@@ -25,18 +25,12 @@ class Channel:
     ----------
     column : str
         The CSV column it fills; its unit is the unit of noise_sd, bias_sd and resolution.
-    noise_sd : float
-        Random noise of one row.
-    bias_sd : float
-        Offset, shared by the whole recording.
     scale_sd : float
         Relative scale error, shared by the whole recording; no unit.
     resolution : float
         The step that readings are rounded to; 0 for none.
     defaulted : tuple of str
         The figures that the recording left out and that took the documented default.
-    pulses_per_rev : float or None
-        speed_rpm only: pulses of the tachometer in one revolution.
     pitch_error_sd : float or None
         speed_rpm only: error of a tooth's place, one standard deviation, as a share of the tooth pitch; no unit.
     window_s : float or None
@@ -45,8 +39,6 @@ class Channel:
         speed_rpm only: time constant of a first-order lag [s].
     serial : str or None
         The instrument's serial number; the same instrument in several recordings shares its errors.
-    calibrated : str or None
-        When, or by what certificate, it was calibrated.
     """
 
     column: str
@@ -69,12 +61,8 @@ class Ambient:
 
     Attributes
     ----------
-    pressure_bar_abs, pressure_sd_bar : float or None
-        Ambient pressure and its standard deviation, bar.
     temperature_c, temperature_sd_k : float or None
         Ambient temperature in degrees Celsius and its standard deviation in K.
-    relative_humidity : float or None
-        0 to 1.
     """
 
     pressure_bar_abs: float | None = None
@@ -134,16 +122,10 @@ class RecordingFile:
 
     Attributes
     ----------
-    file : str
-        Its path inside the folder, with forward slashes.
     kind : {"steady", "transient", "zero"}
         One row a plateau, one row a sample, or instruments read with the line vented and the rotor at rest.
     start_s : float
         Where the file's time 0 stands on the recording's clock, s.
-    noise_scale : float
-        This file's random noise, times noise_sd.
-    rows : int
-        Rows under the header.
     columns : mapping of str to Column
         The known columns that hold numbers, in the file's order.
     direction : ndarray of str, shape (rows,), or None
@@ -168,20 +150,6 @@ class Recording:
 
     Attributes
     ----------
-    folder : Path
-        Where it was read from.
-    motor : str or dict
-        A name in configs/motors, or the inline table.
-    ambient : Ambient
-        The air around the rig.
-    channels : mapping of str to Channel
-        One for each measured column that any file holds.
-    files : tuple of RecordingFile
-        In the order of recording.toml.
-    added_inertia_kg_m2 : float
-        A flywheel on the shaft, kg m2.
-    warnings : tuple of str
-        What was assumed, and what was not used.
     sha256 : str
         Over recording.toml and the data files, in their order; empty for a recording that was never read.
     supply : SupplyFigures

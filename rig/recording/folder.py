@@ -17,13 +17,6 @@ class RefusedError(Exception):
 def inside(folder: Path, name: str) -> Path:
     """Where a file named in recording.toml stands.
 
-    Parameters
-    ----------
-    folder : Path
-        The recording's folder.
-    name : str
-        The value of `file`.
-
     Returns
     -------
     Path

@@ -24,8 +24,6 @@ def needed_columns(kind: Kind, motor: str | dict[str, Any]) -> tuple[tuple[str, 
 
     Parameters
     ----------
-    kind : {"steady", "transient", "zero"}
-        The file's kind.
     motor : str or dict
         The recording's motor; a name stands for a radial piston motor.
 
@@ -64,19 +62,7 @@ def check_separator(names: list[str], place: str, mistakes: Mistakes) -> bool:
 
 
 def check_names(names: list[str], needed: tuple[tuple[str, ...], ...], place: str, mistakes: Mistakes) -> None:
-    """Check the column names of one file: no doubles, no other units, nothing missing.
-
-    Parameters
-    ----------
-    names : list of str
-        The columns, in order.
-    needed : tuple of tuple of str
-        From `needed_columns`.
-    place : str
-        The file, for the error text.
-    mistakes : Mistakes
-        Where mistakes are noted.
-    """
+    """Check the column names of one file: no doubles, no other units, nothing missing."""
     header = f"{place}, header"
     for name in sorted({name for name in names if names.count(name) > 1}):
         mistakes.add(header, f"column '{shown(name)}' stands {names.count(name)} times; keep one, or rename the others")

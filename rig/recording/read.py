@@ -36,11 +36,6 @@ def read_recording(path: Path) -> Recording:
 
     An instrument's figure that is left out takes the default listed in `rig.recording.columns`, and a warning says so.
 
-    Parameters
-    ----------
-    path : Path
-        The folder, or its recording.toml.
-
     Returns
     -------
     Recording

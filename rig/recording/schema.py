@@ -189,15 +189,6 @@ def check_motor(motor: str | dict[str, Any], place: str, mistakes: Mistakes) -> 
     """Check a motor's name, or its inline table as far as it is known here.
 
     A radial piston motor's table is the business of the motor's own reader.
-
-    Parameters
-    ----------
-    motor : str or dict
-        The value of the key `motor`.
-    place : str
-        The file, for the error text.
-    mistakes : Mistakes
-        Where a mistake is noted.
     """
     if isinstance(motor, str):
         _check_motor_name(motor, place, mistakes)
@@ -242,13 +233,6 @@ def supply_of(table: SupplyTable) -> SupplyFigures:
 
 def channel_of(column: str, table: ChannelTable | None) -> Channel:
     """One instrument's figures, the documented default for each that is left out.
-
-    Parameters
-    ----------
-    column : str
-        A measured column.
-    table : ChannelTable or None
-        What the recording states of it.
 
     Returns
     -------

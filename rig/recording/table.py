@@ -47,19 +47,6 @@ def read_table(
 ) -> Table | None:
     """Read and check one CSV file in bounded memory.
 
-    Parameters
-    ----------
-    stream : binary file
-        The file.
-    plan : Plan
-        What it is read as.
-    place : str
-        Its path, for the error text.
-    mistakes : Mistakes
-        Where every mistake is noted.
-    seen : callable
-        Called with all the bytes read.
-
     Returns
     -------
     Table or None

@@ -37,8 +37,6 @@ def write_recording(recording: Recording, folder: Path) -> None:
     ----------
     recording : Recording
         What to write; `folder`, `warnings` and `sha256` of it are not used.
-    folder : Path
-        The folder to make, in a folder that exists.
 
     Raises
     ------

@@ -42,11 +42,6 @@ class Measured:
 def channels_of(run: Run) -> Measured:
     """The channels of a run's roles.
 
-    Parameters
-    ----------
-    run : Run
-        The run.
-
     Raises
     ------
     RunError

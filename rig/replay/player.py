@@ -23,12 +23,6 @@ class Player:
     ----------
     bench : Bench
         With the instruments' files: those that the run kept, or mended ones.
-    simulated : bool
-        Whether the run is of a virtual bench.
-    ambient : mapping of str to float
-        ``pressure_bar_abs`` and ``temperature_c`` of the run's start.
-    rate : float
-        Of the bench's clock then [-].
     """
 
     def __init__(self, bench: Bench, simulated: bool, ambient: Mapping[str, Any], rate: float = 1.0) -> None:

@@ -21,13 +21,7 @@ class ReplayPort:
         self.differences: list[str] = []  # where the bytes asked are not those that were asked
 
     def load(self, events: tuple[Event, ...]) -> None:
-        """Lay in the events of the next exchange; what is left of the last one is dropped.
-
-        Parameters
-        ----------
-        events : tuple of Event
-            In order.
-        """
+        """Lay in the events of the next exchange; what is left of the last one is dropped."""
         self._events = deque(events)
         if events:
             self._last_ns = events[0].time_ns
@@ -40,13 +34,7 @@ class ReplayPort:
         """Close."""
 
     def write(self, data: bytes) -> int:
-        """Compare with what was sent, and return the time at which it was [ns].
-
-        Parameters
-        ----------
-        data : bytes
-            What the driver sends now.
-        """
+        """Compare with what was sent, and return the time at which it was [ns]."""
         while self._events and self._events[0].kind in ("rx", "silence"):
             self._events.popleft()
         self._fail_if_lost()

@@ -24,15 +24,7 @@ class Listener(Protocol):
     """Who is told how far a replay is, and hears each exchange."""
 
     def __call__(self, done: int, exchange: Exchange) -> None:
-        """After an exchange.
-
-        Parameters
-        ----------
-        done : int
-            Exchanges played [-].
-        exchange : Exchange
-            The last.
-        """
+        """After an exchange."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +33,8 @@ class Replayed:
 
     Attributes
     ----------
-    exchanges, samples : int
-        Played, and read out of them [-].
-    logged : int
-        Rows that the run's samples.csv holds [-].
     different : int
         Rows that are not the same to the bit, those missing on either side included [-].
-    differences : tuple of str
-        The first few, in words.
-    asked : tuple of str
-        Where today's drivers ask something else than was asked.
     tail : int
         Rows more than the log has, of a run that was killed between its two files [-].
     """
@@ -71,11 +55,6 @@ class Replayed:
 
 def bench_of_run(run: Run) -> Bench:
     """The bench as it was, from the texts that the run kept.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
 
     Raises
     ------
@@ -109,8 +88,6 @@ def replay(
         Gets the exchanges and events of the replay, where it is kept as a run of its own.
     real_time : bool
         Whether to wait as long between two exchanges as it took then.
-    listener : Listener or None
-        Who is told.
 
     Returns
     -------
@@ -169,17 +146,7 @@ def replay(
 
 
 def mended_bench(run: Run, instruments: Iterable[str], folder: Path) -> Bench:
-    """The run's bench with today's files of some instruments.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    instruments : iterable of str
-        Names in configs/instruments.
-    folder : Path
-        configs/instruments.
-    """
+    """The run's bench with today's files of some instruments."""
     sources = {name: source.text.encode() for name, source in run.start.sources.items()}
     for name in instruments:
         path = folder / f"{name}.toml"

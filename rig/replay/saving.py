@@ -13,17 +13,7 @@ from rig.sweep.plateau import mean_of
 
 
 def writer_for(run: Run, bench: Bench, logs: Path) -> RunWriter:
-    """The run that a replay is written to: the old one's start record, with what it was decoded with now.
-
-    Parameters
-    ----------
-    run : Run
-        What is replayed.
-    bench : Bench
-        What it is decoded with.
-    logs : Path
-        Where runs are kept.
-    """
+    """The run that a replay is written to: the old one's start record, with what it was decoded with now."""
     sources = {name: source(text) for name, text in bench.sources.items()}
     start = run.start.model_copy(update={"kind": "replay", "parent": run.name, "sources": sources})
     return RunWriter.create(logs, start)
@@ -34,8 +24,6 @@ def retake_plateaus(run: Run, writer: RunWriter) -> int:
 
     Parameters
     ----------
-    run : Run
-        What was replayed.
     writer : RunWriter
         Where its replay is being written; every exchange is in it.
 

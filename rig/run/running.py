@@ -49,13 +49,7 @@ UNVENTED = "the line is NOT known to be without pressure: close the supply"
 
 
 def nobody(plateau: Plateau) -> None:
-    """Who is told of a plateau when nobody asked to be.
-
-    Parameters
-    ----------
-    plateau : Plateau
-        As taken.
-    """
+    """Who is told of a plateau when nobody asked to be."""
 
 
 # What goes on beside a run: called with the run's folder and a function that writes an event (its kind, then details by
@@ -64,15 +58,7 @@ Beside = Callable[[Path, Callable[..., None]], AbstractContextManager[Callable[[
 
 
 def alone(folder: Path, note: Callable[..., None]) -> AbstractContextManager[Callable[[Plateau], None]]:
-    """What goes on beside a run when nothing does.
-
-    Parameters
-    ----------
-    folder : Path
-        The run.
-    note : callable
-        Writes an event.
-    """
+    """What goes on beside a run when nothing does."""
     return contextlib.nullcontext(nobody)
 
 
@@ -84,24 +70,12 @@ class Wanted:
     ----------
     kind : str
         ``sweep``, ``coast-down``, ``spin-up`` or ``zero``; a sweep of a manual bench is logged as ``manual``.
-    root : Path
-        Where runs are kept.
-    operator : str
-        Who runs the bench.
-    parent : str or None
-        The run that this one continues.
-    wire : bool
-        Whether the bytes are kept.
     rate : float or None
         Seconds of a virtual bench in one of the wall [-]; the file's when left out.
     server : tuple of str or None
         Module and options of the process that serves a virtual bench, see `rig.virtual.launch`; its own when left out.
-    progress : Progress
-        Who is told.
     ask : callable or None
         Puts a prompt about the room to the person; None when nobody is there.
-    on_plateau : callable
-        Called with each `Plateau`.
     beside : callable
         Gives the context in which the course is gone through, see `Beside`; it ends before the run is sealed.
     """
@@ -136,10 +110,6 @@ def place_of(
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
-    path : Path
-        Its file.
     rate : float or None
         Seconds of a virtual bench in one of the wall [-]; the file's when left out.
     server : tuple of str or None
@@ -169,12 +139,8 @@ def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Ou
     ----------
     path : Path
         The bench file, or the name of one in configs/benches.
-    given : Given
-        What is known of the room.
     plan : callable
         From the bench and the room to the course, and remarks on it.
-    wanted : Wanted
-        What the run is to be.
 
     Returns
     -------
@@ -385,19 +351,6 @@ class _Run:
 
 def enter(bench: Bench, text: str, ambient: Ambient, root: Path, operator: str = "") -> Path:
     """A run from a sheet that was filled in.
-
-    Parameters
-    ----------
-    bench : Bench
-        With one manual instrument.
-    text : str
-        The sheet, CSV.
-    ambient : Ambient
-        The room.
-    root : Path
-        Where runs are kept.
-    operator : str
-        Who read the instruments.
 
     Raises
     ------

@@ -11,13 +11,7 @@ from rig.progress import DONE, TASK, Bar, Elapsed, bar_of
 
 
 class Terminal:
-    """A bar on standard error, with what is said above it; a context manager.
-
-    Parameters
-    ----------
-    title : str
-        What runs.
-    """
+    """A bar on standard error, with what is said above it; a context manager."""
 
     def __init__(self, title: str) -> None:
         self.bar = bar_of(TASK, Bar, DONE, Elapsed)
@@ -34,38 +28,17 @@ class Terminal:
         self.bar.stop()
 
     def say(self, text: str, warning: bool = False) -> None:
-        """Tell the person something.
-
-        Parameters
-        ----------
-        text : str
-            One line.
-        warning : bool
-            Whether it should stand out.
-        """
+        """Tell the person something."""
         self.console.print(f"[yellow]{escape(text)}[/yellow]" if warning else escape(text), highlight=False)
 
     def advance(self, done: int, total: int, text: str) -> None:
-        """How far it is.
-
-        Parameters
-        ----------
-        done, total : int
-            Plateaus and captures [-].
-        text : str
-            What is being done.
-        """
+        """How far it is."""
         if not self.bar.live.is_started:
             self.bar.start()
         self.bar.update(self._task, description=escape(f"{self.title}: {text}"), completed=done, total=max(total, 1))
 
     def ask(self, prompt: str) -> str:
         """Put a question, with the bar out of the way.
-
-        Parameters
-        ----------
-        prompt : str
-            What to show.
 
         Raises
         ------
@@ -78,11 +51,6 @@ class Terminal:
 
 def ask(prompt: str) -> str:
     """Put a question on standard error and return the line that was typed.
-
-    Parameters
-    ----------
-    prompt : str
-        What to show.
 
     Raises
     ------

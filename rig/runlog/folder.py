@@ -37,8 +37,6 @@ def run_name(utc_ns: int, bench: str, kind: str) -> str:
         Start of the run since 1970 [ns].
     bench : str
         The bench's name; what a file name should not hold becomes a dash.
-    kind : str
-        The run's kind.
     """
     when = time.strftime("%Y%m%d-%H%M%S", time.gmtime(utc_ns // 1_000_000_000))
     plain = _WORD.sub("-", bench).strip("-.")[:60] or "bench"
@@ -52,8 +50,6 @@ def make_folder(root: Path, name: str) -> Path:
     ----------
     root : Path
         Where runs are kept; made when it is missing.
-    name : str
-        From `run_name`.
     """
     try:
         root.mkdir(parents=True, exist_ok=True)
@@ -68,13 +64,7 @@ def make_folder(root: Path, name: str) -> Path:
 
 
 class Lock:
-    """An exclusive lock on a run, gone with the process that holds it.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
-    """
+    """An exclusive lock on a run, gone with the process that holds it."""
 
     def __init__(self, folder: Path) -> None:
         path = folder / LOCK
@@ -117,8 +107,6 @@ def write_whole(path: Path, data: bytes) -> None:
     ----------
     path : Path
         The file; it must not exist.
-    data : bytes
-        Its content.
     """
     if os.path.lexists(path):
         raise RunError(f"{path}: exists already; nothing is overwritten")
@@ -149,8 +137,6 @@ def read_bytes(path: Path, limit: int) -> bytes:
 
     Parameters
     ----------
-    path : Path
-        The file.
     limit : int
         Largest size [bytes].
     """
@@ -163,8 +149,6 @@ def open_plain(path: Path, limit: int) -> BinaryIO:
 
     Parameters
     ----------
-    path : Path
-        The file.
     limit : int
         Largest size [bytes].
 

@@ -17,11 +17,6 @@ def torn_bytes(path: Path) -> int:
 
     A line is whole when it ends in a line feed. A power cut may leave zero bytes where the last rows should be: a line
     of which the file holds nothing but zeros to its end is torn too.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
     """
     with open_plain(path, MAX_FILE_BYTES) as stream:
         size, whole = _sizes(stream)

@@ -18,19 +18,7 @@ QUIET = {"state", "set-point", "statistics", "asked", "note", "plateau", "model 
 
 @dataclass(frozen=True)
 class RunRow:
-    """One run in the list.
-
-    Attributes
-    ----------
-    name, kind, bench, utc_start : str
-        From the start record.
-    outcome : str
-        ``finished``, ``aborted``, ``failed``, ``killed``, ``being written``, or ``unreadable: ...``.
-    rows, plateaus : int
-        Samples and plateaus [-].
-    simulated : bool
-        Whether the bench was a virtual one.
-    """
+    """One run in the list."""
 
     name: str
     kind: str = ""
@@ -43,13 +31,7 @@ class RunRow:
 
 
 def list_runs(root: Path) -> list[RunRow]:
-    """The runs of a folder, oldest first; other folders in it are passed over.
-
-    Parameters
-    ----------
-    root : Path
-        Where runs are kept.
-    """
+    """The runs of a folder, oldest first; other folders in it are passed over."""
     if not root.is_dir():
         return []
     folders = [entry for entry in root.iterdir() if entry.is_dir() and (entry / START).exists()]
@@ -84,8 +66,6 @@ def find_run(name: str | Path, root: Path) -> Path:
     ----------
     name : str or Path
         What the person typed; ``last`` is the newest run.
-    root : Path
-        Where runs are kept.
 
     Raises
     ------
@@ -108,13 +88,7 @@ def find_run(name: str | Path, root: Path) -> Path:
 
 
 def summary(run: Run) -> str:
-    """One run in full, for reading: start, plateaus, what went wrong, end.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    """
+    """One run in full, for reading: start, plateaus, what went wrong, end."""
     return (
         "\n".join([*_start_lines(run), "", *_plateau_lines(run), "", *_event_lines(run), "", *_end_lines(run)]) + "\n"
     )

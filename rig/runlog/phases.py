@@ -26,14 +26,10 @@ class Phase:
 
     Attributes
     ----------
-    kind : str
-        ``zero``, ``coast-down`` or ``spin-up``.
     start_s, end_s : float
         On the bench's clock [s].
     event_s : float or None
         Of a capture: when the supply was shut or opened [s].
-    cut_short : bool
-        Of a capture: whether the run ended within it.
     """
 
     kind: str
@@ -91,10 +87,6 @@ def series(run: Run, channel: str, start_s: float, end_s: float) -> Series:
 
     Parameters
     ----------
-    run : Run
-        The run.
-    channel : str
-        ``device.channel``.
     start_s, end_s : float
         Both ends are taken in [s].
     """
@@ -117,13 +109,7 @@ def series(run: Run, channel: str, start_s: float, end_s: float) -> Series:
 
 
 def zeros(run: Run) -> tuple[list[Phase], list[str]]:
-    """The zero phases of a run, and what was left out.
-
-    Parameters
-    ----------
-    run : Run
-        Its events ``zero`` hold ``start_s``, ``end_s`` and ``vented``.
-    """
+    """The zero phases of a run, and what was left out."""
     events: list[EventLine] = []
     for event in run.events:
         if event.event == ZERO:

@@ -40,8 +40,6 @@ class Mean:
         In the unit of the quantity's name; the scale's limit when censored.
     se : float or None
         Its standard error; None where one reading does not show it.
-    n_eff : float or None
-        Independent readings that the samples are worth [-].
     n : int
         Usable samples [-]; 0 where it was not noted.
     censored : int
@@ -61,24 +59,12 @@ class PlateauRow:
 
     Attributes
     ----------
-    n : int
-        The plateau's number, from 1 [-].
     level_bar_abs : float or None
         The pressure that was asked for [bar].
     direction : str
         ``up``, ``down``, or empty where it was not noted.
-    repeat : int
-        Of the sweep, from 1 [-].
     start_s, end_s : float
         The dwell, on the bench's clock [s].
-    settled : bool
-        Whether it had settled before the dwell.
-    means : mapping of str to Mean
-        By quantity, one of `QUANTITIES`.
-    note : str
-        In words.
-    used : bool
-        False takes the plateau back.
     """
 
     n: int
@@ -150,11 +136,6 @@ def _cell(name: str, value: Any) -> str:
 
 def read(path: Path) -> list[PlateauRow]:
     """All rows of plateaus.csv, in order; none when there is no file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
 
     Raises
     ------

@@ -45,21 +45,11 @@ class Run:
 
     Attributes
     ----------
-    folder : Path
-        Where it is.
-    start : StartRecord
-        What was known at the start.
     end : EndRecord or None
         None when the run was killed, or is being written.
-    state : str
-        ``finished``, ``aborted``, ``failed``, ``killed`` or ``being written``.
     samples : DataFrame
         A row a reading: those of samples.csv, with ``time_ns``, ``request_ns`` and ``reply_ns`` as integers [ns] and
         ``time_s`` [s] beside them; ``value`` is NaN where there is none.
-    events : list of EventLine
-        In the order of the file.
-    plateaus : list of PlateauRow
-        Those that count.
     plateau_rows : list of PlateauRow
         Every row of the file, with those that were replaced or taken back.
     torn : dict of str to int
@@ -107,13 +97,7 @@ class Run:
         return {str(name): self.samples[name].to_numpy() for name in self.samples}
 
     def readings_of(self, exchange: int) -> tuple[Reading, ...]:
-        """The readings of an exchange, bit for bit as they were written.
-
-        Parameters
-        ----------
-        exchange : int
-            Its number, from 1 [-].
-        """
+        """The readings of an exchange, bit for bit as they were written."""
         if not 1 <= exchange < len(self._first_rows):
             return ()
         first, last = self._first_rows[exchange - 1 : exchange + 1]
@@ -152,11 +136,6 @@ class Run:
 def read_run(folder: Path) -> Run:
     """Read a run.
 
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
-
     Returns
     -------
     Run
@@ -187,13 +166,7 @@ def read_run(folder: Path) -> Run:
 
 
 def read_start(folder: Path) -> StartRecord:
-    """The start record of a run; RunError when the folder holds none.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
-    """
+    """The start record of a run; RunError when the folder holds none."""
     if folder.is_symlink():
         raise RunError(f"{folder}: a symbolic link, which is refused; name the folder itself")
     if not folder.is_dir():
@@ -205,13 +178,7 @@ def read_start(folder: Path) -> StartRecord:
 
 
 def read_end(folder: Path) -> EndRecord | None:
-    """The end record of a run; None when there is none.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
-    """
+    """The end record of a run; None when there is none."""
     path = folder / END
     if not path.exists() and not path.is_symlink():
         return None

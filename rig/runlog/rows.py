@@ -79,8 +79,6 @@ def harmless(text: str, length: int = MAX_TEXT) -> str:
 
     Parameters
     ----------
-    text : str
-        From a device or a file.
     length : int
         Where it is cut [characters].
     """
@@ -110,10 +108,6 @@ def sample_line(n: int, exchange: int, reading: Reading, utc_start_ns: int) -> b
 
     Parameters
     ----------
-    n : int
-        Number of the row, from 1 [-].
-    exchange : int
-        Number of its exchange [-].
     reading : Reading
         What is written. A value that is no finite number is written as none.
     utc_start_ns : int
@@ -142,15 +136,7 @@ def sample_line(n: int, exchange: int, reading: Reading, utc_start_ns: int) -> b
 
 
 def wire_line(n: int, exchange: Exchange) -> bytes:
-    """A line of wire.jsonl.
-
-    Parameters
-    ----------
-    n : int
-        Number of the exchange, from 1 [-].
-    exchange : Exchange
-        What is written, its readings as their number.
-    """
+    """A line of wire.jsonl."""
     line = {
         "n": n,
         "line": exchange.line,
@@ -175,10 +161,6 @@ def event_line(n: int, kind: str, time_ns: int, utc_start_ns: int, details: Mapp
 
     Parameters
     ----------
-    n : int
-        Number of the event, from 1 [-].
-    kind : str
-        What happened.
     time_ns : int
         On the bench's clock [ns].
     utc_start_ns : int
@@ -198,15 +180,7 @@ def json_line(tree: Mapping[str, Any]) -> bytes:
 
 
 def plain(value: Any, depth: int = 0) -> Any:
-    """What JSON can hold of a value: numbers that are not finite and things of other kinds become bounded text.
-
-    Parameters
-    ----------
-    value : Any
-        Numbers, text, lists, mappings, NumPy scalars and arrays.
-    depth : int
-        How deep it stands [-].
-    """
+    """What JSON can hold of a value: numbers that are not finite and things of other kinds become bounded text."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, enum.Enum):

@@ -125,15 +125,7 @@ def _check_order(samples: pd.DataFrame, path: Path) -> None:
 
 
 def reading_of(cells: Mapping[str, np.ndarray], row: int) -> Reading:
-    """The reading of a row, bit for bit as it was written.
-
-    Parameters
-    ----------
-    cells : mapping of str to ndarray
-        The table's columns.
-    row : int
-        From 0 [-].
-    """
+    """The reading of a row, bit for bit as it was written."""
     value = float(cells["value"][row])
     return Reading(
         device=cells["device"][row],

@@ -168,10 +168,6 @@ def parse(schema: type[Schema], data: bytes, place: str) -> Schema:
 
     Parameters
     ----------
-    schema : type
-        What it should be.
-    data : bytes
-        UTF-8 text.
     place : str
         File, and line where there are several.
 

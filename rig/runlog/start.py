@@ -33,16 +33,12 @@ class Circumstances:
 
     Attributes
     ----------
-    operator : str
-        Who runs the bench.
     ambient : AmbientRecord or None
         The room; the bench file's when left out.
     lubrication : str or None
         The bench file's when left out.
     minutes_running : float or None
         How long the motor has run before [min].
-    parent : str or None
-        The run that this one continues, or replays.
     """
 
     operator: str = ""
@@ -65,18 +61,6 @@ def start_record(
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
-    kind : str
-        The run's kind.
-    clock : Clock
-        The bench's clock.
-    identities : mapping of str to str
-        What each device said of itself.
-    circumstances : Circumstances
-        What no instrument tells.
-    simulated : bool
-        Whether the bench is a virtual one.
     more : mapping, optional
         Further keys, such as ``sweep``; they replace those of the bench file.
     """

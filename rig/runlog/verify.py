@@ -34,11 +34,6 @@ def verify(folder: Path) -> list[str]:
     Hashes are held against the end record, counts against the rows, and the rows of each exchange against its line of
     the wire.
 
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
-
     Raises
     ------
     RunError
@@ -129,11 +124,6 @@ def _counted(run: Run) -> tuple[dict[str, int], list[str]]:
 
 def repair(folder: Path) -> list[str]:
     """Seal a killed run: drop what is torn at the end of each file, and write the end record. Nothing else changes.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
 
     Returns
     -------

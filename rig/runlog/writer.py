@@ -66,8 +66,6 @@ class RunWriter:
 
         Parameters
         ----------
-        root : Path
-            Where runs are kept.
         start : StartRecord
             What is known at the start; it names the folder.
         wire : bool
@@ -106,11 +104,6 @@ class RunWriter:
 
     def exchange(self, exchange: Exchange) -> None:
         """Write an exchange: its line of the wire, then a row for each reading. They are in the file on return.
-
-        Parameters
-        ----------
-        exchange : Exchange
-            The next one.
 
         Raises
         ------
@@ -190,19 +183,6 @@ class RunWriter:
         vented: bool | None = None,
     ) -> EndRecord:
         """Seal the run: everything on the disk, every file hashed, the end record last, the lock released.
-
-        Parameters
-        ----------
-        outcome : str
-            ``finished``, ``aborted`` (a person stopped it) or ``failed``.
-        reason : str
-            Why, when not finished.
-        ambient_end : AmbientRecord, optional
-            The room at the end.
-        statistics : mapping, optional
-            Rates, failures, waits.
-        vented : bool, optional
-            Whether the line is without pressure.
 
         Raises
         ------

@@ -30,8 +30,6 @@ class Given:
     ----------
     pressure_bar_abs, temperature_c, relative_humidity : float or None
         The room [bar, degree Celsius, 0 to 1].
-    lubrication : str or None
-        Oil, and when it was last given.
     minutes_running : float or None
         How long the motor has run today before this [min].
     """
@@ -51,12 +49,8 @@ class Ambient:
     ----------
     pressure_bar_abs, pressure_sd_bar, temperature_c, relative_humidity : float
         The room [bar, bar, degree Celsius, 0 to 1].
-    lubrication : str
-        Oil, and when it was last given.
     minutes_running : float
         How long the motor has run before [min].
-    sources : dict of str to str
-        Where each is from: ``bench file``, ``option`` or ``asked``.
     """
 
     pressure_bar_abs: float
@@ -121,10 +115,6 @@ def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
-    given : Given or None
-        The options.
     ask : callable or None
         Puts a prompt and returns what was typed; None when nobody is there.
 
@@ -150,13 +140,6 @@ def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -
 def again(start: Ambient, ask: Ask) -> Ambient:
     """The room asked for once more, to put an answer right; an empty answer keeps what was said.
 
-    Parameters
-    ----------
-    start : Ambient
-        As it was said.
-    ask : callable
-        As in `at_start`.
-
     Raises
     ------
     AmbientError
@@ -170,12 +153,8 @@ def at_end(start: Ambient, minutes: float, ask: Ask | None = None) -> Ambient:
 
     Parameters
     ----------
-    start : Ambient
-        At the start.
     minutes : float
         That the run took [min].
-    ask : callable or None
-        As in `at_start`.
     """
     end = replace(start, minutes_running=start.minutes_running + minutes)
     if ask is None:

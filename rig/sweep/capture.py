@@ -38,16 +38,12 @@ class Expected:
 
     Attributes
     ----------
-    kind : str
-        ``coast-down`` or ``spin-up``.
     level_bar_abs : float
         Absolute pressure [bar].
     duration_s : float
         From the valve's move to 10 % of the speed before, or to 90 % of the speed it reaches [s].
     speed_rpm : float
         The speed before, or that it reaches [rpm].
-    turns : float
-        Of the rotor within the duration [-].
     """
 
     kind: str
@@ -63,8 +59,6 @@ class Rate:
 
     Attributes
     ----------
-    channel : str
-        Its full name.
     period_s : float
         Between two readings [s].
     update_s : float
@@ -79,13 +73,7 @@ class Rate:
     teeth: int | None = None
 
     def samples(self, expected: Expected) -> int:
-        """How many would fall in the event [-].
-
-        Parameters
-        ----------
-        expected : Expected
-            The event.
-        """
+        """How many would fall in the event [-]."""
         if self.teeth is not None:
             return math.floor(expected.turns * self.teeth)
         return math.floor(expected.duration_s / max(self.period_s, self.update_s))
@@ -96,10 +84,6 @@ def expected(motor: Motor, kind: str, level_bar_abs: float) -> Expected:
 
     Parameters
     ----------
-    motor : Motor
-        With the room's state.
-    kind : str
-        ``coast-down`` or ``spin-up``.
     level_bar_abs : float
         Absolute pressure before or after [bar].
 
@@ -132,13 +116,7 @@ def expected(motor: Motor, kind: str, level_bar_abs: float) -> Expected:
 
 
 def rate_of(bench: Bench) -> Rate:
-    """How often the speed channel of a bench gives a value.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    """
+    """How often the speed channel of a bench gives a value."""
     name = bench.file.roles.speed
     device = name.partition(".")[0]
     settings, driver = bench.instruments[device], bench.build(device)
@@ -148,13 +126,6 @@ def rate_of(bench: Bench) -> Rate:
 
 def check(expected: Expected, rate: Rate) -> int:
     """How many samples would fall in the event.
-
-    Parameters
-    ----------
-    expected : Expected
-        The event.
-    rate : Rate
-        Of the speed channel.
 
     Returns
     -------
@@ -183,12 +154,6 @@ def capture_task(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: float
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
-    ambient : Ambient
-        The room.
-    kind : str
-        ``coast-down`` or ``spin-up``.
     level_bar_abs : float or None
         Absolute pressure [bar]; the bench file's when left out.
 
@@ -204,27 +169,13 @@ def capture_task(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: float
 
 
 def level_of(bench: Bench) -> float:
-    """The level that captures start from or end at [bar abs].
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    """
+    """The level that captures start from or end at [bar abs]."""
     table = bench.file.sweep
     return table.capture_level_bar_abs or max(table.levels_bar_abs)
 
 
 def motor_of(bench: Bench, ambient: Ambient) -> Motor:
-    """The bench's motor in the room as it is.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    ambient : Ambient
-        The room.
-    """
+    """The bench's motor in the room as it is."""
     values = {
         "ambient_pressure": ambient.pressure_bar_abs * BAR,
         "ambient_temperature": ambient.temperature_c + 273.15,

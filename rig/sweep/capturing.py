@@ -39,19 +39,10 @@ class Capturing:
 
     Parameters
     ----------
-    task : CaptureTask
-        What is to be captured.
     ambient_bar : float
         The room's pressure [bar].
     now_ns : int
         Time of the bench [ns].
-    by_hand : bool
-        Whether a person moves the valve.
-
-    Attributes
-    ----------
-    over : bool
-        Whether it is done.
     """
 
     def __init__(self, task: CaptureTask, ambient_bar: float, now_ns: int, by_hand: bool = False) -> None:
@@ -75,8 +66,6 @@ class Capturing:
         ----------
         now_ns : int
             Time of the bench [ns].
-        view : View
-            What the bench shows.
         """
         if self._start_ns is None:
             return self._in_rest(now_ns, view)

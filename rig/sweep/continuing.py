@@ -22,10 +22,6 @@ class Taken:
 
     Attributes
     ----------
-    steps : tuple of Step
-        Those whose plateau counts and had settled.
-    captures : frozenset of str
-        Kinds of runs in time.
     plateaus : tuple of Plateau
         All that count, oldest first, those that had not settled too: what the guard learns from.
     """
@@ -37,15 +33,6 @@ class Taken:
 
 def taken(run: Run, bench: Bench, logs: Path) -> Taken:
     """What a run, and the runs that it continues, have taken.
-
-    Parameters
-    ----------
-    run : Run
-        The run that is continued.
-    bench : Bench
-        The bench that continues it.
-    logs : Path
-        Where runs are kept.
 
     Raises
     ------

@@ -36,22 +36,10 @@ class Course:
 
     Attributes
     ----------
-    steps : sequence of Step
-        The plateaus.
-    captures : sequence of CaptureTask
-        After the plateaus.
-    table : SweepTable
-        Times and limits.
     ambient_bar : float
         The room's pressure [bar].
-    roles : tuple of str
-        What a plateau holds.
     zero_channels : tuple of str
         Full names; read with the line vented.
-    by_hand : bool
-        Whether a person sets the pressure.
-    zeros : tuple of str
-        ``start``, ``end`` or both.
     known : sequence of Plateau
         Of the runs that this one continues, oldest first: the guard learns from them too.
     """

@@ -20,26 +20,10 @@ class Progress(Protocol):
     """Where a run tells how far it is."""
 
     def say(self, text: str, warning: bool = False) -> None:
-        """Tell the person something.
-
-        Parameters
-        ----------
-        text : str
-            One line.
-        warning : bool
-            Whether it should stand out.
-        """
+        """Tell the person something."""
 
     def advance(self, done: int, total: int, text: str) -> None:
-        """How far it is.
-
-        Parameters
-        ----------
-        done, total : int
-            Plateaus and captures [-].
-        text : str
-            What is being done.
-        """
+        """How far it is."""
 
 
 class Person(Protocol):
@@ -76,8 +60,6 @@ def allow_all(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
     ----------
     level_bar_abs : float
         Where to [bar].
-    plateaus : sequence of Plateau
-        So far.
     """
     return Verdict(True, "no guard", level_bar_abs * BAR)
 
@@ -93,8 +75,6 @@ def expect_anything(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float,
     ----------
     bar_abs : float
         The pressure [bar].
-    plateaus : sequence of Plateau
-        So far.
     """
     return None
 
@@ -104,12 +84,8 @@ def never_trip(view: View, now_ns: int, pressurised: bool) -> str | None:
 
     Parameters
     ----------
-    view : View
-        The bench.
     now_ns : int
         Time of the bench [ns].
-    pressurised : bool
-        Whether there may be pressure.
     """
     return None
 
@@ -131,16 +107,8 @@ class Hooks:
     ----------
     predict : callable
         The guard; `guarded` makes one.
-    trip : callable
-        `rig.interlock.limits.Limits.trip`.
     stops : callable
         How often the operator has asked to stop, such as ``lambda: stop.asked``.
-    progress : Progress
-        Who is told.
-    person : Person
-        Who turns a hand valve.
-    on_plateau : callable
-        Called with each `Plateau`.
     expect : callable
         The speeds that a typed one is held against; `expecting` makes one.
     """
@@ -164,8 +132,6 @@ class Guarding(Protocol):
         ----------
         level : float
             Absolute pressure [Pa].
-        points : sequence of Point
-            The plateaus so far.
         """
 
 
@@ -174,12 +140,8 @@ def guarded(guard: Guarding, ambient_bar: float, is_gauge: bool, pressure_sd_bar
 
     Parameters
     ----------
-    guard : Guard
-        Of the motor.
     ambient_bar : float
         The room's pressure [bar].
-    is_gauge : bool
-        Whether the bench's pressure channel counts from the room's.
     pressure_sd_bar : float
         What a mean pressure may be off by beyond its scatter [bar].
     """
@@ -201,8 +163,6 @@ class Expecting(Protocol):
         ----------
         level_pa_abs : float
             Absolute pressure [Pa].
-        points : sequence of Point
-            The plateaus so far.
         """
 
 
@@ -211,12 +171,8 @@ def expecting(guard: Expecting, ambient_bar: float, is_gauge: bool) -> Expect:
 
     Parameters
     ----------
-    guard : Guard
-        Of the motor.
     ambient_bar : float
         The room's pressure [bar].
-    is_gauge : bool
-        Whether the bench's pressure channel counts from the room's.
     """
 
     def expect(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
@@ -234,8 +190,6 @@ def points_of(plateaus: Sequence[Plateau], added_bar: float, pressure_sd_bar: fl
 
     Parameters
     ----------
-    plateaus : sequence of Plateau
-        So far.
     added_bar : float
         From the channel's zero to absolute [bar].
     pressure_sd_bar : float

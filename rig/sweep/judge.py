@@ -23,8 +23,6 @@ def pressure_abs(view: View, ambient_bar: float) -> float | None:
 
     Parameters
     ----------
-    view : View
-        The bench.
     ambient_bar : float
         Added to a gauge pressure [bar].
     """
@@ -39,8 +37,6 @@ def is_vented(view: View, ambient_bar: float) -> bool:
 
     Parameters
     ----------
-    view : View
-        The bench.
     ambient_bar : float
         The room's pressure [bar].
     """
@@ -52,8 +48,6 @@ def is_near_ambient(view: View, ambient_bar: float) -> bool:
 
     Parameters
     ----------
-    view : View
-        The bench.
     ambient_bar : float
         The room's pressure [bar].
     """
@@ -65,8 +59,6 @@ def not_at_rest(view: View, ambient_bar: float) -> str:
 
     Parameters
     ----------
-    view : View
-        The bench.
     ambient_bar : float
         The room's pressure [bar].
     """
@@ -83,13 +75,7 @@ def not_at_rest(view: View, ambient_bar: float) -> str:
 
 
 def not_reading(view: View) -> str:
-    """Which of pressure and speed gives no reading, and why; empty when both do.
-
-    Parameters
-    ----------
-    view : View
-        The bench.
-    """
+    """Which of pressure and speed gives no reading, and why; empty when both do."""
     for role in ("pressure", "speed"):
         reading = view.last(role)
         if reading is None:
@@ -105,10 +91,6 @@ def not_settled(view: View, table: SweepTable, since_ns: int, now_ns: int) -> st
 
     Parameters
     ----------
-    view : View
-        The bench.
-    table : SweepTable
-        Window and limits.
     since_ns, now_ns : int
         Only readings between these count [ns].
     """
@@ -130,10 +112,6 @@ def mean(view: View, channel: str, start_ns: int, end_ns: int) -> Mean:
 
     Parameters
     ----------
-    view : View
-        The bench.
-    channel : str
-        Full name or role.
     start_ns, end_ns : int
         Bench times [ns].
     """
@@ -146,10 +124,6 @@ def all_in(view: View, channels: Iterable[str], end_ns: int) -> bool:
 
     Parameters
     ----------
-    view : View
-        The bench.
-    channels : iterable of str
-        Full names or roles.
     end_ns : int
         Bench time [ns].
     """
@@ -162,12 +136,8 @@ def remarks(means: dict[str, Mean], level_bar_abs: float, view: View, ambient_ba
 
     Parameters
     ----------
-    means : dict of str to Mean
-        By role.
     level_bar_abs : float
         What was asked for [bar].
-    view : View
-        The bench.
     ambient_bar : float
         The room's pressure [bar].
     """

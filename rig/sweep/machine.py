@@ -52,19 +52,8 @@ class SweepMachine:
 
     Parameters
     ----------
-    course : Course
-        What is to be done.
-    predict : callable
-        Whether a level may be gone to.
     trip : callable
         Asked at every advance: a reason to vent now, or None.
-
-    Attributes
-    ----------
-    state : State
-        Where it is.
-    plateaus : list of Plateau
-        What was taken so far.
     """
 
     def __init__(self, course: Course, predict: Predict, trip: Trip) -> None:
@@ -116,8 +105,6 @@ class SweepMachine:
         ----------
         now_ns : int
             Time of the bench [ns].
-        view : View
-            What the bench shows.
 
         Returns
         -------
@@ -146,8 +133,6 @@ class SweepMachine:
         ----------
         now_ns : int
             Time of the bench [ns].
-        reason : str
-            For the log.
         """
         return self._leave(now_ns, ABORTED, reason)
 
@@ -158,8 +143,6 @@ class SweepMachine:
         ----------
         now_ns : int
             Time of the bench [ns].
-        reason : str
-            For the log.
         """
         return self._leave(now_ns, FAILED, reason)
 

@@ -28,8 +28,6 @@ class View(Protocol):
 
         Parameters
         ----------
-        channel : str
-            ``device.channel``, or a role.
         start_ns, end_ns : int
             Bench times [ns].
         """

@@ -27,8 +27,6 @@ class Step:
         Absolute pressure [bar].
     direction : str
         ``up`` or ``down``: from which side the level is approached, or for the first of a falling leg, the leg.
-    repeat : int
-        From 1 [-].
     by_way_of_bar_abs : float or None
         A higher pressure to go to first [bar]: a level of a falling leg is never approached from below, also where the
         levels above it are left out.
@@ -61,10 +59,6 @@ def plan(
     order : str
         ``up``, ``down``, ``up-down`` (the top level is the last of the rising leg and the first of the falling one),
         ``down-up`` (likewise with the lowest), or ``random``: each repeat in its own order.
-    repeats : int
-        How often the whole is gone through [-].
-    seed : int
-        Of the random order [-].
     finished : collection of Step
         What an earlier run of this sweep has taken; left out here.
 

@@ -24,19 +24,6 @@ def sweep_course(
 ) -> tuple[Course, list[str]]:
     """What a sweep goes through.
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    ambient : Ambient
-        The room.
-    finished : collection of Step
-        What the run that this one continues has taken.
-    captured : collection of str
-        Kinds of captures that it has taken.
-    known : sequence of Plateau
-        What it has measured, for the guard.
-
     Returns
     -------
     course : Course
@@ -69,12 +56,6 @@ def capture_course(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: flo
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
-    ambient : Ambient
-        The room.
-    kind : str
-        ``coast-down``, ``spin-up`` or ``zero``.
     level_bar_abs : float or None
         Absolute pressure [bar]; the bench file's capture level, or its highest level, when left out.
 
@@ -97,10 +78,6 @@ def check_levels(bench: Bench, ambient: Ambient, levels_bar_abs: Collection[floa
 
     Parameters
     ----------
-    bench : Bench
-        For its limit.
-    ambient : Ambient
-        The room.
     levels_bar_abs : collection of float
         Absolute pressures [bar].
 

@@ -28,18 +28,12 @@ class Mean:
     se : float or None
         Standard error of the mean by scatter alone [own unit]; the instrument's own errors and its resolution are not
         in it. None from fewer than two readings, and when censored.
-    n : int
-        Readings [-].
     n_eff : float
         As many independent ones would have done as well [-].
     censored : int
         -1 when the true mean is below, 1 when it is above [-].
     drift, drift_se : float or None
         Change over the plateau by a straight line, and its error [own unit].
-    qualities : dict of str to int
-        How many readings had each quality.
-    note : str
-        What a person should know of it.
     """
 
     mean: float | None
@@ -76,8 +70,6 @@ def mean_of(
         Times [s] and values [own unit], oldest first.
     censored : ndarray of int, shape (n,), or None
         -1 and 1 where a reading was below or above the scale [-].
-    quality : sequence of Quality
-        Of each.
 
     Returns
     -------
@@ -122,18 +114,10 @@ class Plateau:
 
     Attributes
     ----------
-    number : int
-        From 1, in the order of time [-].
-    step : Step
-        What was asked for.
     start_ns, end_ns : int
         Of the dwell [ns].
     settled : bool
         Whether it had settled before; if not, ``note`` says why.
-    means : dict of str to Mean
-        By role: ``pressure``, ``flow``, ``speed``, ``temperature``.
-    note : str
-        What a person should know of it.
     """
 
     number: int
@@ -145,13 +129,7 @@ class Plateau:
     note: str = ""
 
     def row(self, columns: Mapping[str, str]) -> dict[str, Any]:
-        """The plateau as a row of the run's table; a mean beyond the scale is ``<10`` or ``>100``.
-
-        Parameters
-        ----------
-        columns : mapping of str to str
-            Role to the name of its column (`rig.runlog.columns_of`).
-        """
+        """The plateau as a row of the run's table; a mean beyond the scale is ``<10`` or ``>100``."""
         row: dict[str, Any] = {
             "n": self.number,
             "level_bar_abs": self.step.level_bar_abs,

@@ -57,16 +57,8 @@ class Outcome:
 
     Attributes
     ----------
-    outcome : str
-        ``finished``, ``aborted`` or ``failed``.
-    reason : str
-        Why, when not finished.
     vented : bool
         Whether the gauge, or the person, said at the end that the line is without pressure.
-    plateaus : list of Plateau
-        What was taken.
-    left_out : list of Step
-        What the guard refused.
     """
 
     outcome: str
@@ -77,13 +69,7 @@ class Outcome:
 
 
 class BenchView:
-    """The bench as the machine sees it.
-
-    Parameters
-    ----------
-    acquisition : Acquisition
-        Running.
-    """
+    """The bench as the machine sees it."""
 
     def __init__(self, acquisition: Acquisition) -> None:
         self._acquisition = acquisition
@@ -96,8 +82,6 @@ class BenchView:
 
         Parameters
         ----------
-        channel : str
-            ``device.channel``, or a role.
         start_ns, end_ns : int
             Bench times [ns].
         """
@@ -109,21 +93,7 @@ class BenchView:
 
 
 class Runner:
-    """Carries out a machine's orders on a bench.
-
-    Parameters
-    ----------
-    acquisition : Acquisition
-        Running.
-    sink : PlateauSink
-        Where plateaus are written.
-    bench : Bench
-        The bench.
-    course : Course
-        What is gone through.
-    hooks : Hooks
-        Guard, limits, operator and audience.
-    """
+    """Carries out a machine's orders on a bench."""
 
     def __init__(self, acquisition: Acquisition, sink: PlateauSink, bench: Bench, course: Course, hooks: Hooks) -> None:
         self.acquisition, self.sink, self.course, self.hooks = acquisition, sink, course, hooks
@@ -285,12 +255,6 @@ def run_course(
     ----------
     acquisition : Acquisition
         Started; it is not stopped here.
-    sink : PlateauSink
-        Where plateaus are written.
-    bench : Bench
-        The bench.
-    course : Course
-        From `rig.sweep.planning.course_of`.
     hooks : Hooks or None
         Guard, limits, operator and audience; none of them when left out.
 

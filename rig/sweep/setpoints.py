@@ -15,8 +15,6 @@ def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:
 
     Parameters
     ----------
-    bench : Bench
-        The bench.
     ambient_bar : float
         The room's pressure [bar].
 

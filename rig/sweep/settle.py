@@ -27,8 +27,6 @@ class Settled:
 
     Attributes
     ----------
-    settled : bool
-        Whether it has.
     slope, slope_se : float
         Of the line through the readings, and its standard error [own unit/s]; NaN with too few readings.
     scatter : float

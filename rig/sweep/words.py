@@ -6,13 +6,7 @@ from rig.sweep.plateau import Mean, Plateau
 
 
 def sentence(plateau: Plateau) -> str:
-    """A plateau in one line.
-
-    Parameters
-    ----------
-    plateau : Plateau
-        As taken.
-    """
+    """A plateau in one line."""
     parts = [f"{plateau.step.level_bar_abs:g} bar abs {plateau.step.direction}"]
     units = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
     parts += [_figure(plateau.means[role], unit) for role, unit in units.items() if role in plateau.means]

@@ -8,15 +8,7 @@ from pathlib import Path
 
 
 def options_of(program: str, words: str) -> argparse.ArgumentParser:
-    """The options of a process that serves a bench.
-
-    Parameters
-    ----------
-    program : str
-        How it is called.
-    words : str
-        What it does.
-    """
+    """The options of a process that serves a bench."""
     parser = argparse.ArgumentParser(prog=program, description=words)
     parser.add_argument("bench", type=Path, help="bench file, or the name of one in configs/benches")
     parser.add_argument("--state", type=Path, required=True, metavar="DIR", help="where ports.json and the links go")

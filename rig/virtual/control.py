@@ -26,13 +26,7 @@ class RequestError(ValueError):
 
 
 class Control:
-    """Answers requests about the bench, and carries out those to change it.
-
-    Parameters
-    ----------
-    server : VirtualServer
-        What is controlled.
-    """
+    """Answers requests about the bench, and carries out those to change it."""
 
     def __init__(self, server: VirtualServer) -> None:
         self.server = server
@@ -73,11 +67,6 @@ class Control:
 
     def carry_out(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Do what a request asks, and return what there is to tell.
-
-        Parameters
-        ----------
-        request : mapping
-            Its ``do`` is one of `ORDERS`.
 
         Raises
         ------

@@ -37,22 +37,7 @@ class VirtualBenchError(Exception):
 
 
 class VirtualBench:
-    """A virtual bench that runs; a context manager that ends it.
-
-    Parameters
-    ----------
-    process : Popen
-        The bench.
-    folder : Path
-        Its state folder, thrown away at the end.
-    ports : dict
-        What its ports.json holds.
-
-    Attributes
-    ----------
-    clock : Clock
-        Shared with the bench: the same start and rate.
-    """
+    """A virtual bench that runs; a context manager that ends it."""
 
     def __init__(self, process: subprocess.Popen[bytes], folder: Path, ports: dict[str, Any]) -> None:
         self.process, self.folder, self.ports = process, folder, ports
@@ -66,11 +51,6 @@ class VirtualBench:
 
     def control(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Ask the bench something, or order it; docs/virtual-bench.md lists what.
-
-        Parameters
-        ----------
-        request : mapping
-            Such as ``{"do": "state"}``.
 
         Returns
         -------
@@ -89,10 +69,6 @@ class VirtualBench:
 
         Parameters
         ----------
-        line_name : str
-            In the bench file.
-        line_table : LineTable
-            Of the bench file.
         clock : Clock
             The program's; `clock` for one that runs with the bench's.
         """
@@ -111,13 +87,6 @@ class VirtualBench:
 
 def ask(ports: Mapping[str, Any], request: Mapping[str, Any]) -> dict[str, Any]:
     """Ask a bench that another process started.
-
-    Parameters
-    ----------
-    ports : mapping
-        What its ports.json holds.
-    request : mapping
-        Such as ``{"do": "state"}``.
 
     Returns
     -------
@@ -142,19 +111,7 @@ def ask(ports: Mapping[str, Any], request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def port_for(ports: Mapping[str, Any], line_name: str, line_table: LineTable, clock: Clock) -> Port:
-    """The port of a line, from what a bench's ports.json holds.
-
-    Parameters
-    ----------
-    ports : mapping
-        Of ports.json.
-    line_name : str
-        In the bench file.
-    line_table : LineTable
-        Of the bench file.
-    clock : Clock
-        The bench's.
-    """
+    """The port of a line, from what a bench's ports.json holds."""
     place = ports["lines"].get(line_name)
     if place is None:
         return port_of(line_name, line_table, clock)

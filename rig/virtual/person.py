@@ -41,8 +41,6 @@ def read_dial(true: float, dial: Dial, chance: np.random.Generator | None = None
     ----------
     true : float
         Where the pointer really is [own unit].
-    dial : Dial
-        Its scale.
     chance : Generator or None
         Source of parallax; none when left out.
     """
@@ -75,8 +73,6 @@ def answer(
         Of the shaft [rpm].
     chance : Generator or None
         Source of parallax; none when left out.
-    dials : tuple of Dial
-        Of pressure, flow and speed.
     """
     pairs = zip((pressure_bar, flow_l_min, abs(speed_rpm)), dials, strict=True)
     return " ".join(read_dial(true, dial, chance) for true, dial in pairs)

@@ -35,13 +35,7 @@ PlantOf = Callable[[Bench], Turning]
 
 
 def virtual_lines(file: BenchFile) -> dict[str, LineTable]:
-    """The lines that the virtual bench serves: their port or host is ``virtual``.
-
-    Parameters
-    ----------
-    file : BenchFile
-        The bench.
-    """
+    """The lines that the virtual bench serves: their port or host is ``virtual``."""
     return {name: line for name, line in file.lines.items() if "virtual" in (line.port, line.host)}
 
 
@@ -50,10 +44,6 @@ class VirtualServer:
 
     Parameters
     ----------
-    bench : Bench
-        The bench file and its instruments'.
-    folder : Path
-        Where ports.json and the symbolic links are put.
     rate : float or None
         Seconds of the bench in one of the wall [-]; the file's when left out.
     seed : int or None
@@ -108,13 +98,7 @@ class VirtualServer:
         return bus
 
     def add_fault(self, fault: Fault) -> None:
-        """Lay a fault, or let it happen at its time.
-
-        Parameters
-        ----------
-        fault : Fault
-            Checked by `read_fault`.
-        """
+        """Lay a fault, or let it happen at its time."""
         if fault.kind not in ONCE:
             self.faults.add(fault)
             return
@@ -127,13 +111,7 @@ class VirtualServer:
             self.loop.at(when_ns, lambda: self.power_cycle(fault.device, fault.span_s))
 
     def plug(self, line: str) -> None:
-        """Put a line's cable in.
-
-        Parameters
-        ----------
-        line : str
-            In the bench file.
-        """
+        """Put a line's cable in."""
         wire = self.buses[line].wire
         if not wire.plugged:
             wire.plug()
@@ -143,8 +121,6 @@ class VirtualServer:
 
         Parameters
         ----------
-        device : str
-            In the bench file.
         span_s : float
             How long [s].
         """
@@ -162,12 +138,8 @@ class VirtualServer:
 
         Parameters
         ----------
-        owner : int or None
-            Process that this bench is for [-].
         linger_s : float
             How long after that process this one ends, on the wall's clock [s].
-        ready : callable
-            Called when the lines answer.
         """
         try:
             for bus in self.buses.values():
@@ -231,13 +203,7 @@ def _lives(process: int) -> bool:
 
 
 def motor_in_room(bench: Bench) -> Motor:
-    """The motor's file, in the room of the bench file.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    """
+    """The motor's file, in the room of the bench file."""
     ambient = bench.file.ambient
     room: dict[str, float] = {}
     if ambient.pressure_bar_abs is not None:
@@ -282,20 +248,12 @@ def serve(
     ----------
     path : Path
         The bench file, or the name of one in configs/benches.
-    folder : Path
-        Made when missing.
     rate : float or None
         Seconds of the bench in one of the wall [-].
-    owner : int or None
-        Process that this bench is for [-].
-    seed : int or None
-        Of chance [-].
     linger_s : float
         How long after the owner this process ends, on the wall's clock [s].
     plant_of : callable or None
         Makes line and motor of the bench file; the project's own model when left out.
-    ready : callable
-        Called when the lines answer.
     """
     folder.mkdir(parents=True, exist_ok=True)
     server = VirtualServer(read_bench(path), folder.resolve(), rate, seed, plant_of)

@@ -31,10 +31,6 @@ class Plateaus:
         Pressure at the gauge [Pa].
     clock : ndarray
         On the recording's clock [s].
-    way : ndarray
-        1 upwards, -1 downwards, 0 neither [-].
-    locked : bool
-        Whether the rotor is held.
     """
 
     lines: np.ndarray
@@ -76,8 +72,6 @@ class Rig:
     errors : mapping of str to float
         ``pressure_offset_bar``, ``pressure_scale``, ``flow_offset_l_min``, ``flow_scale``, ``speed_offset_rpm`` and
         ``speed_scale``; scales less 1.
-    effects : tuple of Concealed
-        What is concealed.
     added_inertia : float
         Of a flywheel [kg m2].
     supply : Supply or None
@@ -133,15 +127,7 @@ class History:
 
 
 def figures_of(rig: Rig, asked: Plateaus) -> tuple[np.ndarray, np.ndarray]:
-    """Figures of the motor in each row, shape (n, k), and pressures that it gets [Pa]; see `concealed.row_figures`.
-
-    Parameters
-    ----------
-    rig : Rig
-        Motor and instruments.
-    asked : Plateaus
-        The rows.
-    """
+    """Figures of the motor in each row, shape (n, k), and pressures that it gets [Pa]; see `concealed.row_figures`."""
     return concealed.row_figures(rig.figures(), rig.effects, asked.clock, asked.way, asked.lines)
 
 
@@ -163,10 +149,6 @@ def plateaus(rig: Rig, asked: Plateaus, steady: Steady = marched) -> Readings:
 
     Parameters
     ----------
-    rig : Rig
-        Motor and instruments.
-    asked : Plateaus
-        The rows.
     steady : callable
         What gives speed and mass flow of rows of figures at pressures of the line.
     """
@@ -185,15 +167,7 @@ def plateaus(rig: Rig, asked: Plateaus, steady: Steady = marched) -> Readings:
 
 
 def at_rest(rig: Rig, rows: int) -> Readings:
-    """Readings with the line vented and the rotor at rest.
-
-    Parameters
-    ----------
-    rig : Rig
-        Motor and instruments.
-    rows : int
-        Number of them [-].
-    """
+    """Readings with the line vented and the rotor at rest."""
     ambient = np.full(rows, rig.figures()["ambient_pa"])
     flow = instruments.read_flow(rig.effects, np.zeros(rows), ambient, rig.figures()["inlet_k"], np.zeros(rows, bool))
     own = rig.errors.get("speed_offset_rpm", 0.0) * np.pi / 30.0
@@ -205,8 +179,6 @@ def delivered(rig: Rig, asked: Plateaus) -> np.ndarray:
 
     Parameters
     ----------
-    rig : Rig
-        Motor and instruments.
     asked : Plateaus
         The rows, the regulator's setting in place of the line's pressure.
     """
@@ -221,10 +193,6 @@ def history(rig: Rig, asked: Run, dt: float = marches.STEP_S, ripple: bool = Tru
 
     Parameters
     ----------
-    rig : Rig
-        Motor and instruments.
-    asked : Run
-        The run.
     dt : float
         Largest step of the march [s].
     ripple : bool
@@ -247,16 +215,10 @@ def run(
 
     Parameters
     ----------
-    rig : Rig
-        Motor and instruments.
-    asked : Run
-        The run.
     dt : float
         Largest step of the march [s].
     jitter : ndarray, shape (n,), optional
         How late each sample really is [s].
-    ripple : bool
-        Whether the pulses of single cylinders are seen.
     """
     found = history(rig, asked, dt, ripple)
     grid = np.arange(found.turned.size) * CELL_S
@@ -335,8 +297,6 @@ def shown_pressure(rig: Rig, pressure: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    rig : Rig
-        Motor and instruments.
     pressure : ndarray, shape (n,)
         At the gauge [Pa].
     """
@@ -350,8 +310,6 @@ def shown_speed(rig: Rig, speed: np.ndarray, clock: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    rig : Rig
-        Motor and instruments.
     speed : ndarray, shape (n,)
         Of the shaft [rad/s].
     clock : ndarray, shape (n,)
@@ -367,8 +325,6 @@ def shown_flow(rig: Rig, flow: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    rig : Rig
-        Motor and instruments.
     flow : ndarray, shape (n,)
         Volume at the line's state [m3/s].
     """
@@ -377,13 +333,5 @@ def shown_flow(rig: Rig, flow: np.ndarray) -> np.ndarray:
 
 
 def without(rig: Rig, effects: Sequence[Concealed]) -> Rig:
-    """The same rig with another set of effects.
-
-    Parameters
-    ----------
-    rig : Rig
-        The rig.
-    effects : sequence of Concealed
-        What is at work then.
-    """
+    """The same rig with another set of effects."""
     return replace(rig, effects=tuple(effects))

@@ -24,8 +24,6 @@ class Concealed:
 
     Attributes
     ----------
-    id : str
-        Of the effect.
     form : str
         The `USUAL` one of the id, or one of `sizes.OTHER_FORMS`.
     values : mapping of str to float
@@ -114,8 +112,6 @@ def figures(nuisances: Mapping[str, float], effects: Sequence[Concealed]) -> dic
     ----------
     nuisances : mapping of str to float
         Figures off their defaults [SI].
-    effects : sequence of Concealed
-        What is at work.
     """
     found = dict(DEFAULTS) | {name: value for name, value in nuisances.items() if name in DEFAULTS}
     for effect in effects:
@@ -136,10 +132,6 @@ def row_figures(
 
     Parameters
     ----------
-    base : mapping of str to float
-        Of `figures`.
-    effects : sequence of Concealed
-        What is at work.
     clock : ndarray, shape (n,)
         On the recording's clock [s].
     way : ndarray, shape (n,)
@@ -178,11 +170,5 @@ def _cold(form: str, v: Values, clock: np.ndarray) -> np.ndarray:
 
 
 def from_json(data: Sequence[Mapping[str, Any]]) -> tuple[Concealed, ...]:
-    """Effects as a truth keeps them.
-
-    Parameters
-    ----------
-    data : sequence of mapping
-        ``id``, ``form`` and ``values`` each.
-    """
+    """Effects as a truth keeps them."""
     return tuple(Concealed(one["id"], one["form"], dict(one["values"])) for one in data)

@@ -52,12 +52,8 @@ def draw(family: str, index: int, seed: int | bytes | str) -> Truth:
 
     Parameters
     ----------
-    family : str
-        ``development`` or ``proof``.
     index : int
         Of the case [-]; twenty in a row have the whole make-up.
-    seed : int, bytes or str
-        Of the campaign.
 
     Raises
     ------

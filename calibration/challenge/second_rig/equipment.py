@@ -40,13 +40,7 @@ BEYOND = 2.0
 
 
 def draw_supply(rng: np.random.Generator) -> dict[str, float]:
-    """A line, as `line.supply_of` takes it; empty for an ideal step.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """A line, as `line.supply_of` takes it; empty for an ideal step."""
     if rng.random() < IDEAL_SHARE:
         return {}
     found = {name: _log(rng, span) for name, span in LINES.items()}
@@ -57,15 +51,7 @@ def draw_supply(rng: np.random.Generator) -> dict[str, float]:
 
 
 def draw_instruments(supply: dict[str, float], rng: np.random.Generator) -> dict[str, Any]:
-    """Tachometer and gauge of the runs in time, and what the recording says of them and of the line.
-
-    Parameters
-    ----------
-    supply : dict
-        Of `draw_supply`.
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """Tachometer and gauge of the runs in time, and what the recording says of them and of the line."""
     kind = str(rng.choice(KINDS, p=KIND_SHARES))
     found = dict(PLAIN) | {"tachometer": kind, "told": [], "supply_told": _told(supply, rng)}
     if kind == TOOTH:

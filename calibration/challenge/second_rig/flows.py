@@ -39,8 +39,6 @@ def uncovered(psi: float, opens: float, closes: float, p: np.ndarray) -> float:
         Angle within the lobe [rad].
     opens, closes : float
         The article's angles [rad].
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     """
     return max(0.0, min(1.0, min(psi - opens, closes - psi) / p[RAMP] + p[LEAD]))
 
@@ -93,8 +91,6 @@ def leak_flow(p: np.ndarray, high: float) -> float:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     high : float
         Pressure behind the inlet's throttle [Pa].
     """
@@ -115,8 +111,6 @@ def heat(p: np.ndarray, P: float, T: float, V: float, piston_speed: float, filli
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     P, T, V : float
         Gas pressure [Pa], temperature [K] and volume [m3].
     piston_speed : float
@@ -144,14 +138,10 @@ def plenums(p: np.ndarray, y: np.ndarray, line: float, is_open: bool, entered: f
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     y : ndarray
         State of the motor, laid out as at the top of `motor`; changed.
     line : float
         Pressure of the line [Pa].
-    is_open : bool
-        Whether the supply is open.
     entered, left : float
         Mass flows through the ports in this step [kg/s].
     dt : float
@@ -197,8 +187,6 @@ def settled(
         On the other side of the throttle [Pa].
     source : float
         Mass flow into the volume from the ports [kg/s].
-    loss, area, form : float
-        Of the throttle, see `slots`.
     counted : float
         Pressure at which the volume flow is counted [Pa].
     T : float

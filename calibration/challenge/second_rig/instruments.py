@@ -14,8 +14,6 @@ def read_pressure(effects: Sequence[Concealed], true: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    effects : sequence of Concealed
-        What is at work.
     true : ndarray, shape (n,)
         Pressure at the gauge [Pa].
     """
@@ -40,8 +38,6 @@ def read_flow(
 
     Parameters
     ----------
-    effects : sequence of Concealed
-        What is at work.
     true : ndarray, shape (n,)
         Flow at the line's state [m3/s].
     line : ndarray, shape (n,)
@@ -72,8 +68,6 @@ def read_speed(effects: Sequence[Concealed], true: np.ndarray, clock: np.ndarray
 
     Parameters
     ----------
-    effects : sequence of Concealed
-        What is at work.
     true : ndarray, shape (n,)
         Speed of the shaft [rad/s].
     clock : ndarray, shape (n,)
@@ -93,8 +87,6 @@ def lagged(effects: Sequence[Concealed], speed: np.ndarray, cell_s: float) -> np
 
     Parameters
     ----------
-    effects : sequence of Concealed
-        What is at work.
     speed : ndarray, shape (n,)
         Of cells of equal duration [rad/s].
     cell_s : float
@@ -128,8 +120,6 @@ def misread(effects: Sequence[Concealed], channel: str, readings: np.ndarray) ->
 
     Parameters
     ----------
-    effects : sequence of Concealed
-        What is at work.
     channel : str
         ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
     readings : ndarray, shape (n,)

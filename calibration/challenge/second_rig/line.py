@@ -103,13 +103,7 @@ def supply_of(data: Mapping[str, float]) -> Supply | None:
 
 
 def at_rest(p: np.ndarray) -> np.ndarray:
-    """State of a vented line, its valve shut, shape (5,).
-
-    Parameters
-    ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    """
+    """State of a vented line, its valve shut, shape (5,)."""
     s = np.zeros(STATES)
     s[LINE] = s[REGULATED] = p[PA]
     return s
@@ -123,16 +117,12 @@ def follow(
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     s : ndarray, shape (5,)
         State of the line; changed.
     figures : ndarray, shape (6,)
         Of `Supply`.
     target : float
         What the regulator is set to [Pa].
-    is_open : bool
-        Whether the valve is driven towards the regulator.
     taken : float
         Mass that the motor took in this step [kg].
     dt : float
@@ -199,10 +189,6 @@ def together(
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     y : ndarray
         State of the motor, laid out as at the top of `motor`; changed.
     s : ndarray, shape (5,)
@@ -211,8 +197,6 @@ def together(
         Of `Supply`.
     target : float
         What the regulator is set to [Pa].
-    is_open : bool
-        Whether the valve is driven towards the regulator.
     less : float
         How much less than the line's pressure the motor gets [Pa].
     dt : float
@@ -246,10 +230,6 @@ def run_behind(
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     y : ndarray
         State of the motor at the start, laid out as at the top of `motor`; changed.
     s : ndarray, shape (5,)
@@ -285,8 +265,6 @@ def settled(p: np.ndarray, figures: np.ndarray, target: float, mass_flow: float)
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     figures : ndarray, shape (6,)
         Of `Supply`.
     target : float
@@ -310,8 +288,6 @@ def needed(p: np.ndarray, figures: np.ndarray, line: float, mass_flow: float) ->
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     figures : ndarray, shape (6,)
         Of `Supply`.
     line : float

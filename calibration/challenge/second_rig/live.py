@@ -51,10 +51,6 @@ def carry_on(
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     y : ndarray
         State of the motor, laid out as at the top of `motor`; changed.
     s : ndarray, shape (5,)
@@ -63,8 +59,6 @@ def carry_on(
         Of `line.Supply`.
     target : float
         What the regulator is set to [Pa].
-    is_open : bool
-        Whether the valve is driven towards the regulator.
     less : float
         How much less than the line's pressure the motor gets [Pa].
     dt : float
@@ -81,13 +75,7 @@ def carry_on(
 
 
 class Tachometer:
-    """What a concealed tachometer makes of the shaft, sample after sample: the angle that its wheel seems to turn.
-
-    Parameters
-    ----------
-    effects : sequence of Concealed
-        What is at work.
-    """
+    """What a concealed tachometer makes of the shaft, sample after sample: the angle that its wheel seems to turn."""
 
     def __init__(self, effects: tuple[Concealed, ...]) -> None:
         self.effects = effects

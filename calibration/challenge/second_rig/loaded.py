@@ -20,14 +20,8 @@ def under_load(p: np.ndarray, supply: Supply, target: float, locked: bool = Fals
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    supply : Supply
-        The line.
     target : float
         What the regulator is set to [Pa].
-    locked : bool
-        Whether the rotor is held.
     """
     figures, at = supply.figures(), target
     found = (target, target)
@@ -45,10 +39,6 @@ def set_for(p: np.ndarray, supply: Supply, pressure: float) -> float:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    supply : Supply
-        The line.
     pressure : float
         Of the line [Pa].
     """
@@ -60,8 +50,6 @@ def draught(p: np.ndarray, feed: float) -> float:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     feed : float
         Pressure of the line [Pa].
     """

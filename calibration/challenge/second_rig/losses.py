@@ -31,8 +31,6 @@ def drag(p: np.ndarray, omega: float, line_gauge: float) -> tuple[float, float]:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     omega : float
         Speed [rad/s].
     line_gauge : float
@@ -68,8 +66,6 @@ def swing(p: np.ndarray, theta: float) -> float:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     theta : float
         Shaft angle [rad].
     """

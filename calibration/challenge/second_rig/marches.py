@@ -55,10 +55,6 @@ def settle(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, dt: flo
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     y : ndarray
         State of the motor, laid out as at the top of `motor`; changed.
     line : float
@@ -95,10 +91,6 @@ def plateau(p: np.ndarray, table: np.ndarray, line: float, omega: float, dt: flo
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     line : float
         Pressure of the line [Pa].
     omega : float
@@ -138,8 +130,6 @@ def plateaus(rows: np.ndarray, table: np.ndarray, lines: np.ndarray, omegas: np.
     ----------
     rows : ndarray, shape (n, k)
         Figures of the motor, a row a plateau.
-    table : ndarray
-        The guide curve, of `curve.table`.
     lines : ndarray, shape (n,)
         Pressure of the line [Pa].
     omegas : ndarray, shape (n,)
@@ -161,10 +151,6 @@ def turning(
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     line : float
         Pressure of the line [Pa].
     omega : float
@@ -194,10 +180,6 @@ def run_in_time(
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     y : ndarray
         State of the motor at the start, laid out as at the top of `motor`; changed.
     line : float
@@ -225,8 +207,6 @@ def gas_torque(p: np.ndarray, gauge: float) -> float:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     gauge : float
         Pressure of the line above the ambient's [Pa].
     """
@@ -251,8 +231,6 @@ def guess(p: np.ndarray, line: float) -> float:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     line : float
         Pressure of the line [Pa].
     """

@@ -61,12 +61,8 @@ def look_up(table: np.ndarray, psi: float, column: int) -> float:
 
     Parameters
     ----------
-    table : ndarray
-        The guide curve, of `curve.table`.
     psi : float
         Angle within the lobe [rad].
-    column : int
-        One of those that `curve` names.
     """
     place = psi * (CELLS / LOBE)
     cell = min(int(place), CELLS - 1)
@@ -80,10 +76,6 @@ def rest(p: np.ndarray, table: np.ndarray, theta: float, line: float, is_open: b
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     theta : float
         Shaft angle [rad].
     line : float
@@ -114,8 +106,6 @@ def opened(p: np.ndarray, start: float, end: float, half: float) -> float:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     start, end : float
         Angles within the lobe [rad].
     half : float
@@ -135,10 +125,6 @@ def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, flo
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     y : ndarray
         State of the motor, laid out as at the top of this module.
     """
@@ -158,10 +144,6 @@ def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     y : ndarray
         State of the motor, laid out as at the top of this module; changed.
     line_gauge : float
@@ -185,10 +167,6 @@ def step(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, is_open: 
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
-    table : ndarray
-        The guide curve, of `curve.table`.
     y : ndarray
         State of the motor, laid out as at the top of this module; changed.
     line : float

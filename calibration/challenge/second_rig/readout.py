@@ -89,14 +89,10 @@ def speeds(
 
     Parameters
     ----------
-    told : mapping
-        The instruments.
     turned : ndarray, shape (m + 1,)
         Angle of its wheel at the ends of cells of `bench.CELL_S` [rad].
     pitch : ndarray, shape (teeth,)
         Where each tooth stands, off its place, as a share of the distance between two.
-    rng : numpy.random.Generator
-        Source of randomness.
     jitter_s : float
         By how much a reading is later or earlier than it says, 1 sd [s].
     """
@@ -155,8 +151,6 @@ def pressures(told: Mapping[str, Any], line: np.ndarray) -> tuple[np.ndarray, np
 
     Parameters
     ----------
-    told : mapping
-        The instruments.
     line : ndarray, shape (m + 1,)
         Pressure at the ends of cells of `bench.CELL_S` [Pa].
     """

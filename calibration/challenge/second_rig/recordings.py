@@ -42,8 +42,6 @@ def make_recording(truth: Truth, folder: Path) -> None:
 
     Parameters
     ----------
-    truth : Truth
-        The case.
     folder : Path
         Where to; made when it is not there. Files of a recording in it are overwritten.
     """
@@ -58,14 +56,10 @@ def follow_up(truth: Truth, test: str | Mapping[str, Any], folder: Path) -> None
 
     Parameters
     ----------
-    truth : Truth
-        The case.
     test : str or mapping
         The test in words, or an entry of ``next_tests`` with the words under ``test``. Understood are coast-down,
         spin-up, flywheel, zero, locked rotor, reversed sweep, cold, and a pressure before "bar"; all else is taken for
         plateaus.
-    folder : Path
-        Where to.
     """
     words = (str(test["test"]) if isinstance(test, Mapping) else str(test))[:200].lower()
     inertia = FLYWHEEL_KG_M2 if "flywheel" in words else 0.0
@@ -189,10 +183,6 @@ def valve(truth: Truth, up: bool, longer: float = 1.0) -> np.ndarray:
 
     Parameters
     ----------
-    truth : Truth
-        The case.
-    up : bool
-        Whether the run is a spin-up.
     longer : float
         By what factor it is longer, with a flywheel [-].
     """
@@ -209,15 +199,7 @@ def valve(truth: Truth, up: bool, longer: float = 1.0) -> np.ndarray:
 
 
 def before(truth: Truth, up: bool) -> int:
-    """Samples of `bench.SAMPLE_S` before the supply changes.
-
-    Parameters
-    ----------
-    truth : Truth
-        The case.
-    up : bool
-        Whether the run is a spin-up.
-    """
+    """Samples of `bench.SAMPLE_S` before the supply changes."""
     told = truth.told()
     spans = [1.5 / told["gauge_hz"], 3.0 * told["window_s"], 0.6 / told["teeth"] if told["teeth"] else 0.0]
     return max(SPIN_UP_FROM if up else COAST_DOWN_FROM, round(max(spans) / bench.SAMPLE_S))

@@ -59,10 +59,6 @@ class RunAsked:
 
     Attributes
     ----------
-    run : Run
-        As the rig is asked for it.
-    noise_scale : float
-        Of the file [-].
     begins, ends : ndarray, shape (n,)
         Between which each speed is the mean [s].
     tooth, tooth_before : ndarray of int, shape (n,)
@@ -84,15 +80,7 @@ class RunAsked:
 
 
 def told_of(recording: Recording, truth: Truth) -> dict[str, Any]:
-    """Tachometer and gauge of a recording's runs, as in `readout`: behind a bench's wires they are the recording's own.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    truth : Truth
-        The case.
-    """
+    """Tachometer and gauge of a recording's runs, as in `readout`; behind a bench's wires the recording's own."""
     if not truth.is_behind_wires:
         return truth.told()
     speed, supply = recording.channels["speed_rpm"], recording.supply
@@ -111,14 +99,6 @@ def run_of(file: RecordingFile, truth: Truth, told: Mapping[str, Any], rig: Rig,
 
     Parameters
     ----------
-    file : RecordingFile
-        In time.
-    truth : Truth
-        The case.
-    told : mapping
-        The instruments, as in `readout`.
-    rig : Rig
-        Without effects.
     angle : float
         At which its supply changes [rad].
     """
@@ -165,8 +145,6 @@ def spans(
 
     Parameters
     ----------
-    told : mapping
-        The instruments, as in `readout`.
     time : ndarray, shape (n,)
         Of the rows [s].
     speed_rpm : ndarray, shape (n,)
@@ -183,13 +161,7 @@ def spans(
 
 
 def line_sds(told: Mapping[str, Any]) -> np.ndarray:
-    """Sds of the logarithms of the line's figures, in the order of `LINE_SDS`, as far as a recording tells them.
-
-    Parameters
-    ----------
-    told : mapping
-        The instruments, as in `readout`.
-    """
+    """Sds of the logarithms of the line's figures, in the order of `LINE_SDS`, as far as a recording tells them."""
     found = dict(LINE_SDS)
     for name, key in TOLD.items():
         value, sd = told["supply_told"].get(key, (0.0, None))
@@ -203,8 +175,6 @@ def moved_supply(supply: Supply, logs: np.ndarray) -> Supply:
 
     Parameters
     ----------
-    supply : Supply
-        The line.
     logs : ndarray, shape (k,)
         Logarithms of the factors, in the order of `LINE_SDS` [-].
     """
@@ -213,13 +183,7 @@ def moved_supply(supply: Supply, logs: np.ndarray) -> Supply:
 
 
 def noise_of(recording: Recording) -> dict[str, tuple[float, float]]:
-    """Declared noise and resolution of each channel [SI].
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    """
+    """Declared noise and resolution of each channel [SI]."""
     channels = {channel: recording.channels[column] for channel, column in COLUMN.items()}
     return {name: (one.noise_sd / UNIT[name], one.resolution / UNIT[name]) for name, one in channels.items()}
 
@@ -231,8 +195,6 @@ def noise_sd(noise: tuple[float, float], scale: float) -> float:
     ----------
     noise : (float, float)
         Of its channel, of `noise_of` [SI].
-    scale : float
-        Of the file [-].
     """
     return float(np.hypot(noise[0] * scale, noise[1] / np.sqrt(12.0)))
 
@@ -253,10 +215,6 @@ class RunsSeen:
 
     Parameters
     ----------
-    asked : sequence of RunAsked
-        The runs.
-    told : mapping
-        The instruments, as in `readout`.
     noise : mapping
         Of each channel, of `noise_of` [SI].
     base : Rig
@@ -298,8 +256,6 @@ class RunsSeen:
 
         Parameters
         ----------
-        rig : Rig
-            The rig.
         z : ndarray, shape (k,), or None
             By how many declared sds the nuisances are off; nothing for None [-].
         """

@@ -45,13 +45,6 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     Of two effects each is weighed with the other one free, and the worse one counts. The other one in another form is a
     rival too: it alone may pass for both. What is too small to be seen, or in no library, is not held against rivals.
 
-    Parameters
-    ----------
-    truth : Truth
-        The case.
-    folder : Path
-        Its recording, with or without a further test.
-
     Returns
     -------
     dict
@@ -117,8 +110,6 @@ class Seen:
 
         Parameters
         ----------
-        rivals : sequence of Probed
-            What other effects change.
         rows : ndarray, shape (m, rows)
             What one misread reading changes [-].
         """
@@ -148,15 +139,6 @@ def hidden_in(effect: Concealed, rest: bench.Rig, whitened: Whitened) -> np.ndar
 
     A roller factor several times its own, or an inertia, lies at the end of a curved valley along which a search from
     the middle of the priors stops: of an effect in the form of one it is told where that ends.
-
-    Parameters
-    ----------
-    effect : Concealed
-        The effect.
-    rest : Rig
-        The rig without it.
-    whitened : Whitened
-        The recording.
     """
     z, v = np.zeros(whitened.steps.size), effect.values
     if effect.id == "inertia":

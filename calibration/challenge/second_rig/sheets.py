@@ -30,16 +30,8 @@ class File:
 
     Attributes
     ----------
-    name : str
-        Of the CSV file.
-    kind : str
-        steady, transient or zero.
     start_s : float or None
         On the recording's clock [s]; None: left out.
-    noise_scale : float
-        Times the declared noise [-].
-    columns : dict
-        Cells by column, in order.
     """
 
     name: str
@@ -58,14 +50,8 @@ def noisy(
     ----------
     true : Readings
         Without noise [SI].
-    sensors : mapping of str to float
-        Of `truth.Truth`.
-    noise_scale : float
-        Of the file [-].
     clock : ndarray, shape (n,)
         On the recording's clock [s].
-    rng : numpy.random.Generator
-        Source of randomness.
     """
     return {channel: noisy_one(channel, getattr(true, channel), sensors, noise_scale, clock, rng) for channel in NOISE}
 
@@ -82,18 +68,10 @@ def noisy_one(
 
     Parameters
     ----------
-    channel : str
-        ``pressure``, ``flow`` or ``speed``.
     true : ndarray, shape (n,)
         Without noise [SI].
-    sensors : mapping of str to float
-        Of `truth.Truth`.
-    noise_scale : float
-        Of the file [-].
     clock : ndarray, shape (n,)
         On the recording's clock [s].
-    rng : numpy.random.Generator
-        Source of randomness.
     """
     sd = NOISE[channel] * noise_scale * sensors["noise_scale"]
     found = true * UNIT[channel] + sd * unit_noise(sensors, clock.size, rng)
@@ -101,17 +79,7 @@ def noisy_one(
 
 
 def unit_noise(sensors: Mapping[str, float], n: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise of unit variance, shape (n,) [-]: normal or Student's t, each sample correlated with the one before or not.
-
-    Parameters
-    ----------
-    sensors : mapping of str to float
-        ``correlation`` and ``tails``.
-    n : int
-        Number of samples [-].
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """Noise of unit variance, shape (n,) [-]: normal or Student's t, correlated from sample to sample or not."""
     degrees, kept = sensors["tails"], sensors["correlation"]
     white = rng.standard_normal(n)
     if degrees > 2.0:
@@ -165,15 +133,7 @@ def cells(readings: Mapping[str, np.ndarray]) -> dict[str, list[str]]:
 
 
 def write_file(folder: Path, file: File) -> None:
-    """Write one CSV file.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the recording.
-    file : File
-        The file.
-    """
+    """Write one CSV file."""
     rows = zip(*file.columns.values(), strict=True)
     lines = [",".join(file.columns), *(",".join(row) for row in rows)]
     (folder / file.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -184,12 +144,8 @@ def head(files: list[File], added_inertia: float, told: Mapping[str, Any]) -> st
 
     Parameters
     ----------
-    files : list of File
-        Of the recording.
     added_inertia : float
         Of a flywheel [kg m2].
-    told : mapping
-        The instruments, as in `readout`.
     """
     lines = ['format = "recording/1"', 'motor = "ptm3600"', "files = ["]
     for file in files:

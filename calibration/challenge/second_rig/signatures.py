@@ -69,12 +69,6 @@ class Asked:
     ----------
     steady : list of (Plateaus, float, bool)
         Rows, the file's noise scale, and whether it is the first sweep.
-    zeros : list of (int, float)
-        Number of rows, and noise scale.
-    runs : list of RunAsked
-        Runs in time.
-    told : dict
-        The instruments of the runs, as in `readout`.
     noise : dict
         Declared noise and resolution of each channel [SI].
     errors : dict
@@ -95,12 +89,8 @@ class Probed:
 
     Attributes
     ----------
-    id, form : str
-        The effect and its form.
     change : ndarray, shape (m, shapes)
         Change of the readings for each shape of the form [-].
-    one_sided : bool
-        Whether its size has one sign.
     """
 
     id: str
@@ -114,8 +104,6 @@ def asked_of(recording: Recording, truth: Truth, angle: float = 0.1) -> Asked:
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
     truth : Truth
         The case: its gauge's errors are taken off, its line and its instruments are those of the runs.
     angle : float
@@ -163,15 +151,7 @@ def _ways(file: RecordingFile) -> np.ndarray:
 
 
 class Whitened:
-    """The readings of a recording as one vector of unit noise, for any rig near a base.
-
-    Parameters
-    ----------
-    asked : Asked
-        Rows and runs.
-    base : Rig
-        Where slopes with pressure are taken.
-    """
+    """The readings of a recording as one vector of unit noise, for any rig near a base."""
 
     def __init__(self, asked: Asked, base: Rig) -> None:
         self.asked = asked
@@ -194,8 +174,6 @@ class Whitened:
 
         Parameters
         ----------
-        rig : Rig
-            The rig.
         line : ndarray, shape (k,), or None
             By how many declared sds the nuisances of the line and of the runs are off; nothing when left out [-].
         plateaus : sequence of callable
@@ -262,8 +240,6 @@ class Whitened:
 
         Parameters
         ----------
-        rig : Rig
-            The rig.
         z : ndarray, shape (k,)
             In the order of `nuisances` [-].
         """
@@ -290,8 +266,6 @@ class Whitened:
 
         Parameters
         ----------
-        rig : Rig
-            The rig.
         z : ndarray, shape (k,)
             In the order of `nuisances` [-].
         """

@@ -125,14 +125,8 @@ def usual(name: str, family: str, near: bool, rng: np.random.Generator) -> Conce
 
     Parameters
     ----------
-    name : str
-        Its id.
-    family : str
-        Of draws.
     near : bool
         Whether its size is to be near that of the nuisance which has its form; for those that have none, ignored.
-    rng : numpy.random.Generator
-        Source of randomness.
     """
     if name == "bad_reading":
         return Concealed(name, "misread", _bad_rows(family, rng))
@@ -153,17 +147,7 @@ def usual(name: str, family: str, near: bool, rng: np.random.Generator) -> Conce
 
 
 def other(name: str, family: str, rng: np.random.Generator) -> Concealed:
-    """A listed effect in another form, of a size like its usual form's.
-
-    Parameters
-    ----------
-    name : str
-        Its id, one of `OTHER_FORMS`.
-    family : str
-        Of draws.
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """A listed effect in another form, of a size like its usual form's."""
     forms = OTHER_FORMS[name][_at(family)]
     form = forms[int(rng.integers(len(forms)))]
     like = dict(usual(name, family, False, rng).values)
@@ -181,10 +165,6 @@ def in_form(name: str, form: str, like: Mapping[str, float]) -> Concealed:
 
     Parameters
     ----------
-    name : str
-        Its id.
-    form : str
-        One of its `OTHER_FORMS`.
     like : mapping of str to float
         Values of the usual form, and what the other one has besides.
     """
@@ -215,10 +195,6 @@ def unlisted(family: str, rng: np.random.Generator, transients: bool) -> tuple[C
 
     Parameters
     ----------
-    family : str
-        Of draws.
-    rng : numpy.random.Generator
-        Source of randomness.
     transients : bool
         Whether the recording has runs in time after the sweep.
     """

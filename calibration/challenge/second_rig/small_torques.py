@@ -18,15 +18,7 @@ ON_SHAFT = np.array([FIRST <= i <= LAST or i == F for i in range(len(NAMES))])
 
 
 class SmallTorques:
-    """Plateaus near those of a base: marched, unless a torque on the shaft is all that is changed.
-
-    Parameters
-    ----------
-    base : Rig
-        Without effects.
-    asked : Plateaus
-        The rows, the rotor free.
-    """
+    """Plateaus near those of a base: marched, unless a torque on the shaft is all that is changed."""
 
     def __init__(self, base: bench.Rig, asked: bench.Plateaus) -> None:
         self.rows, self.lines = bench.figures_of(base, asked)
@@ -61,8 +53,6 @@ def lost(p: np.ndarray, speed: float, line: float) -> float:
 
     Parameters
     ----------
-    p : ndarray
-        Figures of the motor, laid out as in `slots`.
     speed : float
         Of the shaft [rad/s].
     line : float

@@ -20,14 +20,8 @@ class Truth:
 
     Attributes
     ----------
-    family : str
-        Family of draws.
-    index : int
-        Of the case within the family and seed [-].
     seed : str
         Of everything random in the case; the campaign's seed cannot be told from it.
-    category : str
-        none, single, other_form, pair or not_in_library.
     ids : list of str
         What would be right to name; ``unknown`` for what is in no library.
     effects : list of dict
@@ -43,12 +37,8 @@ class Truth:
         Figures of the motor off their defaults [SI].
     errors : dict
         Of the instruments: offsets in the columns' units, scales less 1.
-    sensors : dict
-        Kind of noise: ``noise_scale``, ``correlation``, ``tails``, ``drift_bar``, ``jitter_s``.
     with_transients : bool
         Whether a spin-up and a coast-down stand beside the sweep.
-    misdeclared : bool
-        Whether the noise is not what the recording says.
     near_nuisance : bool
         Whether an effect with the form of a nuisance has, alone or with it, at most 4 declared standard deviations.
     total_sds : dict
@@ -105,27 +95,11 @@ class Truth:
 
 
 def generator(seed: str | int | bytes, *purpose: object) -> np.random.Generator:
-    """Random numbers from a seed and a purpose, through a hash: neighbouring seeds have nothing in common.
-
-    Parameters
-    ----------
-    seed : str, int or bytes
-        The seed.
-    *purpose : object
-        What tells one use of the seed from another.
-    """
+    """Random numbers from a seed and a purpose, through a hash: neighbouring seeds have nothing in common."""
     return np.random.default_rng(int(digest(seed, *purpose), 16))
 
 
 def digest(seed: str | int | bytes, *purpose: object) -> str:
-    """Hexadecimal SHA-256 of a seed and a purpose.
-
-    Parameters
-    ----------
-    seed : str, int or bytes
-        The seed.
-    *purpose : object
-        What tells one use of the seed from another.
-    """
+    """Hexadecimal SHA-256 of a seed and a purpose."""
     start = seed if isinstance(seed, bytes) else f"{type(seed).__name__}:{seed}".encode()
     return hashlib.sha256(b"|".join([start, *(str(word).encode() for word in purpose)])).hexdigest()

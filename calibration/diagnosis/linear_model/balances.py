@@ -25,10 +25,6 @@ class Balance:
 
     Attributes
     ----------
-    channel, balance : str
-        As in diagnosis/1.
-    along : Along
-        The coordinate.
     scale : float
         What its sizes are shares of [N m], [m3/s], [Pa] or [rad/s].
     values : ndarray
@@ -49,13 +45,6 @@ def balances(comparison: Comparison, mode: Mode) -> list[Balance]:
     """Torque and flow along speed, time and pressure, and each instrument's error along its own reading.
 
     Along pressure only where the recording could tell it from speed: plateaus do, or a run in time.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
     """
     at = coordinates(comparison, mode)
     plateaus = comparison.problem.blocks.plateaus

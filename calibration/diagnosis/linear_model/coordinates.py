@@ -19,8 +19,6 @@ class Along:
 
     Attributes
     ----------
-    name, unit : str
-        As in diagnosis/1.
     plateaus : ndarray, shape (n,)
         Its value at each plateau; nan where it has none [own unit].
     runs : tuple of ndarray, shape (n_i,)
@@ -45,8 +43,6 @@ def coordinates(comparison: Comparison, mode: Mode) -> dict[str, Along]:
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
     mode : Mode
         A model, for speed and flow: its own, which hold no noise.
     """
@@ -77,17 +73,7 @@ def coordinates(comparison: Comparison, mode: Mode) -> dict[str, Along]:
 
 
 def same_coordinates(comparison: Comparison, mode: Mode, coordinate: str) -> tuple[str, ...]:
-    """Coordinates that the plateaus of this recording cannot tell from one.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
-    coordinate : str
-        The one.
-    """
+    """Coordinates that the plateaus of this recording cannot tell from one."""
     if comparison.problem.blocks.plateaus.size < 4 or coordinate not in UNITS:
         return ()
     # A run in time parts speed from pressure and flow.
@@ -108,15 +94,7 @@ def same_coordinates(comparison: Comparison, mode: Mode, coordinate: str) -> tup
 
 
 def samples_a_turn(comparison: Comparison, mode: Mode) -> float:
-    """How many samples the runs in time take in a turn of the shaft, where they turn fastest; 0 without runs [-].
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        A model, for the speeds.
-    """
+    """How many samples the runs in time take in a turn of the shaft, where they turn fastest; 0 without runs [-]."""
     few = [
         2.0 * np.pi / (float(np.nanmax(mode.prediction.runs[i][used])) * float(np.median(np.diff(run.time))))
         for i, (run, used) in enumerate(zip(comparison.problem.blocks.runs, comparison.used, strict=True))

@@ -23,8 +23,6 @@ class Force:
 
     Attributes
     ----------
-    channel, balance, coordinate, unit : str
-        As in diagnosis/1.
     columns : ndarray, shape (m, k)
         Change of the readings per unit of each piece [SI].
     places : ndarray, shape (k, 2)
@@ -43,15 +41,7 @@ class Force:
 
 
 def forces(comparison: Comparison, mode: Mode) -> list[Force]:
-    """Free-form forces: torques and flows along speed and time, the difference of directions, each run along its time.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
-    """
+    """Free-form forces: torques and flows along speed and time, between directions, each run along its time."""
     torque = torque_column(comparison, mode)
     problem, plateaus = comparison.problem, comparison.problem.blocks.plateaus
     omega, time, up = mode.prediction.speed, plateaus.time, plateaus.up
@@ -94,15 +84,7 @@ def forces(comparison: Comparison, mode: Mode) -> list[Force]:
 
 
 def torque_column(comparison: Comparison, mode: Mode) -> np.ndarray:
-    """Change of the readings per N m of a constant torque [SI], shape (m,).
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
-    """
+    """Change of the readings per N m of a constant torque [SI], shape (m,)."""
     dry = effects()["coulomb_friction"]
     if dry.id in mode.names:  # its own column, brought from z to N m
         k = len(comparison.problem.nuisances)
@@ -116,8 +98,6 @@ class TorqueAnswer:
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
     torque : ndarray, shape (m,)
         Of `torque_column`: change of the readings per N m of a constant torque [SI].
     """

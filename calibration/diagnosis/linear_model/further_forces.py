@@ -19,15 +19,7 @@ PIECES = 5  # of a force along pressure, or of an instrument's range
 
 
 def angle_force(comparison: Comparison, mode: Mode) -> Force | None:
-    """A torque along the shaft's angle, as far as the samples of the runs resolve it; None where they do not.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
-    """
+    """A torque along the shaft's angle, as far as the samples of the runs resolve it; None where they do not."""
     along = coordinates(comparison, mode)
     answer = TorqueAnswer(comparison, torque_column(comparison, mode))
     waves = harmonics(comparison, along["angle"], along["speed"], answer)
@@ -38,13 +30,7 @@ def angle_force(comparison: Comparison, mode: Mode) -> Force | None:
 
 
 def force_along(one: Balance) -> Force:
-    """A free-form force or error in a few pieces.
-
-    Parameters
-    ----------
-    one : Balance
-        What may be off, and along what.
-    """
+    """A free-form force or error in a few pieces."""
     low, top = float(np.nanmin(one.values)), float(np.nanmax(one.values))
     edges = np.linspace(low, top + 1e-9 * (top - low), PIECES + 1)
 
@@ -53,15 +39,7 @@ def force_along(one: Balance) -> Force:
 
 
 def not_observable(comparison: Comparison, mode: Mode) -> list[str]:
-    """Coordinates along which this recording can show nothing, each in a sentence.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
-    """
+    """Coordinates along which this recording can show nothing, each in a sentence."""
     said, plateaus = [], comparison.problem.blocks.plateaus
     samples = samples_a_turn(comparison, mode)
     if samples == 0.0:

@@ -28,16 +28,10 @@ class Signature:
 
     Attributes
     ----------
-    effect : str
-        Its id.
     unknowns : dict
         (effect, parameter) to its standard normal number where the column was taken [-].
     column : ndarray, shape (m,)
         Change of the readings per unit of the amplitude: its prior's sd, or its centre where that is not 0 [SI].
-    mean, sd : float
-        Prior of the amplitude in that unit [-].
-    one_sided : bool
-        Whether it cannot be negative.
     """
 
     effect: str
@@ -49,15 +43,7 @@ class Signature:
 
 
 def signatures(comparison: Comparison, mode: Mode) -> list[Signature]:
-    """Signatures of the effects that a mode does not hold.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
-    """
+    """Signatures of the effects that a mode does not hold."""
     problem, found = comparison.problem, []
     for effect in problem.effects_that_could():
         if effect.id in mode.names:
@@ -100,16 +86,8 @@ def answer(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
     mode : Mode
         The point; it does not hold the effect.
-    effect : Effect
-        The effect.
-    amplitude : str
-        Name of the parameter.
-    shape_z : float
-        Of its shape parameters [-].
 
     Returns
     -------
@@ -149,8 +127,6 @@ def log_gain(signature: Signature, g: np.ndarray, g_perp: np.ndarray, r: np.ndar
 
     Parameters
     ----------
-    signature : Signature
-        Of an effect.
     g, g_perp : ndarray, shape (m,)
         Whitened column, and the same with the nuisances projected out [-].
     r : ndarray, shape (m,)

@@ -36,8 +36,6 @@ class Form:
     ----------
     balance, kind : str
         torque or mass; its form without numbers.
-    text : str
-        What is printed, with {a} for the coefficient.
     unit : float
         From the size at the top of the coordinate to the coefficient.
     threshold : float
@@ -57,28 +55,14 @@ class Form:
     size: float
 
     def is_like(self, other: Form) -> bool:
-        """Whether two terms are one, but for where they set in.
-
-        Parameters
-        ----------
-        other : Form
-            Another term.
-        """
+        """Whether two terms are one, but for where they set in."""
         return (self.balance, self.kind) == (other.balance, other.kind) and abs(
             self.threshold - other.threshold
         ) <= NEAR
 
 
 def forms(comparison: Comparison, mode: Mode) -> list[Form]:
-    """All terms that a law of this recording may be made of.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
-    """
+    """All terms that a law of this recording may be made of."""
     at = coordinates(comparison, mode)
     answer = TorqueAnswer(comparison, torque_column(comparison, mode))
 
@@ -172,15 +156,6 @@ def harmonics(comparison: Comparison, angle: Along, speed: Along, answer: Torque
     """Torques that go with the shaft's angle, as far as the samples resolve them.
 
     At what angle each run begins is not known, so each has a phase of its own.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    angle, speed : Along
-        Coordinates of its runs.
-    answer : TorqueAnswer
-        What torques do to the readings.
     """
     runs = comparison.problem.blocks.runs
     found = []

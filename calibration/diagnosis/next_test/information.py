@@ -39,8 +39,6 @@ def expected_nats(one: Expected, other: Expected, repeats: int = 1) -> float:
 
     Parameters
     ----------
-    one, other : Expected
-        The two.
     repeats : int
         Of the test, averaged: what is not known of the motor stays [-].
     """

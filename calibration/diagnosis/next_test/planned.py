@@ -40,8 +40,6 @@ class Planned:
 
     Attributes
     ----------
-    words : str
-        What to do.
     recording : Recording
         What it would be read as; speeds and flows are placeholders.
     """
@@ -51,13 +49,7 @@ class Planned:
 
 
 def planned(comparison: Comparison) -> list[Planned]:
-    """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording that left a question.
-    """
+    """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest."""
     bench = _Bench(comparison)
     unit = "bar gauge" if bench.is_gauge else "bar"
     top = min(bench.top, bench.allowed())
@@ -174,15 +166,6 @@ def expected_readings(plan: Planned, seen: Problem, rivals: Sequence[Candidate])
 
     Instruments' offsets and scales, the motor and the effects are known as well as the recording tells; what is new in
     each test, such as the shaft's angle, is anybody's guess.
-
-    Parameters
-    ----------
-    plan : Planned
-        The test.
-    seen : Problem
-        The recording that the rivals explain.
-    rivals : sequence of Candidate
-        The rivals.
     """
     there = Comparison(Problem(plan.recording, any_turn=True))
     first = carried(seen, rivals[0].mode, there.problem)[0]

@@ -54,8 +54,6 @@ def quantities(comparison: Comparison, best: Candidate) -> list[Quantity]:
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
     best : Candidate
         The most probable explanation, for the state at the highest level.
     """
@@ -130,17 +128,7 @@ def quantities(comparison: Comparison, best: Candidate) -> list[Quantity]:
 
 
 def expected_quantity(one: Quantity, problem: Problem, rivals: Sequence[Candidate]) -> list[Expected]:
-    """What would be read under each rival, in standard deviations of the reading.
-
-    Parameters
-    ----------
-    one : Quantity
-        What is read.
-    problem : Problem
-        The recording that the rivals explain.
-    rivals : sequence of Candidate
-        The rivals.
-    """
+    """What would be read under each rival, in standard deviations of the reading."""
     k = len(problem.nuisances)
     found = []
     for rival in rivals:

@@ -34,12 +34,6 @@ class NextTest:
 
     Attributes
     ----------
-    test : str
-        In words.
-    separates : tuple of str
-        Effects, sets joined by +, or `NOTHING`.
-    information_nats : float
-        Expected, one repeat [-].
     repeats : int or None
         That bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
     needs : str
@@ -54,15 +48,7 @@ class NextTest:
 
 
 def propose(comparison: Comparison, rivals: Sequence[Candidate]) -> list[NextTest]:
-    """Tests ranked by what they would tell between the most probable rivals, those with another instrument last.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    rivals : sequence of Candidate
-        Explanations, the most probable first.
-    """
+    """Tests ranked by what they would tell between the most probable rivals, those with another instrument last."""
     weighed = list(rivals[:MOST_RIVALS])
     if len(weighed) < 2 or not comparison.n:
         return []
@@ -86,19 +72,7 @@ def propose(comparison: Comparison, rivals: Sequence[Candidate]) -> list[NextTes
 def weigh(
     words: str, names: Sequence[str], expected: Callable[[], Sequence[Expected]], needs: str = ""
 ) -> NextTest | None:
-    """What a test would tell; None where it cannot be simulated.
-
-    Parameters
-    ----------
-    words : str
-        The test.
-    names : sequence of str
-        Of the rivals.
-    expected : callable
-        Readings under each of them.
-    needs : str
-        Another instrument.
-    """
+    """What a test would tell; None where it cannot be simulated."""
     try:
         read = expected()
     except ArithmeticError:
@@ -118,13 +92,7 @@ def weigh(
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:
-    """The few tests that would tell most, then those of other instruments; what tells next to nothing is left out.
-
-    Parameters
-    ----------
-    found : sequence of NextTest
-        In any order.
-    """
+    """The few tests that would tell most, then those of other instruments; what tells next to nothing is left out."""
     best = sorted(
         (t for t in found if t.separates and t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats
     )

@@ -29,10 +29,6 @@ def diagnose_rig(
     ----------
     recording : Recording
         With an inline motor: a free rotor, a driven axis or a displacement machine.
-    seed : int
-        Of the draws [-].
-    tell : callable
-        Told the step that begins.
     held_out : Recording or None
         An unseen run of the same rig; blocks of the recording are held out where there is none.
 

@@ -39,17 +39,7 @@ class _View:
 
 
 def cross_validate(problem: RigProblem, found: Sequence[Candidate], names: tuple[str, ...]) -> HeldOut:
-    """Predict each block from the others, the sets weighed anew in each fold.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    found : sequence of Candidate
-        All sets weighed, the most probable first.
-    names : tuple of str
-        The set whose constancy is counted.
-    """
+    """Predict each block from the others, the sets weighed anew in each fold."""
     allowed = [c for c in found if c.names and not c.refused][:WEIGHED]
     views = [_view(problem, c) for c in [*(c for c in found if not c.names), *allowed]]
     blocks, scheme = folds_of(problem)
@@ -87,17 +77,7 @@ def cross_validate(problem: RigProblem, found: Sequence[Candidate], names: tuple
 
 
 def unseen(problem: RigProblem, base: RigFit, best: RigFit, other: RigProblem) -> HeldOut:
-    """Predict another recording of the same rig, of which nothing was used.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording that was fitted.
-    base, best : RigFit
-        Of it, without and with the set.
-    other : RigProblem
-        The recording held out.
-    """
+    """Predict another recording of the same rig, of which nothing was used."""
     densities, errors = [], []
     for fit in (base, best):
         x, covariance = _carried(problem, fit, other)
@@ -127,13 +107,7 @@ def unseen(problem: RigProblem, base: RigFit, best: RigFit, other: RigProblem) -
 
 
 def folds_of(problem: RigProblem) -> tuple[list[np.ndarray], str]:
-    """Masks of the readings that are held out together, and what they are.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    """
+    """Masks of the readings that are held out together, and what they are."""
     sizes = [one.value.size for one in problem.readings]
     starts = np.concatenate([[0], np.cumsum(sizes)])
     found = []

@@ -25,15 +25,7 @@ class Estimate:
 
 
 class Coordinates:
-    """What a search moves: flat unknowns over their size, then standard normal numbers.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    names : sequence of str
-        Effect ids.
-    """
+    """What a search moves: flat unknowns over their size, then standard normal numbers."""
 
     def __init__(self, problem: RigProblem, names: Sequence[str]) -> None:
         self.problem, self.flats = problem, problem.flats
@@ -76,13 +68,7 @@ class Coordinates:
         return values, chosen
 
     def begun(self, estimates: Mapping[str, Estimate]) -> np.ndarray:
-        """A start at another fit's estimates, where it has them [-].
-
-        Parameters
-        ----------
-        estimates : mapping of str to Estimate
-            Of the same recording.
-        """
+        """A start at another fit's estimates, where it has them [-]."""
         x = self.x.copy()
         for i, label in enumerate(self.labels):
             if label in estimates:
@@ -109,8 +95,6 @@ class Coordinates:
         ----------
         x : ndarray, shape (m,)
             A point [-].
-        noise : Noise
-            Scales and correlations.
         """
         return np.concatenate([*whitened(self.problem.readings, self.residuals(x), noise), x[self.n_flat :]])
 

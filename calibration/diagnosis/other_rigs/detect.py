@@ -32,20 +32,8 @@ class Detection:
 
     Attributes
     ----------
-    p_value : float
-        Uniform under the null [-].
-    extrapolated : bool
-        Whether it lies beyond the draws.
-    statistic : float
-        -ln of the smallest tail probability [-].
     gain : float
         What the free-form forces together take off the sum of squares [-].
-    force_log_p : ndarray
-        Natural logarithm of each force's own tail probability [-].
-    force_scores : list of ndarray
-        Of each force's pieces [-].
-    scale, correlation : tuple of float
-        Of the noise of each array of readings [-].
     """
 
     p_value: float
@@ -65,21 +53,7 @@ def detect(
     rng: np.random.Generator,
     draws: int = DRAWS,
 ) -> Detection:
-    """Test a model.
-
-    Parameters
-    ----------
-    view : Linear
-        The model around its most probable point.
-    found : sequence of Signature
-        Of the effects that it does not hold.
-    free : sequence of Force
-        Free-form forces.
-    rng : numpy.random.Generator
-        For the draws.
-    draws : int
-        Of the null law [-].
-    """
+    """Test a model."""
     arrays = [_Array(view, i, found, free) for i in range(len(view.residual)) if view.residual[i].size]
     test = _Test(view, arrays, found, free)
     data = view.data

@@ -41,26 +41,8 @@ class RigDiagnosis:
 
     Attributes
     ----------
-    problem : RigProblem
-        The recording.
-    base : RigFit
-        Viscous friction, or displacement, alone.
-    detection : Detection
-        Of the base model.
-    free : list of Force
-        Forces tested.
-    candidates : list of Candidate
-        The most probable first.
-    residual_p : dict
-        p-value of what each set tested leaves [-].
     left : dict
         Share of the mismatch that each set tested leaves [-].
-    verdict : Verdict
-        What is said.
-    held_out : HeldOut or None
-        Blocks held out, or an unseen run.
-    next_tests : list of NextTest
-        Ranked.
     seconds : dict
         Of each step [s].
     not_described : str
@@ -101,12 +83,6 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
 
     Parameters
     ----------
-    recording : Recording
-        With an inline motor.
-    seed : int
-        Of the draws [-].
-    tell : callable
-        Told the step that begins.
     held_out : Recording or None
         An unseen run of the same rig; blocks of the recording are held out where there is none.
 
@@ -170,15 +146,7 @@ def look(recording: Recording, seed: int, tell: Tell, held_out: Recording | None
 
 
 def not_described(problem: RigProblem, base: RigFit) -> str:
-    """How far the base model is from the readings where it does not describe them at all; empty where it does.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    base : RigFit
-        Viscous friction, or displacement, alone.
-    """
+    """How far the base model is from the readings where it does not describe them at all; empty where it does."""
     far = []
     for one, missed in zip(problem.readings, base.residuals, strict=True):
         read = np.abs(one.value)

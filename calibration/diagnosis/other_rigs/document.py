@@ -42,13 +42,7 @@ OF_SLIDE = {"N m": "N", "rad/s": "m/s", "N m s2": "N s2/m2", "N m s": "N s/m"}
 
 
 def as_json(found: RigDiagnosis) -> dict[str, Any]:
-    """The diagnosis as a mapping.
-
-    Parameters
-    ----------
-    found : RigDiagnosis
-        Of `look`.
-    """
+    """The diagnosis as a mapping."""
     verdict = found.verdict
     document: dict[str, Any] = {
         "format": FORMAT,

@@ -31,8 +31,6 @@ class RigFit:
 
     Attributes
     ----------
-    names : tuple of str
-        Effect ids.
     estimates : dict of str to Estimate
         Unknowns by name; those of an effect as ``effect.parameter``.
     log_evidence : float
@@ -65,8 +63,6 @@ def fit_rig(problem: RigProblem, names: Sequence[str] = (), start: RigFit | None
 
     Parameters
     ----------
-    problem : RigProblem
-        The recording.
     names : sequence of str
         Effect ids; none for the base model, viscous friction alone.
     start : RigFit or None

@@ -28,12 +28,8 @@ class Signature:
 
     Attributes
     ----------
-    name : str
-        Effect id.
     columns : list of ndarray, each of shape (n_i,)
         In units of the declared noise [-].
-    one_sided : bool
-        Whether it cannot be negative.
     """
 
     name: str
@@ -47,10 +43,6 @@ class Linear:
 
     Attributes
     ----------
-    problem : RigProblem
-        The recording.
-    fit : RigFit
-        The model.
     raw : list of ndarray
         Readings less predictions [SI].
     residual : list of ndarray
@@ -86,8 +78,6 @@ def linear(problem: RigProblem, fit: RigFit, x: np.ndarray | None = None) -> Lin
 
     Parameters
     ----------
-    problem : RigProblem
-        The recording.
     fit : RigFit
         Of it, or of another recording of the same rig.
     x : ndarray, shape (m,), or None
@@ -112,13 +102,7 @@ def linear(problem: RigProblem, fit: RigFit, x: np.ndarray | None = None) -> Lin
 
 
 def signatures(view: Linear) -> list[Signature]:
-    """What the effects that the model does not hold would do, at a few shapes each.
-
-    Parameters
-    ----------
-    view : Linear
-        The model.
-    """
+    """What the effects that the model does not hold would do, at a few shapes each."""
     problem = view.problem
     values, chosen = Coordinates(problem, view.fit.names).values(view.fit.point)
     here = problem.predict(values, chosen)
@@ -147,12 +131,6 @@ def _seen(change: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 
 def forces(view: Linear) -> list[Force]:
-    """Free-form forces along what the recording knows of each reading.
-
-    Parameters
-    ----------
-    view : Linear
-        The model.
-    """
+    """Free-form forces along what the recording knows of each reading."""
     friction = view.fit.estimates.get("viscous_friction")
     return forces_of(view.problem, friction.mean if friction is not None else 0.0)

@@ -26,17 +26,7 @@ WORTH = 3.0  # nats that a single effect gains before a pair is grown from it
 
 
 def search(problem: RigProblem, base: RigFit, tell: Callable[[str], None]) -> list[Candidate]:
-    """Sets of effects with their probabilities, the most probable first; the base model is always among them.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    base : RigFit
-        Without any effect.
-    tell : callable
-        Told what is being fitted.
-    """
+    """Sets of effects with their probabilities, the most probable first; the base model is always among them."""
     K = len(problem.could_show)
     fits: dict[tuple[str, ...], RigFit] = {(): base}
     for name in problem.could_show:
@@ -62,15 +52,7 @@ def search(problem: RigProblem, base: RigFit, tell: Callable[[str], None]) -> li
 
 
 def screen(problem: RigProblem, fit: RigFit) -> dict[str, float]:
-    """What each further effect would gain at most in the linear model, by its id [nats].
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    fit : RigFit
-        Of a set.
-    """
+    """What each further effect would gain at most in the linear model, by its id [nats]."""
     view = linear(problem, fit)
 
     def white(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -100,15 +82,7 @@ def _better(problem: RigProblem, names: tuple[str, ...], start: RigFit) -> RigFi
 
 
 def refusal(problem: RigProblem, fit: RigFit) -> Refusal | None:
-    """Why a set cannot be named: an amplitude at a bound, or a size that is its instrument's own.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    fit : RigFit
-        Of the set.
-    """
+    """Why a set cannot be named: an amplitude at a bound, or a size that is its instrument's own."""
     for name in fit.names:
         amplitude = effects()[name].amplitude
         label = f"{name}.{amplitude.name}"

@@ -30,15 +30,7 @@ Simulate = Callable[[Mapping[str, float], Chosen], Simulated]
 
 
 def propose(problem: RigProblem, rivals: Sequence[Candidate]) -> list[NextTest]:
-    """Tests ranked by what they would tell of the first few rivals, the mean over their pairs.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    rivals : sequence of Candidate
-        Explanations, the most probable first.
-    """
+    """Tests ranked by what they would tell of the first few rivals, the mean over their pairs."""
     tests = {"free_rotor": _rotor, "driven_axis": _axis, "displacement_machine": _machine}[problem.kind](
         problem, rivals
     )

@@ -20,15 +20,7 @@ CORRELATIONS = np.linspace(-0.6, 0.95, 32)
 
 @dataclass
 class Noise:
-    """Scale and correlation of readings, by their labels; one without an entry is as declared.
-
-    Attributes
-    ----------
-    u : dict of str to float
-        Logarithm of the factor on the declared noise [-].
-    rho : dict of str to float
-        Correlation of neighbours [-].
-    """
+    """Scale and correlation of readings, by their labels; one without an entry is as declared."""
 
     u: dict[str, float] = field(default_factory=dict)
     rho: dict[str, float] = field(default_factory=dict)
@@ -41,8 +33,6 @@ def uncorrelated(white: np.ndarray, rho: float) -> np.ndarray:
     ----------
     white : ndarray, shape (n,) or (n, k)
         Residuals in units of their noise [-].
-    rho : float
-        Correlation of neighbours [-].
     """
     if not rho:
         return white
@@ -54,12 +44,8 @@ def whitened(readings: Sequence[Readings], residuals: Sequence[np.ndarray], nois
 
     Parameters
     ----------
-    readings : sequence of Readings
-        What is compared.
     residuals : sequence of ndarray
         Readings less predictions [SI].
-    noise : Noise
-        Scales and correlations.
     """
     return [
         uncorrelated(one.white(r) * math.exp(-noise.u.get(one.label, 0.0)), noise.rho.get(one.label, 0.0))
@@ -68,15 +54,7 @@ def whitened(readings: Sequence[Readings], residuals: Sequence[np.ndarray], nois
 
 
 def log_scale(readings: Sequence[Readings], noise: Noise) -> float:
-    """What scales and correlations add to minus the log posterior, their prior included [-].
-
-    Parameters
-    ----------
-    readings : sequence of Readings
-        What is compared.
-    noise : Noise
-        Scales and correlations.
-    """
+    """What scales and correlations add to minus the log posterior, their prior included [-]."""
     total = 0.0
     for one in readings:
         rho = noise.rho.get(one.label, 0.0)
@@ -90,8 +68,6 @@ def noise_of(readings: Sequence[Readings], residuals: Sequence[np.ndarray]) -> N
 
     Parameters
     ----------
-    readings : sequence of Readings
-        What is compared.
     residuals : sequence of ndarray
         Readings less predictions [SI].
     """

@@ -20,8 +20,6 @@ class Force:
 
     Attributes
     ----------
-    channel, balance, coordinate, unit : str
-        As in diagnosis/1.
     places : ndarray, shape (k, 2)
         Of its pieces, in the coordinate's unit [SI].
     columns : list of ndarray, each of shape (n_i, k)
@@ -37,13 +35,7 @@ class Force:
 
 
 def coordinates(problem: RigProblem) -> list[dict[str, np.ndarray]]:
-    """What is known of each reading: its speed (with its sign), the time on its own clock, and the pressure [SI].
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    """
+    """What is known of each reading: its speed (with its sign), the time on its own clock, and the pressure [SI]."""
     found = []
     if problem.kind == "driven_axis":
         for _, blocks in problem.seen.blocks:
@@ -63,8 +55,6 @@ def forces_of(problem: RigProblem, friction: float) -> list[Force]:
 
     Parameters
     ----------
-    problem : RigProblem
-        The recording.
     friction : float
         Viscous coefficient, by which a rotor forgets a force [N m s].
     """
@@ -144,15 +134,7 @@ def _slowed(problem: RigProblem, time: np.ndarray, torque: np.ndarray, friction:
 
 
 def same_coordinates(problem: RigProblem, coordinate: str) -> tuple[str, ...]:
-    """Coordinates that this recording cannot tell from one.
-
-    Parameters
-    ----------
-    problem : RigProblem
-        The recording.
-    coordinate : str
-        The one.
-    """
+    """Coordinates that this recording cannot tell from one."""
     from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared
 
     known = [one for one in coordinates(problem) if coordinate in one]

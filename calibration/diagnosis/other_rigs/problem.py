@@ -113,13 +113,7 @@ class RigProblem:
         return sorted(found)
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown, float, float]]:
-        """Effect id, unknown, and bounds of its value, for the parameters of a set of effects.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Effect ids.
-        """
+        """Effect id, unknown, and bounds of its value, for the parameters of a set of effects."""
         return [
             (name, searched(parameter), parameter.low, parameter.high)
             for name in names
@@ -133,8 +127,6 @@ class RigProblem:
         ----------
         values : mapping of str to float
             Of flats and unknowns by their names [SI].
-        chosen : mapping
-            Effect id to the values of its parameters.
         """
         return PREDICT[self.kind](self.table, self.seen, values, chosen)
 
@@ -143,8 +135,6 @@ class RigProblem:
 
         Parameters
         ----------
-        name : str
-            Of an unknown.
         values : mapping of str to float
             Of flats and unknowns by their names [SI].
         predicted : sequence of ndarray

@@ -20,19 +20,7 @@ def weigh(
     residual_p: dict[tuple[str, ...], float],
     held_out: HeldOut | None,
 ) -> Verdict[Fitted]:
-    """What is said.
-
-    Parameters
-    ----------
-    p_value : float
-        Of the base model [-].
-    found : sequence of Candidate
-        All sets weighed, the most probable first.
-    residual_p : dict
-        p-value of what each set tested leaves [-].
-    held_out : HeldOut or None
-        What the best set that passes predicts.
-    """
+    """What is said."""
     verdict = judge(p_value, found, residual_p, held_out)
     if verdict.kind not in ("named", "confounded") or verdict.chosen is None:
         return verdict

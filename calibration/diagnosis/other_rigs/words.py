@@ -19,13 +19,7 @@ UNITS = {"force_n": ("N", 1.0), "torque_nm": ("N m", 1.0), "speed_rad_s": ("rad/
 
 
 def sentence(document: Mapping[str, Any]) -> str:
-    """What is said, in a sentence or two.
-
-    Parameters
-    ----------
-    document : mapping
-        A diagnosis/1 of another rig.
-    """
+    """What is said, in a sentence or two."""
     chance = chance_in_words(document["mismatch"]["p_value"])
     named = [effect["id"] for effect in document["effects"]]
     if document["verdict"] == "consistent":
@@ -49,24 +43,12 @@ def sentence(document: Mapping[str, Any]) -> str:
 
 
 def chance_in_words(p: float) -> str:
-    """A p-value as it is told.
-
-    Parameters
-    ----------
-    p : float
-        The p-value [-].
-    """
+    """A p-value as it is told."""
     return f"p < {LEAST_P:.0e}" if p < LEAST_P else f"p = {p:.2g}"
 
 
 def table(document: Mapping[str, Any]) -> Table:
-    """Effects, rivals, place, held-out errors, friction and next tests.
-
-    Parameters
-    ----------
-    document : mapping
-        A diagnosis/1 of another rig.
-    """
+    """Effects, rivals, place, held-out errors, friction and next tests."""
     from rich.table import Table
 
     made = Table("what", "finding", show_header=False)
@@ -87,13 +69,7 @@ def table(document: Mapping[str, Any]) -> Table:
 
 
 def held_out_in_words(document: Mapping[str, Any]) -> list[str]:
-    """The errors on held-out readings by channel, and the gain; nothing where none were held out.
-
-    Parameters
-    ----------
-    document : mapping
-        A diagnosis/1 of another rig.
-    """
+    """The errors on held-out readings by channel, and the gain; nothing where none were held out."""
     held_out = document["improvement"]["held_out"]
     if not held_out:
         return []
@@ -108,13 +84,7 @@ def held_out_in_words(document: Mapping[str, Any]) -> list[str]:
 
 
 def friction_in_words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Viscous friction of the base model and after, with their names.
-
-    Parameters
-    ----------
-    document : mapping
-        A diagnosis/1 of another rig.
-    """
+    """Viscous friction of the base model and after, with their names."""
     named = (("f_overall_before", "viscous friction, base"), ("f_overall_after", "viscous friction, after"))
     return [
         (words, f"{document[key]['mean']:.4g} ± {document[key]['sd']:.2g} {document['friction_unit']}")

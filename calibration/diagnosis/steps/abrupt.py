@@ -45,10 +45,6 @@ class Step:
 
     Attributes
     ----------
-    channel : str
-        speed, flow or pressure.
-    balance : str
-        torque, or sensor.
     start_s, end_s : float
         From when on, at the most probable, and the recording's end [s].
     gain : float
@@ -89,8 +85,6 @@ def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
     mode : Mode
         Of the set; of the base model a step is tried in the place of the readings that it takes for bad.
     """
@@ -159,10 +153,6 @@ class _Rest:
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        Of the set.
     mine : ndarray of int
         Places of the member's unknowns; none where the readings taken for bad are left out.
     within : ndarray of bool, shape (m, moments)
@@ -173,8 +163,6 @@ class _Rest:
     ----------
     instead : float
         With the member, or with the bad readings taken for bad [-].
-    nothing : float
-        With nothing in its place [-].
     """
 
     def __init__(self, comparison: Comparison, mode: Mode, mine: np.ndarray, within: np.ndarray) -> None:

@@ -52,12 +52,8 @@ class Candidate(Generic[Fitted]):
     ----------
     names : tuple of str
         Ids, sorted; empty for the base model.
-    mode : Mode or RigFit
-        Its most probable point.
     log_evidence : float
         Conditional on its nuisance-like members being beyond three sd [-].
-    probability : float
-        Over all sets weighed [-].
     refused : Refusal or None
         Why it cannot be named; None where it can.
     """

@@ -39,8 +39,6 @@ class HeldOut:
         rmse by channel, of the base model and of the sets chosen [SI].
     gain, gain_se : float
         In log predictive density, and its standard error over the blocks [-].
-    scheme : str
-        How readings were held out.
     size : dict
         Root mean square of the readings themselves by channel [SI]; empty where it is not told.
     """
@@ -62,12 +60,6 @@ def cross_validate(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    found : sequence of Candidate
-        All sets weighed.
-    names : tuple of str
-        The set whose constancy is counted.
     choose : bool
         Whether the set is chosen anew in each fold; otherwise it is ``names`` in all.
     """
@@ -109,18 +101,10 @@ def summed_up(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
     folds : sequence of ndarray of bool, shape (m,)
         Readings held out in each.
-    same : int
-        Folds that chose what the whole recording does [-].
-    gains : sequence of float
-        In log predictive density, of each [-].
     errors : dict
         Of the readings held out in each, ``before`` and ``after`` [SI].
-    again : str
-        What was done anew in each fold.
     """
     index = np.concatenate([np.flatnonzero(held) for held in folds])
     rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
@@ -132,13 +116,7 @@ def summed_up(
 
 
 def folds_of(comparison: Comparison) -> list[np.ndarray]:
-    """Masks of the readings that are held out together.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    """
+    """Masks of the readings that are held out together."""
     plateaus = comparison.problem.blocks.plateaus
     found = []
     groups = levels(plateaus) if plateaus.size else []
@@ -163,10 +141,6 @@ def fit_on(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.nda
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The model.
     used : ndarray of bool, shape (m,)
         Readings that are used.
 
@@ -200,12 +174,6 @@ def predict_held(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The model.
-    z, A : ndarray
-        Of `fit_on` [-].
     held : ndarray of bool, shape (m,)
         Readings held out.
 
@@ -243,10 +211,6 @@ def by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> 
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    index : ndarray of int
-        Readings that the errors belong to.
     error : ndarray
         Readings less predictions [SI].
     """

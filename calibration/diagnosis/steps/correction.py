@@ -36,8 +36,6 @@ class Correction:
 
     Attributes
     ----------
-    channel, balance, coordinate, unit : str
-        As a place of diagnosis/1.
     at : ndarray, shape (k,)
         Where it is known [own unit].
     mean, sd : ndarray, shape (k,)
@@ -74,10 +72,6 @@ def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correct
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
     found : sequence of Correction
         Those of all coordinates; they are averaged over by their evidence.
     """
@@ -100,10 +94,6 @@ def corrections(comparison: Comparison, mode: Mode, u: np.ndarray, meters: bool 
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
     u : ndarray, shape (5,)
         The noise that the detection found [-].
     meters : bool
@@ -121,10 +111,6 @@ def hold_out(comparison: Comparison, mode: Mode, u: np.ndarray) -> HeldOut | Non
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model, against which the gain counts.
     u : ndarray, shape (5,)
         The noise that the detection found [-].
     """
@@ -154,8 +140,6 @@ class Process:
 
     Attributes
     ----------
-    of : Balance
-        What may be off, and along what.
     knots : ndarray, shape (k,)
         Where it is known [own unit].
     hats, white : ndarray, shape (m, k)
@@ -216,10 +200,6 @@ def evidence(problem: Straight, process: Process, beside: np.ndarray | None = No
 
     Parameters
     ----------
-    problem : Straight
-        The recording about the base model.
-    process : Process
-        The process.
     beside : ndarray, shape (m, k) or None
         Whitened columns of something that is free in any case [-].
     """
@@ -230,15 +210,7 @@ def evidence(problem: Straight, process: Process, beside: np.ndarray | None = No
 
 
 def stands_out(problem: Straight, process: Process) -> tuple[float, float] | None:
-    """Where a process is hardly 0, and large [own unit of its coordinate]; None where that is nowhere.
-
-    Parameters
-    ----------
-    problem : Straight
-        The recording about the base model.
-    process : Process
-        The process.
-    """
+    """Where a process is hardly 0, and large [own unit of its coordinate]; None where that is nowhere."""
     curve = _smoothed(_Fitted(problem, process, np.ones(problem.y.size, dtype=bool)))
     size = np.abs(curve.mean)
     out = np.flatnonzero((size > SURE * curve.sd) & (size >= LARGE * size.max()))
@@ -278,13 +250,7 @@ def _smoothed(fitted: _Fitted) -> Correction:
 
 
 def processes(problem: Straight) -> list[Process]:
-    """A smooth process for all that may be off.
-
-    Parameters
-    ----------
-    problem : Straight
-        The recording about the base model.
-    """
+    """A smooth process for all that may be off."""
     found = []
     for one in balances(problem.comparison, problem.mode):
         knots = np.linspace(float(np.nanmin(one.values)), float(np.nanmax(one.values)), KNOTS)

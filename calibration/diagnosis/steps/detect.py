@@ -41,20 +41,8 @@ class Detection:
 
     Attributes
     ----------
-    p_value : float
-        Uniform under the null [-].
-    extrapolated : bool
-        Whether it lies beyond the draws.
-    statistic : float
-        -ln of the smallest tail probability [-].
     u : ndarray, shape (5,)
         The noise, its scales with all forces taken out [-].
-    scores : ndarray
-        Of each signature [-].
-    force_log_p : ndarray
-        Natural logarithm of each force's own tail probability [-].
-    force_scores : list of ndarray
-        Of each force's pieces [-].
     pulled : str
         The nuisance that is pulled farther than can be believed; empty where none is.
     """
@@ -77,23 +65,7 @@ def detect(
     rng: np.random.Generator,
     draws: int = DRAWS,
 ) -> Detection:
-    """Test a mode.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The model at its most probable point.
-    found : sequence of Signature
-        Of the effects that it does not hold.
-    free : sequence of Force
-        Free-form forces.
-    rng : numpy.random.Generator
-        For the draws.
-    draws : int
-        Of the null law [-].
-    """
+    """Test a mode."""
     difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction) + mode.D @ mode.z)
     test = _Test(comparison, mode, found, free)
     real = test(difference, mode.u)
@@ -119,8 +91,6 @@ def rarity(statistic: float, null: np.ndarray) -> tuple[float, bool]:
 
     Parameters
     ----------
-    statistic : float
-        A negative logarithm of a probability [-].
     null : ndarray, shape (n,)
         Draws of it where nothing is missing [-].
     """
@@ -243,8 +213,6 @@ def log_tail(Q: float, k: int) -> float:
 
     Parameters
     ----------
-    Q : float
-        The sum [-].
     k : int
         How many; none add up to nothing [-].
     """

@@ -34,8 +34,6 @@ class Term:
 
     Attributes
     ----------
-    balance, expression, unit : str
-        As in diagnosis/1.
     gain : float
         Log evidence over the base model, in the linear model, prices paid [-].
     column : ndarray
@@ -59,16 +57,8 @@ def discover(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
     u : ndarray, shape (5,)
         The noise that the detection found [-].
-    rng : numpy.random.Generator
-        For the drawn recordings.
-    balance : str
-        torque or mass: the one that does not close.
     """
     listed = [one for one in forms(comparison, mode) if one.balance == balance]
     if not listed:

@@ -74,14 +74,6 @@ def locate(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
-    detection : Detection
-        Of it.
-    free : sequence of Force
-        The forces of the detection.
     acts_in : str
         Where the effect that explains it acts, when one does: then a flow is the instrument's or the balance's.
     """

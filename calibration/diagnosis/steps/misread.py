@@ -22,15 +22,7 @@ BadRow = tuple[str, int, str, float]  # file, row, channel, probability
 
 
 def bad_rows(comparison: Comparison, mode: Mode) -> list[BadRow]:
-    """Readings of the plateaus that a mode takes for bad: file, row, channel and probability [-].
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The model.
-    """
+    """Readings of the plateaus that a mode takes for bad: file, row, channel and probability [-]."""
     plateaus, found = comparison.problem.blocks.plateaus, []
     for i in _bad(comparison, mode):
         row = int(comparison.index[i])
@@ -44,8 +36,6 @@ def by_chance(comparison: Comparison, mode: Mode) -> float:
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
     mode : Mode
         The model; 1 where it takes no reading for bad.
     """
@@ -57,13 +47,6 @@ def alone_at_an_end(comparison: Comparison, mode: Mode) -> BadRow | None:
     """A row taken for bad as a whole at the lowest or highest level, where no other was taken; None if none is.
 
     Nothing tells there whether it is misread, or the motor does something that it does nowhere else.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The model.
     """
     places, n = _bad(comparison, mode), comparison.n
     good = comparison.known[: 2 * n].copy()
@@ -82,17 +65,7 @@ def alone_at_an_end(comparison: Comparison, mode: Mode) -> BadRow | None:
 def with_misread(
     comparison: Comparison, verdict: Verdict[Mode], candidates: Sequence[Candidate]
 ) -> frozenset[tuple[str, ...]]:
-    """Sets that a verdict rests on or lists and beside which readings are misread.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    verdict : Verdict
-        What is said.
-    candidates : sequence of Candidate
-        All sets weighed.
-    """
+    """Sets that a verdict rests on or lists and beside which readings are misread."""
     if verdict.chosen is None:
         return frozenset()
     said = {verdict.chosen.names, *verdict.alternatives}

@@ -35,8 +35,6 @@ def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> fl
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
     modes : dict
         By set; effects that were not refitted count as worth nothing.
     """
@@ -59,12 +57,6 @@ def screen(
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The point.
-    found : sequence of Signature
-        At it.
     u : ndarray, shape (5,)
         The noise [-].
     worth : float
@@ -101,15 +93,7 @@ def screen(
 
 
 def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Candidate]:
-    """Probabilities of sets.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    modes : dict
-        Of each set.
-    """
+    """Probabilities of sets."""
     K = len(comparison.problem.effects_that_could())
     out = []
     for names, mode in modes.items():
@@ -124,28 +108,12 @@ def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Ca
 
 
 def log_prior(k: int, K: int) -> float:
-    """Logarithm of a set's prior: nothing missing as likely as something, and each further member ten times rarer.
-
-    Parameters
-    ----------
-    k, K : int
-        Members, and effects that there are [-].
-    """
+    """Logarithm of a set's prior: nothing missing as likely as something, and each further member ten times rarer."""
     return float(-math.log(FURTHER) * max(k - 1, 0) - (gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1)))
 
 
 def beyond(problem: Problem, mode: Mode, name: str) -> float:
-    """What it does to the log evidence that a nuisance-like effect is to be beyond three declared sds; 0 for others.
-
-    Parameters
-    ----------
-    problem : Problem
-        For the declared figures.
-    mode : Mode
-        Of a set that holds the effect.
-    name : str
-        The effect.
-    """
+    """What it does to the log evidence that a nuisance-like effect is to be beyond three declared sds; 0 for others."""
     found = total_size(problem, mode, name)
     if found is None:
         return 0.0
@@ -158,17 +126,7 @@ def beyond(problem: Problem, mode: Mode, name: str) -> float:
 
 
 def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, float, bool] | None:
-    """Mean, sd and prior sd of a nuisance and the effect together, in declared sds; None where the effect has none.
-
-    Parameters
-    ----------
-    problem : Problem
-        For the declared figures.
-    mode : Mode
-        Of a set that holds the effect.
-    name : str
-        The effect.
-    """
+    """Mean, sd and prior sd of a nuisance and the effect together, in declared sds; None where the effect has none."""
     declared = declared_size(problem, name)
     if declared is None:
         return None
@@ -185,13 +143,6 @@ def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, f
 
 def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | None:
     """An effect's ordinary size in declared sds of the nuisance that it has the form of [-], and that one's place.
-
-    Parameters
-    ----------
-    problem : Problem
-        For the declared figures.
-    name : str
-        The effect.
 
     Returns
     -------
@@ -219,13 +170,6 @@ def refusal(comparison: Comparison, mode: Mode) -> Refusal | None:
     """Why a set cannot be named: an amplitude at a bound, or a size that is its nuisance's own.
 
     Of an effect whose size has two components, such as a sine and a cosine, both are amplitudes.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        Of the set.
     """
     problem = comparison.problem
     k = len(problem.nuisances)

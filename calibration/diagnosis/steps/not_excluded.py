@@ -29,10 +29,6 @@ class Faint:
 
     Attributes
     ----------
-    effect : str
-        Its id.
-    odds : float
-        That it is there, against the set alone [-].
     f_overall_z : ndarray, shape (n,)
         Draws of f_overall with it, as its standard normal number [-].
     """
@@ -43,19 +39,7 @@ class Faint:
 
 
 def faint(comparison: Comparison, mode: Mode, found: Sequence[Signature], rng: np.random.Generator) -> list[Faint]:
-    """Every further effect beside a set, with what f_overall would be.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        Of the set.
-    found : sequence of Signature
-        At it.
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """Every further effect beside a set, with what f_overall would be."""
     problem = comparison.problem
     f = problem.place("f_overall")
     if f is None:

@@ -21,22 +21,7 @@ NEAR = 10.0  # factor about the threshold within which a residual is tested agai
 
 
 class Residuals:
-    """Tests of what sets leave.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording.
-    rng : numpy.random.Generator
-        For the null laws.
-    side_by_side : SideBySide
-        Makes the tests.
-
-    Attributes
-    ----------
-    p : dict
-        p-value of what each set tested leaves [-].
-    """
+    """Tests of what sets leave."""
 
     def __init__(self, comparison: Comparison, rng: np.random.Generator, side_by_side: SideBySide) -> None:
         self._comparison, self._rng, self._side_by_side = comparison, rng, side_by_side
@@ -55,13 +40,7 @@ class Residuals:
         self.p.update({one.names: p for one, p in zip(untested, found, strict=True)})
 
     def test_all_that_matter(self, weighed: Sequence[Candidate]) -> None:
-        """Test the most probable sets; where one passes, also what is more probable, and parts of it that may do.
-
-        Parameters
-        ----------
-        weighed : sequence of Candidate
-            All sets, the most probable first.
-        """
+        """Test the most probable sets; where one passes, also what is more probable, and parts of it that may do."""
         namable = [one for one in weighed if one.names and not one.refused]
         ranked = namable[:TESTED]
         self.test(ranked[:1])

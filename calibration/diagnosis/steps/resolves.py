@@ -32,16 +32,10 @@ class Resolved:
 
     Attributes
     ----------
-    effect : str
-        Its id.
-    parameter : str
-        The amplitude's name, unit in it.
     seen_from : float or None
         Size that would be seen [own unit]; None where none that is believable would be.
     nearest : str
         The effect whose signature is most like its own; empty where there is no other.
-    rho : float
-        That one's correlation with it [-].
     told_from : float or None
         Size that would be told from it [own unit]; None where none that is believable would be.
     """
@@ -59,14 +53,8 @@ def resolved(comparison: Comparison, mode: Mode, u: np.ndarray, found: Sequence[
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    mode : Mode
-        The base model.
     u : ndarray, shape (5,)
         The noise [-].
-    found : sequence of Signature
-        Of all effects, at the base model.
     """
     here = straight(comparison, mode, u)
     G = here.columns(np.column_stack([one.column for one in found])) if found else np.zeros((here.good.size, 0))

@@ -65,19 +65,8 @@ class Search:
 
     Parameters
     ----------
-    comparison : Comparison
-        The recording.
-    base : Mode
-        The base model.
     side_by_side : SideBySide or None
         Does the refits; this process alone when left out.
-    tell : callable
-        Told what is being refitted.
-
-    Attributes
-    ----------
-    modes : dict
-        Most probable point of each set.
     """
 
     def __init__(
@@ -93,8 +82,6 @@ class Search:
 
         Parameters
         ----------
-        found : sequence of Signature
-            At the base model.
         u : ndarray, shape (5,)
             The noise that the detection found [-].
         worth : float
@@ -122,13 +109,7 @@ class Search:
                     del self._signatures[()]
 
     def pairs(self, closed: Names | None) -> None:
-        """Refit pairs grown from the best single effects, then what may stand in the best set's place.
-
-        Parameters
-        ----------
-        closed : tuple of str or None
-            A single effect that leaves nothing unexplained.
-        """
+        """Refit pairs grown from the best single effects, then what may stand in the best set's place."""
         order = sorted((key for key in self.modes if key), key=lambda key: -self.modes[key].log_evidence)
         if not order:
             return
@@ -197,13 +178,7 @@ class Search:
         return max(self.modes, key=lambda key: self.modes[key].log_evidence)
 
     def signatures_at(self, names: Names) -> list[Signature]:
-        """Signatures of the effects that a refitted set does not hold.
-
-        Parameters
-        ----------
-        names : tuple of str
-            The set.
-        """
+        """Signatures of the effects that a refitted set does not hold."""
         if names not in self._signatures:
             self._signatures[names] = signatures(self.comparison, self.modes[names])
         return self._signatures[names]
@@ -233,15 +208,7 @@ def _found(comparison: Comparison, job: _Job, best: float) -> Mode | None:
 
 
 def values_of(problem: Problem, mode: Mode) -> First:
-    """Values of a mode's effects' unknowns by (effect, parameter), to start another search from [-].
-
-    Parameters
-    ----------
-    problem : Problem
-        The recording.
-    mode : Mode
-        Of a set.
-    """
+    """Values of a mode's effects' unknowns by (effect, parameter), to start another search from [-]."""
     k = len(problem.nuisances)
     return {
         (name, unknown.name): float(mode.z[k + i])

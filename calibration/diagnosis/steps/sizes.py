@@ -25,12 +25,6 @@ class Size:
 
     Attributes
     ----------
-    effect : str
-        Its id.
-    parameter : EffectParameter
-        What is declared of the parameter.
-    unknown : Unknown
-        The parameter as an unknown.
     z, sd : float
         Of a size the mean, in its scale, and its spread, with what is not known of the law; of a figure of the shape
         its most probable standard normal number, and likewise [-].
@@ -44,15 +38,7 @@ class Size:
 
 
 def sizes_of(problem: Problem, one: Candidate) -> list[Size]:
-    """The parameters of a set's effects, in the set's order.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was diagnosed.
-    one : Candidate
-        The set.
-    """
+    """The parameters of a set's effects, in the set's order."""
     k, members = len(problem.nuisances), problem.effect_unknowns(one.names)
     z, sd = one.mode.z[k:].copy(), np.sqrt(np.maximum(np.diag(one.mode.covariance)[k:], 0.0))
     pulled_less = marginals(problem, one.names, one.mode.z, one.mode.covariance)

@@ -30,12 +30,8 @@ def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording
 
     Parameters
     ----------
-    seen : Comparison
-        The recording that was diagnosed.
     base, chosen : Mode
         The base model and the named set, fitted to it.
-    unseen : Recording
-        Another run of the same motor.
 
     Raises
     ------

@@ -29,16 +29,12 @@ class Verdict(Generic[Fitted]):
 
     Attributes
     ----------
-    kind : str
-        consistent, named, confounded or unresolved.
     chosen : Candidate or None
         What the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
     alternatives : tuple of tuple of str
         Sets that cannot be told from it; the empty one is the base model.
     set_probability : float
         Of the chosen set, or of the base model [-].
-    why : str
-        In words.
     """
 
     kind: str
@@ -49,24 +45,12 @@ class Verdict(Generic[Fitted]):
 
 
 def not_excluded(found: Sequence[Candidate[Fitted]]) -> list[Candidate[Fitted]]:
-    """Sets of effects that may be there although the base model explains the recording, the most probable first.
-
-    Parameters
-    ----------
-    found : sequence of Candidate
-        All sets weighed, the most probable first.
-    """
+    """Sets of effects that may be there although the base model explains the recording, the most probable first."""
     return [c for c in found if c.names and not c.refused and c.probability > UNSETTLED]
 
 
 def is_small(candidate: Candidate[Fitted]) -> bool:
-    """Whether all that a set says is that instruments have errors as large as declared.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        A set.
-    """
+    """Whether all that a set says is that instruments have errors as large as declared."""
     of_instruments = all(name in effects() and effects()[name].nuisance for name in candidate.names)
     refused = candidate.refused
     return bool(candidate.names) and of_instruments and refused is not None and refused.reason is Reason.NO_LARGER
@@ -79,17 +63,6 @@ def judge(
     held_out: HeldOut | None,
 ) -> Verdict[Fitted]:
     """Weigh everything.
-
-    Parameters
-    ----------
-    p_value : float
-        Of the base model [-].
-    found : sequence of Candidate
-        All sets weighed, the most probable first.
-    residual_p : dict
-        p-value of the residual of each set tested [-].
-    held_out : HeldOut or None
-        Cross-validation of the best set.
 
     Returns
     -------

@@ -34,10 +34,6 @@ def way_of(names: Sequence[str], motor: Motor, time: np.ndarray) -> Way:
 
     Parameters
     ----------
-    names : sequence of str
-        Ids.
-    motor : Motor
-        What they are added to.
     time : ndarray, shape (n_rows,)
         Of the rows on the recording's clock [s].
     """
@@ -63,8 +59,6 @@ def solve(
 
     Parameters
     ----------
-    way : str
-        Of `way_of`.
     parameters : ndarray, shape (n_sets, 24)
         Parameter sets [SI].
     readings : ndarray, shape (5,)
@@ -75,8 +69,6 @@ def solve(
         What that is counted from: the ambient's pressure, or 0 [Pa].
     gas : ndarray, shape (n_rows, 12)
         Of `model.steady.gas_table`.
-    chosen : sequence of mapping
-        The effects of each set, with their values.
     time : ndarray, shape (n_rows,)
         On the recording's clock [s].
 

@@ -22,14 +22,10 @@ def true_pressure(
     ----------
     reading : ndarray, shape (n,)
         Of the gauge [Pa].
-    is_gauge : ndarray of bool
-        Whether it counts from the ambient.
     ambient_pa : float
         Ambient pressure [Pa].
     errors : tuple of float
         Offset [Pa] and scale [-].
-    chosen : dict
-        Effects.
     """
     offset, scale = errors
     true = behind_the_gauge(chosen, (reading - offset) / (1.0 + scale))
@@ -43,16 +39,12 @@ def vented_readings(
 
     Parameters
     ----------
-    vented : Vented
-        What it read with the line vented.
     share : float
         Of its span error that shows at ambient pressure [-].
     ambient_pa : float
         Ambient pressure [Pa].
     errors : tuple of float
         Offset [Pa] and scale [-].
-    chosen : dict
-        Effects.
     """
     if not vented.pressure.size:
         return vented.pressure

@@ -39,13 +39,7 @@ _recent = Recent(32)
 
 
 def follows_angle(names: Iterable[str]) -> bool:
-    """Whether an effect follows the shaft's angle.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Effect ids.
-    """
+    """Whether an effect follows the shaft's angle."""
     return any(effects()[name].periodic for name in names)
 
 
@@ -59,18 +53,12 @@ class Plan:
         Of the motor [SI].
     readings : ndarray, shape (5,)
         `model.motor.Readings.vector`.
-    supply : tuple of Supply
-        The line, true pressures.
     time : ndarray, shape (k,)
         Sample times, those of a steady part ahead among them [s].
     start : ndarray, shape (23,)
         State at the first of them.
-    chosen : dict
-        Effects.
     clock : float
         The recording's clock at time 0 of the run [s].
-    wanted : slice
-        Samples of the run that are predicted.
     begin, end : ndarray of int, shape (wanted,)
         Where the mean of each begins and ends among the times.
     lag_s : float
@@ -101,13 +89,7 @@ class Plan:
         return mean
 
     def simulated(self, finer: int = 1) -> effect_transient.Run:
-        """The run with the pulses of its cylinders.
-
-        Parameters
-        ----------
-        finer : int
-            Samples for each one planned [-].
-        """
+        """The run with the pulses of its cylinders."""
         time = self.time
         if finer > 1:
             count = (time.size - 1) * finer + 1
@@ -162,8 +144,6 @@ class Pulses:
 
     Parameters
     ----------
-    planned : Plan
-        The run that it is taken from.
     angles : int
         Angles within a pulse that are averaged over; 1 for that of the plan alone [-].
 
@@ -197,13 +177,7 @@ class Pulses:
         self._ends = (float(grid[0]), float(grid[-1]))
 
     def beside(self, planned: Plan) -> np.ndarray:
-        """Mean speeds since the sample before, pulses and all, of a run much like it [rad/s], shape (k,).
-
-        Parameters
-        ----------
-        planned : Plan
-            The run.
-        """
+        """Mean speeds since the sample before, pulses and all, of a run much like it [rad/s], shape (k,)."""
         mean = planned.mean_speed()
         angle = planned.angle_of(mean)
         if self._added is None:
@@ -230,16 +204,10 @@ def plan(
     ----------
     motor : Motor
         For its readings of the article and its state at rest.
-    run : RunInTime
-        As it was read.
     parameters : ndarray, shape (24,)
         Of the motor [SI].
-    supply : sequence of Supply
-        Its line, true pressures.
     angle : float
         Of the shaft where the run begins to be compared, or when its valve is moved [rad].
-    chosen : dict
-        Effects.
     begun : float
         Share by which a start from rest is faster there than by the mean torque [-].
     lag_s : float
@@ -304,15 +272,7 @@ def _steady_speed(
 
 
 def swing(planned: Plan, run: RunInTime) -> np.ndarray:
-    """How far the pulses of the cylinders swing the shaft about its mean course, rms [rad], shape (n,).
-
-    Parameters
-    ----------
-    planned : Plan
-        The run.
-    run : RunInTime
-        As it was read.
-    """
+    """How far the pulses of the cylinders swing the shaft about its mean course, rms [rad], shape (n,)."""
     found, smooth = planned.simulated(), planned.mean_speed()
     mean = found.speed.copy()
     mean[1:] = np.diff(found.angle) / np.diff(planned.time)

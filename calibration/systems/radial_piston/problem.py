@@ -44,13 +44,7 @@ Split = tuple[np.ndarray, dict[str, tuple[float, float]], dict[str, dict[str, fl
 
 
 def in_si(nuisance: str) -> float:
-    """What a nuisance's value is multiplied by to be SI: an instrument's offset is in the channel's own unit [-].
-
-    Parameters
-    ----------
-    nuisance : str
-        Its name.
-    """
+    """What a nuisance's value is multiplied by to be SI: an instrument's offset is in the channel's own unit [-]."""
     return SI_OF[nuisance.partition("_")[0]] if nuisance.endswith("_offset") else 1.0
 
 
@@ -72,8 +66,6 @@ class Prediction:
         Flow readings expected while the rotor stands [m3/s].
     line : ndarray, shape (p,)
         Gauge readings expected in the runs in time, one run after the other [Pa].
-    state : State
-        Of the plateaus.
     """
 
     flow: np.ndarray
@@ -92,8 +84,6 @@ class Problem:
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
     motor : Motor or None
         The motor that it names, when left out.
     any_turn : bool
@@ -165,33 +155,16 @@ class Problem:
         return other
 
     def place(self, name: str) -> int | None:
-        """Where a nuisance stands among the unknowns; None where it is none of this recording.
-
-        Parameters
-        ----------
-        name : str
-            Of the nuisance.
-        """
+        """Where a nuisance stands among the unknowns; None where it is none of this recording."""
         return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
 
     def run_of(self, i: int) -> int | None:
-        """The run in time that a nuisance belongs to alone; None where it is of the motor or of an instrument [-].
-
-        Parameters
-        ----------
-        i : int
-            Its place among the unknowns [-].
-        """
+        """The run in time that a nuisance belongs to alone; None where it is of the motor or of an instrument [-]."""
         file = self.nuisances[i].name.rpartition(".")[0]
         return next((k for k, run in enumerate(self.blocks.runs) if run.file == file), None)
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
         """The unknowns of a set of effects, in the order of the set.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Effect ids.
 
         Returns
         -------
@@ -205,8 +178,6 @@ class Problem:
 
         Parameters
         ----------
-        names : sequence of str
-            Effect ids.
         z : ndarray, shape (k,)
             The effects' share of the point [-].
         """
@@ -233,15 +204,11 @@ class Problem:
         ----------
         z : ndarray, shape (n_nuisances,)
             Nuisances [-].
-        chosen : dict
-            Effects and the values of their parameters.
         like : Prediction or None
             Where the rest is taken from when ``runs`` is given.
         runs : sequence of int or None
             Indices of the runs to simulate, and nothing else; the plateaus alone where there is none in it; everything
             when left out [-].
-        smooth : bool
-            Whether runs are to be without pulses.
         around : Neighbourhood or None
             Of plateaus close by, where those to first order will do; solved in full where it is not given.
         """
@@ -274,10 +241,6 @@ class Problem:
         ----------
         z : ndarray, shape (n_nuisances,)
             Nuisances [-].
-        chosen : dict
-            Effects and the values of their parameters.
-        here : Prediction
-            At the point, its plateaus solved in full.
         """
         rows, true = self._plateaus(*self.split(z)[:2], chosen)
         return Neighbourhood(here.state, rows, self._readings, true, self._gas, chosen, self.blocks.plateaus.time)
@@ -356,12 +319,6 @@ class Problem:
 
         Parameters
         ----------
-        run : RunInTime
-            The run.
-        split : tuple
-            Of `split`.
-        chosen : dict
-            Effects and the values of their parameters.
         time : ndarray, shape (n,)
             On the run's clock [s].
         """
@@ -376,17 +333,7 @@ class Problem:
         return next((span.pressure_pa for span in run.valve if span.is_open), math.nan) - own["supply"]
 
     def plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
-        """A run in time at a point: its line is as the gauge reads it, freed of the gauge's errors.
-
-        Parameters
-        ----------
-        i : int
-            Its index [-].
-        split : tuple
-            Of `split`.
-        chosen : dict
-            Effects and the values of their parameters.
-        """
+        """A run in time at a point: its line is as the gauge reads it, freed of the gauge's errors."""
         parameters, errors, own_of = split
         run = self.blocks.runs[i]
         own = own_of[run.file]

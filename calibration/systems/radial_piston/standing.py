@@ -36,8 +36,6 @@ def standing_flow(
         Of the motor [SI].
     errors : tuple of float
         Offset [m3/s] and scale [-] of the meter.
-    chosen : dict
-        Effects.
     """
     offset, scale = errors
     none, one = np.zeros_like(pressure), np.ones_like(pressure)

@@ -38,27 +38,13 @@ OPENING, VENTING = "opening", "venting"
 
 
 def ways_of(run: RunInTime) -> list[str]:
-    """How the line of a run changes: it is opened, vented, or both.
-
-    Parameters
-    ----------
-    run : RunInTime
-        The run.
-    """
+    """How the line of a run changes: it is opened, vented, or both."""
     moved = {span.is_open for span in run.valve[1:]}
     return [way for way, opens in ((OPENING, True), (VENTING, False)) if opens in moved]
 
 
 def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
-    """The unknowns of a run's line, named after its file.
-
-    Parameters
-    ----------
-    run : RunInTime
-        The run.
-    stated : SupplyFigures
-        What the recording says of its supply.
-    """
+    """The unknowns of a run's line, named after its file."""
     sd = max(run.settled_sd, 1.0)
     found = [Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, sd, "what had not settled")]
     valve = _constant(stated.valve_time_s, stated.valve_time_s_sd, VALVE_S, UNSTATED_VALVE)
@@ -87,13 +73,7 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
 
 
 def own_of_line(file: str) -> list[str]:
-    """Names of the unknowns that say how a run's line goes, without the small deviations.
-
-    Parameters
-    ----------
-    file : str
-        Of the run.
-    """
+    """Names of the unknowns that say how a run's line goes, without the small deviations."""
     ways = (f"{file}.{way}_{what}" for way in (OPENING, VENTING) for what in ("late", "time", "valve"))
     return [f"{file}.supply", *ways, f"{file}.floor", f"{file}.begun"]
 
@@ -112,8 +92,6 @@ class Course:
 
     Attributes
     ----------
-    valve : tuple of Supply
-        Of the run.
     own : mapping of str to float
         The run's own unknowns, by the ends of their names.
     over : float

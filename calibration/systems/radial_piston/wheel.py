@@ -22,13 +22,7 @@ PARTS = {"cos": np.cos, "sin": np.sin}
 
 
 def pitch_sd(recording: Recording) -> float:
-    """Error of the place of a tooth [rad]; 0 where the speed is not counted by teeth.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    """
+    """Error of the place of a tooth [rad]; 0 where the speed is not counted by teeth."""
     figures = recording.channels.get("speed_rpm")
     if figures is None or not figures.pulses_per_rev:
         return 0.0
@@ -37,13 +31,7 @@ def pitch_sd(recording: Recording) -> float:
 
 
 def harmonics_of(recording: Recording) -> tuple[int, ...]:
-    """Harmonics of the turn that a wheel's errors have, fewer of a wheel with few teeth; none of another tachometer.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    """
+    """Harmonics of the turn that a wheel's errors have, fewer of a wheel with few teeth; none of another tachometer."""
     figures = recording.channels.get("speed_rpm")
     if figures is None or not figures.pulses_per_rev or figures.window_s is not None:
         return ()
@@ -51,13 +39,7 @@ def harmonics_of(recording: Recording) -> tuple[int, ...]:
 
 
 def rest_sd(recording: Recording) -> float:
-    """Error of the place of a tooth without its harmonics that are unknowns [rad].
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    """
+    """Error of the place of a tooth without its harmonics that are unknowns [rad]."""
     kept = harmonics_of(recording)
     if not kept:
         return pitch_sd(recording)
@@ -66,15 +48,7 @@ def rest_sd(recording: Recording) -> float:
 
 
 def wheel_unknowns(run: RunInTime, recording: Recording) -> list[Unknown]:
-    """The unknowns of the wheel in a run, named after its file [rad].
-
-    Parameters
-    ----------
-    run : RunInTime
-        The run.
-    recording : Recording
-        That it belongs to.
-    """
+    """The unknowns of the wheel in a run, named after its file [rad]."""
     kept = harmonics_of(recording)
     if not kept:
         return []
@@ -87,15 +61,7 @@ def wheel_unknowns(run: RunInTime, recording: Recording) -> list[Unknown]:
 
 
 def seen(run: RunInTime, what: str) -> np.ndarray:
-    """What a wheel's unknown adds to the samples of a run [rad/s per rad], shape (n,).
-
-    Parameters
-    ----------
-    run : RunInTime
-        The run.
-    what : str
-        The end of the unknown's name.
-    """
+    """What a wheel's unknown adds to the samples of a run [rad/s per rad], shape (n,)."""
     _, k, part = what.split("_")
     step = run.time - run.begin
     ends = np.cumsum(run.speed * np.diff(run.time, prepend=run.begin[:1]))  # where a row is missing it turned on
@@ -110,8 +76,6 @@ def added(run: RunInTime, own: Mapping[str, float]) -> np.ndarray:
 
     Parameters
     ----------
-    run : RunInTime
-        The run.
     own : mapping of str to float
         The run's own unknowns, by the ends of their names.
     """

@@ -30,12 +30,8 @@ class Effects:
 
     Attributes
     ----------
-    names : tuple of str
-        Ids, as they were asked for.
     time : ndarray, shape (n_rows,)
         Of each steady row on the recording's clock [s]; the row's number where none was taken.
-    way : str
-        How they are solved, of `effect_states`.
     """
 
     names: tuple[str, ...]
@@ -82,17 +78,6 @@ class Effects:
 def in_fit(names: Sequence[str], motor: Motor, recording: Recording, measured: Measurement) -> Effects | None:
     """The effects that a fit was asked for; None where it was asked for none.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Ids.
-    motor : Motor
-        What they are added to.
-    recording : Recording
-        For the time of the rows.
-    measured : Measurement
-        The rows and the channels used.
-
     Raises
     ------
     EffectsError
@@ -116,15 +101,7 @@ def in_fit(names: Sequence[str], motor: Motor, recording: Recording, measured: M
 
 
 def seen(names: Sequence[str], channels: Sequence[str]) -> list[str]:
-    """Those of some effects that a fit to these channels can see.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Ids.
-    channels : sequence of str
-        Of pressure, flow and speed.
-    """
+    """Those of some effects that a fit to these channels can see."""
     return [name for name in names if "flow" in channels or not _in_flow_alone(effects()[name])]
 
 

@@ -33,18 +33,8 @@ class Mark:
 
     Attributes
     ----------
-    is_edge : bool
-        Else a heartbeat.
-    ticks, edges : int
-        Since the first frame [-].
-    index : bool
-        Whether the edge is that of the index tooth.
     fault : str
         Why what lies between the mark before and this one cannot be trusted; empty when it can.
-    lost_by_device : bool
-        Whether the device itself says so.
-    restarted : bool
-        Whether the device's clock began anew.
     """
 
     is_edge: bool
@@ -57,13 +47,7 @@ class Mark:
 
 
 def crc8(data: bytes) -> int:
-    """CRC-8, polynomial 0x07, starting at 0.
-
-    Parameters
-    ----------
-    data : bytes
-        What is protected.
-    """
+    """CRC-8, polynomial 0x07, starting at 0."""
     crc = 0
     for byte in data:
         crc = _CRC[crc ^ byte]
@@ -80,24 +64,13 @@ _CRC = bytes(_crc_of_byte(byte & 0xFF) for byte in range(256))
 
 
 def encode(frame: Frame) -> bytes:
-    """The bytes of a frame.
-
-    Parameters
-    ----------
-    frame : Frame
-        Its content.
-    """
+    """The bytes of a frame."""
     body = struct.pack("<BBBBIB", SYNC, frame.kind, frame.sequence, frame.flags, frame.ticks, frame.edges)
     return body + bytes([crc8(body)])
 
 
 def cut(buffer: bytes) -> tuple[list[Frame], bytes, int]:
     """The whole frames of a buffer.
-
-    Parameters
-    ----------
-    buffer : bytes
-        What came.
 
     Returns
     -------
@@ -135,13 +108,7 @@ class Counting:
         self._ticks = self._edges = 0
 
     def take(self, frame: Frame) -> Mark | None:
-        """The mark of the next frame; None when it is the frame before once more.
-
-        Parameters
-        ----------
-        frame : Frame
-            As it came.
-        """
+        """The mark of the next frame; None when it is the frame before once more."""
         last, self._last = self._last, frame
         is_edge, index = frame.kind == EDGE, bool(frame.flags & INDEX)
         if last is None:

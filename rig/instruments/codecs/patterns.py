@@ -15,13 +15,6 @@ OPEN_SPAN = 16  # a repeat that may take so many characters more or less is open
 def groups_of(pattern: str, key: str) -> set[str]:
     """The named groups of a pattern that cannot take long.
 
-    Parameters
-    ----------
-    pattern : str
-        A regular expression.
-    key : str
-        Where it stands, for the error text.
-
     Raises
     ------
     ValueError

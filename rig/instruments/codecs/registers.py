@@ -13,13 +13,7 @@ _FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
 
 
 def width_of(kind: Kind) -> int:
-    """How many registers a number takes [-].
-
-    Parameters
-    ----------
-    kind : str
-        ``u16``, ``i16``, ``u32``, ``i32`` or ``f32``.
-    """
+    """How many registers a number takes [-]."""
     return struct.calcsize(_FORMATS[kind]) // 2
 
 
@@ -28,10 +22,6 @@ def number_of(words: Sequence[int], kind: Kind, order: WordOrder = "big") -> int
 
     Parameters
     ----------
-    words : sequence of int
-        0-65535 each [-].
-    kind : str
-        How they are coded.
     order : str
         ``big``: the high word first. Within a register the high byte is always first.
 
@@ -47,15 +37,6 @@ def number_of(words: Sequence[int], kind: Kind, order: WordOrder = "big") -> int
 
 def words_of(number: float, kind: Kind, order: WordOrder = "big") -> tuple[int, ...]:
     """A number as registers; whole kinds are rounded.
-
-    Parameters
-    ----------
-    number : float
-        Before scale and offset, as `number_of` returns it [-].
-    kind : str
-        How it is coded.
-    order : str
-        ``big``: the high word first.
 
     Returns
     -------

@@ -13,13 +13,7 @@ Cut = Callable[[bytes], tuple[list[bytes], bytes]]
 
 
 class Stream:
-    """What has come on a line and was not used yet.
-
-    Parameters
-    ----------
-    cut : callable
-        Splits a buffer into whole frames and the rest.
-    """
+    """What has come on a line and was not used yet."""
 
     def __init__(self, cut: Cut) -> None:
         self._cut = cut
@@ -34,8 +28,6 @@ class Stream:
 
         Parameters
         ----------
-        line : Line
-            Where the device is.
         wait_s : float
             How long [s].
 
@@ -73,13 +65,6 @@ class Stream:
 
 def cut_lines(terminator: bytes, most_bytes: int) -> Cut:
     """What cuts text into lines; longer ones than a reply can be are dropped.
-
-    Parameters
-    ----------
-    terminator : bytes
-        Ends a line.
-    most_bytes : int
-        Of a line, without its end [-].
 
     Returns
     -------

@@ -43,8 +43,6 @@ def bounded(value: Value, channel: ChannelFile) -> Value:
     ----------
     value : Value
         As decoded; infinities allowed.
-    channel : ChannelFile
-        With the limits of the scale.
 
     Returns
     -------
@@ -71,19 +69,7 @@ def bounded(value: Value, channel: ChannelFile) -> Value:
 
 
 def reading_of(device: str, name: str, channel: ChannelFile, value: Value, times: Times) -> Reading:
-    """The reading that a decoded value is.
-
-    Parameters
-    ----------
-    device, name : str
-        The reading's device and channel.
-    channel : ChannelFile
-        For the unit.
-    value : Value
-        As decoded and judged.
-    times : Times
-        Of the reading.
-    """
+    """The reading that a decoded value is."""
     return Reading(
         device,
         name,
@@ -101,19 +87,7 @@ def reading_of(device: str, name: str, channel: ChannelFile, value: Value, times
 
 
 def failures(device: str, channels: Mapping[str, ChannelFile], error: LineError, times: Times) -> list[Reading]:
-    """A reading without a value for each channel.
-
-    Parameters
-    ----------
-    device : str
-        Its name.
-    channels : mapping of str to ChannelFile
-        Those that were asked for.
-    error : LineError
-        Why there is no value.
-    times : Times
-        Of the attempt.
-    """
+    """A reading without a value for each channel."""
     value = Value(None, error.quality, detail=printable(str(error), MOST_REASON))
     return [reading_of(device, name, channel, value, times) for name, channel in channels.items()]
 
@@ -130,14 +104,6 @@ def joined(first: str, second: str) -> str:
 
 
 def printable(text: str, most: int = MOST_TEXT) -> str:
-    """A device's words, cut to a length, with everything that is not plain ASCII escaped.
-
-    Parameters
-    ----------
-    text : str
-        What came.
-    most : int
-        Characters kept [-].
-    """
+    """A device's words, cut to a length, with everything that is not plain ASCII escaped."""
     shown = text if text.isascii() and text.isprintable() else ascii(text)[1:-1]
     return shown if len(shown) <= most else shown[: most - 3] + "..."

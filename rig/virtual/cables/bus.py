@@ -26,23 +26,7 @@ OTHER_FUNCTION = {1: 2, 2: 1, 3: 4, 4: 3, 6: 16, 16: 6}
 
 
 class Bus:
-    """One line and the devices on it.
-
-    Parameters
-    ----------
-    name : str
-        In the bench file.
-    framing : str
-        ``rtu`` or ``tcp``, of Modbus.
-    devices : sequence of Served
-        On this line.
-    loop : Loop
-        Whose thread does the work.
-    world : World
-        Line, motor, faults.
-    chance : Generator
-        Source of chance of the faults' details.
-    """
+    """One line and the devices on it."""
 
     def __init__(
         self, name: str, framing: str, devices: Sequence[Any], loop: Loop, world: World, chance: np.random.Generator
@@ -61,10 +45,6 @@ class Bus:
 
         Parameters
         ----------
-        caller : int
-            Who sent it [-].
-        data : bytes
-            What came.
         whole_ns : int
             When its last byte had crossed [ns].
         """
@@ -102,8 +82,6 @@ class Bus:
 
         Parameters
         ----------
-        device : str
-            In the bench file.
         until_ns : int
             When it comes back [ns].
         """

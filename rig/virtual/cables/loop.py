@@ -15,13 +15,7 @@ MOST_WAIT_S = 0.2  # of the wall
 
 
 class Loop:
-    """Calls what is due and what has bytes, until it is stopped.
-
-    Parameters
-    ----------
-    clock : Clock
-        The bench's.
-    """
+    """Calls what is due and what has bytes, until it is stopped."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
@@ -37,8 +31,6 @@ class Loop:
         ----------
         time_ns : int
             Time of the bench; at once when past [ns].
-        action : callable
-            Without parameters.
         """
         heapq.heappush(self._due, (time_ns, next(self._order), action))
 
@@ -49,8 +41,6 @@ class Loop:
         ----------
         span_s : float
             How long [s].
-        action : callable
-            Without parameters.
         """
         self.at(self.clock.now_ns() + int(span_s * NS), action)
 
@@ -61,8 +51,6 @@ class Loop:
         ----------
         real_s : float
             How often, on the wall's clock [s].
-        action : callable
-            Without parameters.
         """
 
         def again() -> None:
@@ -72,25 +60,11 @@ class Loop:
         self.after(0.0, again)
 
     def watch(self, file: Any, action: Callable[[], None]) -> None:
-        """Call something whenever a file has bytes; a socket that listens, a caller.
-
-        Parameters
-        ----------
-        file : int or socket
-            What to watch.
-        action : callable
-            Without parameters.
-        """
+        """Call something whenever a file has bytes; a socket that listens, a caller."""
         self._files.register(file, selectors.EVENT_READ, action)
 
     def forget(self, file: Any) -> None:
-        """Watch a file no more.
-
-        Parameters
-        ----------
-        file : int or socket
-            As given to `watch`.
-        """
+        """Watch a file no more."""
         self._files.unregister(file)
 
     def run(self) -> None:

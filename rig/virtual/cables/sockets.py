@@ -13,15 +13,7 @@ MOST_SEND_S = 1.0  # of the wall: a caller that does not read for so long is cut
 
 
 class SocketWire:
-    """A network cable: a loopback socket on a port of the system's choice, kept when the cable is put back.
-
-    Parameters
-    ----------
-    loop : Loop
-        Whose thread does the work.
-    receive : callable
-        Gets what comes.
-    """
+    """A network cable: a loopback socket on a port of the system's choice, kept when the cable is put back."""
 
     def __init__(self, loop: Loop, receive: Receive) -> None:
         self.loop, self.receive = loop, receive
@@ -57,8 +49,6 @@ class SocketWire:
         ----------
         caller : int
             Number of the connection; 0 for all [-].
-        data : bytes
-            What to send.
         from_ns : int
             When; now, when that is past [ns].
         """

@@ -25,16 +25,10 @@ class PtyWire:
 
     Parameters
     ----------
-    loop : Loop
-        Whose thread does the work.
-    link : Path
-        The symbolic link.
     byte_s : float
         Time of one byte on the wire, on the bench's clock [s]; 0 when not paced.
     baud : int
         The devices'; a caller who sets another one reads and writes garbage, unless the line is not paced [1/s].
-    receive : callable
-        Gets what comes.
     """
 
     def __init__(self, loop: Loop, link: Path, byte_s: float, baud: int, receive: Receive) -> None:
@@ -83,10 +77,6 @@ class PtyWire:
 
         Parameters
         ----------
-        caller : int
-            Always 0 [-].
-        data : bytes
-            What to send.
         from_ns : int
             When to begin; now, when that is past [ns].
         """

@@ -28,10 +28,6 @@ class Wire(Protocol):
 
         Parameters
         ----------
-        caller : int
-            Who gets it [-].
-        data : bytes
-            What to send.
         from_ns : int
             When to begin; now, when that is past [ns].
         """

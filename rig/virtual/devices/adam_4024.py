@@ -22,36 +22,12 @@ LEAST_REAL_SAFETY_S = 1.0
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> Adam4024:
-    """A module with the regulator on the output that the bench file names.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its output ranges.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-    """
+    """A module with the regulator on the output that the bench file names."""
     return Adam4024(device, settings, place, world)
 
 
 class Adam4024(ModbusDevice):
-    """Four outputs, the first range of the file set on each.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its output ranges.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-    """
+    """Four outputs, the first range of the file set on each."""
 
     def __init__(self, device: str, settings: Any, place: Place, world: World) -> None:
         self.range = settings.ranges[0]
@@ -105,10 +81,6 @@ class Adam4024(ModbusDevice):
 
         Parameters
         ----------
-        address : int
-            First register on the wire [-].
-        values : list of int
-            0-65535 each [-].
         time_ns : int
             Time of the bench [ns].
         """

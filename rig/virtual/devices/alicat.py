@@ -19,34 +19,12 @@ GAS = "Air"
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> Alicat:
-    """A device with the layout of its file.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its layout, channels and set-point.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-    """
+    """A device with the layout of its file."""
     return Alicat(device, settings, place.table.address or "A", world)
 
 
 class AlicatPart:
-    """What the text and the Modbus device have in common: numbers in the device's unit, flags, and the controller.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its channels and set-point.
-    world : World
-        Line, motor, faults.
-    """
+    """What the text and the Modbus device have in common: numbers in the device's unit, flags, and the controller."""
 
     def __init__(self, device: str, settings: Any, world: World) -> None:
         self.settings, self.plant = settings, world.plant
@@ -98,13 +76,7 @@ class AlicatPart:
         return True
 
     def hold(self, held: bool) -> None:
-        """Hold the valve closed, or take that back.
-
-        Parameters
-        ----------
-        held : bool
-            Whether it is held.
-        """
+        """Hold the valve closed, or take that back."""
         self.held = held
         self._drive()
 
@@ -122,19 +94,7 @@ class AlicatPart:
 
 
 class Alicat:
-    """A unit that answers to its letter.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its layout, channels and set-point.
-    letter : str
-        The unit's.
-    world : World
-        Line, motor, faults.
-    """
+    """A unit that answers to its letter."""
 
     speaks = "text"
     terminator = b"\r"
@@ -171,8 +131,6 @@ class Alicat:
 
         Parameters
         ----------
-        line : bytes
-            Without the carriage return.
         time_ns : int
             Time of the bench [ns].
         """
@@ -211,26 +169,12 @@ class Alicat:
 
 
 def decimals_of(sensor: Sensor, scale: float) -> int:
-    """Decimals that show an instrument's resolution [-].
-
-    Parameters
-    ----------
-    sensor : Sensor
-        Of the channel.
-    scale : float
-        The channel's value over the device's number [-].
-    """
+    """Decimals that show an instrument's resolution [-]."""
     resolution = (sensor.figures.resolution or 0.01) / abs(scale)
     return min(5, max(0, math.ceil(-math.log10(resolution) - 1e-9)))
 
 
 def status_of(flags: Sequence[str]) -> int:
-    """The bits of the Modbus status that stand for flags [-].
-
-    Parameters
-    ----------
-    flags : sequence of str
-        As the text protocol names them.
-    """
+    """The bits of the Modbus status that stand for flags [-]."""
     bits = {"TOV": 0, "VOV": 2, "MOV": 4, "POV": 6, "OVR": 7, "HLD": 8, "ADC": 9, "EXH": 10}
     return sum(1 << bits[flag] for flag in flags)

@@ -17,36 +17,12 @@ FLOATS = {"pressure": 1203, "temperature": 1205, "flow_l_": 1207, "flow_sl": 120
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> AlicatModbus:
-    """A device with the channels of its file.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its channels, set-point and numbering.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-    """
+    """A device with the channels of its file."""
     return AlicatModbus(device, settings, place.table.unit_id or 0, world)
 
 
 class AlicatModbus(ModbusDevice):
-    """The block of status and floats, and the set-point.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its channels, set-point and numbering.
-    unit : int
-        Address on the bus [-].
-    world : World
-        Line, motor, faults.
-    """
+    """The block of status and floats, and the set-point."""
 
     def __init__(self, device: str, settings: Any, unit: int, world: World) -> None:
         self.part = AlicatPart(device, settings, world)
@@ -77,10 +53,6 @@ class AlicatModbus(ModbusDevice):
 
         Parameters
         ----------
-        address : int
-            First register on the wire [-].
-        values : list of int
-            0-65535 each [-].
         time_ns : int
             Time of the bench [ns].
         """

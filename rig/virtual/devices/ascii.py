@@ -26,17 +26,6 @@ PRINTABLE = "".join(map(chr, range(32, 127)))
 def serve(device: str, settings: Any, place: Place, world: World) -> TextDevice:
     """A device after its file.
 
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Of a generic ASCII device.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-
     Raises
     ------
     ValueError
@@ -46,19 +35,7 @@ def serve(device: str, settings: Any, place: Place, world: World) -> TextDevice:
 
 
 class TextDevice:
-    """Answers its query, or sends a line now and then where it has none.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Of a generic ASCII device.
-    serial : str
-        Its number.
-    world : World
-        Line, motor, faults.
-    """
+    """Answers its query, or sends a line now and then where it has none."""
 
     def __init__(self, device: str, settings: Any, serial: str, world: World) -> None:
         self.device, self.settings = device, settings
@@ -100,8 +77,6 @@ class TextDevice:
 
         Parameters
         ----------
-        line : bytes
-            The request, without its last character.
         time_ns : int
             Time of the bench [ns].
         """
@@ -148,8 +123,6 @@ def line_of(pattern: str, values: Mapping[str, Sequence[str]]) -> bytes:
 
     Parameters
     ----------
-    pattern : str
-        Regular expression of the whole line.
     values : mapping of str to sequence of str
         For each named group the texts to try in its place, best first.
 

@@ -33,10 +33,6 @@ class World:
 
         Parameters
         ----------
-        device, channel : str
-            Names.
-        figures : ChannelFile
-            Of the instrument's file.
         update_s : float
             How often it has a new value [s].
         """
@@ -49,8 +45,6 @@ class Served(Protocol):
 
     Attributes
     ----------
-    device : str
-        In the bench file.
     speaks : str
         ``modbus``, ``text`` (lines, each with an answer or none), or ``stream`` (unasked; hears lines).
     """
@@ -87,8 +81,6 @@ class TextServed(Served, Protocol):
 
         Parameters
         ----------
-        line : bytes
-            Without the terminator.
         time_ns : int
             Time of the bench [ns].
         """
@@ -96,15 +88,6 @@ class TextServed(Served, Protocol):
 
 def serve_bench(bench: Bench, world: World, devices: list[str]) -> dict[str, Any]:
     """The simulated instruments of a bench.
-
-    Parameters
-    ----------
-    bench : Bench
-        With its instruments' files.
-    world : World
-        Line, motor, faults.
-    devices : list of str
-        Those on virtual lines.
 
     Returns
     -------

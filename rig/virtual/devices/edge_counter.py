@@ -25,31 +25,13 @@ MOST_WAITING = 20_000
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> EdgeCounter:
-    """A counter on a wheel with the teeth of its file.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its teeth and tick.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-    """
+    """A counter on a wheel with the teeth of its file."""
     serial = place.table.serial_number or f"V{world.seed:05d}"
     return EdgeCounter(device, settings, serial, world)
 
 
 def crc8(data: bytes) -> int:
-    """Checksum: polynomial 0x07, started with 0 [-].
-
-    Parameters
-    ----------
-    data : bytes
-        The first nine bytes of a frame.
-    """
+    """Checksum: polynomial 0x07, started with 0 [-]."""
     register = 0
     for byte in data:
         register ^= byte
@@ -59,19 +41,7 @@ def crc8(data: bytes) -> int:
 
 
 class EdgeCounter:
-    """Sends a frame for each edge once it is started, and a heartbeat where there is none.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its teeth and tick.
-    serial : str
-        Its number.
-    world : World
-        Line, motor, faults.
-    """
+    """Sends a frame for each edge once it is started, and a heartbeat where there is none."""
 
     speaks = "stream"
     terminator = b"\n"
@@ -125,8 +95,6 @@ class EdgeCounter:
 
         Parameters
         ----------
-        line : bytes
-            Without the terminator.
         time_ns : int
             Time of the bench [ns].
         """
@@ -220,14 +188,8 @@ def wheel(teeth: int, pitch_error_sd: float, seed: int, device: str) -> np.ndarr
 
     Parameters
     ----------
-    teeth : int
-        Of the wheel [-].
     pitch_error_sd : float
         Error of each edge's place as a share of the pitch, 1 sigma [-].
-    seed : int
-        Of the bench [-].
-    device : str
-        In the bench file.
     """
     errors = np.clip(pitch_error_sd * generator(seed, device, "pitch").standard_normal(teeth), -0.45, 0.45)
     errors[0] = 0.0  # the turn counts from it

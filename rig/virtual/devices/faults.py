@@ -47,20 +47,12 @@ class Fault(Strict):
 
     Attributes
     ----------
-    kind : str
-        One of `KINDS`.
     line, device : str
         Where: the one or the other; a line means every device on it.
-    chance : float
-        That it happens to a reply [-].
     from_s, to_s : float
         Window on the bench's clock [s].
     by_s : float or None
         How late, how far apart, or how long [s]; the kind's own when left out.
-    count : int
-        Bytes of noise [-].
-    code : int
-        Of the exception [-].
     """
 
     kind: str
@@ -94,10 +86,6 @@ def read_fault(table: Mapping[str, Any], place: Place, where: str) -> Fault:
     ----------
     table : mapping
         Of the bench file, or of a request to the running bench.
-    place : Place
-        The bench's lines and devices.
-    where : str
-        For the error text.
 
     Raises
     ------
@@ -150,14 +138,8 @@ class Faults:
 
     Attributes
     ----------
-    chance : Generator
-        Source of chance.
-    place : Place
-        The bench's lines and devices.
     active : list of Fault
         Those laid on replies and values; those that happen once are the bench's to carry out.
-    counts : dict of str to int
-        How often each kind has happened [-].
     """
 
     chance: np.random.Generator
@@ -178,12 +160,8 @@ class Faults:
 
         Parameters
         ----------
-        device : str
-            In the bench file.
         time_ns : int
             Time of the bench [ns].
-        kinds : iterable of str
-            Those asked about.
         """
         now_s = time_ns / 1e9
         found = []
@@ -203,10 +181,6 @@ class Faults:
 
         Parameters
         ----------
-        kind : str
-            One of `KINDS`.
-        device : str
-            In the bench file.
         time_ns : int
             Time of the bench [ns].
         """
@@ -220,14 +194,8 @@ def damage(
 
     Parameters
     ----------
-    frame : bytes
-        The reply.
     request : bytes
         What it answers; empty for what comes unasked.
-    faults : iterable of Fault
-        Those that befall it.
-    chance : Generator
-        Source of chance.
 
     Returns
     -------

@@ -9,13 +9,7 @@ HEADER = 7  # of a TCP frame: transaction, protocol, length, unit
 
 
 def crc(data: bytes) -> bytes:
-    """Checksum of an RTU frame, low byte first: polynomial 0xA001, started with 0xFFFF.
-
-    Parameters
-    ----------
-    data : bytes
-        The frame without its checksum.
-    """
+    """Checksum of an RTU frame, low byte first: polynomial 0xA001, started with 0xFFFF."""
     register = 0xFFFF
     for byte in data:
         register ^= byte
@@ -25,42 +19,18 @@ def crc(data: bytes) -> bytes:
 
 
 def rtu(unit: int, body: bytes) -> bytes:
-    """An RTU frame.
-
-    Parameters
-    ----------
-    unit : int
-        Address of the device [-].
-    body : bytes
-        Function code and data.
-    """
+    """An RTU frame."""
     frame = bytes([unit]) + body
     return frame + crc(frame)
 
 
 def tcp(transaction: bytes, unit: int, body: bytes) -> bytes:
-    """A TCP frame.
-
-    Parameters
-    ----------
-    transaction : bytes
-        Two bytes of the request.
-    unit : int
-        Address of the device [-].
-    body : bytes
-        Function code and data.
-    """
+    """A TCP frame."""
     return transaction + b"\0\0" + (len(body) + 1).to_bytes(2, "big") + bytes([unit]) + body
 
 
 def rtu_request_length(buffer: bytes) -> int | None:
-    """How long the request is that a buffer starts with; None while that is not known, 0 when it is none.
-
-    Parameters
-    ----------
-    buffer : bytes
-        What has come.
-    """
+    """How long the request is that a buffer starts with; None while that is not known, 0 when it is none."""
     if len(buffer) < 2:
         return None
     if buffer[1] == WRITE_MANY:
@@ -69,13 +39,7 @@ def rtu_request_length(buffer: bytes) -> int | None:
 
 
 def tcp_request_length(buffer: bytes) -> int | None:
-    """The same for a TCP frame.
-
-    Parameters
-    ----------
-    buffer : bytes
-        What has come.
-    """
+    """The same for a TCP frame."""
     if len(buffer) < HEADER:
         return None
     length = 6 + int.from_bytes(buffer[4:6], "big")

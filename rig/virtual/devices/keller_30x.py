@@ -16,19 +16,7 @@ CALCULATED, P1, P2, TOB1, TOB2 = 0x0000, 0x0002, 0x0004, 0x0006, 0x0008
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> ModbusDevice:
-    """A transmitter with one pressure and one temperature.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its channels' figures.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-    """
+    """A transmitter with one pressure and one temperature."""
     missing = words_of(math.nan, "f32")
     fields: list[Field] = [constant(address, *missing) for address in (CALCULATED, P1, P2, TOB1, TOB2)]
     for name, figures in settings.channels.items():

@@ -18,34 +18,12 @@ OVERFLOW = 99_999_999
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> Lutron:
-    """A meter with the displays of its file.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its displays and unit codes.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-    """
+    """A meter with the displays of its file."""
     return Lutron(device, settings, world)
 
 
 class Lutron:
-    """Shows, and sends, the mean over the time since the display changed last; speed by the turns of the shaft.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Its displays and unit codes.
-    world : World
-        Line, motor, faults.
-    """
+    """Shows, and sends, the mean over the time since the display changed last; speed by the turns of the shaft."""
 
     def __init__(self, device: str, settings: Any, world: World) -> None:
         self.device, self.settings, self.plant = device, settings, world.plant
@@ -85,8 +63,6 @@ class Lutron:
 
         Parameters
         ----------
-        line : bytes
-            The request.
         time_ns : int
             Time of the bench [ns].
         """

@@ -13,36 +13,12 @@ from rig.virtual.devices.sensors import Sensor
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> DescribedDevice:
-    """A device after its file.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Of a generic Modbus device.
-    place : Place
-        Its tables in the bench file.
-    world : World
-        Line, motor, faults.
-    """
+    """A device after its file."""
     return DescribedDevice(device, settings, place.table.unit_id or 0, world)
 
 
 class DescribedDevice(ModbusDevice):
-    """A device with the registers of its file, and with its set-point where it has one.
-
-    Parameters
-    ----------
-    device : str
-        In the bench file.
-    settings : InstrumentFile
-        Of a generic Modbus device.
-    unit : int
-        Address on the bus [-].
-    world : World
-        Line, motor, faults.
-    """
+    """A device with the registers of its file, and with its set-point where it has one."""
 
     def __init__(self, device: str, settings: Any, unit: int, world: World) -> None:
         fields = [self._channel(device, name, settings, world) for name in settings.channels]
@@ -85,10 +61,6 @@ class DescribedDevice(ModbusDevice):
 
         Parameters
         ----------
-        address : int
-            First register on the wire [-].
-        values : list of int
-            0-65535 each [-].
         time_ns : int
             Time of the bench [ns].
         """

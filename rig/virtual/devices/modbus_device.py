@@ -22,13 +22,7 @@ PACKED = {
 
 
 class Refusal(Exception):  # noqa: N818 - it is an answer, not an error
-    """The device answers with an exception.
-
-    Parameters
-    ----------
-    code : int
-        Of the standard [-].
-    """
+    """The device answers with an exception."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"exception {code}")
@@ -36,13 +30,7 @@ class Refusal(Exception):  # noqa: N818 - it is an answer, not an error
 
 
 def width_of(kind: str) -> int:
-    """How many registers a number takes [-].
-
-    Parameters
-    ----------
-    kind : str
-        One of `PACKED`.
-    """
+    """How many registers a number takes [-]."""
     return struct.calcsize(PACKED[kind][0]) // 2
 
 
@@ -53,8 +41,6 @@ def words_of(value: float, kind: str, low_word_first: bool = False) -> list[int]
     ----------
     value : float
         The number; cut off at an integer's limits, and not a number is all ones in an integer [-].
-    kind : str
-        One of `PACKED`.
     low_word_first : bool
         Order of the words; within each the high byte comes first.
 
@@ -75,17 +61,7 @@ def words_of(value: float, kind: str, low_word_first: bool = False) -> list[int]
 
 
 def value_of(words: list[int], kind: str, low_word_first: bool = False) -> float:
-    """Registers as a number.
-
-    Parameters
-    ----------
-    words : list of int
-        0-65535 each [-].
-    kind : str
-        One of `PACKED`.
-    low_word_first : bool
-        Order of the words.
-    """
+    """Registers as a number."""
     ordered = words[::-1] if low_word_first else words
     packed = b"".join(bytes([word >> 8, word & 0xFF]) for word in ordered)
     return float(struct.unpack(">" + PACKED[kind][0], packed)[0])
@@ -97,8 +73,6 @@ class Field:
 
     Attributes
     ----------
-    address, size : int
-        First register on the wire, and how many [-].
     words : callable
         Time [ns] to the registers; called once a request, so that the words of one value belong together.
     """
@@ -109,30 +83,12 @@ class Field:
 
 
 def constant(address: int, *words: int) -> Field:
-    """Registers that never change.
-
-    Parameters
-    ----------
-    address : int
-        First register on the wire [-].
-    *words : int
-        0-65535 each [-].
-    """
+    """Registers that never change."""
     return Field(address, len(words), lambda _: list(words))
 
 
 def measured(address: int, sensor: Sensor, kind: str) -> Field:
-    """A measured value, the channel's own number.
-
-    Parameters
-    ----------
-    address : int
-        First register on the wire [-].
-    sensor : Sensor
-        What is measured.
-    kind : str
-        One of `PACKED`.
-    """
+    """A measured value, the channel's own number."""
     return Field(address, width_of(kind), lambda time_ns: words_of(sensor.read(time_ns), kind))
 
 
@@ -141,10 +97,6 @@ class ModbusDevice:
 
     Parameters
     ----------
-    device : str
-        In the bench file.
-    unit : int
-        Address on the bus [-].
     tables : dict of int to list of Field
         Function code of a read to what it finds; a coil is a field of size 1.
     """
@@ -179,10 +131,6 @@ class ModbusDevice:
 
         Parameters
         ----------
-        address : int
-            First register on the wire [-].
-        values : list of int
-            0-65535 each [-].
         time_ns : int
             Time of the bench [ns].
 
@@ -198,8 +146,6 @@ class ModbusDevice:
 
         Parameters
         ----------
-        body : bytes
-            Of the request: function code and data.
         time_ns : int
             Time of the bench [ns].
         """

@@ -20,15 +20,7 @@ DRIFT_S = 1000.0
 
 
 def generator(seed: int, *names: str) -> np.random.Generator:
-    """A source of chance of its own for each name, the same for the same seed.
-
-    Parameters
-    ----------
-    seed : int
-        The bench's [-].
-    *names : str
-        Device, channel or line.
-    """
+    """A source of chance of its own for each name, the same for the same seed."""
     return np.random.default_rng([seed, *(zlib.crc32(name.encode()) for name in names)])
 
 
@@ -37,10 +29,6 @@ def truth_of(plant: Turning, channel: str, reference: Reference | None) -> Calla
 
     Parameters
     ----------
-    plant : Turning
-        Line and motor.
-    channel : str
-        The channel's name, which carries quantity and unit.
     reference : Reference or None
         State of a standard volume, or of a rotameter's scale.
 
@@ -119,16 +107,10 @@ class Sensor:
 
     Parameters
     ----------
-    device, channel : str
-        Names in the bench file and in the instrument's.
     figures : ChannelFile
         The instrument's 1-sigma figures; what is left out is 0.
     truth : callable
         What it would read without error [own unit].
-    faults : Faults
-        Tells when the value is frozen or lost.
-    seed : int
-        Of the bench [-].
     update_s : float
         How often the instrument has a new value [s].
     """

@@ -64,8 +64,6 @@ class AirLine:
         ----------
         target_bar : float
             What the regulator is set to, absolute [bar].
-        is_open : bool
-            Whether the valve is driven towards the regulator.
         taken_kg_s : float
             What the motor takes [kg/s].
         span_s : float

@@ -116,12 +116,6 @@ class Turning(Protocol):
         Of the room, and ordered, absolute [bar].
     room_k, inlet_k : float
         Temperature of the room, and of the line's air [K].
-    line : LineTruth
-        How the bench besides the motor is.
-    listeners : list of callable
-        Called with samples of the shaft.
-    setpoints, history : deque
-        Of the control socket's ``state``.
     """
 
     time_ns: int
@@ -193,12 +187,8 @@ def read_truth(motor: Motor, truth: Mapping[str, float], place: str) -> tuple[Mo
 
     Parameters
     ----------
-    motor : Motor
-        As its file says.
     truth : mapping of str to float
         Changed figures: the motor's parameters each in its own unit, and those of the line [own unit].
-    place : str
-        The bench file, for the error text.
 
     Returns
     -------
@@ -228,15 +218,7 @@ def read_truth(motor: Motor, truth: Mapping[str, float], place: str) -> tuple[Mo
 
 
 class Plant:
-    """The line and the motor; `advance` carries them on, the attributes tell how they stand.
-
-    Parameters
-    ----------
-    motor : Motor
-        The true one.
-    line : LineTruth
-        How the line answers.
-    """
+    """The line and the motor; `advance` carries them on, the attributes tell how they stand."""
 
     def __init__(self, motor: Motor, line: LineTruth | None = None) -> None:
         self.motor = motor
