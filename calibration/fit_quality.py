@@ -22,7 +22,7 @@ from calibration.likelihood.descent import find
 from calibration.likelihood.linear import FLOW, SPEED
 from calibration.likelihood.mode import BAD
 from calibration.likelihood.noise import too_loud
-from calibration.report.diagnosis_words import place_in_words
+from calibration.report.diagnosis.words import place_in_words
 from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR
 from calibration.work.step_clock import Tell
 from model.motor import Motor

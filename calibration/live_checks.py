@@ -32,7 +32,7 @@ CHECK, FAILED, WARNING = "model check", "model check failed", "warning"  # event
 
 
 class Taken(Protocol):
-    """A plateau: `rig.sweep.plateau.Plateau`."""
+    """A plateau: `rig.plateaus.plateau.Plateau`."""
 
     @property
     def settled(self) -> bool:

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from calibration.challenge.revealing import in_words, score_in_words
-from calibration.report.diagnosis_words import sentence
+from calibration.challenge.concealed.revealing import in_words, score_in_words
+from calibration.report.diagnosis.words import sentence
 from calibration.report.render import render
 from calibration.work.files import write_file
 from model.layout import L_MIN, RPM

@@ -19,10 +19,10 @@ ROOMS = {
     # the model
     "read_motor": "model.motor",
     "set_values": "model.motor",
-    "operating_points": "model.performance",
-    "spin_up": "model.runs",
-    "coast_down": "model.runs",
-    "sensitivities": "model.sensitivity",
+    "operating_points": "model.operation.performance",
+    "spin_up": "model.operation.runs",
+    "coast_down": "model.operation.runs",
+    "sensitivities": "model.operation.sensitivity",
     # recordings and runs
     "read_recording": "rig.recording",
     "write_recording": "rig.recording",

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from model.reproduction import Measured
+    from model.article.reproduction import Measured
 
 NAME = "published_sweep"
 IN_PACKAGE = Path(__file__).resolve().parent / NAME  # of an installed program
@@ -20,8 +20,8 @@ def published_sweep() -> Path:
 
 def measured() -> Measured:
     """Its readings in the model's units."""
-    from model.performance import BAR
-    from model.reproduction import Measured
+    from model.article.reproduction import Measured
+    from model.operation.performance import BAR
     from rig.recording import read_recording
 
     columns = read_recording(published_sweep()).files[0].columns

@@ -13,8 +13,8 @@ from CoolProp.HumidAirProp import HAPropsSI
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model import _air_equations as equations
-from model import air
+from model.gas import _air_equations as equations
+from model.gas import air
 
 ROOT = Path(__file__).resolve().parent.parent
 TEMPERATURES = [*np.linspace(230.0, 400.0, 18), 273.1, 273.2]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import averaged as torque_only
 from model import layout as at
-from model.cylinder import gas_state
 from model.effects import averaged
 from model.effects import transient as effect_transient
+from model.gas.cylinder import gas_state
 from model.motor import read_motor
-from model.steady import steady
-from model.transient import OMEGA, Supply, rest_state
+from model.solvers import averaged as torque_only
+from model.solvers.steady import steady
+from model.solvers.transient import OMEGA, Supply, rest_state
 
 MOTOR = read_motor("ptm3600")
 READINGS = MOTOR.readings.vector()

@@ -9,12 +9,14 @@ import stat
 import pyarrow.parquet as pq
 import pytest
 
-from calibration.challenge import freezing, layout, opening, page, running
-from calibration.challenge import ledger as ledgers
-from calibration.challenge.campaign import make
-from calibration.challenge.layout import ChallengeError, canonical, sha256
-from calibration.challenge.opening import Settings, score
-from calibration.challenge.sealing import SealError, open_seal
+from calibration.challenge.campaign import freezing, layout, running
+from calibration.challenge.campaign.campaign import make
+from calibration.challenge.campaign.layout import ChallengeError, canonical, sha256
+from calibration.challenge.campaign.sealing import SealError, open_seal
+from calibration.challenge.pages import page
+from calibration.challenge.record import ledger as ledgers
+from calibration.challenge.record import opening
+from calibration.challenge.record.opening import Settings, score
 from tests import fake_rig
 
 CASES = 12
@@ -68,7 +70,7 @@ def test_a_recording_that_is_lost_is_made_anew(campaign):
 
 def test_recordings_of_another_rig_are_not_gone_on_with(campaign, monkeypatch):
     made = []
-    monkeypatch.setattr("calibration.challenge.campaign.scorer_sha256", lambda: "0" * 64)
+    monkeypatch.setattr("calibration.challenge.campaign.campaign.scorer_sha256", lambda: "0" * 64)
     monkeypatch.setattr(
         fake_rig, "make_recording", lambda truth, folder, make=fake_rig.make_recording: made.append(make(truth, folder))
     )

@@ -12,8 +12,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from calibration.challenge.campaign import make
-from calibration.challenge.layout import read_campaign
+from calibration.challenge.campaign.campaign import make
+from calibration.challenge.campaign.layout import read_campaign
 from calibration.work import many_table
 from calibration.work.many import Result
 from tests import sweep_rig

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from calibration.challenge import freezing, keeping, layout, opening, running
-from calibration.challenge.campaign import make
-from calibration.challenge.layout import ChallengeError
-from calibration.challenge.opening import Settings, score
+from calibration.challenge.campaign import freezing, layout, running
+from calibration.challenge.campaign.campaign import make
+from calibration.challenge.campaign.layout import ChallengeError
+from calibration.challenge.record import keeping, opening
+from calibration.challenge.record.opening import Settings, score
 from calibration.work.files import write_files
 from tests import fake_rig
 

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.challenge import cases as lines
-from calibration.challenge import goals, scoring
-from calibration.challenge.calibrated import coverage, held_out, stated
 from calibration.challenge.intervals import clopper_pearson, reliability, share
-from calibration.challenge.judging import Case
-from calibration.challenge.places import any_place, first_place
-from calibration.challenge.tables import as_markdown, cell_text, percent
+from calibration.challenge.pages.tables import as_markdown, cell_text, percent
+from calibration.challenge.scoring import cases as lines
+from calibration.challenge.scoring import goals, scoring
+from calibration.challenge.scoring.calibrated import coverage, held_out, stated
+from calibration.challenge.scoring.judging import Case
+from calibration.challenge.scoring.places import any_place, first_place
 from tests.fake_rig import PLACE, verdict
 
 
@@ -326,7 +326,7 @@ def test_text_of_a_rig_is_harmless_in_the_csv():
 
 
 def test_a_summary_of_nothing_can_still_be_told():
-    from calibration.challenge import figures, tables
+    from calibration.challenge.pages import figures, tables
 
     found = scoring.summary([])
     assert all(as_markdown(grid) for grid in tables.all_grids(found))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from model.motor import read_motor
-from model.steady import steady
+from model.solvers.steady import steady
 from spinbench.cli.errors import EXIT_CODES, exit_code
 
 HEAVY = ("numpy", "numba", "scipy", "matplotlib", "pandas", "emcee", "pydantic", "jinja2")
@@ -172,7 +172,7 @@ def test_reproduce_puts_figures_and_page_where_they_are_asked_for(tmp_path):
 def test_only_errors_that_are_the_users_are_told_in_words():
     assert exit_code(ValueError("ours")) is None
     assert exit_code(PermissionError(13, "denied", "x")) == 2
-    assert {name.rpartition(".")[0] for name in EXIT_CODES} >= {"configs", "model.performance"}
+    assert {name.rpartition(".")[0] for name in EXIT_CODES} >= {"configs", "model.operation.performance"}
 
 
 @pytest.mark.parametrize("name", EXIT_CODES)

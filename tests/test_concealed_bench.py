@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.challenge import revealing, sealing
-from calibration.challenge.concealed_bench import (
+from calibration.challenge.campaign import sealing
+from calibration.challenge.concealed import revealing
+from calibration.challenge.concealed.bench import (
     ConcealError,
     command,
     contents_of,
@@ -23,10 +24,10 @@ from calibration.challenge.concealed_bench import (
     opened_or_drawn,
     plant_of,
 )
-from calibration.challenge.second_rig import marches
 from calibration.challenge.second_rig.bench import Rig
 from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.live import LivePlant
+from calibration.challenge.second_rig.machine import marches
 from rig.bench.bench import FOLDER, read_bench
 from rig.exchange.export import export_recording
 from rig.readings import NS

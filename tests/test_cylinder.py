@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model import air, cylinder, layout, motor
-from model.cylinder import CLOSED, INLET, OUTLET
-from model.heat_transfer import COMPRESSION, DISCHARGE, EXPANSION, SUCTION
+from model import layout, motor
+from model.gas import air, cylinder
+from model.gas.cylinder import CLOSED, INLET, OUTLET
+from model.gas.heat_transfer import COMPRESSION, DISCHARGE, EXPANSION, SUCTION
 
 PTM3600 = motor.read_motor("ptm3600")
 DRY = PTM3600.with_readings(air="constant")

@@ -11,7 +11,7 @@ from calibration.diagnosis.steps.abrupt import step_instead
 from calibration.diagnosis.steps.base import base_of
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
-from calibration.report.diagnosis_words import place_in_words
+from calibration.report.diagnosis.words import place_in_words
 from calibration.systems.radial_piston.problem import Problem
 from model.motor import read_motor
 from rig.recording import Recording, read_recording

@@ -12,9 +12,9 @@ from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json
 from calibration.diagnosis.f_overall import SOLVERS_DIFFER, UNSEEN
 from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.sizes.not_excluded import faint
 from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.name import beyond
-from calibration.diagnosis.steps.not_excluded import faint
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.systems.radial_piston.problem import Problem

@@ -24,8 +24,12 @@ from calibration.diagnosis import Diagnosis, as_json, diagnose, sets_in_words, t
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.verdict import Verdict
-from calibration.report import diagnosis_figures, diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words
-from calibration.report import diagnosis_numbers as numbers
+from calibration.report.diagnosis import figures as diagnosis_figures
+from calibration.report.diagnosis import numbers
+from calibration.report.diagnosis import page as diagnosis_page
+from calibration.report.diagnosis import sets as diagnosis_sets
+from calibration.report.diagnosis import table as diagnosis_table
+from calibration.report.diagnosis import words as diagnosis_words
 from calibration.systems.radial_piston.problem import Problem
 from rig.recording import read_recording
 from tests import browser

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.linear_model.signatures import signatures
+from calibration.diagnosis.sizes.resolves import Resolved, resolved
 from calibration.diagnosis.steps.base import base_of
-from calibration.diagnosis.steps.resolves import Resolved, resolved
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.systems.radial_piston.problem import Problem

@@ -32,7 +32,7 @@ from calibration.systems.radial_piston.problem import Problem
 from calibration.systems.radial_piston.supply import FORMS, WANDERS, Course
 from model.effects import effects
 from model.effects.effect import unknown_state
-from model.transient import Supply, rest_state
+from model.solvers.transient import Supply, rest_state
 from rig.recording import Recording, RecordingError, read_recording
 from tests import diagnosis_recordings as recordings
 

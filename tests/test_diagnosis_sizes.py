@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.diagnosis.sizes.sizes import sizes_of
 from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.candidate import Candidate
-from calibration.diagnosis.steps.sizes import sizes_of
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.tails import marginals

@@ -12,9 +12,9 @@ from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.steps.base import base_of
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import STANDING, Comparison
-from calibration.report.diagnosis_figures import held_rotor
-from calibration.report.diagnosis_numbers import models
-from calibration.report.diagnosis_page import report
+from calibration.report.diagnosis.figures import held_rotor
+from calibration.report.diagnosis.numbers import models
+from calibration.report.diagnosis.page import report
 from calibration.systems.radial_piston.problem import Problem
 from calibration.unknowns.priors import at_ambient
 from model.effects import effects

@@ -13,10 +13,10 @@ from scipy.integrate import quad
 from scipy.stats import johnsonsu, norm
 
 from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis.sizes.sizes import sizes_of
 from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import fit_on, predict_held
-from calibration.diagnosis.steps.sizes import sizes_of
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import log_bad, minus_log_posterior

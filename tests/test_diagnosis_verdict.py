@@ -26,7 +26,7 @@ from calibration.diagnosis.steps.verdict import Verdict, judge, not_excluded
 from calibration.likelihood.descent import find
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.noise import SCALES
-from calibration.report.diagnosis_words import sentence
+from calibration.report.diagnosis.words import sentence
 from calibration.systems.radial_piston.problem import Problem
 from calibration.work.step_clock import StepClock
 from model.motor import read_motor

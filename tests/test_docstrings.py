@@ -73,8 +73,10 @@ def entries(function):
 
 
 def test_the_rooms_are_found():
-    assert {"model.steady", "model.transient", "configs"} <= set(module_names())
-    assert {"model.geometry.place", "model.transient.Transient.mean_speed_rad_s", "configs.Strict"} <= set(THINGS)
+    assert {"model.solvers.steady", "model.solvers.transient", "configs"} <= set(module_names())
+    assert {"model.geometry.place", "model.solvers.transient.Transient.mean_speed_rad_s", "configs.Strict"} <= set(
+        THINGS
+    )
 
 
 def test_every_module_says_what_it_is():

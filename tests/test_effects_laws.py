@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from model import layout as at
-from model import steady
 from model.effects import effects, laws
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.effects.effect import State
 from model.motor import Motor, read_motor
-from model.transient import Supply, rest_state
+from model.solvers import steady
+from model.solvers.transient import Supply, rest_state
 
 MOTOR = read_motor("ptm3600")
 PRESSURES = np.array([1.3e5, 1.6e5, 2.0e5, 3.0e5])

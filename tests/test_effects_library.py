@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import model.effects as room
+import model.effects.definitions as room
 from model import layout as at
 from model.effects import effects, library
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.effects.effect import Effect, EffectParameter, State
 from model.motor import read_motor
-from model.steady import gas_table
-from model.transient import OMEGA, Supply, rest_state
+from model.solvers.steady import gas_table
+from model.solvers.transient import OMEGA, Supply, rest_state
 
 PROMISED = {
     "coulomb_friction": "torque",
@@ -187,7 +187,7 @@ def one_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Effect
     library.effects.cache_clear()
     yield library.effects()["brush_drag"]
     library.effects.cache_clear()
-    sys.modules.pop("model.effects.brush_drag", None)
+    sys.modules.pop("model.effects.definitions.brush_drag", None)
 
 
 def test_one_more_file_is_one_more_effect_in_both_solvers(one_more: Effect) -> None:
@@ -216,4 +216,4 @@ def test_a_file_with_another_name_than_its_effect_is_refused(tmp_path: Path, mon
             library.effects()
     finally:
         library.effects.cache_clear()
-        sys.modules.pop("model.effects.brush", None)
+        sys.modules.pop("model.effects.definitions.brush", None)

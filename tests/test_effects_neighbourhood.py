@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from model import layout as at
-from model import steady
 from model.effects import effects
 from model.effects import steady as effect_steady
 from model.effects.laws import Chosen
 from model.effects.neighbourhood import Neighbourhood
 from model.motor import read_motor
+from model.solvers import steady
 
 MOTOR = read_motor("ptm3600")
 PRESSURES = np.array([1.2e5, 1.3e5, 1.5e5, 2.0e5, 3.0e5, 5.0e5])

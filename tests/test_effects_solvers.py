@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from model import layout as at
-from model import steady, transient
 from model.effects import effects, laws
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.effects.laws import Chosen
 from model.motor import Motor, read_motor
-from model.transient import OMEGA, Supply, rest_state
+from model.solvers import steady, transient
+from model.solvers.transient import OMEGA, Supply, rest_state
 
 PRESSURES = np.array([1.2e5, 1.5e5, 2.0e5, 3.0e5, 5.0e5])
 ORDINARY = {

@@ -17,9 +17,9 @@ import pytest
 
 from calibration.fit import fit as fits
 from calibration.fit.sampling import Settings
-from calibration.report import fit_page
-from model import steady
+from calibration.report.fit import page as fit_page
 from model.motor import read_motor
+from model.solvers import steady
 from rig.recording import Column, read_recording, write_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 

@@ -15,14 +15,14 @@ from typer.testing import CliRunner
 
 from calibration.fit import fit, posterior, sampling
 from calibration.fit.sampling import Settings
-from calibration.report import fit_numbers
+from calibration.report.fit import numbers as fit_numbers
 from calibration.systems.radial_piston import effect_states, with_effects
 from calibration.unknowns.priors import Unknown
-from model import steady
 from model.effects import effects
 from model.effects import steady as effect_steady
 from model.effects.laws import behind_the_gauge, readings_of
 from model.motor import read_motor
+from model.solvers import steady
 from rig.recording import Column, Recording, read_recording
 from spinbench.cli import app
 from tests import diagnosis_recordings

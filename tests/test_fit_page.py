@@ -14,7 +14,9 @@ from matplotlib.image import imread
 from calibration.fit.fit import Fit, fit
 from calibration.fit.posterior import FitQuality
 from calibration.fit.sampling import Settings
-from calibration.report import fit_numbers, fit_page, fit_words
+from calibration.report.fit import numbers as fit_numbers
+from calibration.report.fit import page as fit_page
+from calibration.report.fit import words as fit_words
 from rig.recording import read_recording
 from tests import browser
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model import heat_transfer as heat
 from model import layout, motor
-from model.cylinder import gas_state
+from model.gas import heat_transfer as heat
+from model.gas.cylinder import gas_state
 
 PTM3600 = motor.read_motor("ptm3600")
 PARAMETERS = PTM3600.vector()

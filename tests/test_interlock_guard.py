@@ -5,9 +5,9 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import binom
 
-from model import steady
 from model.layout import RPM
 from model.motor import QUANTITIES, read_motor
+from model.solvers import steady
 from rig.interlock import SafetyError
 from rig.interlock.belief import Discrepancy
 from rig.interlock.guard import Guard, Point

@@ -12,8 +12,8 @@ from scipy.stats import multivariate_normal, norm
 
 from calibration.fit import fit, peak
 from calibration.likelihood.steady import Likelihood
-from model import steady
 from model.motor import Motor, read_motor
+from model.solvers import steady
 from rig.recording import read_recording
 
 HEADER = "pressure_bar_abs,flow_l_min,speed_rpm\n"

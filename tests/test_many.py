@@ -16,8 +16,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from calibration.challenge import running
-from calibration.challenge.campaign import make
+from calibration.challenge.campaign import running
+from calibration.challenge.campaign.campaign import make
 from calibration.work.many import MOST_TRIES, ClusterError, Item, run_many
 from tests import fake_rig
 from tests.fake_rig import square

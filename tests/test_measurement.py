@@ -10,8 +10,8 @@ import pytest
 from calibration.data import measurement
 from calibration.data.measurement import ABOVE, BELOW, MISSING, OBSERVED, Measurement
 from calibration.unknowns import priors
-from model import steady
 from model.motor import Motor, read_motor
+from model.solvers import steady
 from rig.recording import RecordingError, read_recording
 
 ALL = ("pressure", "flow", "speed")

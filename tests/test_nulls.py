@@ -20,9 +20,9 @@ from calibration.studies import nulls, nulls_draw, nulls_table
 from calibration.studies.campaigns import OtherCodeError, code_of_a_case
 from calibration.studies.nulls import Kind, items_of, p_of_null
 from calibration.unknowns.priors import at_ambient
-from model import steady
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, read_motor
+from model.solvers import steady
 from rig.recording import read_recording, write_recording
 
 ROOT = Path(__file__).resolve().parent.parent

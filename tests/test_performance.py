@@ -7,11 +7,17 @@ import pytest
 
 from model import layout as at
 from model.motor import read_motor
-from model.performance import OperatingPoint, OperatingPointError, check_pressures, isentropic_drop, operating_points
-from model.runs import coast_down, spin_up
-from model.sensitivity import sensitivities
-from model.steady import gas_table, steady
-from model.transient import H_IN, H_OUT, W_GAS, Supply, simulate
+from model.operation.performance import (
+    OperatingPoint,
+    OperatingPointError,
+    check_pressures,
+    isentropic_drop,
+    operating_points,
+)
+from model.operation.runs import coast_down, spin_up
+from model.operation.sensitivity import sensitivities
+from model.solvers.steady import gas_table, steady
+from model.solvers.transient import H_IN, H_OUT, W_GAS, Supply, simulate
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from calibration.diagnosis.next_test.planned import planned
 from calibration.diagnosis.other_rigs import diagnose_rig
 from calibration.diagnosis.steps.verdict import judge
 from calibration.likelihood.linear import Comparison
-from calibration.report.diagnosis_words import sentence
+from calibration.report.diagnosis.words import sentence
 from calibration.systems.radial_piston.problem import Problem
 from calibration.systems.radial_piston.supply import line_unknowns
 from model.layout import RPM

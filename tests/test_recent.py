@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from model import layout as at
-from model import steady
-from model.cylinder import gas_state
 from model.effects import averaged
+from model.gas.cylinder import gas_state
 from model.motor import read_motor
-from model.recent import Recent
-from model.transient import Supply
+from model.solvers import steady
+from model.solvers.recent import Recent
+from model.solvers.transient import Supply
 
 
 def test_what_is_asked_for_again_is_not_made_again() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from model.motor import read_motor
-from model.replayed import drive
-from model.steady import steady
+from model.operation.replayed import drive
+from model.solvers.steady import steady
 from rig.bench.bench import FOLDER
 from rig.readings import Event
 from rig.replay.player import Player

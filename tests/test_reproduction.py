@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.report import reproduction
-from calibration.report.paper_figures import CAPTIONS
+from calibration.report.model import reproduction
+from calibration.report.model.paper_figures import CAPTIONS
 from calibration.work import files
 from model import layout as at
-from model.comparison import Comparison, compare
+from model.article.comparison import Comparison, compare
+from model.article.reproduction import FRICTIONS, SWEEP_PA, Measured, averaged_speeds, reproduce
 from model.motor import read_motor
-from model.reproduction import FRICTIONS, SWEEP_PA, Measured, averaged_speeds, reproduce
 from rig.recording import read_recording
 
 ROOT = Path(__file__).resolve().parent.parent

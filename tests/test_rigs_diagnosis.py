@@ -19,8 +19,8 @@ from calibration.diagnosis.other_rigs import as_json, diagnose_rig, look
 from calibration.diagnosis.other_rigs.fit import fit_rig
 from calibration.diagnosis.other_rigs.problem import RigProblem
 from calibration.diagnosis.other_rigs.words import sentence, table
-from calibration.report.rigs_page import report
-from calibration.report.rigs_picture import picture
+from calibration.report.other_rigs.page import report
+from calibration.report.other_rigs.picture import picture
 from calibration.systems.readings import means, plateaus
 from rig.exchange.importing import import_files
 from rig.exchange.mapping import read_mapping

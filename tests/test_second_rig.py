@@ -16,22 +16,18 @@ from calibration.challenge.second_rig import (
     Truth,
     bench,
     concealed,
-    curve,
     draw,
     follow_up,
     instruments,
-    losses,
     make_recording,
-    marches,
-    motor,
     recordings,
     separable,
     sheets,
     sizes,
-    slots,
 )
 from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.draws import ERRORS, MAKE_UP, WIDTHS
+from calibration.challenge.second_rig.machine import curve, losses, marches, motor, slots
 from calibration.challenge.second_rig.separable import _taken_up
 from calibration.challenge.second_rig.signatures import Whitened, asked_of
 from calibration.challenge.second_rig.small_torques import SmallTorques

@@ -13,19 +13,16 @@ from calibration.challenge.second_rig import (
     bench,
     draw,
     equipment,
-    flows,
     line,
     make_recording,
-    marches,
-    motor,
     readout,
     recordings,
     runs_seen,
     sheets,
-    slots,
 )
 from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.line import Supply
+from calibration.challenge.second_rig.machine import flows, marches, motor, slots
 from calibration.challenge.second_rig.runs_seen import LINE_SDS, MOMENT_SD_S, moved_supply
 from calibration.challenge.second_rig.separable import Seen
 from calibration.challenge.second_rig.signatures import LINE, Whitened, asked_of

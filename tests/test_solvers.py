@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model import geometry, layout, motor, published, transient
-from model.cylinder import gas_state
-from model.steady import gas_table, solve, steady, unpack
-from model.transient import Supply
+from model import geometry, layout, motor
+from model.gas.cylinder import gas_state
+from model.solvers import published, transient
+from model.solvers.steady import gas_table, solve, steady, unpack
+from model.solvers.transient import Supply
 
 RPM, L_MIN = layout.RPM, layout.L_MIN
 MOIST = motor.read_motor("ptm3600")

@@ -6,12 +6,12 @@ import pytest
 
 from rig.bench.bench import read_bench
 from rig.interlock.guard import Guard
+from rig.plateaus.plan import SweepError
 from rig.runlog import RunError, RunWriter, read_run
 from rig.sweep.ambient import Given, at_start
 from rig.sweep.capture import motor_of
 from rig.sweep.continuing import taken
 from rig.sweep.hooks import guarded
-from rig.sweep.plan import SweepError
 from rig.sweep.planning import sweep_course
 from tests.synthetic_runs import Bench, start_of, write_sweep
 

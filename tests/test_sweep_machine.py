@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from rig.bench.bench import SweepTable
+from rig.plateaus.plan import Step, plan
 from rig.readings import NS
 from rig.sweep import orders
 from rig.sweep.capturing import CaptureTask
 from rig.sweep.course import Course
 from rig.sweep.machine import SweepMachine
-from rig.sweep.plan import Step, plan
 from tests.sweep_lab import AMBIENT, Lab
 
 LEVELS = [1.3, 1.6, 1.9]

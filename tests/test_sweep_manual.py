@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from model.motor import read_motor
-from model.performance import operating_points
+from model.operation.performance import operating_points
 from rig.acquisition import Acquisition
 from rig.bench.bench import read_bench
 from rig.by_hand.conversation import Conversation, ValveHand
@@ -25,15 +25,15 @@ from rig.interlock.guard import Guard
 from rig.interlock.limits import Limits
 from rig.interlock.step import Verdict
 from rig.lines.keyboard import KeyboardPort
+from rig.plateaus.plan import Step
+from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import Quality
 from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
 from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
 from rig.sweep.hooks import Hooks, expecting
-from rig.sweep.plan import Step
 from rig.sweep.planning import sweep_course
-from rig.sweep.plateau import Mean, Plateau
 from rig.virtual.person import answer
 
 GIVEN = Given(1.01325, 20.0, 0.5, "none", 0.0)
@@ -620,7 +620,7 @@ def test_a_pipe_does_as_well_as_a_terminal(tmp_path):
 
 def test_a_bench_without_a_keyboard_is_refused():
     from rig.by_hand.by_hand import manual_device
-    from rig.sweep.plan import SweepError
+    from rig.plateaus.plan import SweepError
     from tests.sweep_lab import LabBench
 
     with pytest.raises(SweepError, match="keyboard"):

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rig.plateaus.plan import Step, SweepError, plan, stepping_stone
+from rig.plateaus.plateau import Plateau, mean_of
+from rig.plateaus.series import integrated_time, standard_error
+from rig.plateaus.settle import settled
 from rig.readings import Quality
 from rig.runlog import plateaus as table
-from rig.sweep.plan import Step, SweepError, plan, stepping_stone
-from rig.sweep.plateau import Plateau, mean_of
-from rig.sweep.series import integrated_time, standard_error
-from rig.sweep.settle import settled
 
 LEVELS = [1.9, 1.3, 1.6]
 

@@ -6,12 +6,12 @@ import pytest
 
 from rig.interlock.limits import Limits
 from rig.interlock.step import Verdict
+from rig.plateaus.plan import Step, SweepError
+from rig.plateaus.plateau import Mean, Plateau
 from rig.runlog import plateaus as table
 from rig.sweep.ambient import at_start
 from rig.sweep.hooks import Hooks, guarded, points_of
-from rig.sweep.plan import Step, SweepError
 from rig.sweep.planning import sweep_course
-from rig.sweep.plateau import Mean, Plateau
 from rig.sweep.runner import run_course, set_points
 from tests.sweep_lab import AMBIENT, LabAcquisition, LabBench
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from model.motor import read_motor
-from model.performance import operating_points
+from model.operation.performance import operating_points
 from rig.bench.bench import FOLDER
 from rig.readings import NS
 from rig.run.running import Wanted, take

@@ -10,7 +10,7 @@ import pytest
 from configs import ConfigError
 from model.layout import L_MIN, RPM
 from model.motor import read_motor
-from model.steady import steady
+from model.solvers.steady import steady
 from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS
 from rig.virtual.devices.edge_counter import crossing_ns, wheel

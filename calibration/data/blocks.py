@@ -14,7 +14,7 @@ from calibration.data.measurement import OBSERVED, Measurement, gather
 from calibration.data.runs_in_time import lone_zeros, repeated, turns
 from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, PULSE, RPM
-from model.transient import Supply
+from model.solvers.transient import Supply
 from rig.recording import Recording, RecordingError, RecordingFile
 
 REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed,

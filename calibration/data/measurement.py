@@ -8,9 +8,9 @@ import numpy as np
 
 from calibration.data.runs_in_time import STANDS
 from calibration.unknowns.priors import PASCAL_PER_BAR, column_of
-from model import steady
 from model.layout import RPM
 from model.motor import Motor
+from model.solvers import steady
 from rig.recording import Recording, RecordingError, RecordingFile
 
 OBSERVED, MISSING, BELOW, ABOVE = 0, 1, 2, 3

@@ -2,6 +2,7 @@
 
 not_described whether the base model describes a recording at all
 steps        base, detect, locate, search and name, confirm, discover, verdict, and what each needs
+sizes        how large effects are, and which would be seen
 linear_model what each effect, and a force of any shape, would do to the readings
 next_test    which test would tell explanations apart
 mismatch     the base model, and the test of it

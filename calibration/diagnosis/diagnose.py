@@ -13,6 +13,8 @@ from calibration.diagnosis.mismatch import Detected, fit_base, test_base
 from calibration.diagnosis.next_test.recommend import NextTest, propose
 from calibration.diagnosis.not_described import not_described
 from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.sizes.not_excluded import faint
+from calibration.diagnosis.sizes.resolves import resolved
 from calibration.diagnosis.steps.abrupt import Step, step_instead
 from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.candidate import Candidate
@@ -24,9 +26,7 @@ from calibration.diagnosis.steps.discover import Term, discover
 from calibration.diagnosis.steps.locate import Place, locate, rows_as_places
 from calibration.diagnosis.steps.misread import MISREAD, BadRow, alone_at_an_end, bad_rows, by_chance, with_misread
 from calibration.diagnosis.steps.name import evidence_p
-from calibration.diagnosis.steps.not_excluded import faint
 from calibration.diagnosis.steps.residual import Residuals
-from calibration.diagnosis.steps.resolves import resolved
 from calibration.diagnosis.steps.search import Search
 from calibration.diagnosis.steps.unseen import predict_unseen, refuse_another_motor
 from calibration.diagnosis.steps.verdict import ERRORS, MISMATCH_P, RESIDUAL_P, Verdict, judge, not_excluded

@@ -14,10 +14,10 @@ from calibration.diagnosis.linear_model.further_forces import not_observable
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.not_described import CHECK
 from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.sizes.sizes import sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
-from calibration.diagnosis.steps.sizes import sizes_of
 from calibration.diagnosis.steps.verdict import Verdict
 from calibration.unknowns.priors import Unknown
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.diagnosis.next_test.recommend import NextTest
+from calibration.diagnosis.sizes.not_excluded import Faint
+from calibration.diagnosis.sizes.resolves import Resolved
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.correction import Correction
@@ -14,8 +16,6 @@ from calibration.diagnosis.steps.detect import Detection
 from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.locate import Place
 from calibration.diagnosis.steps.misread import BadRow
-from calibration.diagnosis.steps.not_excluded import Faint
-from calibration.diagnosis.steps.resolves import Resolved
 from calibration.diagnosis.steps.verdict import Verdict
 from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode

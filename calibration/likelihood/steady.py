@@ -25,10 +25,10 @@ from calibration.data.measurement import BELOW, MISSING, OBSERVED, Measurement, 
 from calibration.systems.radial_piston import effect_states
 from calibration.systems.radial_piston.with_effects import Effects
 from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of
-from model import steady
 from model.effects.laws import Chosen
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor
+from model.solvers import steady
 from rig.recording import Recording
 
 BAD = 0.01  # probability that a single reading is bad, before looking

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.report import style
 from model.layout import L_MIN, RPM
-from model.replayed import Simulated
+from model.operation.replayed import Simulated
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -21,7 +21,7 @@ from model.effects.effect import unknown_state
 from model.effects.laws import readings_of
 from model.effects.transient import simulate
 from model.layout import PULSE
-from model.transient import THETA, rest_state
+from model.solvers.transient import THETA, rest_state
 from rig.recording import Ambient, Channel, Column, Recording, RecordingFile
 
 NOISES = ("declared", "misdeclared", "correlated", "coarse", "heavy")

@@ -71,8 +71,8 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     from calibration.fit import fit
     from calibration.likelihood import steady as likelihood
     from calibration.unknowns import priors
-    from model import steady
     from model.layout import L_MIN, RPM
+    from model.solvers import steady
     from rig.recording import Column, read_recording
 
     template = read_recording(configs.FOLDER.parent / "logs" / "published_sweep")

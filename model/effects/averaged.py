@@ -11,13 +11,13 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import PchipInterpolator
 
-from model import averaged as base
 from model import layout as at
-from model.cylinder import gas_state
 from model.effects import laws, uneven
 from model.effects.effect import State
-from model.recent import Recent
-from model.transient import Supply
+from model.gas.cylinder import gas_state
+from model.solvers import averaged as base
+from model.solvers.recent import Recent
+from model.solvers.transient import Supply
 
 SPEEDS = 8  # at which the cycle is solved
 FINE = 96  # to which its torque is interpolated, and at which the laws are taken
@@ -162,7 +162,7 @@ def _between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarra
 def _cycle(
     parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, coarse: np.ndarray, fine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`model.averaged.torques` at speeds between those that are solved, kept: of inertia, viscous friction and extra
+    """`solvers.averaged.torques` at speeds between those that are solved, kept: of inertia, viscous friction and extra
     torque it knows nothing. Slopes, then torque, flow and roller load."""
     needed = parameters.copy()
     needed[[at.J, at.F_OVERALL, at.EXTRA_TORQUE]] = 0.0

@@ -1,4 +1,4 @@
-"""The effects that there are, found by looking: a module of this folder that has an `EFFECT` is one."""
+"""The effects that there are, found by looking: a module of `definitions` that has an `EFFECT` is one."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import functools
 import importlib
 import pkgutil
 
+from model.effects import definitions as room
 from model.effects.effect import Effect
 
 
@@ -18,15 +19,13 @@ def effects() -> dict[str, Effect]:
     ValueError
         When a module's effect has another id than the module's name.
     """
-    import model.effects as room  # it imports this module
-
     found = {}
     for module in sorted(pkgutil.iter_modules(room.__path__), key=lambda info: info.name):
         effect = getattr(importlib.import_module(f"{room.__name__}.{module.name}"), "EFFECT", None)
         if isinstance(effect, Effect):
             if effect.id != module.name:
                 raise ValueError(
-                    f"model/effects/{module.name}.py holds the effect '{effect.id}'; the names are the same"
+                    f"model/effects/definitions/{module.name}.py holds the effect '{effect.id}'; the names are the same"
                 )
             found[effect.id] = effect
     return found

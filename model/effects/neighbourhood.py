@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from model import layout as at
-from model import steady as base
 from model.effects import laws, uneven
 from model.effects.effect import State
 from model.effects.steady import Points, given_state, hang_on_state, one_pass, solve
+from model.solvers import steady as base
 
 PROBE = 1e-4  # relative change of the speed, then of the mass flow, for dG/dx
 AGREES = 1e-6  # relative: by so much the known solution may miss where its own pass arrives
@@ -37,7 +37,7 @@ class Neighbourhood:
     pressures : ndarray, shape (n,)
         True line pressures [Pa].
     gas : ndarray, shape (n, 12)
-        Gas of each row, of `model.steady.gas_table`; that of the whole neighbourhood.
+        Gas of each row, of `model.solvers.steady.gas_table`; that of the whole neighbourhood.
     chosen : mapping
         Effect id to the values of its parameters.
     time : ndarray, shape (n,)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from model import layout as at
-from model import steady as base
 from model.effects import laws, uneven
 from model.effects.effect import State
+from model.solvers import steady as base
 
 Solver = Callable[[np.ndarray, np.ndarray], np.ndarray]  # rows of parameters and which rows they are, to the base's out
 
@@ -66,7 +66,7 @@ def solve(
     pressures : ndarray, shape (n,)
         True line pressures [Pa].
     gas : ndarray, shape (n, 12)
-        Gas of each row, of `model.steady.gas_table`.
+        Gas of each row, of `model.solvers.steady.gas_table`.
     chosen : mapping
         Effect id to the values of its parameters; a value may be an array of shape (n,), one a row.
     time : ndarray, shape (n,)
@@ -136,7 +136,7 @@ def given_state(parameters: np.ndarray, pressures: np.ndarray, gas: np.ndarray, 
     pressures : ndarray, shape (n,)
         True line pressures [Pa].
     gas : ndarray, shape (n, 12)
-        Gas of each row, of `model.steady.gas_table`.
+        Gas of each row, of `model.solvers.steady.gas_table`.
     time : ndarray, shape (n,)
         Of each row on the recording's clock [s].
     """

@@ -14,13 +14,14 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numba import njit
 
-from model import averaged, geometry, motion
+from model import geometry, motion
 from model import layout as at
-from model import transient as base
-from model.cylinder import gas_state
 from model.effects import laws
 from model.effects.effect import State
-from model.transient import Supply
+from model.gas.cylinder import gas_state
+from model.solvers import averaged
+from model.solvers import transient as base
+from model.solvers.transient import Supply
 
 FLOW_S = 0.02  # time over which the flow of single cylinders is averaged for a pressure loss, in share of the speed
 SLOWEST_FLOW = 1.0  # rad/s; below it the flow has no share of the speed

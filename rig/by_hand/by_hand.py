@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rig.bench.bench import Bench
-from rig.sweep.plan import SweepError
+from rig.plateaus.plan import SweepError
 
 
 def manual_device(bench: Bench) -> str:

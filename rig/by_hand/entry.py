@@ -9,9 +9,9 @@ import numpy as np
 
 from rig.bench.instrument import ChannelFile
 from rig.instruments.codecs.values import Value
+from rig.plateaus.plan import UP
+from rig.plateaus.plateau import Mean, mean_of
 from rig.readings import Reading
-from rig.sweep.plan import UP
-from rig.sweep.plateau import Mean, mean_of
 
 AGREE_NOISE = 3.0  # standard deviations of a difference
 AGREE_RESOLUTION = 2.0

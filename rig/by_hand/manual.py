@@ -17,13 +17,13 @@ from rig.by_hand import entry
 from rig.by_hand.conversation import Command, Conversation, EndedError, StoppedError
 from rig.by_hand.prompter import JumpedError, Prompter, TrippedError
 from rig.instruments.codecs.values import Value
+from rig.plateaus.plan import UP, Step, stepping_stone
+from rig.plateaus.plateau import Mean, Plateau, mean_of
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.orders import ABORTED, FINISHED
-from rig.sweep.plan import UP, Step, stepping_stone
-from rig.sweep.plateau import Mean, Plateau, mean_of
 from rig.sweep.runner import Outcome, PlateauSink
 from rig.sweep.words import sentence
 

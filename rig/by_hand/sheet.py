@@ -8,7 +8,7 @@ import io
 
 from rig.bench.bench import Bench
 from rig.by_hand.by_hand import manual_device
-from rig.sweep.plan import Step, plan
+from rig.plateaus.plan import Step, plan
 
 ZERO = "zero"  # in the column of the level: instruments read with the line vented
 

@@ -21,12 +21,12 @@ from rig.by_hand.sheet import ZERO, sheet_columns
 from rig.clock import Clock
 from rig.instruments.manual import EntryError, decode_entry
 from rig.lines.keyboard import KeyboardPort
+from rig.plateaus.plan import DOWN, UP, Step, SweepError
+from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import NS, Exchange, Reading
 from rig.runlog import columns_of
 from rig.sweep.ambient import Ambient
 from rig.sweep.orders import FINISHED
-from rig.sweep.plan import DOWN, UP, Step, SweepError
-from rig.sweep.plateau import Mean, Plateau
 from rig.sweep.runner import Outcome
 
 MOST_BYTES = 1_000_000

@@ -180,7 +180,7 @@ def _zero(
     run: Run, channels: dict[str, str], phases: list[Phase], figures: Figures, notes: list[str]
 ) -> RecordingFile | None:
     """One row a zero phase, the mean of each channel."""
-    from rig.sweep.plateau import mean_of  # late: the sweep writes run logs
+    from rig.plateaus.plateau import mean_of  # late: the sweep writes run logs
 
     derived = [name for name, channel in channels.items() if channel.startswith(f"{DERIVED_DEVICE}.")]
     if phases and derived:

@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from model import steady
-from model.air import RANGES
+from model.gas.air import RANGES
 from model.layout import F_OVERALL, RPM
 from model.motor import QUANTITIES, Motor
+from model.solvers import steady
 from rig.interlock import SafetyError, belief
 from rig.interlock.belief import Belief, Discrepancy, LogPrior
 from rig.interlock.step import Point, Prediction, Verdict

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.bench.bench import Bench
+from rig.plateaus.plateau import mean_of
 from rig.readings import NS
 from rig.runlog import Run, RunWriter, read_run
 from rig.runlog.phases import quantity_channels, series
 from rig.runlog.start import source
-from rig.sweep.plateau import mean_of
 
 
 def writer_for(run: Run, bench: Bench, logs: Path) -> RunWriter:

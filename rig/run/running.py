@@ -31,6 +31,7 @@ from rig.interlock.watchdog import Plan as WatchdogPlan
 from rig.interlock.watchdog import Watchdog
 from rig.lines import LineError, Port
 from rig.lines.keyboard import KeyboardPort
+from rig.plateaus.plateau import Plateau
 from rig.readings import NS
 from rig.runlog import Circumstances, RunError, RunWriter, StartRecord, start_record
 from rig.runlog.folder import WATCHDOG
@@ -39,7 +40,6 @@ from rig.sweep.capture import motor_of
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded
 from rig.sweep.orders import View
-from rig.sweep.plateau import Plateau
 from rig.sweep.runner import Outcome, run_course
 
 BAR = 1e5

@@ -1,7 +1,5 @@
 """The sweep: which levels, when a plateau is settled, what it amounts to, and who goes through it.
 
-plan      levels in their order (pure)
-series, settle, plateau     means, slopes, errors and verdicts of readings (pure)
 orders, course, judge, capturing, machine     the states of a sweep, what it is shown and what it wants (pure)
 hooks     who else has a part: guard, limits, operator, audience
 setpoints, runner           the machine's orders carried out on a bench

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import runs
 from model.motor import Motor, read_motor
-from model.performance import NotSettledError, OperatingPointError
+from model.operation import runs
+from model.operation.performance import NotSettledError, OperatingPointError
 from rig.bench.bench import Bench
+from rig.plateaus.plan import SweepError
 from rig.sweep.ambient import Ambient
 from rig.sweep.capturing import CaptureTask
-from rig.sweep.plan import SweepError
 
 LEAST_SAMPLES = 20
 DOWN_TO = 0.1  # of the speed before: where a coast-down counts as over

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.bench.bench import Bench
+from rig.plateaus.plan import Step
+from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import NS
 from rig.runlog import Run, RunError, columns_of, read_run
 from rig.runlog.listing import find_run
 from rig.runlog.phases import captures
-from rig.sweep.plan import Step
-from rig.sweep.plateau import Mean, Plateau
 
 MOST_PARENTS = 100
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from rig.bench.bench import SweepTable
+from rig.plateaus.plan import Step
+from rig.plateaus.plateau import Plateau
 from rig.sweep.capturing import CaptureTask
-from rig.sweep.plan import Step
-from rig.sweep.plateau import Plateau
 
 
 class State(StrEnum):

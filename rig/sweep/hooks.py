@@ -9,8 +9,8 @@ from typing import Protocol
 
 from rig.interlock import SafetyError
 from rig.interlock.step import Point, Prediction, Verdict
+from rig.plateaus.plateau import Plateau
 from rig.sweep.orders import Predict, Trip, View
-from rig.sweep.plateau import Plateau
 
 BAR = 1e5  # Pa
 RAD_S = math.pi / 30.0  # in one rpm

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from rig.bench.bench import SweepTable
+from rig.plateaus.plateau import Mean, mean_of
+from rig.plateaus.settle import settled
 from rig.readings import NS, Reading
 from rig.sweep.orders import View
-from rig.sweep.plateau import Mean, mean_of
-from rig.sweep.settle import settled
 
 VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less, and the motor does not turn
 NEAR_AMBIENT_BAR = 0.2  # a sweep is not begun with more in a line that should be vented

@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 
+from rig.plateaus.plan import SAME_BAR, UP, Step, stepping_stone
+from rig.plateaus.plateau import Plateau
 from rig.readings import NS
 from rig.sweep import judge
 from rig.sweep.capturing import CaptureTask, Capturing
@@ -35,8 +37,6 @@ from rig.sweep.orders import (
     View,
     Zero,
 )
-from rig.sweep.plan import SAME_BAR, UP, Step, stepping_stone
-from rig.sweep.plateau import Plateau
 
 WRITE_EVERY_S = 0.2  # set-points of a ramp: a bus has other things to do
 LONGEST_STEP_S = 0.5  # whatever held the program up, no step of a ramp makes up for it

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from rig.acquisition.channels import Window
+from rig.plateaus.plan import Step
+from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import Reading
-from rig.sweep.plan import Step
-from rig.sweep.plateau import Mean, Plateau
 
 VENTED = 0.0  # bar abs: a set-point that asks for no pressure at all, whatever the regulator calls it
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 from rig.bench.bench import Bench
+from rig.plateaus.plan import Step, SweepError, plan
+from rig.plateaus.plateau import Plateau
 from rig.sweep import capture
 from rig.sweep.ambient import Ambient
 from rig.sweep.capturing import CaptureTask
 from rig.sweep.course import Course
-from rig.sweep.plan import Step, SweepError, plan
-from rig.sweep.plateau import Plateau
 
 
 def sweep_course(

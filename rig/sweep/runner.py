@@ -13,6 +13,8 @@ from typing import Any, Protocol
 from rig.acquisition import Acquisition, Window
 from rig.acquisition.actions import FAULTS
 from rig.bench.bench import Bench
+from rig.plateaus.plan import Step
+from rig.plateaus.plateau import Plateau
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.sweep.course import Course
@@ -32,8 +34,6 @@ from rig.sweep.orders import (
     SetPressure,
     Zero,
 )
-from rig.sweep.plan import Step
-from rig.sweep.plateau import Plateau
 from rig.sweep.setpoints import set_points
 from rig.sweep.words import sentence
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from rig.bench.bench import Bench
+from rig.plateaus.plan import SweepError
 from rig.sweep.orders import VENTED
-from rig.sweep.plan import SweepError
 
 
 def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rig.sweep.plateau import Mean, Plateau
+from rig.plateaus.plateau import Mean, Plateau
 
 
 def sentence(plateau: Plateau) -> str:

@@ -62,6 +62,6 @@ def virtual(
     if conceal is None:
         serve(bench_path(bench), state, rate, None, seed, ready=ready)
         return
-    from calibration.challenge.concealed_bench import serve_concealed
+    from calibration.challenge.concealed.bench import serve_concealed
 
     serve_concealed(bench_path(bench), state, conceal, key, conceal_seed, only, rate, None, seed, ready=ready)

@@ -14,7 +14,7 @@ from spinbench.cli.show import check_places, deliver, on_terminal, remark
 from spinbench.extras import need
 
 if TYPE_CHECKING:
-    from calibration.challenge.opening import Scored
+    from calibration.challenge.record.opening import Scored
 
 CampaignArgument = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
 BookOption = Annotated[
@@ -40,7 +40,7 @@ def make(
     workers: WorkersOption = None,
 ) -> None:
     """Draw truths, seal them, and make their recordings by the second rig; goes on where it was interrupted."""
-    from calibration.challenge.campaign import make as make_campaign
+    from calibration.challenge.campaign.campaign import make as make_campaign
 
     need("cryptography")
     processes = workers or os.cpu_count() or 1
@@ -51,8 +51,8 @@ def make(
 
 def run(out: CampaignArgument, workers: WorkersOption = None, scheduler: SchedulerOption = None) -> None:
     """Diagnose every recording of a campaign, its seal untouched; goes on where it was interrupted."""
-    from calibration.challenge.running import VERDICTS
-    from calibration.challenge.running import run as diagnose_all
+    from calibration.challenge.campaign.running import VERDICTS
+    from calibration.challenge.campaign.running import run as diagnose_all
 
     need("pyarrow")
     if scheduler is not None:
@@ -86,7 +86,7 @@ def score(
     json_file: JsonOption = None,
 ) -> None:
     """Open the seal, count hits, misses, refusals and false alarms, and enter the campaign into the ledger."""
-    from calibration.challenge import keeping, opening
+    from calibration.challenge.record import keeping, opening
     from calibration.work import files
 
     need("cryptography")
@@ -119,7 +119,7 @@ def pool(
     json_file: JsonOption = None,
 ) -> None:
     """Count scored campaigns of one code together, each held against the ledger; nothing is run."""
-    from calibration.challenge import keeping
+    from calibration.challenge.record import keeping
 
     check_places(page, json_file)
     place = _ledger(book)
@@ -131,9 +131,9 @@ def pool(
 
 def ledger(book: BookOption = None) -> None:
     """Verify the chain of the ledger, and show every campaign that was ever scored; exit code 2 if it is broken."""
-    from calibration.challenge import page, tables
-    from calibration.challenge.layout import ChallengeError
-    from calibration.challenge.ledger import read_ledger
+    from calibration.challenge.campaign.layout import ChallengeError
+    from calibration.challenge.pages import page, tables
+    from calibration.challenge.record.ledger import read_ledger
 
     if book is not None and not book.exists():
         raise ChallengeError(f"{book}: there is no ledger; give the file that `challenge score --ledger` wrote")
@@ -144,10 +144,10 @@ def ledger(book: BookOption = None) -> None:
 
 
 def _tell_of_scores(scored: Scored, book: Path, page: Path | None, json_file: Path | None) -> None:
-    from calibration.challenge import page as pages
-    from calibration.challenge import tables
-    from calibration.challenge.ledger import read_ledger
-    from calibration.report import simulation
+    from calibration.challenge.pages import page as pages
+    from calibration.challenge.pages import tables
+    from calibration.challenge.record.ledger import read_ledger
+    from calibration.report.model import simulation
     from calibration.work import files
 
     if page is not None:
@@ -159,8 +159,8 @@ def _tell_of_scores(scored: Scored, book: Path, page: Path | None, json_file: Pa
 
 def _ledger(book: Path | None) -> Path:
     """The ledger that is named, or that of the repository that this program is in."""
-    from calibration.challenge.layout import ChallengeError
-    from calibration.challenge.ledger import LEDGER
+    from calibration.challenge.campaign.layout import ChallengeError
+    from calibration.challenge.record.ledger import LEDGER
     from calibration.work.sources import ROOT
 
     if book is None and not (ROOT / LEDGER).parent.is_dir():

@@ -22,8 +22,8 @@ def reveal(
 ) -> None:
     """Open the seal of a concealed bench: what was concealed, and what a diagnosis of it is worth."""
     need("cryptography")
-    from calibration.challenge import revealing
-    from calibration.report import simulation
+    from calibration.challenge.concealed import revealing
+    from calibration.report.model import simulation
 
     check_places(None, json_file)
     found = None if diagnosis is None else revealing.read_diagnosis(diagnosis)
@@ -43,6 +43,6 @@ def server_of(conceal: Path | None, seed: int | None, only: str, key: Path | Non
             raise typer.BadParameter("--conceal-seed, --only and --key belong to --conceal SEAL")
         return None
     need("cryptography")
-    from calibration.challenge.concealed_bench import command
+    from calibration.challenge.concealed.bench import command
 
     return command(conceal.resolve(), None if key is None else key.resolve(), seed, only)

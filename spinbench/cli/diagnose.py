@@ -71,7 +71,11 @@ def _diagnose_motor(
 ) -> None:
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
-    from calibration.report import diagnosis_page, diagnosis_sets, diagnosis_table, diagnosis_words, simulation
+    from calibration.report.diagnosis import page as diagnosis_page
+    from calibration.report.diagnosis import sets as diagnosis_sets
+    from calibration.report.diagnosis import table as diagnosis_table
+    from calibration.report.diagnosis import words as diagnosis_words
+    from calibration.report.model import simulation
     from calibration.work import files
 
     with diagnosing() as tell:
@@ -94,8 +98,8 @@ def _diagnose_rig(
 ) -> None:
     """The diagnosis of a rig that is not this motor."""
     from calibration.diagnosis.other_rigs import as_json, look, words
-    from calibration.report import rigs_page as page
-    from calibration.report import simulation
+    from calibration.report.model import simulation
+    from calibration.report.other_rigs import page
     from calibration.work import files
 
     with diagnosing() as tell:
@@ -143,7 +147,7 @@ def _tell_how_it_went(
     unseen: Recording | None, found: Mapping[str, Any], seconds: Mapping[str, float], out: Path | None
 ) -> None:
     """Say that a run was held out for nothing, how long each step took, and where the report is."""
-    from calibration.report.diagnosis_words import is_unseen, steps_in_words
+    from calibration.report.diagnosis.words import is_unseen, steps_in_words
 
     held_out = found["improvement"]["held_out"]
     if unseen is not None and not (held_out and is_unseen(held_out)):

@@ -19,13 +19,13 @@ INTERRUPTED = 130  # as a shell has it for what Ctrl-C ends
 # the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.
 EXIT_CODES = {
     "builtins.OSError": UNUSABLE_INPUT,
-    "calibration.challenge.layout.ChallengeError": UNUSABLE_INPUT,
+    "calibration.challenge.campaign.layout.ChallengeError": UNUSABLE_INPUT,
     "calibration.fit.fit.NotConvergedError": NOT_CONVERGED,
     "calibration.fit.peak.NoPeakError": UNUSABLE_INPUT,
     "calibration.fit.sampling.ChainError": UNUSABLE_INPUT,
     "calibration.systems.radial_piston.with_effects.EffectsError": UNUSABLE_INPUT,
     "configs.ConfigError": UNUSABLE_INPUT,
-    "model.performance.OperatingPointError": UNUSABLE_INPUT,
+    "model.operation.performance.OperatingPointError": UNUSABLE_INPUT,
     "rig.acquisition.recorder.RecorderError": RUN_FAILED,
     "rig.bench.instrument.IdentityError": UNUSABLE_INPUT,
     "rig.bench.instrument.InstrumentError": UNUSABLE_INPUT,
@@ -34,9 +34,9 @@ EXIT_CODES = {
     "rig.recording.contents.RecordingError": UNUSABLE_INPUT,
     "rig.runlog.folder.RunError": UNUSABLE_INPUT,
     "rig.sweep.ambient.AmbientError": UNUSABLE_INPUT,
-    "rig.sweep.plan.SweepError": UNUSABLE_INPUT,
+    "rig.plateaus.plan.SweepError": UNUSABLE_INPUT,
     "rig.virtual.launch.VirtualBenchError": UNUSABLE_INPUT,
-    "model.performance.NotSettledError": NOT_CONVERGED,
+    "model.operation.performance.NotSettledError": NOT_CONVERGED,
     "spinbench.extras.MissingPackageError": UNUSABLE_INPUT,
 }
 

@@ -129,7 +129,7 @@ def _variant(asked: Asked, name: str, changed: Recording, channels: tuple[str, .
 
 def _keep_posterior(found: Fit, out: Path) -> None:
     from calibration import fit_quality
-    from calibration.report import simulation
+    from calibration.report.model import simulation
     from calibration.work import files
 
     files.write_files(out, {"posterior.json": simulation.json_bytes(fit_quality.as_json(found))})
@@ -137,7 +137,9 @@ def _keep_posterior(found: Fit, out: Path) -> None:
 
 def _show(found: Fit, variants: list[tuple[str, Posterior]], out: Path | None, json_file: Path | None) -> None:
     from calibration import fit_quality
-    from calibration.report import fit_page, fit_words, simulation
+    from calibration.report.fit import page as fit_page
+    from calibration.report.fit import words as fit_words
+    from calibration.report.model import simulation
     from calibration.work import files
 
     encoded = simulation.json_bytes(fit_quality.as_json(found))

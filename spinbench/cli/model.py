@@ -51,8 +51,8 @@ def _simulate_points(
 ) -> None:
     import numpy as np
 
-    from calibration.report import simulation, simulation_figures
-    from model.performance import BAR, check_pressures, operating_points
+    from calibration.report.model import simulation, simulation_figures
+    from model.operation.performance import BAR, check_pressures, operating_points
 
     check_pressures(motor, [bar * BAR for bar in (start_bar, end_bar) if bar is not None])
     pressures = [start_bar] if end_bar is None else np.linspace(start_bar, end_bar, count).round(9).tolist()
@@ -71,9 +71,9 @@ def _simulate_points(
 def _simulate_transient(
     motor: Motor, kind: TransientKind, bar: float, duration_s: float, json_file: Path | None, out: Path | None
 ) -> None:
-    from calibration.report import simulation, simulation_figures
-    from model.performance import BAR
-    from model.runs import coast_down, spin_up
+    from calibration.report.model import simulation, simulation_figures
+    from model.operation.performance import BAR
+    from model.operation.runs import coast_down, spin_up
 
     run = (spin_up if kind is TransientKind.SPIN_UP else coast_down)(motor, bar * BAR, duration_s)
     data = simulation.json_bytes(simulation.transient_data(motor, kind.value, bar, run))
@@ -98,9 +98,9 @@ def sensitivity(
     json_file: JsonOption = None,
 ) -> None:
     """Rank the parameters by what they do to speed and flow: per 1 %, and per standard deviation of their prior."""
-    from calibration.report import simulation
-    from model.performance import BAR
-    from model.sensitivity import sensitivities
+    from calibration.report.model import simulation
+    from model.operation.performance import BAR
+    from model.operation.sensitivity import sensitivities
 
     chosen = _motor(motor, assignments)
     ranking = sensitivities(chosen, [bar * BAR for bar in pressure_bar_abs])
@@ -116,10 +116,10 @@ def reproduce(
     ] = None,
 ) -> None:
     """Compute the article's figures and results anew, and set them beside the published ones."""
-    from calibration.report import reproduction
+    from calibration.report.model import reproduction
     from calibration.work import files
+    from model.article.reproduction import reproduce as compute
     from model.motor import read_motor
-    from model.reproduction import reproduce as compute
     from spinbench.published import measured
 
     motor = read_motor("ptm3600")

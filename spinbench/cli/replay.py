@@ -82,7 +82,7 @@ def _against_model(run: Run, out: Path | None) -> None:
     from calibration.report import replay_comparison
     from calibration.work import files
     from model.motor import read_motor
-    from model.replayed import drive, in_room
+    from model.operation.replayed import drive, in_room
     from rig.replay.channels import STEP_S, channels_of
 
     measured = channels_of(run)

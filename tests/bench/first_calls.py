@@ -20,8 +20,8 @@ def main() -> None:
     import numpy as np
 
     from calibration.fit import fit
-    from model import steady, transient
     from model.motor import read_motor
+    from model.solvers import steady, transient
     from rig.recording import read_recording
     from spinbench.published import published_sweep
 

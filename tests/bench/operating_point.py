@@ -11,10 +11,10 @@ from results import Row
 from timing import one_core, round_robin
 
 from model import layout as at
-from model import published, steady
-from model.cylinder import gas_state
+from model.gas.cylinder import gas_state
 from model.motor import Motor
-from model.transient import periodic_state
+from model.solvers import published, steady
+from model.solvers.transient import periodic_state
 
 TABLE_3 = np.array([1.60, 1.70, 1.80, 1.83, 1.85, 1.95, 2.00]) * 1e5  # Pa
 NEAR_STALL = np.array([1.2, 1.3, 1.4]) * 1e5  # Pa, where the ripple is large

@@ -14,10 +14,11 @@ import numpy as np
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from model import geometry, transient
+from model import geometry
 from model import layout as at
-from model.cylinder import CLOSED, gas_state
+from model.gas.cylinder import CLOSED, gas_state
 from model.motor import Motor
+from model.solvers import transient
 
 N = transient.M_IN  # the states that matter: angle, speed, pressures, temperatures; what has passed is left out
 SCALE = np.array([1.0, 1.0] + [1e5] * at.N_CYLINDERS + [100.0] * at.N_CYLINDERS)  # of the absolute tolerance
@@ -29,7 +30,7 @@ SETTLED = 1e-6  # relative change of the speed from turn to turn
 
 @dataclass(frozen=True)
 class Problem:
-    """A motor at constant pressure: everything that `model.transient.rates` takes but the state."""
+    """A motor at constant pressure: everything that `model.solvers.transient.rates` takes but the state."""
 
     parameters: np.ndarray
     readings: np.ndarray
@@ -94,7 +95,7 @@ def rate(
     y : ndarray, shape (16,)
         State [SI].
     port, T_port, parameters, curve, gas, readings : ndarray
-        As in `model.transient.rates` [SI].
+        As in `model.solvers.transient.rates` [SI].
     """
     state = np.zeros(transient.N_STATE)
     state[:N] = y

@@ -10,7 +10,7 @@ from results import Row
 from timing import Timing, round_robin
 
 from model.motor import Motor
-from model.transient import Supply, simulate
+from model.solvers.transient import Supply, simulate
 
 PRESSURE = 2.0e5  # Pa
 REFERENCE_REFINE = 16

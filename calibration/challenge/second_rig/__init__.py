@@ -4,8 +4,7 @@ Another integrator, gas that flows through ports at a finite rate, other functio
 `model` or of the rest of the calibration is imported here (an import contract holds it). docs/second-rig.md tells what
 it does, and how far it and the article's reference figures agree.
 
-slots       figures of the motor, and where each stands
-curve, flows, losses, motor, marches    the motor: geometry, gas, torques, a step, and marching it
+machine     the motor
 concealed, instruments  effects: their laws on the motor, and on what is read
 bench       what the instruments would read without noise
 sizes, draws, truth    what a case conceals

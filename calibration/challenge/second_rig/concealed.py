@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.challenge.second_rig.slots import AT, DEFAULTS, DRAG_SPEED
+from calibration.challenge.second_rig.machine.slots import AT, DEFAULTS, DRAG_SPEED
 
 Values = Mapping[str, float]
 

@@ -11,9 +11,9 @@ import numpy as np
 from calibration.challenge.second_rig import sizes
 from calibration.challenge.second_rig.concealed import LISTED, TRANSIENT_ONLY, USUAL, Concealed, figures
 from calibration.challenge.second_rig.equipment import draw_instruments, draw_supply
-from calibration.challenge.second_rig.losses import drag
-from calibration.challenge.second_rig.marches import gas_torque
-from calibration.challenge.second_rig.slots import BAR, DEFAULTS, vector
+from calibration.challenge.second_rig.machine.losses import drag
+from calibration.challenge.second_rig.machine.marches import gas_torque
+from calibration.challenge.second_rig.machine.slots import BAR, DEFAULTS, vector
 from calibration.challenge.second_rig.truth import Truth, digest, generator
 
 NONE, SINGLE, OTHER_FORM, PAIR, NOT_IN_LIBRARY = "none", "single", "other_form", "pair", "not_in_library"

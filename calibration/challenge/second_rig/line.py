@@ -14,9 +14,9 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numba import njit
 
-from calibration.challenge.second_rig.flows import nozzle, relaxed
-from calibration.challenge.second_rig.motor import DROP_IN, DROP_OUT, IN, OMEGA, PA, THETA, TIN, step
-from calibration.challenge.second_rig.slots import BAR, L_MIN, R_AIR
+from calibration.challenge.second_rig.machine.flows import nozzle, relaxed
+from calibration.challenge.second_rig.machine.motor import DROP_IN, DROP_OUT, IN, OMEGA, PA, THETA, TIN, step
+from calibration.challenge.second_rig.machine.slots import BAR, L_MIN, R_AIR
 
 MM2 = 1e-6  # in m2
 LITRE = 1e-3  # in m3

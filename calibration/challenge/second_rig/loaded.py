@@ -6,9 +6,10 @@ import functools
 
 import numpy as np
 
-from calibration.challenge.second_rig import line, marches, motor
+from calibration.challenge.second_rig import line
 from calibration.challenge.second_rig.line import Supply
-from calibration.challenge.second_rig.slots import BAR
+from calibration.challenge.second_rig.machine import marches, motor
+from calibration.challenge.second_rig.machine.slots import BAR
 
 ROUNDS, SETTLED_PA = 30, 1.0  # in which line and motor agree on the flow
 STEP_S = 5e-5  # of the march: the flow to a thousandth

@@ -12,8 +12,8 @@ import numpy as np
 
 from calibration.challenge.second_rig import bench, readout, sheets
 from calibration.challenge.second_rig.instruments import misread
+from calibration.challenge.second_rig.machine.slots import BAR, PULSE
 from calibration.challenge.second_rig.sheets import TRANSIENT_NOISE, File
-from calibration.challenge.second_rig.slots import BAR, PULSE
 from calibration.challenge.second_rig.truth import Truth
 
 LEVELS_BAR = np.round(np.arange(1.2, 2.45, 0.1), 1)

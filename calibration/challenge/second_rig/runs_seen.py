@@ -19,8 +19,8 @@ from scipy.ndimage import uniform_filter1d
 from calibration.challenge.second_rig import bench, loaded, readout, recordings
 from calibration.challenge.second_rig.bench import CELL_S, Rig
 from calibration.challenge.second_rig.line import Supply
+from calibration.challenge.second_rig.machine.slots import BAR, PULSE, RPM
 from calibration.challenge.second_rig.sheets import COLUMN, UNIT
-from calibration.challenge.second_rig.slots import BAR, PULSE, RPM
 from calibration.challenge.second_rig.truth import Truth
 from rig.recording import Recording, RecordingFile
 

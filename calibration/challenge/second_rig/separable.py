@@ -22,7 +22,7 @@ from scipy.special import ndtr
 from calibration.challenge.second_rig import bench
 from calibration.challenge.second_rig.concealed import USUAL, Concealed
 from calibration.challenge.second_rig.draws import WIDTHS
-from calibration.challenge.second_rig.marches import roller_arm
+from calibration.challenge.second_rig.machine.marches import roller_arm
 from calibration.challenge.second_rig.signatures import INERTIA, ROLLER, Probed, Whitened, asked_of
 from calibration.challenge.second_rig.sizes import SEAL_PER_ROLLER_M3
 from calibration.challenge.second_rig.truth import Truth

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.challenge.second_rig.bench import Readings
-from calibration.challenge.second_rig.slots import BAR, L_MIN, RPM
+from calibration.challenge.second_rig.machine.slots import BAR, L_MIN, RPM
 
 # What the recordings declare of each instrument, in the columns' units.
 NOISE = {"pressure": 0.0015, "flow": 0.8, "speed": 0.4}  # noise_sd

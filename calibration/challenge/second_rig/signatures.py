@@ -17,10 +17,10 @@ from calibration.challenge.second_rig.bench import Rig
 from calibration.challenge.second_rig.concealed import TRANSIENT_ONLY, USUAL
 from calibration.challenge.second_rig.draws import ERRORS, WIDTHS
 from calibration.challenge.second_rig.instruments import misread
+from calibration.challenge.second_rig.machine.slots import BAR
 from calibration.challenge.second_rig.runs_seen import RunAsked, RunsSeen, noise_of, noise_sd, run_of, told_of
 from calibration.challenge.second_rig.sheets import COLUMN
 from calibration.challenge.second_rig.sizes import OTHER_FORMS, in_form
-from calibration.challenge.second_rig.slots import BAR
 from calibration.challenge.second_rig.small_torques import SmallTorques
 from calibration.challenge.second_rig.truth import Truth
 from rig.recording import Recording, RecordingFile

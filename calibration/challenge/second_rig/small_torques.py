@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.challenge.second_rig import bench
-from calibration.challenge.second_rig.losses import EXTRA, F, drag
-from calibration.challenge.second_rig.slots import AT, NAMES
+from calibration.challenge.second_rig.machine.losses import EXTRA, F, drag
+from calibration.challenge.second_rig.machine.slots import AT, NAMES
 
 PROBE_NM = 0.02  # either way
 FIRST, LAST = AT["dry_nm"], AT["extra_nm"]  # the slots of torques on the shaft lie between these, and f_overall's

@@ -9,7 +9,5 @@ confirm       whether the set predicts readings that it has not seen; unseen: th
 discover      what a mismatch looks like that no listed effect explains
 abrupt        what is otherwise from one moment on
 misread       readings that are taken for bad
-sizes         how large the effects are
-not_excluded  what may be there without being seen; resolves: from which size on it would be
 verdict       what may be said
 """

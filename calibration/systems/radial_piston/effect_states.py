@@ -14,12 +14,12 @@ from typing import Any, Literal
 import numpy as np
 
 from model import layout as at
-from model import steady
 from model.effects import effects, laws
 from model.effects import steady as effect_steady
 from model.effects.effect import State
 from model.effects.laws import Chosen
 from model.motor import Motor
+from model.solvers import steady
 
 SPEEDS = (10.0, 30.0)  # rad/s, at which an effect is looked at to see whether it hangs on the speed
 SAME, NOTHING = 1e-6, 1e-10  # two sets of parameters alike: relative, and in SI
@@ -55,7 +55,7 @@ def solve(
     chosen: Sequence[Chosen],
     time: np.ndarray,
 ) -> np.ndarray:
-    """Steady states as `model.steady.solve` gives them, speed and flow as the instruments take them up.
+    """Steady states as `model.solvers.steady.solve` gives them, speed and flow as the instruments take them up.
 
     Parameters
     ----------
@@ -68,14 +68,14 @@ def solve(
     above : ndarray, shape (n_sets, n_rows)
         What that is counted from: the ambient's pressure, or 0 [Pa].
     gas : ndarray, shape (n_rows, 12)
-        Of `model.steady.gas_table`.
+        Of `model.solvers.steady.gas_table`.
     time : ndarray, shape (n_rows,)
         On the recording's clock [s].
 
     Returns
     -------
     ndarray, shape (n_sets, n_rows, 9)
-        Columns as in `model.steady.solve`; speed, flow, their slopes and the status are with the effects. A row that
+        Columns as in `solvers.steady.solve`; speed, flow, their slopes and the status are with the effects. A row that
         the passes of an effect give up counts as one where the motor stands still.
     """
     P = np.array([laws.behind_the_gauge(one, row) for one, row in zip(chosen, shown, strict=True)]) + above

@@ -12,13 +12,13 @@ from scipy.interpolate import PchipInterpolator
 from calibration.data.blocks import RunInTime
 from calibration.work.threads import each
 from model import layout as at
-from model import steady as base_steady
 from model.effects import averaged, effects
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.motor import Motor
-from model.recent import Recent
-from model.transient import OMEGA, THETA, Supply, rest_state
+from model.solvers import steady as base_steady
+from model.solvers.recent import Recent
+from model.solvers.transient import OMEGA, THETA, Supply, rest_state
 
 STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
 LEAD_STEP_S = 0.02  # between the samples of the steady part ahead of a run

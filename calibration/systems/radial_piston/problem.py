@@ -23,7 +23,6 @@ from calibration.systems.radial_piston.supply import Course, line_unknowns
 from calibration.unknowns.effects import all_searched
 from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, at_ambient, column_of, unknowns
 from model import layout as at
-from model import steady as base_steady
 from model.effects import effects
 from model.effects import steady as effect_steady
 from model.effects.effect import Effect, State, unknown_state
@@ -31,6 +30,7 @@ from model.effects.laws import readings_of
 from model.effects.neighbourhood import Neighbourhood
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor, read_motor
+from model.solvers import steady as base_steady
 from rig.recording import Recording, RecordingError
 
 SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}

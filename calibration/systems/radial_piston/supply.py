@@ -16,7 +16,7 @@ import numpy as np
 
 from calibration.data.blocks import RunInTime
 from calibration.unknowns.priors import Unknown
-from model.transient import Supply
+from model.solvers.transient import Supply
 from rig.recording import SupplyFigures
 
 LATE_SD = 0.1  # s; by so much the line follows later, or earlier, than the samples say that the valve is moved

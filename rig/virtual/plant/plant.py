@@ -17,11 +17,11 @@ from typing import Protocol
 import numpy as np
 
 import configs
-from model.air import gas_constant, water_fraction
-from model.cylinder import gas_state
+from model.gas.air import gas_constant, water_fraction
+from model.gas.cylinder import gas_state
 from model.layout import RPM
 from model.motor import QUANTITIES, Motor
-from model.transient import DONE, M_IN, OMEGA, THETA, Supply, integrate, rest_state
+from model.solvers.transient import DONE, M_IN, OMEGA, THETA, Supply, integrate, rest_state
 from rig.readings import NS
 from rig.virtual.plant.air_line import AirLine
 
@@ -333,7 +333,7 @@ class Plant:
             listener(times_ns, run[:, 0], run[:, 1])
 
     def _integrate(self, supply: list[Supply], time_s: np.ndarray) -> np.ndarray:
-        """`model.transient.simulate`, carried on; so often called that what does not change is worked out once."""
+        """`solvers.transient.simulate`, carried on; so often called that what does not change is worked out once."""
         samples = np.empty((time_s.size, 6))
         status, _, _ = integrate(
             self.state,

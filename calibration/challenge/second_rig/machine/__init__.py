@@ -1,0 +1,1 @@
+"""The motor of the second rig: figures, geometry, gas, torques, a step, and marching it."""

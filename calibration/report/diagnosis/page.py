@@ -1,0 +1,291 @@
+"""The report of `spinbench diagnose`: one self-contained HTML page that reads top down, and one picture."""
+
+from __future__ import annotations
+
+import base64
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from calibration.data.runs_in_time import few_used
+from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.sets_in_words import in_a_row, title, titles
+from calibration.diagnosis.steps.misread import MISREAD
+from calibration.report.diagnosis import figures as draw
+from calibration.report.diagnosis import numbers, sets, words
+from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
+from calibration.report.fit.words import LEAST_P, figure, probability, rounded
+from calibration.report.render import render
+from model.effects import effects
+from model.effects.effect import EffectParameter
+
+JSON = "diagnosis.json"
+CERTAIN = 1e6  # odds that are told no further
+MOST = 12  # rows of a table
+CLEAR = 0.6  # share of what speaks against a rival, from which one file is said to do it
+
+
+def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
+    """Files of the report by name: ``report.html``, ``report.png``."""
+    models, curves, intervals = numbers.models(found), numbers.curves(found), sets.frictions(found, document)
+    figures: dict[str, bytes] = {}
+    if numbers.coordinates(found) and numbers.channels(found):
+        figures["units"] = draw.residuals(found, models, False)
+        figures["whitened"] = draw.residuals(found, models, True)
+    if found.comparison.problem.blocks.runs:
+        figures["runs"] = draw.runs(found, models)
+    if np.isfinite(found.comparison.problem.blocks.standing.pressure).any():
+        figures["held"] = draw.held_rotor(found, models)
+    if curves:
+        figures["forces"] = draw.forces(curves)
+    if len(found.candidates) > 1:
+        figures["odds"] = draw.ranked(found)
+    if intervals:
+        figures["friction"] = draw.friction(found, intervals)
+    filled = context(found, document)
+    inline = {name: f"data:image/png;base64,{base64.b64encode(one).decode()}" for name, one in figures.items()}
+    return {
+        HTML: page(filled | {"figures": inline, "models": [one.name for one in models]}),
+        PNG: draw.essentials(found, models, curves, intervals, filled["verdict"]),
+    }
+
+
+def page(filled: Mapping[str, Any]) -> bytes:
+    """The page, every text in it escaped."""
+    return render("diagnosis.html.j2", filled)
+
+
+def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
+    """The texts and tables of the page."""
+    problem, held_out = found.comparison.problem, document["improvement"]["held_out"]
+    return {
+        "name": problem.recording.folder.resolve().name,
+        "motor": problem.motor.name,
+        "description": problem.motor.description,
+        "kind": document["verdict"],
+        "verdict": words.sentence(document, sets.at_top(found, found.verdict.chosen), _excluded(found, document)),
+        "certainty": _certainty(found, document),
+        "rivals": _rivals(found, document),
+        "used": _used(found),
+        "suspects": _suspect_table(document),
+        "places": _place_table(document),
+        "markers": draw.markers_in_words(found),
+        "unseen": document["not_observable"],
+        "stability": words.stability_in_words(found.term.stability) if found.term else "",
+        "law": words.law_in_words(document["term"]) if document["term"] else "",
+        "candidates": _candidate_table(found),
+        "held_out": sets.gain_in_words(held_out) if held_out else "",
+        "scheme": held_out["scheme"] if held_out else "",
+        "errors": _error_table(held_out) if held_out else None,
+        "bias": sets.bias_in_words(document),
+        "blind": sets.blind_in_words(found),
+        "reference": _reference(found),
+        "frictions": _friction_table(found, document),
+        "resolves": _resolve_table(found),
+        "tests": _test_table(found, False),
+        "apart": _test_table(found, True),
+        "notes": [*few_used(document.get("files", [])), *_notes(found)],
+        "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
+        "instruments": _instrument_table(found),
+        "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
+        "sha256": problem.recording.sha256,
+    }
+
+
+def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
+    p = document["mismatch"]["p_value"]
+    beyond = " (beyond the draws: from a fitted tail)" if document["mismatch"].get("beyond_the_draws") else ""
+    if document["verdict"] == "consistent":
+        return f"A recording that the model explains would look worse than this one in {100 * p:.2g} % of all cases."
+    chance = f"{100 * p:.2g} %" if p >= LEAST_P else "less than one in a million"
+    said = f"If nothing were left out, a mismatch as large would come by chance in {chance} of all cases{beyond}."
+    if document["verdict"] == "unresolved":
+        return said
+    share, known = (
+        probability(one).replace("> ", "above ") for one in (found.verdict.set_probability, document["set_probability"])
+    )
+    if found.verdict.chosen is None:
+        return (
+            f"{said} The probability that these readings alone are off is {known}, as such verdicts have turned out in "
+            "blind tests."
+        )
+    this = "the first of these sets" if document["verdict"] == "confounded" else "this set"
+    more = "" if () in found.verdict.alternatives else ", alone or with more,"
+    return (
+        f"{said} The probability that {this} is there{more} is {share} among all that were weighed, and {known} "
+        "by how often sets came true in blind tests."
+    )
+
+
+def _excluded(found: Diagnosis, document: Mapping[str, Any]) -> str:
+    """The nearest set that a named verdict excludes, with the file that speaks most against it."""
+    chosen = found.verdict.chosen
+    if document["verdict"] != "named" or chosen is None:
+        return ""
+    rivals = (c for c in found.candidates if c.names and not set(chosen.names) <= set(c.names) and not c.refused)
+    one = next((c for c in rivals if len(c.names) <= len(chosen.names)), None)
+    if one is None:
+        return ""
+    odds = sets.odds(found, one)
+    file, share = sets.told_by(found, one)
+    by = f", by {file} above all" if share >= CLEAR and found.comparison.problem.blocks.runs else ""
+    return f"Excluded with odds of {_odds(odds)}{by}: {titles(one.names)}."
+
+
+def _rivals(found: Diagnosis, document: Mapping[str, Any]) -> list[str]:
+    """What each set of a confounded verdict would say, were it alone."""
+    if document["verdict"] != "confounded":
+        return []
+    listed = [tuple(e["id"] for e in document["effects"]), *(tuple(names) for names in document["alternatives"])]
+    by_names = {frozenset(c.names): c for c in found.candidates}
+    said: list[str] = []
+    for names in listed[:MOST]:
+        one = by_names.get(frozenset(names) - {MISREAD})
+        size = f": {sets.sizes(found, one)}" if one is not None and one.names else ""
+        size += "".join(f"; that is {there}" for there in sets.at_top(found, one).values())
+        said.append(f"Either {titles(names)}{size}." if not said else f"Or {titles(names)}{size}.")
+    return said
+
+
+def _used(found: Diagnosis) -> str:
+    comparison = found.comparison
+    plateaus, runs = comparison.n, comparison.problem.blocks.runs
+    parts = [f"{plateaus} plateau{'s' * (plateaus != 1)}"] if plateaus else []
+    parts += [f"{size} samples of {run.file}" for run, size in zip(runs, comparison.sizes, strict=True)]
+    return " and ".join(parts)
+
+
+def _reference(found: Diagnosis) -> str:
+    """The set that odds are of, in words."""
+    if found.verdict.chosen is not None:
+        return "the set that the verdict rests on"
+    return "the likeliest set" + " (the verdict rests on none)" * (found.verdict.kind == "unresolved")
+
+
+def _notes(found: Diagnosis) -> list[str]:
+    """What was assumed or left aside; not that a fit leaves out a run which a diagnosis uses."""
+    problem = found.comparison.problem
+    notes = dict.fromkeys([*problem.recording.warnings, *problem.blocks.measured.notes])
+    used = tuple(f"{run.file}: a transient;" for run in problem.blocks.runs)
+    return [note for note in notes if not note.startswith(used)]
+
+
+def _suspect_table(document: Mapping[str, Any]) -> Grid:
+    rows = tuple(
+        (row["file"], row["channel"], str(row["row"]), probability(row["probability"]))
+        for row in document.get("suspect_rows", [])
+    )
+    return Grid(("file", "channel", "row", "probability of being bad"), rows, 2)
+
+
+def _place_table(document: Mapping[str, Any]) -> Grid:
+    rows = tuple(
+        (
+            words.BALANCES[place["balance"]],
+            place["channel"],
+            place["coordinate"],
+            "" if place["coordinate"] == "direction" else words.span_in_words(place),
+            ", ".join(place["same_as"]) or "nothing",
+            words.p_in_words(place["p_value"]).removeprefix("p = ").removeprefix("p "),
+        )
+        for place in document["located"]
+    )
+    return Grid(("does not close", "seen in", "along", "where", "cannot be told from", "p"), rows, 5)
+
+
+def _candidate_table(found: Diagnosis) -> Grid:
+    rows = []
+    for one in found.candidates[:MOST]:
+        p = found.residual_p.get(one.names)
+        left = "not tested" if p is None else words.p_in_words(p)
+        rows.append(
+            (
+                " + ".join(one.names) or "base model: nothing left out",
+                sets.sizes(found, one) or "",
+                f"refused: {one.refused}" if one.refused else left,
+                _odds(sets.odds(found, one)),
+                probability(one.probability) if one.probability >= 1e-3 else words.quantity(one.probability, 0.0, ""),
+            )
+        )
+    return Grid(("set", "size", "what it leaves", "odds", "probability"), tuple(rows), 3)
+
+
+def _error_table(held_out: Mapping[str, Any]) -> Grid:
+    rows = []
+    for key, before in held_out["rmse_before"].items():
+        channel, _, unit = key.partition("_")
+        familiar, factor = words.FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
+        after = held_out["rmse_after"].get(key, before)
+        rows.append((channel, f"{before * factor:.3g} {familiar}", f"{after * factor:.3g} {familiar}"))
+    return Grid(("held-out error, rms", "before", "after"), tuple(rows))
+
+
+def _friction_table(found: Diagnosis, document: Mapping[str, Any]) -> Grid:
+    rows = tuple(
+        (
+            one.name,
+            words.quantity(one.mean, one.sd, "N m s"),
+            rounded(one.q05, one.sd),
+            rounded(one.q95, one.sd),
+        )
+        for one in sets.frictions(found, document)
+    )
+    return Grid(("f_overall", "mean ± sd", "5 %", "95 %"), rows)
+
+
+def _resolve_table(found: Diagnosis) -> Grid:
+    """What the recording can tell of each effect: from which size on it is seen, and told from its nearest rival."""
+
+    def told(size: float | None, parameter: EffectParameter) -> str:
+        return "-" if size is None else words.quantity(size, 0.0, parameter.unit, parameter.name)
+
+    rows = tuple(
+        (
+            title(one.effect),
+            told(one.seen_from, effects()[one.effect].amplitude),
+            told(one.told_from, effects()[one.effect].amplitude),
+            f"{title(one.nearest)}: {one.rho:.2f}" if one.nearest else "",
+        )
+        for one in found.resolved
+    )
+    return Grid(("effect", "seen from", "named from", "most like it: correlation"), rows)
+
+
+def _test_table(found: Diagnosis, apart: bool) -> Grid:
+    """Tests with what they would tell and the repeats that they take; those that need another instrument apart."""
+    rows = tuple(
+        (
+            test.test,
+            in_a_row([name.split("+") for name in test.separates], "and"),
+            f"{test.information_nats:.1f}",
+            "never: at least one pair stays open" if test.repeats is None else str(test.repeats),
+        )
+        for test in found.next_tests
+        if bool(test.needs) == apart
+    )
+    return Grid(("test", "tells apart", "nats", "repeats"), rows, 2)
+
+
+def _instrument_table(found: Diagnosis) -> Grid:
+    rows = tuple(
+        (
+            column,
+            figure(one.noise_sd),
+            figure(one.bias_sd),
+            f"{figure(100 * one.scale_sd)} %",
+            figure(one.resolution),
+        )
+        for column, one in found.comparison.problem.recording.channels.items()
+    )
+    return Grid(("column", "noise, 1 sd", "offset, 1 sd", "scale, 1 sd", "resolution"), rows)
+
+
+def _odds(odds: float) -> str:
+    """Odds of the set that the verdict rests on against another, to two digits."""
+    larger = odds if odds >= 1.0 else 1.0 / max(odds, 0.1 / CERTAIN)
+    told = float(f"{larger:.2g}")
+    shown = "over 10⁶" if larger > CERTAIN else f"{told:.0f}" if told >= 10.0 else f"{told:g}"
+    return f"{shown} : 1" if odds >= 1.0 else f"1 : {shown}"

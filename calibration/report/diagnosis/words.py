@@ -1,0 +1,212 @@
+"""What a diagnosis says, in the words of a person; it reads diagnosis/1 alone."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from calibration.diagnosis.next_test.recommend import NOTHING
+from calibration.diagnosis.sets_in_words import in_a_row, listed
+from calibration.report.fit.words import p_in_words, rounded, uncertainty
+from model.effects import effects
+from model.layout import L_MIN, RPM
+
+MOST_ROWS = 6
+FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
+BALANCES = {"torque": "torque balance", "mass": "flow balance", "sensor": "reading of an instrument"}
+OTHER_WAY = {"low": "high", "smaller": "larger"}
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+VARIABLES = (("omega", "ω", "rad/s"), ("P", "P", "Pa"), ("t", "t", "s"), ("theta", "θ", "rad"))
+
+
+def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, excluded: str = "") -> str:
+    """The verdict as a person would say it.
+
+    Parameters
+    ----------
+    at_top : mapping of str to str, optional
+        What an effect amounts to at the highest level, by its id, for laws whose figure says nothing to a person.
+    excluded : str
+        What is excluded, in a sentence, for a verdict that names.
+    """
+    verdict, chance = found["verdict"], p_in_words(found["mismatch"]["p_value"])
+    if verdict == "consistent":
+        # A test is proposed only where something else may be there too.
+        tests = found["next_tests"]
+        likely = dict.fromkeys(name for test in tests for name in test["separates"] if name != NOTHING)
+        also = f" Not excluded: {in_a_row([one.split('+') for one in likely], 'and')}." if likely else ""
+        rows = listed([reading_in_words(row) for row in found.get("suspect_rows", [])[:MOST_ROWS]])
+        stands_out = f" Noise with heavy tails would explain what stands out: {rows}." if rows else ""
+        return f"The model explains the recording ({chance}); nothing has to be added.{also}{stands_out}"
+    if verdict == "named":
+        said = [effect_in_words(one, at_top or {}) for one in found["effects"]]
+        if any(one["id"] == "bad_reading" for one in found["effects"]):
+            said.append(f"{listed([reading_in_words(row) for row in found.get('suspect_rows', [])[:MOST_ROWS]])}.")
+        return " ".join([*said, excluded]).strip()
+    if verdict == "confounded":
+        named = [effect["id"] for effect in found["effects"]]
+        rivals = [named, *found["alternatives"][: MOST_ROWS - 1]]
+        rest = len(found["alternatives"]) + 1 - len(rivals)
+        more = f", or one of {rest} more" if rest else ""
+        certain = "may be" if [] in [list(names) for names in found["alternatives"]] else "is"
+        which = in_a_row(rivals, "or")
+        return f"Something {certain} left out ({chance}), and this recording cannot tell which it is: {which}{more}."
+    if found.get("check"):
+        why = str(found["why"])
+        return f"{why[:1].upper()}{why[1:]} ({chance}). Nothing was looked for. Check {'; '.join(found['check'])}."
+    words = f"Something is left out ({chance}), and no effect in the list explains it."
+    if found["located"]:
+        words += f" {place_in_words(found['located'][0])}"
+    if found["term"]:
+        words += f" A law found there: {law_in_words(found['term'])}."
+    return words
+
+
+def reading_in_words(row: Mapping[str, Any]) -> str:
+    """A reading by its place."""
+    return f"{str(row['file'])[:40]}, row {row['row']}: {row['channel']}"
+
+
+def place_in_words(place: Mapping[str, Any]) -> str:
+    """Where the model does not close, in a sentence."""
+    sentence = str(place["sentence"])
+    if place["coordinate"] in ("row", "phase", "angle") or " is off from " in sentence:
+        return sentence
+    if place["balance"] == "sensor" and sentence.startswith("An error of"):
+        return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place)}."
+    alike = f"; this recording cannot tell that from {listed(place['same_as'])}" if place["same_as"] else ""
+    between = "" if place["coordinate"] == "direction" else f", most between {span_in_words(place)}"
+    return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{between}{alike}."
+
+
+def span_in_words(place: Mapping[str, Any]) -> str:
+    """From where to where, in a person's unit."""
+    if place["coordinate"] == "row":
+        return f"row {place['where'][0]:g}"
+    unit, factor = FAMILIAR.get(place["unit"], (place["unit"], 1.0))
+    low, high = (float(f"{factor * float(end):.3g}") for end in place["where"])
+    return f"{low:g} and {high:g} {unit}".removesuffix(" 1")
+
+
+def law_in_words(term: Mapping[str, Any]) -> str:
+    """A law found from the data, with its unit."""
+    text = str(term["expression"])
+    units = [f"{symbol} in {unit}" for name, symbol, unit in VARIABLES if re.search(rf"\b{name}\b", text)]
+    for name, symbol, _ in VARIABLES:
+        text = re.sub(rf"\b{name}\b", symbol, text)
+    text = text.replace("+ -", "− ").replace("*", "·").replace("··", "^")
+    return ", ".join([f"{text} {powers(str(term['unit']))}", *units])
+
+
+def quantity(mean: float, sd: float, unit: str, name: str = "") -> str:
+    """A figure with its uncertainty and unit, the uncertainty to two digits.
+
+    Parameters
+    ----------
+    mean, sd : float
+        The figure [own unit].
+    unit : str
+        Its unit; - where it has none.
+    name : str
+        The parameter's name: shares and scales are told in percent.
+    """
+    mean, sd, unit = _for_people(mean, sd, unit, name)
+    size = max(abs(mean), sd)
+    if not math.isfinite(size) or size == 0.0:
+        return f"{mean:.3g} {unit}".strip()
+    power = math.floor(math.log10(size))
+    if sd <= 0.0:
+        plain = f"{float(f'{mean:.2g}'):g}"
+        digits, _, small = (plain if 1e-4 <= size < 1e4 else f"{mean:.2g}").partition("e")
+        return f"{digits}{f'·10{str(int(small)).translate(RAISED)}' if small else ''} {unit}".strip().replace("-", "−")
+    if -3 <= power <= 4 and sd < 100.0:
+        return f"{rounded(mean, sd)} ± {uncertainty(sd)} {unit}".strip()
+    scaled = 10.0**-power
+    figures = f"{rounded(mean * scaled, sd * scaled)} ± {uncertainty(sd * scaled)}"
+    return f"({figures})·10{str(power).translate(RAISED)} {unit}".strip()
+
+
+def effect_in_words(effect: Mapping[str, Any], at_top: Mapping[str, str]) -> str:
+    """An effect's own sentence with its figures."""
+    known = effects().get(effect["id"])
+    if known is None:
+        return "An effect that is in no list."
+    text, units = powers(known.sentence), {parameter.name: parameter.unit for parameter in known.parameters}
+    for name, one in effect["parameters"].items():
+        mean = one["mean"]
+        if name == known.amplitude.name and "(negative: " in text:
+            text, mean = _signed(text, mean), abs(mean)
+        shown = quantity(mean, one["sd"], units.get(name, "-"), name)
+        text = text.replace("{" + name + "}", shown)
+    if known.id == "bad_reading":
+        text = text.replace("1 stand out", "One reading stands out")
+    if effect["id"] in at_top:
+        text = text.replace(" - ", " − ") + f" That is {at_top[effect['id']]}."
+    return text
+
+
+def powers(text: str) -> str:
+    """Digits behind a letter raised, as in m3/s; names in braces are left alone."""
+    return re.sub(r"\{[^}]*\}|(?<=[A-Za-z])\d\b", lambda m: m[0] if m[0][0] == "{" else m[0].translate(RAISED), text)
+
+
+def steps_in_words(seconds: Mapping[str, float]) -> str:
+    """The time of each step, those of a kind together, in a line.
+
+    Parameters
+    ----------
+    seconds : mapping of str to float
+        ``seconds`` of a diagnosis [s].
+    """
+    kinds: dict[str, float] = {}
+    for step, one in seconds.items():
+        kind = re.sub(r"^test what .* leaves$", "test what is left", step.partition(" of ")[0])
+        kinds[kind] = kinds.get(kind, 0.0) + one
+    parts = [f"{step} {one:.1f} s" for step, one in kinds.items()]
+    return f"{', '.join(parts)}; {sum(kinds.values()):.1f} s in all"
+
+
+def is_unseen(held_out: Mapping[str, Any]) -> bool:
+    """Whether the held-out readings are a run of their own instead of folds of the recording."""
+    return str(held_out["scheme"]).startswith("unseen run")
+
+
+def gain_in_figures(held_out: Mapping[str, Any]) -> str:
+    """By how much the log score changed, with its standard error where there is one; and what a fall of it means."""
+    gain, error = held_out["elpd_gain"], held_out["elpd_gain_se"]
+    figures = f"{rounded(gain, error)} ± {uncertainty(error)}" if error > 0.0 else f"{gain:.1f}".replace("-", "−")
+    return figures + (" (it predicts worse than the base model)" if gain < 0.0 else "")
+
+
+def is_corrected(held_out: Mapping[str, Any]) -> bool:
+    """Whether a smooth correction predicted the held-out readings instead of a set of effects."""
+    return "correction" in str(held_out["scheme"])
+
+
+def stability_in_words(shares: Sequence[float]) -> str:
+    """How often the terms of a law were found again, in a sentence; empty where that is not known."""
+    if not shares:
+        return ""
+    told = listed([f"{100.0 * share:.0f} %" for share in shares])
+    each = "its terms were" if len(shares) > 1 else "it was"
+    return f"Of recordings drawn from this one, level by level and part by part, {each} found again in {told}."
+
+
+def _for_people(mean: float, sd: float, unit: str, name: str) -> tuple[float, float, str]:
+    if unit == "-":
+        return (100.0 * mean, 100.0 * sd, "%") if "share" in name or "scale" in name else (mean, sd, "")
+    if unit == "s" and abs(mean) < 0.5:
+        return 1e3 * mean, 1e3 * sd, "ms"
+    unit, factor = FAMILIAR.get(unit, (powers(unit), 1.0))
+    return factor * mean, factor * sd, unit
+
+
+def _signed(text: str, value: float) -> str:
+    """A sentence that tells of both signs, made to tell of one."""
+    other = re.search(r" \(negative: (\w+)\)", text)
+    if other is None:
+        return text
+    text = text.replace(other.group(0), "")
+    return re.sub(rf"\b{OTHER_WAY[other.group(1)]}\b", other.group(1), text) if value < 0.0 else text

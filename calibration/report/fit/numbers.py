@@ -1,0 +1,277 @@
+"""What the report of a fit shows, as numbers: predictions with their bands, trade-offs, densities. Nothing is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.special import ndtri
+
+from calibration.data.measurement import MISSING, OBSERVED, Rows
+from calibration.fit.fit import Fit
+from calibration.fit.posterior import Posterior, SuspectRow, thinned
+from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of
+from model import layout as at
+from model.effects import effects
+from model.solvers import steady
+
+LEVELS = (0.05, 0.16, 0.50, 0.84, 0.95)  # quantiles of the 90 % and 68 % bands, and the median
+UNITS = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
+GRID_POINTS = 41
+NOISE_NODES = ndtri((np.arange(15) + 0.5) / 15.0)  # of a standard normal, equally probable: bands without raggedness
+TARGET = "f_overall"
+BINS = 48
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the fit expects an instrument to read: a new reading, with the noise and rounding of all instruments.
+
+    Attributes
+    ----------
+    pressure_bar : ndarray, shape (n,)
+        What the pressure gauge reads [bar].
+    mean, sd : ndarray, shape (n,)
+        In the channel's unit.
+    quantiles : ndarray, shape (5, n)
+        At `LEVELS`, in the channel's unit.
+    slope_per_bar : ndarray, shape (n,)
+        How the mean grows with the pressure [unit/bar].
+    """
+
+    pressure_bar: np.ndarray
+    mean: np.ndarray
+    sd: np.ndarray
+    quantiles: np.ndarray
+    slope_per_bar: np.ndarray
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel's readings beside what the fit expects.
+
+    Attributes
+    ----------
+    reading, error : ndarray, shape (n_rows,)
+        Readings, and one standard deviation of their declared noise and rounding, in the unit.
+    state : ndarray of int, shape (n_rows,)
+        OBSERVED, MISSING, BELOW or ABOVE.
+    at_rows, curve : Expected
+        At the rows' pressures, and over the range of pressures.
+    """
+
+    name: str
+    unit: str
+    reading: np.ndarray
+    error: np.ndarray
+    state: np.ndarray
+    at_rows: Expected
+    curve: Expected
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A reading that is probably bad, beside what the fit expects it to be; figures in the column's unit.
+
+    Attributes
+    ----------
+    reading, expected, sd : float
+        As read, and the mean and sd of what the fit expects, in the channel's unit.
+    """
+
+    row: SuspectRow
+    index: int
+    channel: str
+    reading: float
+    expected: float
+    sd: float
+
+
+def channels(found: Fit) -> list[Channel]:
+    """Speed and flow, as far as the fit used them, measured and expected."""
+    rows = found.measured.steady
+    at_rows = expected(found, rows.pressure, rows.is_gauge, rows.noise_scale, times(found))
+    grid = _grid(rows.pressure)
+    middle = np.full(grid.shape, np.median(times(found)))
+    over = expected(found, grid, np.full(grid.shape, rows.is_gauge[0]), np.ones(grid.shape), middle)
+    return [
+        Channel(
+            name,
+            UNITS[name],
+            getattr(rows, name),
+            reading_sd(found, name, rows),
+            getattr(rows, f"{name}_state"),
+            at_rows[name],
+            over[name],
+        )
+        for name in ("speed", "flow")
+        if name in found.measured.channels and np.any(getattr(rows, f"{name}_state") != MISSING)
+    ]
+
+
+def times(found: Fit) -> np.ndarray:
+    """Time of each steady row on the recording's clock, where the fit has effects that may ask for it [s]."""
+    held = found.likelihood.effects
+    return held.time if held is not None else np.zeros(len(found.measured.steady))
+
+
+def expected(
+    found: Fit, pressure_bar: np.ndarray, is_gauge: np.ndarray, noise_scale: np.ndarray, time: np.ndarray
+) -> dict[str, Expected]:
+    """What speed and flow would read where the pressure gauge reads this, over draws from the posterior.
+
+    Parameters
+    ----------
+    pressure_bar : ndarray, shape (n,)
+        What the gauge reads [bar].
+    is_gauge : ndarray of bool, shape (n,)
+        The pressure is counted from the ambient's.
+    noise_scale : ndarray, shape (n,)
+        The file's random noise, times the channel's [-].
+    time : ndarray, shape (n,)
+        On the recording's clock, for effects that change with it [s].
+
+    Returns
+    -------
+    dict of str to Expected
+        By channel: speed and flow.
+    """
+    motor, z = found.motor, thinned(found.posterior.chain.flat())
+    parameters, errors = found.likelihood.split(z)
+    nominal = pressure_bar * PASCAL_PER_BAR + np.where(is_gauge, motor.si("ambient_pressure"), 0.0)
+    gas, chosen = steady.gas_table(motor, nominal), found.likelihood.chosen(z)
+    out = found.likelihood.states(parameters, errors, chosen, pressure_bar, is_gauge, gas, time)
+    solved = np.all(out[..., steady.STATUS] != steady.NOT_CONVERGED, axis=1)
+    out, errors = out[solved], errors[solved]
+    var_p = _variance(found, "pressure", errors, noise_scale) / (1.0 + errors[:, 0, 1:2]) ** 2
+    result = {}
+    for i, name, column, slope_column, to_unit in (
+        (1, "flow", steady.VOLUME_FLOW, steady.FLOW_SLOPE, at.L_MIN),
+        (2, "speed", steady.SPEED_OUT, steady.SPEED_SLOPE, at.RPM),
+    ):
+        gain = to_unit * (1.0 + errors[:, i, 1:2])
+        slope = out[..., slope_column] * gain * PASCAL_PER_BAR
+        variance = _variance(found, name, errors, noise_scale) + var_p * slope**2
+        result[name] = _mixture(pressure_bar, out[..., column] * gain + errors[:, i, 0:1], variance, slope)
+    return result
+
+
+def reading_sd(found: Fit, channel: str, rows: Rows) -> np.ndarray:
+    """Declared noise and rounding of a channel, one sd a row, shape (n_rows,), in the channel's unit."""
+    column = column_of(found.recording, channel)
+    if column is None:
+        return np.zeros(len(rows))
+    figures = found.recording.channels[column]
+    return np.sqrt((figures.noise_sd * rows.noise_scale) ** 2 + figures.resolution**2 / 12.0)
+
+
+def suspects(found: Fit) -> list[Suspect]:
+    """The readings that are probably bad, beside what the fit expects them to be."""
+    if not found.posterior.suspect_rows:
+        return []
+    rows = found.measured.steady
+    beside = expected(found, rows.pressure, rows.is_gauge, rows.noise_scale, times(found))
+    places = {(file, int(row)): i for i, (file, row) in enumerate(zip(rows.file, rows.row, strict=True))}
+    result = []
+    for suspect in found.posterior.suspect_rows:
+        index, channel = places[suspect.file, suspect.row], suspect.channel.partition("_")[0]
+        if channel == "pressure":
+            mean, sd = _pressure_from_the_rest(rows, beside, index)
+        else:
+            mean, sd = float(beside[channel].mean[index]), float(beside[channel].sd[index])
+        reading = float(getattr(rows, channel)[index])
+        result.append(Suspect(suspect, index, channel, reading, mean, sd))
+    return result
+
+
+def trade_offs(posterior: Posterior, name: str = TARGET) -> list[tuple[Unknown, float]]:
+    """The other unknowns with their correlation with one, strongest first [-]."""
+    names = [estimate.unknown.name for estimate in posterior.estimates]
+    r = np.corrcoef(posterior.values, rowvar=False)[names.index(name)]
+    others = [
+        (estimate.unknown, float(value))
+        for estimate, value in zip(posterior.estimates, r, strict=True)
+        if estimate.unknown.name != name
+    ]
+    return sorted(others, key=lambda pair: -abs(pair[1]))
+
+
+def samples(posterior: Posterior, name: str) -> np.ndarray:
+    """Samples of one unknown in its unit, shape (n_samples,)."""
+    return posterior.values[:, [estimate.unknown.name for estimate in posterior.estimates].index(name)]
+
+
+def is_of_effect(name: str) -> bool:
+    """Whether an unknown is an effect's: they are called ``effect.parameter``."""
+    return name.partition(".")[0] in effects()
+
+
+def prior_density(unknown: Unknown, values: np.ndarray) -> np.ndarray:
+    """The prior's density at values within its support, shape as ``values`` [1/unit]."""
+    z = np.array([unknown.z(float(value)) for value in values])
+    if unknown.kind == "loguniform":
+        inside = (values >= unknown.a) & (values <= unknown.b)
+        return np.where(inside, 1.0 / (values * np.log(unknown.b / unknown.a)), 0.0)
+    slope = 1.0 / unknown.b if unknown.kind == "normal" else 1.0 / (values * np.log(unknown.b))
+    return np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) * slope
+
+
+def density_regions(
+    x: np.ndarray, y: np.ndarray, shares: Sequence[float] = (0.90, 0.68)
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
+    """A smoothed density of samples in the plane, and the heights that enclose given shares of them.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        Samples, each in its own unit.
+
+    Returns
+    -------
+    x_centre, y_centre : ndarray, shape (n_bins,)
+        In the samples' units.
+    density : ndarray, shape (n_bins, n_bins)
+        Rows go with y [-].
+    heights : list of float
+        Rising, one a share [-].
+    """
+    counts, x_edge, y_edge = np.histogram2d(x, y, bins=BINS)
+    density = gaussian_filter(counts.T, 1.5)
+    falling = np.sort(density.ravel())[::-1]
+    enclosed = np.cumsum(falling) / falling.sum()
+    heights = [float(falling[np.searchsorted(enclosed, share)]) for share in shares]
+    return 0.5 * (x_edge[1:] + x_edge[:-1]), 0.5 * (y_edge[1:] + y_edge[:-1]), density, heights
+
+
+def _grid(pressure_bar: np.ndarray) -> np.ndarray:
+    """Pressures a little beyond the readings on both sides [bar]."""
+    low, high = float(pressure_bar.min()), float(pressure_bar.max())
+    margin = max(0.06 * (high - low), 0.02)
+    return np.linspace(low - margin, high + margin, GRID_POINTS)
+
+
+def _variance(found: Fit, channel: str, errors: np.ndarray, noise_scale: np.ndarray) -> np.ndarray:
+    """Noise and rounding of a reading over draws and rows, shape (n_draws, n), in the channel's unit squared."""
+    column = column_of(found.recording, channel)
+    if column is None:
+        return np.zeros((len(errors), noise_scale.size))
+    figures = found.recording.channels[column]
+    factor = errors[:, ("pressure", "flow", "speed").index(channel), 2:3]
+    return (figures.noise_sd * noise_scale * factor) ** 2 + figures.resolution**2 / 12.0
+
+
+def _mixture(pressure_bar: np.ndarray, mean: np.ndarray, variance: np.ndarray, slope: np.ndarray) -> Expected:
+    """Normal readings about each draw's mean, all draws alike; arrays of shape (n_draws, n)."""
+    readings = (mean + NOISE_NODES[:, None, None] * np.sqrt(variance)).reshape(-1, pressure_bar.size)
+    sd = np.sqrt(mean.var(axis=0) + variance.mean(axis=0))
+    return Expected(pressure_bar, mean.mean(axis=0), sd, np.quantile(readings, LEVELS, axis=0), slope.mean(axis=0))
+
+
+def _pressure_from_the_rest(rows: Rows, beside: dict[str, Expected], i: int) -> tuple[float, float]:
+    """The pressure at which the model does what the speed (else the flow) reads: mean and sd [bar]."""
+    channel = "speed" if rows.speed_state[i] == OBSERVED else "flow"
+    here = beside[channel]
+    difference = getattr(rows, channel)[i] - here.mean[i]
+    return float(rows.pressure[i] + difference / here.slope_per_bar[i]), float(here.sd[i] / here.slope_per_bar[i])

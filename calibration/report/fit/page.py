@@ -1,0 +1,248 @@
+"""The report of `spinbench fit`: one self-contained HTML page, one picture, a table and remarks for the terminal."""
+
+from __future__ import annotations
+
+import base64
+import platform
+import textwrap
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+from calibration.fit.fit import Fit
+from calibration.fit.posterior import Estimate, Posterior
+from calibration.report.fit import figures as fit_figures
+from calibration.report.fit import numbers
+from calibration.report.fit import words as fit_words
+from calibration.report.fit.numbers import TARGET
+from calibration.report.fit.words import figure, probability, rounded, uncertainty, with_unit
+from calibration.report.render import render
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+HTML, PNG = "report.html", "report.png"
+PACKAGES = ("spinbench", "numpy", "scipy", "numba", "emcee")
+TITLE_WIDTH = 68  # letters that fit over the picture
+Variants = list[tuple[str, Posterior]]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of the page: text only, the first ``words`` columns to the left, the others to the right."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    words: int = 1
+
+
+def report(found: Fit, variants: Variants) -> dict[str, bytes]:
+    """Files of the report by name: ``report.html``, ``report.png``.
+
+    Parameters
+    ----------
+    variants : list of (str, Posterior)
+        Name and result of each fit that it is compared with.
+    """
+    shown, suspects = numbers.channels(found), numbers.suspects(found)
+    posterior, sentence = found.posterior, _on_the_picture(found)
+    figures = {
+        "fit": fit_figures.measured_against_model(found, shown, suspects),
+        "density": fit_figures.density(posterior),
+        "ridge": fit_figures.ridge(posterior),
+    }
+    if variants:
+        figures["forest"] = fit_figures.forest(posterior, variants)
+    return {
+        HTML: page(context(found, variants, suspects) | {"figures": {k: _inline(v) for k, v in figures.items()}}),
+        PNG: fit_figures.essentials(found, shown, suspects, variants, sentence),
+    }
+
+
+def _on_the_picture(found: Fit) -> str:
+    wrong = fit_words.contradicted(found)
+    words = f"{wrong} {fit_words.not_to_be_relied_on(found.posterior)}" if wrong else fit_words.verdict(found.posterior)
+    return textwrap.fill(words, TITLE_WIDTH)
+
+
+def table(found: Fit) -> Table:
+    """The unknowns, for the terminal."""
+    from rich.table import Table
+
+    wrong = bool(fit_words.contradicted(found))
+    caption = "The model does not explain the readings: none of these figures is to be relied on." if wrong else None
+    shown = Table("parameter", "unit", "mean", "sd", "5 %", "50 %", "95 %", "sd/prior", caption=caption)
+    for e in found.posterior.estimates:
+        quantiles = (f"{e.quantiles[name]:.5g}" for name in ("q05", "q50", "q95"))
+        name = f"{TARGET} (do not rely on it)" if wrong and e.unknown.name == TARGET else e.unknown.name
+        shown.add_row(name, e.unknown.unit, f"{e.mean:.5g}", f"{e.sd:.2g}", *quantiles, f"{e.sd_of_prior:.2f}")
+    return shown
+
+
+def remarks(found: Fit) -> list[str]:
+    """What a person should know beside the table, in sentences; without the recording's own warnings."""
+    return fit_words.remarks(found, numbers.suspects(found))
+
+
+def page(filled: dict[str, Any]) -> bytes:
+    """The page, every text in it escaped; ``filled`` is `context` with the figures."""
+    return render("fit.html.j2", filled)
+
+
+def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> dict[str, Any]:
+    """The texts and tables of the page."""
+    pairs = numbers.trade_offs(found.posterior)
+    return {
+        "name": found.recording.folder.resolve().name,
+        "motor": found.motor.name,
+        "description": found.motor.description,
+        "used": _used(found),
+        "verdict": fit_words.verdict(found.posterior),
+        "explained": fit_words.explained(found),
+        "contradicted": fit_words.contradicted(found),
+        "stands_out": found.quality.why if found.quality else "",
+        "not_to_be_relied_on": fit_words.not_to_be_relied_on(found.posterior),
+        "next_command": fit_words.next_command(found),
+        "hangs_on": fit_words.hangs_on(pairs),
+        "prior_says": fit_words.prior_says(found),
+        "prior_dominates": fit_words.prior_dominates(found),
+        "effects": fit_words.held_effects(found),
+        "remarks": fit_words.remarks(found, suspects),
+        "suspects": _suspect_table(suspects),
+        "trade_offs": _trade_off_table(found.posterior, pairs),
+        "variants": _variant_table(found, variants),
+        "unknowns": _unknown_table(found.posterior),
+        "convergence": _convergence(found),
+        "notes": list(dict.fromkeys([*found.recording.warnings, *found.measured.notes])),
+        "instruments": _instrument_table(found),
+        "readings": _reading_table(found),
+        "held": _held_table(found),
+        "sha256": found.recording.sha256,
+    }
+
+
+def _used(found: Fit) -> str:
+    steady, zero = len(found.measured.steady), len(found.measured.zero)
+    words = f"{steady} plateau{'s' * (steady != 1)}"
+    words += f" and {zero} zero reading{'s' * (zero != 1)}" if zero else ""
+    return f"{words}; channels {', '.join(found.measured.channels)}"
+
+
+def _suspect_table(suspects: list[numbers.Suspect]) -> Grid:
+    header = ("file", "column", "row", "reading", "the fit expects", "probability of being bad")
+    rows = tuple(
+        (
+            one.row.file,
+            one.row.channel,
+            str(one.row.row),
+            f"{figure(one.reading)} {numbers.UNITS[one.channel]}",
+            f"{rounded(one.expected, one.sd)} ± {uncertainty(one.sd)} {numbers.UNITS[one.channel]}",
+            probability(one.row.probability),
+        )
+        for one in suspects
+    )
+    return Grid(header, rows, 2)
+
+
+def _trade_off_table(posterior: Posterior, pairs: list[Any]) -> Grid:
+    target = posterior[TARGET]
+    unit = target.unknown.unit
+    rows = tuple(
+        (unknown.name, f"{r:+.2f}".replace("-", "−"), uncertainty(target.sd * (1.0 - r * r) ** 0.5))
+        for unknown, r in pairs[:6]
+    )
+    return Grid(("unknown", f"correlation with {TARGET}", f"sd of {TARGET} if it were known, {unit}"), rows)
+
+
+def _variant_table(found: Fit, variants: Variants) -> Grid:
+    unit = found.posterior[TARGET].unknown.unit
+    header = ("fit", *(f"{word}, {unit}" for word in ("mean", "sd", "5 %", "95 %")), "suspect readings")
+    name = "this fit, not to be relied on" if fit_words.contradicted(found) else "this fit"
+    entries = [(name, found.posterior), *variants]
+    return Grid(header, tuple((name, *_spread(one[TARGET]), str(len(one.suspect_rows))) for name, one in entries))
+
+
+def _spread(e: Estimate) -> tuple[str, ...]:
+    return (
+        rounded(e.mean, e.sd),
+        uncertainty(e.sd),
+        rounded(e.quantiles["q05"], e.sd),
+        rounded(e.quantiles["q95"], e.sd),
+    )
+
+
+def _unknown_table(posterior: Posterior) -> Grid:
+    header = ("unknown", "unit", "prior", "mean", "sd", "5 %", "50 %", "95 %", "sd / prior's", "R-hat", "ESS")
+    rows = []
+    for i, e in enumerate(posterior.estimates):
+        mean, sd, low, high = _spread(e)
+        rows.append(
+            (
+                e.unknown.name,
+                e.unknown.unit,
+                fit_words.prior_in_words(e.unknown),
+                *(mean, sd, low, rounded(e.quantiles["q50"], e.sd), high),
+                f"{e.sd_of_prior:.2f}",
+                f"{posterior.chain.rhat[i]:.4f}",
+                f"{posterior.chain.effective[i]:.0f}",
+            )
+        )
+    return Grid(header, tuple(rows), 3)
+
+
+def _convergence(found: Fit) -> Grid:
+    chain = found.posterior.chain
+    entries = [
+        ("ensembles x walkers", f"{chain.samples.shape[0]} x {chain.samples.shape[2]}"),
+        ("steps of each, of these kept", f"{chain.steps}, {chain.samples.shape[1]}"),
+        ("largest R-hat", f"{chain.rhat.max():.4f}"),
+        ("least effective sample size", f"{chain.effective.min():.0f}, of {found.settings.effective_samples} wanted"),
+        ("proposals taken", f"{100 * chain.acceptance:.0f} %"),
+        ("longest autocorrelation time", f"{chain.tau.max():.1f} steps"),
+        ("parameter sets that the solver gave up on", str(found.likelihood.not_converged)),
+        ("wall time", f"{found.posterior.seconds:.1f} s"),
+        ("seed", str(found.settings.seed)),
+        ("versions", ", ".join([f"Python {platform.python_version()}", *map(_version, PACKAGES)])),
+    ]
+    return Grid((), tuple(entries))
+
+
+def _version(package: str) -> str:
+    try:
+        return f"{package} {version(package)}"
+    except PackageNotFoundError:
+        return f"{package} not installed"
+
+
+def _instrument_table(found: Fit) -> Grid:
+    header = ("column", "unit", "noise, 1 sd", "offset, 1 sd", "scale, 1 sd", "resolution", "taken by default")
+    rows = []
+    for column, channel in found.recording.channels.items():
+        unit = numbers.UNITS.get(column.partition("_")[0], "its column's")
+        figures = (channel.noise_sd, channel.bias_sd, channel.scale_sd, channel.resolution)
+        texts = [figure(value) for value in figures]
+        texts[2] = f"{figure(100 * channel.scale_sd)} %"
+        rows.append((column, unit, *texts, ", ".join(channel.defaulted) or "nothing"))
+    return Grid(header, tuple(rows), 2)
+
+
+def _reading_table(found: Fit) -> Grid:
+    words = {True: "yes", False: "no"}
+    entries = found.motor.readings.model_dump().items()
+    rows = tuple((name, words.get(value, str(value).replace("_", " "))) for name, value in entries)
+    return Grid(("where the article can be read in two ways", "read as"), rows, 2)
+
+
+def _held_table(found: Fit) -> Grid:
+    fitted = {estimate.unknown.name for estimate in found.posterior.estimates}
+    motor = found.motor
+    rows = tuple(
+        (name, with_unit(figure(motor[name].value), motor[name].unit), motor[name].source)
+        for name in type(motor.parameters).model_fields
+        if name not in fitted
+    )
+    return Grid(("held fixed", "value", "source"), rows, 3)
+
+
+def _inline(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode()}"

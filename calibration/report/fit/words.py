@@ -1,0 +1,210 @@
+"""A fit in words: figures as a person writes them, the verdict, what it hangs on, what to look at."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.data.measurement import OBSERVED
+from calibration.fit.fit import Fit
+from calibration.fit.posterior import Posterior
+from calibration.report.fit.numbers import TARGET, UNITS, Suspect, is_of_effect
+from calibration.unknowns.priors import Unknown
+from model.effects import effects
+
+INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
+FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
+LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
+WEAK = 0.25  # a correlation below it is not worth a word
+
+
+def rounded(value: float, sd: float) -> str:
+    """A value to the digit that the second figure of its uncertainty stands at, both in the same unit."""
+    return f"{value:z.{_decimals(sd)}f}".replace("-", "−")
+
+
+def uncertainty(sd: float) -> str:
+    """An uncertainty to two significant figures, in its own unit."""
+    return f"{sd:.{_decimals(sd)}f}"
+
+
+def figure(value: float) -> str:
+    """A given figure as short as it can be without losing any of its first five digits, in its own unit."""
+    return f"{value:.5g}".replace("-", "−") if abs(value) < 1e5 else f"{value:.0f}".replace("-", "−")
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A figure with its unit, without one where the unit is 1."""
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def probability(value: float) -> str:
+    """A probability that is never shown as certain [-]."""
+    return "> 0.999" if value > 0.999 else f"{value:.3f}"
+
+
+def called(name: str) -> str:
+    """An unknown's name as a person says it."""
+    if is_of_effect(name):
+        effect, _, parameter = name.partition(".")
+        return f"{effects()[effect].title}, its {parameter}"
+    channel, _, error = name.partition("_")
+    if channel in INSTRUMENTS and error in ("offset", "scale", "noise_scale"):
+        return f"{INSTRUMENTS[channel]}'s {error.removesuffix('_scale') if error == 'noise_scale' else error}"
+    return f"the {name.replace('_', ' ')}"
+
+
+def prior_in_words(unknown: Unknown) -> str:
+    """An unknown's prior, in its unit."""
+    if unknown.kind == "normal":
+        return f"{figure(unknown.a)} ± {figure(unknown.b)}"
+    if unknown.kind == "lognormal":
+        return f"{figure(unknown.a)}, times or over {figure(unknown.b)}"
+    if unknown.kind == "halfnormal":
+        return f"above {figure(unknown.a)}, by {figure(unknown.b)}"
+    return f"{figure(unknown.a)} to {figure(unknown.b)}, even in the logarithm"
+
+
+def held_effects(found: Fit) -> list[str]:
+    """Each effect that the model holds beyond the article, with the sizes that the fit gives it, in a sentence each."""
+    sentences = []
+    for name in found.effects:
+        sizes = []
+        for parameter in effects()[name].parameters:
+            one = found.posterior[f"{name}.{parameter.name}"]
+            value = f"{rounded(one.mean, one.sd)} ± {uncertainty(one.sd)}"
+            low, high = (rounded(one.quantiles[q], one.sd) for q in ("q05", "q95"))
+            words = f"{parameter.name} {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})"
+            sizes.append(f"{words}, which is its prior" if found.posterior.prior_dominates(one.unknown.name) else words)
+        sentences.append(f"{effects()[name].title} ({name}): {'; '.join(sizes)}")
+    return sentences
+
+
+def verdict(posterior: Posterior) -> str:
+    """f_overall in a sentence."""
+    one = posterior[TARGET]
+    low, high = (rounded(one.quantiles[name], one.sd) for name in ("q05", "q95"))
+    value = f"{rounded(one.mean, one.sd)} ± {uncertainty(one.sd)}"
+    return f"{TARGET} is {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})."
+
+
+def headline(found: Fit) -> list[str]:
+    """What comes first: f_overall where the model explains the readings, and that it does not where it does not."""
+    quality = found.quality
+    if quality is None:
+        return [verdict(found.posterior)]
+    if quality.model_fits:
+        return [f"{verdict(found.posterior)} {explained(found)}"]
+    return [contradicted(found), quality.why, not_to_be_relied_on(found.posterior), f"Next: {next_command(found)}"]
+
+
+def explained(found: Fit) -> str:
+    """That the readings do not contradict the model, in sentences; empty where that was not asked."""
+    quality = found.quality
+    if quality is None:
+        return ""
+    p = p_in_words(quality.p_value)
+    return f"The readings do not contradict the model{_with_effects(found)} ({p}). {quality.why}"
+
+
+def contradicted(found: Fit) -> str:
+    """That the model does not explain the readings, in a sentence; empty where it does or that was not asked."""
+    quality = found.quality
+    if quality is None or quality.model_fits:
+        return ""
+    p = p_in_words(quality.p_value)
+    return f"The model{_with_effects(found)} does not explain the readings ({p}): do not rely on its {TARGET}."
+
+
+def not_to_be_relied_on(posterior: Posterior) -> str:
+    """f_overall by a model that is wrong, in a sentence."""
+    return f"What it gives, not to be relied on: {verdict(posterior)}"
+
+
+def next_command(found: Fit) -> str:
+    """The command that looks for what the model lacks."""
+    return f"spinbench diagnose {shlex.quote(str(found.recording.folder))}"
+
+
+def p_in_words(p: float) -> str:
+    """A p-value as text [-]."""
+    return f"p = {p:.2g}" if p >= LEAST_P else "p < 10⁻⁶"
+
+
+def _with_effects(found: Fit) -> str:
+    return f" with {' and '.join(found.effects)}" if found.effects else ""
+
+
+def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
+    """What f_overall trades off with, strongest first, in a sentence; ``pairs`` of unknown and correlation."""
+    strong = [(unknown, r) for unknown, r in pairs if abs(r) >= WEAK][:4]
+    if not strong:
+        return f"{TARGET} trades off with no other unknown to speak of."
+    words = [f"{called(unknown.name)} ({r:+.2f})".replace("-", "−") for unknown, r in strong]
+    listed = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return f"{TARGET} trades off mostly with {listed}; correlations in brackets."
+
+
+def prior_says(found: Fit) -> str:
+    """Whether f_overall comes from the recording or from the prior, in a sentence."""
+    spread = f"its spread is {100 * found.posterior[TARGET].sd_of_prior:.2g} % of its prior's"
+    share = f"{100 * found.posterior.share_from_priors(TARGET):.0f} % of its variance comes from other unknowns"
+    if prior_dominates(found):
+        words = f"{_rows(found)}: the prior dominates {TARGET}; {spread}, and {share}"
+        return f"{words} of which the recording says little."
+    return f"The recording decides it: {spread}. {share} of which the recording says little."
+
+
+def prior_dominates(found: Fit) -> bool:
+    """Whether f_overall rests on priors: it is hardly narrowed, or fewer rows than a line and a check of it."""
+    return found.posterior.prior_dominates(TARGET) or len(found.measured.steady) < FEW_ROWS
+
+
+def suspect_in_words(one: Suspect) -> str:
+    """A suspect reading in a sentence."""
+    unit = UNITS[one.channel]
+    sd = "" if not math.isfinite(one.sd) or one.sd <= 0.0 else f" ± {uncertainty(one.sd)}"
+    expected = f"{rounded(one.expected, one.sd) if sd else figure(one.expected)}{sd}"
+    return (
+        f"{one.row.file}: row {one.row.row}: {one.row.channel} {figure(one.reading)} is probably a bad reading "
+        f"(probability {probability(one.row.probability)}); the fit expects {expected} {unit} and gives "
+        "the reading little weight"
+    )
+
+
+def remarks(found: Fit, suspects: Sequence[Suspect]) -> list[str]:
+    """What a person should know beside the table, in sentences."""
+    said = set(found.recording.warnings)
+    sentences = [note for note in found.measured.notes if note not in said]
+    if suspects and contradicted(found):
+        count = "1 reading looks" if len(suspects) == 1 else f"{len(suspects)} readings look"
+        sentences.append(f"{count} bad by this model, which says little as long as it does not explain the rest")
+    else:
+        sentences += [suspect_in_words(one) for one in suspects]
+    if prior_dominates(found):
+        sentences.append(prior_says(found).rstrip("."))
+    return sentences + _too_fast(found)
+
+
+def _too_fast(found: Fit) -> list[str]:
+    rows, limit = found.measured.steady, found.motor["speed_limit"].value
+    fast = rows.speed[(rows.speed_state == OBSERVED) & (rows.speed > limit)]
+    if not fast.size:
+        return []
+    count = "1 row is" if fast.size == 1 else f"{fast.size} rows are"
+    return [f"{count} above the manufacturer's {limit:g} rpm (up to {np.max(fast):g} rpm)"]
+
+
+def _rows(found: Fit) -> str:
+    count = len(found.measured.steady)
+    return "one row" if count == 1 else f"{count} rows"
+
+
+def _decimals(sd: float) -> int:
+    """Decimals that show two significant figures of a spread, 4 where it has none."""
+    if not math.isfinite(sd) or sd <= 0.0:
+        return 4
+    return min(max(1 - math.floor(math.log10(float(f"{sd:.1e}"))), 0), 9)

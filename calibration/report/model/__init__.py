@@ -1,0 +1,1 @@
+"""Reports of the model alone: a simulation, and the article's results beside ours."""

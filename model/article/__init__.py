@@ -1,0 +1,1 @@
+"""The article's results computed anew, beside the printed ones."""

@@ -1,0 +1,1 @@
+"""The effects, a file each: its law, parameters, bounds and source."""

@@ -1,0 +1,318 @@
+"""What heat changes in the cycle of one cylinder at constant speed.
+
+The adiabatic part is known in closed form; heat shifts the closed pressures and the trapped mass a little. That shift
+is integrated by Gauss collocation over the six segments of the cycle, with the values at the points taken from the
+pass before (Picard), since `steady` passes several times anyway. The points never touch a dead centre, where the
+piston's speed and with it Eq. 19 fall to zero within an angle that no step would resolve. The speed at each point is
+the local one, ripple included: near the lowest pressure that decides a third of a per cent.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from model import geometry, motion
+from model import layout as at
+from model.gas.cylinder import CLOSED, INLET, OUTLET, open_port
+from model.gas.heat_transfer import COMPRESSION, DISCHARGE, EXPANSION, SUCTION, contact_area, quartic
+
+SEGMENT_PORT = np.array([OUTLET, CLOSED, CLOSED, INLET, CLOSED, CLOSED])
+N_GAUSS = 4
+N_NODES = 6 * N_GAUSS
+# Columns; ARM_ROLL is roller friction's per f_r, and PHASE the point's angle within a pulse [rad].
+VOLUME, DVOLUME, SPEED, AREA, FLOW_RATIO, ARM_ROLL, ARM_GAS, V_POWER, LOG_V, SPAN, PHASE = range(11)
+N_NODE = 11
+
+
+def _collocation(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, weights and integration matrix of Gauss collocation on 0..1: shapes (n,), (n,), (n, n)."""
+    x, w = np.polynomial.legendre.leggauss(n)
+    points = 0.5 * (x + 1.0)
+    basis = [np.polynomial.Polynomial.fromroots(np.delete(points, j)) for j in range(n)]
+    basis = [poly / poly(points[j]) for j, poly in enumerate(basis)]
+    matrix = np.array([[poly.integ()(point) for poly in basis] for point in points])
+    return points, 0.5 * w, matrix
+
+
+GAUSS_POINT, GAUSS_WEIGHT, GAUSS_MATRIX = _collocation(N_GAUSS)
+
+
+@njit(cache=True)
+def place_nodes(
+    parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.ndarray, node: np.ndarray
+) -> tuple[float, float]:
+    """Everything at the collocation points that hangs on the geometry, the lap and gamma alone.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (24,)
+        One parameter set [SI].
+    readings : ndarray, shape (5,)
+        `model.motor.Readings.vector`.
+    gamma : float
+        Ratio of specific heats [-].
+    c : ndarray, shape (8,)
+        The curve.
+    node : ndarray, shape (24, 11)
+        Filled.
+
+    Returns
+    -------
+    V_low, V_high : float
+        Volumes at the port edges [m3], piston in and piston out.
+    """
+    A_p, lap, half = c[at.A_P], parameters[at.LAP], 0.25 * math.pi
+    virtual_work = readings[at.VIRTUAL_WORK] > 0.0
+    ends = np.array([lap, half - lap, half, half + lap, at.LOBE - lap, at.LOBE, at.LOBE + lap])
+    for n in range(N_NODES):
+        s = n // N_GAUSS
+        span = ends[s + 1] - ends[s]
+        psi = (ends[s] + span * GAUSS_POINT[n % N_GAUSS]) % at.LOBE
+        L4, sin_phi, cos_phi, r = geometry.place(psi, c)
+        V = geometry.volume(L4, A_p, c[at.V_OFFSET])
+        reach = L4 * sin_phi / cos_phi
+        area = contact_area(V, parameters[at.DP], A_p)
+        ratio = A_p / area  # Ug/Vp of an adiabatic cylinder whose gas is as warm as the port's
+        node[n, VOLUME] = V
+        node[n, DVOLUME] = A_p * reach
+        node[n, SPEED] = abs(reach)
+        node[n, AREA] = area
+        node[n, FLOW_RATIO] = ratio**0.2 if SEGMENT_PORT[s] == OUTLET else ratio**1.4
+        node[n, ARM_GAS] = A_p * motion.gas_arm(L4, sin_phi, cos_phi, r, virtual_work)
+        node[n, ARM_ROLL] = A_p * cos_phi * r
+        node[n, LOG_V] = math.log(V)
+        node[n, V_POWER] = math.exp(-gamma * node[n, LOG_V])
+        node[n, SPAN] = span
+        node[n, PHASE] = psi % at.PULSE
+    V_low = geometry.volume(geometry.place(half - lap, c)[0], A_p, c[at.V_OFFSET])
+    V_high = geometry.volume(geometry.place(at.LOBE - lap, c)[0], A_p, c[at.V_OFFSET])
+    return V_low, V_high
+
+
+@njit(cache=True)
+def heat_per_angle(
+    phase: int,
+    P: float,
+    T: float,
+    omega: float,
+    node: np.ndarray,
+    parameters: np.ndarray,
+    gas: np.ndarray,
+    printed: bool,
+) -> float:
+    """Heat into the gas per angle [J/rad]: `gas.heat_transfer.cylinder_heat` over omega, its powers joined in one.
+
+    Parameters
+    ----------
+    phase : int
+        Row of Table 2.
+    P, T, omega : float
+        Pressure [Pa], temperature [K] and speed [rad/s].
+    node : ndarray, shape (11,)
+        The point.
+    parameters, gas : ndarray, shapes (24,) and (12,)
+        Parameter set and gas.
+    printed : bool
+        The wall's resistance as printed (erratum 2).
+    """
+    if parameters[at.H_A] <= 0.0:
+        return 0.0
+    mu = quartic(gas, at.GAS_MU, T)
+    k = quartic(gas, at.GAS_K, T)
+    u = 1.0
+    if phase == DISCHARGE:
+        u += node[FLOW_RATIO]
+    elif phase == SUCTION:
+        u += node[FLOW_RATIO] * math.exp(1.4 * math.log(T / parameters[at.T_IN]))
+    D = parameters[at.DP]
+    a = 0.12 if phase == EXPANSION else 0.08
+    b = 0.9 if phase == SUCTION else 0.8
+    Re = P / (gas[at.GAS_R] * T) * D * node[SPEED] * omega * u / mu
+    H_g = a * k / D * math.exp(b * math.log(Re) + 0.6 * math.log(mu * gas[at.GAS_CP] / k))
+    wall = parameters[at.D_C] / parameters[at.K_C]
+    if not printed:
+        wall /= node[AREA]
+    resistance = 1.0 / (node[AREA] * parameters[at.H_A]) + wall + 1.0 / (node[AREA] * H_g)
+    return parameters[at.HEAT_FACTOR] * (parameters[at.T_A] - T) / (resistance * omega)
+
+
+@njit(cache=True)
+def pass_cycle(
+    T: float,
+    P_s: float,
+    P_d: float,
+    omega: np.ndarray,
+    V_low: float,
+    V_high: float,
+    table_gamma: float,
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    node: np.ndarray,
+    gas: np.ndarray,
+    stage: np.ndarray,
+    work: np.ndarray,
+) -> tuple[float, float, float]:
+    """One pass over the cycle, from the opening of the outlet.
+
+    Parameters
+    ----------
+    T : float
+        Temperature after blow-down [K].
+    P_s, P_d : float
+        Port pressures [Pa].
+    omega : ndarray, shape (24,)
+        Speed at the points [rad/s].
+    V_low, V_high : float
+        Volumes at the port edges [m3].
+    table_gamma : float
+        Ratio of specific heats that the points were placed with [-].
+    parameters, readings, node, gas : ndarray, shapes (24,), (5,), (24, 11) and (12,)
+        Parameter set, readings, points and gas.
+    stage : ndarray, shape (24,)
+        What heat adds at the points: to T [K] in discharge, to P V^gamma when closed, to the mass [kg] in suction.
+        Taken from the pass before, and renewed.
+    work : ndarray, shape (24,)
+        Filled with what heat adds to the work of a cycle at each point, less roller friction [J].
+
+    Returns
+    -------
+    T : float
+        The same temperature a cycle later [K].
+    m_in : float
+        Mass taken from the inlet [kg].
+    gas_work : float
+        What heat adds to the gas's work in a cycle [J], before roller friction.
+    """
+    R, cp, T_in = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_IN]
+    heated = readings[at.HEAT_TRANSFER] > 0.0
+    printed = readings[at.WALL_AS_PRINTED] > 0.0
+    rate = np.empty(N_GAUSS)
+    work[:] = 0.0
+
+    if heated:  # discharge: m cp dT/dpsi = dQ/dpsi, m = P V / (R T)
+        for i in range(N_GAUSS):
+            u = T + stage[i]
+            heat = heat_per_angle(DISCHARGE, P_d, u, omega[i], node[i], parameters, gas, printed)
+            rate[i] = R * u / (P_d * cp * node[i, VOLUME]) * heat
+        T += _collect(rate, node[0, SPAN], stage[:N_GAUSS])
+
+    m_before = P_d * V_low / (R * T)
+    P, gas_work = _closed(
+        P_d, V_low, m_before, 1, table_gamma, omega, heated, printed, parameters, node, gas, stage, work
+    )
+    T, dm = open_port(P, P * V_low / (m_before * R), V_low, P_s, T_in, gas)
+
+    m_open = m_before + dm
+    m = m_open + P_s * (V_high - V_low) / (R * T_in)
+    if heated:  # suction, Eq. 16: dm/dpsi = (P dV/dpsi cp/R - dQ/dpsi) / (cp T_in), T = P V / (m R)
+        first = 3 * N_GAUSS
+        for i in range(N_GAUSS):
+            n = first + i
+            u = m_open + P_s * (node[n, VOLUME] - V_low) / (R * T_in) + stage[n]
+            T = P_s * node[n, VOLUME] / (u * R)
+            rate[i] = -heat_per_angle(SUCTION, P_s, T, omega[n], node[n], parameters, gas, printed) / (cp * T_in)
+        m += _collect(rate, node[first, SPAN], stage[first : first + N_GAUSS])
+
+    P, gas_2 = _closed(P_s, V_high, m, 4, table_gamma, omega, heated, printed, parameters, node, gas, stage, work)
+    T, _ = open_port(P, P * V_high / (m * R), V_high, P_d, parameters[at.T_A], gas)
+    return T, m - m_before, gas_work + gas_2
+
+
+@njit(cache=True)
+def _collect(rate: np.ndarray, span: float, stage: np.ndarray) -> float:
+    """Integrate the rates at the points of a segment: renews ``stage``, returns the change over the segment."""
+    total = 0.0
+    for i in range(N_GAUSS):
+        value = 0.0
+        for j in range(N_GAUSS):
+            value += GAUSS_MATRIX[i, j] * rate[j]
+        stage[i] = span * value
+        total += GAUSS_WEIGHT[i] * rate[i]
+    return span * total
+
+
+@njit(cache=True)
+def _closed(
+    P: float,
+    V_end: float,
+    m: float,
+    first: int,
+    table_gamma: float,
+    omega: np.ndarray,
+    heated: bool,
+    printed: bool,
+    parameters: np.ndarray,
+    node: np.ndarray,
+    gas: np.ndarray,
+    stage: np.ndarray,
+    work: np.ndarray,
+) -> tuple[float, float]:
+    """Both ports shut, Eq. 17, through the segments ``first`` and ``first + 1``: K = P V^gamma changes by heat alone.
+
+    The ports are symmetric, so the volume at the end is that at the start. Returns the pressure at the end [Pa] and
+    what heat adds to the gas's work [J].
+    """
+    if not heated:
+        return P, 0.0
+    R, cp = gas[at.GAS_R], gas[at.GAS_CP]
+    gamma = cp / (cp - R)
+    power = math.exp(gamma * math.log(V_end))
+    added = 0.0
+    gas_work = 0.0
+    rate, falls = np.empty(N_GAUSS), np.empty(N_GAUSS)
+    for segment in range(first, first + 2):
+        begin = segment * N_GAUSS
+        # The row of Table 2 follows the sign of dV, which the whole segment shares.
+        phase = EXPANSION if node[begin, DVOLUME] > 0.0 else COMPRESSION
+        span = node[begin, SPAN]
+        for i in range(N_GAUSS):
+            n = begin + i
+            V = node[n, VOLUME]
+            x = (table_gamma - gamma) * node[n, LOG_V]  # below a hundredth, so that this is V^-gamma to 1e-9
+            falls[i] = node[n, V_POWER] * (1.0 + x * (1.0 + x * (0.5 + x / 6.0)))
+            p = (P * power + added + stage[n]) * falls[i]
+            heat = heat_per_angle(phase, p, p * V / (m * R), omega[n], node[n], parameters, gas, printed)
+            rate[i] = (gamma - 1.0) / (falls[i] * V) * heat
+        change = _collect(rate, span, stage[begin : begin + N_GAUSS])
+        for i in range(N_GAUSS):
+            n = begin + i
+            pressure = span * GAUSS_WEIGHT[i] * (added + stage[n]) * falls[i]
+            work[n] = pressure * (node[n, ARM_GAS] - parameters[at.F_R] * node[n, ARM_ROLL])
+            gas_work += pressure * node[n, ARM_GAS]
+        added += change
+    return P + added / power, gas_work
+
+
+@njit(cache=True)
+def friction_below_ambient(
+    P_s: float, P_a: float, gamma: float, V_high: float, f_r: float, readings: np.ndarray, node: np.ndarray
+) -> float:
+    """Mean torque that roller friction takes beyond f_r F, where a closed cylinder falls below P_a (erratum 5) [N m].
+
+    It matters below 1.1 bar only.
+
+    Parameters
+    ----------
+    P_s, P_a : float
+        Pressure in suction and of the ambient [Pa].
+    gamma : float
+        Ratio of specific heats that the points were placed with [-].
+    V_high : float
+        Volume when the inlet shuts [m3].
+    f_r : float
+        Roller factor [-].
+    readings, node : ndarray, shapes (5,) and (24, 11)
+        Readings and points.
+    """
+    if readings[at.FRICTION_AS_PRINTED] > 0.0:
+        return 0.0
+    power = math.exp(gamma * math.log(V_high))
+    lost = 0.0
+    for n in range(4 * N_GAUSS, N_NODES):
+        F = P_s * node[n, V_POWER] * power - P_a
+        if F < 0.0:
+            lost -= 2.0 * node[n, SPAN] * GAUSS_WEIGHT[n % N_GAUSS] * F * f_r * node[n, ARM_ROLL]
+    return lost * at.N_CYLINDERS / at.LOBE

@@ -1,0 +1,91 @@
+"""Mean torque and flow over a turn at a given speed: what a run in time follows when single pulses are left aside.
+
+It is the steady cycle of `steady` with the speed held, so it has no ripple, and a change of pressure takes effect
+at once. Against `transient` that is wrong by a few per cent of a run's speed for the first hundredths of a second
+after a valve turns, and by the pulses. What a run does when a parameter changes a little it has right to about a
+hundredth of that change, and smoothly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from model import geometry
+from model import layout as at
+from model.gas import heat_cycle
+from model.solvers import pulse
+
+NET, MASS_FLOW, LOAD = range(3)
+N_OUT = 3
+MOST_PASSES = 30
+TOLERANCE = 1e-9  # relative change of the temperature in the last pass
+
+
+@njit(cache=True, nogil=True)
+def torques(
+    parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P_in: float, omega: np.ndarray, out: np.ndarray
+) -> tuple[float, float]:
+    """Mean torque and flow at speeds that are held.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (24,)
+        One parameter set [SI].
+    readings : ndarray, shape (5,)
+        `model.motor.Readings.vector`.
+    gas : ndarray, shape (12,)
+        Of `model.gas.cylinder.gas_state`.
+    P_in : float
+        Pressure of the line [Pa]; that of the ambient where it is vented.
+    omega : ndarray, shape (n,)
+        Speeds above 0 [rad/s], increasing; where the heat cannot be solved for, the next one stands in.
+    out : ndarray, shape (n, 3)
+        Filled: torque of the gas less roller friction [N m], mass flow through the inlet [kg/s], and roller torque per
+        unit of f_r [N m]. Viscous friction and the extra torque are not in it.
+
+    Returns
+    -------
+    in_slope, out_slope : float
+        What the torque gains per pressure in the cylinders' suction and in their discharge [N m/Pa].
+    """
+    c = np.empty(at.N_CURVE)
+    table = np.empty((pulse.N_STEPS, pulse.N_TABLE))
+    node = np.empty((heat_cycle.N_NODES, heat_cycle.N_NODE))
+    stage = np.zeros(heat_cycle.N_NODES)
+    work = np.empty(heat_cycle.N_NODES)
+    held = np.empty(heat_cycle.N_NODES)
+    steps = np.empty(pulse.N_STEPS)
+    geometry.curve(parameters, c)
+    gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
+    pulse.tabulate(parameters, readings, gamma, c, table)
+    V_low, V_high = heat_cycle.place_nodes(parameters, readings, gamma, c, node)
+    P_a, f_r = parameters[at.P_A], parameters[at.F_R]
+    P_s, P_d = P_in - parameters[at.DP_IN], P_a + parameters[at.DP_OUT]
+    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, 0.0, f_r, table, steps)
+    lost = heat_cycle.friction_below_ambient(P_s, P_a, gamma, V_high, f_r, readings, node)
+    T_first = parameters[at.T_IN] * min(P_d / P_s, 1.0) ** (1.0 - 1.0 / gamma)
+    T, m_in = T_first, 0.0
+    for i in range(omega.size):
+        held[:] = omega[i]
+        for _ in range(MOST_PASSES):
+            after, m_in, _ = heat_cycle.pass_cycle(
+                T, P_s, P_d, held, V_low, V_high, gamma, parameters, readings, node, gas, stage, work
+            )
+            settled = abs(after - T) <= TOLERANCE * T
+            T = after
+            if settled or not np.isfinite(T):
+                break
+        if not np.isfinite(T):  # so much heat at so little speed that the passes run away
+            T = T_first
+            stage[:] = 0.0
+            out[i, NET] = np.nan
+            continue
+        out[i, NET] = net - lost + np.sum(work) / at.PULSE
+        out[i, MASS_FLOW] = m_in / at.PULSE * omega[i]
+        out[i, LOAD] = (gas_torque - net + lost) / max(f_r, 1e-9)
+    for i in range(omega.size - 2, -1, -1):  # there the gas has the wall's temperature, as at the next speed
+        if not np.isfinite(out[i, NET]):
+            out[i] = out[i + 1]
+            out[i, MASS_FLOW] *= omega[i] / omega[i + 1]
+    return pulse.gain(table, pulse.GAS_S, pulse.ROLL_S, f_r), pulse.gain(table, pulse.GAS_D, pulse.ROLL_D, f_r)

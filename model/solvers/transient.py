@@ -1,0 +1,752 @@
+"""The motor in time: crank-angle resolved, for spin-up, coast-down, stall and break-away.
+
+Between two neighbouring port edges, arc junctions and dead centres everything is smooth, so the integrator (classical
+Runge-Kutta of fourth order) steps from one such angle to the next and lands on each exactly: ports open where they
+open, and the order of convergence is kept. The seven cylinders share their edges modulo 1/28 turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from model import geometry, motion
+from model import layout as at
+from model.gas.cylinder import CLOSED, INLET, closed_rate, gas_state, open_flow, open_port, phase_of, port_at
+from model.gas.heat_transfer import cylinder_heat
+from model.motor import Motor
+
+# State vector: angle, speed, pressures, temperatures, then what has passed since the start.
+THETA = 0
+OMEGA = 1
+P0 = 2
+T0 = P0 + at.N_CYLINDERS
+M_IN = T0 + at.N_CYLINDERS  # mass in through the inlet [kg]
+M_OUT = M_IN + 1  # mass out through the outlet [kg]
+H_IN = M_OUT + 1  # enthalpy in through the inlet [J]
+H_OUT = H_IN + 1  # enthalpy out through the outlet [J]
+Q_IN = H_OUT + 1  # heat into the gas [J]
+W_GAS = Q_IN + 1  # work of the gas torque on the rotor [J]
+W_ROLLER = W_GAS + 1  # work lost in roller friction [J]
+N_STATE = W_ROLLER + 1
+
+N_EDGES = 8
+MAX_STEP = 1e-3  # s, divided by the refinement
+ON_EDGE = 1e-12  # rad: an edge is met when the angle is this near, and then taken exactly
+DONE, TOO_MANY_STEPS, NOT_FINITE = 0, 1, 2
+ON_THE_WAY, AT_EDGE, STOPPED = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Supply:
+    """One span of the line: from ``start_s`` on, ``pressure_pa`` (absolute) with the valve open or vented."""
+
+    start_s: float
+    pressure_pa: float
+    is_open: bool = True
+
+
+@dataclass(frozen=True)
+class Transient:
+    """The motor in time.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n,)
+        The sample times.
+    angle_rad, speed_rad_s : ndarray, shape (n,)
+        Rotor angle and instantaneous speed.
+    inlet_kg, outlet_kg : ndarray, shape (n,)
+        Mass that has passed the inlet (in) and the outlet (out) since the start.
+    pressure_pa, mass_kg : ndarray, shape (n,)
+        Of the cylinder that starts at angle 0.
+    state : ndarray, shape (23,)
+        At the end; give it to `simulate` to go on.
+    """
+
+    time_s: np.ndarray
+    angle_rad: np.ndarray
+    speed_rad_s: np.ndarray
+    inlet_kg: np.ndarray
+    outlet_kg: np.ndarray
+    pressure_pa: np.ndarray
+    mass_kg: np.ndarray
+    state: np.ndarray
+
+    def mean_speed_rad_s(self) -> np.ndarray:
+        """Mean speed since the sample before [rad/s], shape (n,); the first is the instantaneous one."""
+        mean = self.speed_rad_s.copy()
+        mean[1:] = np.diff(self.angle_rad) / np.diff(self.time_s)
+        return mean
+
+
+@njit(cache=True)
+def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rotor angles within 1/28 turn where some cylinder passes a port edge, an arc junction or a dead centre [rad].
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (24,)
+        One parameter set [SI].
+    c : ndarray, shape (8,)
+        The curve.
+    """
+    lap, half = parameters[at.LAP], 0.25 * math.pi
+    psi = np.array(
+        [lap, half - lap, half + lap, at.LOBE - lap, c[at.ALPHA], at.LOBE - c[at.ALPHA], half, 0.0], dtype=np.float64
+    )
+    edge = np.sort(psi % at.PULSE)
+    for i in range(1, N_EDGES):  # edges that coincide are set apart by what no one can see
+        edge[i] = max(edge[i], edge[i - 1] + 1e-9)
+    return edge
+
+
+@njit(cache=True)
+def rates(
+    y: np.ndarray,
+    dy: np.ndarray,
+    port: np.ndarray,
+    sense: float,
+    T_port: np.ndarray,
+    parameters: np.ndarray,
+    c: np.ndarray,
+    gas: np.ndarray,
+    readings: np.ndarray,
+) -> float:
+    """Rate of the whole state, Eq. 12-25, with the ports as they stand.
+
+    Parameters
+    ----------
+    y, dy : ndarray, shape (23,)
+        State [SI] and, filled, its rate.
+    port : ndarray, shape (7,)
+        Which port each cylinder sees.
+    sense : float
+        Direction of motion that friction opposes, +1 or -1 [-].
+    T_port : ndarray, shape (2,)
+        Temperature behind outlet and inlet [K].
+    parameters, c, gas, readings : ndarray, shapes (24,), (8,), (12,) and (5,)
+        Parameter set, curve, gas and readings, as elsewhere.
+
+    Returns
+    -------
+    float
+        What friction holds: the rollers', and what a left-out effect adds to it [N m].
+    """
+    R, cp = gas[at.GAS_R], gas[at.GAS_CP]
+    gamma = cp / (cp - R)
+    A_p, omega = c[at.A_P], y[OMEGA]
+    drive = 0.0
+    friction = 0.0
+    dy[M_IN:] = 0.0
+    for i in range(at.N_CYLINDERS):
+        psi = (y[THETA] + i * (4.0 * at.PULSE)) % at.LOBE
+        L4, sin_phi, cos_phi, r = geometry.place(psi, c)
+        V = geometry.volume(L4, A_p, c[at.V_OFFSET])
+        dL4dt = L4 * sin_phi / cos_phi * omega
+        dVdt = A_p * dL4dt
+        P, T = y[P0 + i], y[T0 + i]
+        F = motion.piston_force(A_p, P, parameters[at.P_A])
+        drive += F * motion.gas_arm(L4, sin_phi, cos_phi, r, readings[at.VIRTUAL_WORK] > 0.0)
+        friction += motion.roller_torque(F, parameters[at.F_R], cos_phi, r, readings[at.FRICTION_AS_PRINTED] > 0.0)
+        Q = 0.0
+        if readings[at.HEAT_TRANSFER] > 0.0:
+            # Eq. 20 takes the flow without heat: the heat's own share of it is below 1e-4 of Q.
+            flow = 0.0 if port[i] == CLOSED else open_flow(P, T, dVdt, 0.0, T_port[port[i]], gas)
+            Q = parameters[at.HEAT_FACTOR] * cylinder_heat(
+                phase_of(port[i], dVdt), P, T, V, abs(dL4dt), flow, parameters, A_p, gas, readings[1] == 0.0
+            )
+        if port[i] == CLOSED:
+            dP = closed_rate(P, V, dVdt, Q, gamma)
+            dy[P0 + i] = dP
+            dy[T0 + i] = T * (dP / P + dVdt / V)
+        else:
+            T_p = T_port[port[i]]
+            mdot = open_flow(P, T, dVdt, Q, T_p, gas)
+            h = cp * (T_p if mdot > 0.0 else T)
+            dy[P0 + i] = 0.0
+            dy[T0 + i] = T * (dVdt / V - mdot * R * T / (P * V))
+            if port[i] == INLET:
+                dy[M_IN] += mdot
+                dy[H_IN] += mdot * h
+            else:
+                dy[M_OUT] -= mdot
+                dy[H_OUT] -= mdot * h
+        dy[Q_IN] += Q
+    friction += parameters[at.EXTRA_TORQUE]
+    dy[THETA] = omega
+    dy[OMEGA] = motion.acceleration(drive - sense * friction, parameters[at.F_OVERALL], omega, parameters[at.J])
+    dy[W_GAS] = drive * omega
+    dy[W_ROLLER] = friction * abs(omega)
+    return friction
+
+
+@njit(cache=True)
+def runge_kutta(
+    y: np.ndarray,
+    h: float,
+    work: np.ndarray,
+    port: np.ndarray,
+    sense: float,
+    T_port: np.ndarray,
+    parameters: np.ndarray,
+    c: np.ndarray,
+    gas: np.ndarray,
+    readings: np.ndarray,
+) -> None:
+    """One classical step of fourth order; ``work[0]`` holds the rate at the start, ``work[4]`` receives the new state.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State at the start [SI].
+    h : float
+        Step [s].
+    work : ndarray, shape (6, 23)
+        Rates k1..k4, the result, and scratch.
+    port, sense, T_port, parameters, c, gas, readings
+        As in `rates`.
+    """
+    new, trial = work[4], work[5]
+    trial[:] = y + 0.5 * h * work[0]
+    rates(trial, work[1], port, sense, T_port, parameters, c, gas, readings)
+    trial[:] = y + 0.5 * h * work[1]
+    rates(trial, work[2], port, sense, T_port, parameters, c, gas, readings)
+    trial[:] = y + h * work[2]
+    rates(trial, work[3], port, sense, T_port, parameters, c, gas, readings)
+    new[:] = y + (h / 6.0) * (work[0] + 2.0 * work[1] + 2.0 * work[2] + work[3])
+
+
+@njit(cache=True)
+def angle_step(
+    y: np.ndarray,
+    target: float,
+    work: np.ndarray,
+    port: np.ndarray,
+    sense: float,
+    T_port: np.ndarray,
+    parameters: np.ndarray,
+    c: np.ndarray,
+    gas: np.ndarray,
+    readings: np.ndarray,
+) -> float:
+    """One step of fourth order with the angle as the independent variable: it ends on the edge without a search.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State at the start [SI].
+    target : float
+        Angle at the end [rad].
+    work : ndarray, shape (6, 23)
+        As in `runge_kutta`: ``work[0]`` holds the rate at the start, ``work[4]`` receives the state at the end.
+    port, sense, T_port, parameters, c, gas, readings
+        As in `rates`.
+
+    Returns
+    -------
+    float
+        Time taken [s]; -1 when the speed changes too much for this variable, and ``work[4]`` means nothing.
+    """
+    trial, new = work[5], work[4]
+    span = target - y[THETA]
+    slowest = 0.3 * abs(y[OMEGA])
+    pace = 1.0 / y[OMEGA]
+    new[:] = work[0] * (pace / 6.0)
+    time = pace / 6.0
+    for k in range(1, 4):
+        part = 1.0 if k == 3 else 0.5
+        trial[:] = y + (part * span * pace) * work[k - 1]
+        trial[THETA] = y[THETA] + part * span
+        rates(trial, work[k], port, sense, T_port, parameters, c, gas, readings)
+        if sense * trial[OMEGA] < slowest:
+            return -1.0
+        pace = 1.0 / trial[OMEGA]
+        weight = pace / 6.0 if k == 3 else pace / 3.0
+        new[:] += weight * work[k]
+        time += weight
+    new[:] = y + span * new
+    new[THETA] = target
+    return span * time
+
+
+@njit(cache=True)
+def locate(
+    y: np.ndarray,
+    h: float,
+    h_most: float,
+    target: float,
+    work: np.ndarray,
+    port: np.ndarray,
+    sense: float,
+    T_port: np.ndarray,
+    parameters: np.ndarray,
+    c: np.ndarray,
+    gas: np.ndarray,
+    readings: np.ndarray,
+) -> tuple[float, int]:
+    """Step until the angle ``target``, the time ``h_most`` or standstill, whichever comes first.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State at the start [SI].
+    h, h_most : float
+        First guess of the step and its upper limit [s].
+    target : float
+        Angle ahead at which the step has to end [rad].
+    work : ndarray, shape (6, 23)
+        As in `runge_kutta`; ``work[4]`` receives the state at the end.
+    port, sense, T_port, parameters, c, gas, readings
+        As in `rates`.
+
+    Returns
+    -------
+    h : float
+        The step taken [s].
+    event : int
+        ON_THE_WAY (time is up), AT_EDGE or STOPPED.
+    """
+    low, high = 0.0, math.inf
+    event = ON_THE_WAY
+    for _ in range(60):
+        runge_kutta(y, h, work, port, sense, T_port, parameters, c, gas, readings)
+        omega = sense * work[4, OMEGA]
+        beyond = sense * (work[4, THETA] - target)
+        if not math.isfinite(omega):
+            break
+        if abs(omega) < 1e-12 and event == STOPPED:
+            break
+        if omega < 0.0:
+            high, event = h, STOPPED
+        elif beyond > ON_EDGE:
+            high, event = h, AT_EDGE
+        elif beyond >= -ON_EDGE:
+            event = AT_EDGE
+            break
+        elif event == ON_THE_WAY and h >= h_most:
+            break
+        else:
+            low = h
+        if high - low <= 1e-16:
+            break
+        if event == STOPPED:
+            guess = h - work[4, OMEGA] / work[3, OMEGA]
+        else:  # Newton, with the acceleration's share
+            late = beyond / max(omega, 1e-30)
+            guess = h - late - 0.5 * sense * work[3, OMEGA] * late * late / max(omega, 1e-30)
+        if high == math.inf:
+            h = min(guess, h_most)
+        elif low < guess < high:
+            h = guess
+        else:
+            h = 0.5 * (low + high)
+    return h, event
+
+
+@njit(cache=True)
+def take_port(y: np.ndarray, i: int, which: int, P_p: float, T_p: float, c: np.ndarray, gas: np.ndarray) -> None:
+    """Cylinder ``i`` takes the pressure of a port at once; the exchange is booked.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State [SI], changed.
+    i, which : int
+        Cylinder, and OUTLET or INLET.
+    P_p, T_p : float
+        Pressure [Pa] and temperature [K] behind the port.
+    c, gas : ndarray, shapes (8,) and (12,)
+        Curve and gas.
+    """
+    psi = (y[THETA] + i * (4.0 * at.PULSE)) % at.LOBE
+    L4, _, _, _ = geometry.place(psi, c)
+    V = geometry.volume(L4, c[at.A_P], c[at.V_OFFSET])
+    R, cp = gas[at.GAS_R], gas[at.GAS_CP]
+    U = (cp - R) / R * y[P0 + i] * V
+    y[T0 + i], dm = open_port(y[P0 + i], y[T0 + i], V, P_p, T_p, gas)
+    y[P0 + i] = P_p
+    dU = (cp - R) / R * P_p * V - U
+    if which == INLET:
+        y[M_IN] += dm
+        y[H_IN] += dU
+    else:
+        y[M_OUT] -= dm
+        y[H_OUT] -= dU
+
+
+@njit(cache=True)
+def set_ports(
+    y: np.ndarray,
+    port: np.ndarray,
+    mid: float,
+    P_port: np.ndarray,
+    T_port: np.ndarray,
+    lap: float,
+    c: np.ndarray,
+    gas: np.ndarray,
+) -> None:
+    """See which port each cylinder has around the angle ``mid``; those that open take its pressure.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State [SI], changed.
+    port : ndarray, shape (7,)
+        Ports, changed.
+    mid : float
+        An angle inside the interval that begins [rad].
+    P_port, T_port : ndarray, shape (2,)
+        Pressure [Pa] and temperature [K] behind outlet and inlet.
+    lap : float
+        Port lap [rad].
+    c, gas : ndarray, shapes (8,) and (12,)
+        Curve and gas.
+    """
+    for i in range(at.N_CYLINDERS):
+        port[i] = port_at((mid + i * (4.0 * at.PULSE)) % at.LOBE, lap)
+        if port[i] != CLOSED and y[P0 + i] != P_port[port[i]]:
+            take_port(y, i, port[i], P_port[port[i]], T_port[port[i]], c, gas)
+
+
+@njit(cache=True, nogil=True)
+def integrate(
+    y: np.ndarray,
+    t_start: float,
+    span_start: np.ndarray,
+    span_P: np.ndarray,
+    span_open: np.ndarray,
+    sample_t: np.ndarray,
+    samples: np.ndarray,
+    pulse_t: np.ndarray,
+    parameters: np.ndarray,
+    gas: np.ndarray,
+    readings: np.ndarray,
+    refine: int,
+) -> tuple[int, int, int]:
+    """Integrate from ``t_start`` to the last sample time.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State at the start [SI]; holds the end on return.
+    t_start : float
+        Time of the start [s].
+    span_start, span_P, span_open : ndarray, shape (s,)
+        Supply: from each time [s] on, absolute pressure [Pa] and open (1) or vented (0).
+    sample_t : ndarray, shape (n,)
+        Increasing sample times [s]; the last ends the run.
+    samples : ndarray, shape (n, 6)
+        Filled: angle, speed, inlet mass, outlet mass, pressure and mass of the first cylinder [SI].
+    pulse_t : ndarray, shape (p,)
+        Filled with the times at which the rotor has turned another 1/28 turn [s]; the run ends when it is full.
+    parameters, gas, readings : ndarray, shapes (24,), (12,) and (5,)
+        Parameter set, gas and readings.
+    refine : int
+        Steps between two edges [-].
+
+    Returns
+    -------
+    status : int
+        DONE, TOO_MANY_STEPS or NOT_FINITE.
+    steps : int
+        Steps taken.
+    pulses : int
+        Entries of ``pulse_t`` filled.
+    """
+    c = np.empty(at.N_CURVE)
+    geometry.curve(parameters, c)
+    edge = edges(parameters, c)
+    lap, R = parameters[at.LAP], gas[at.GAS_R]
+    work = np.empty((6, N_STATE))
+    port = np.full(at.N_CYLINDERS, CLOSED)
+    P_vent = parameters[at.P_A] + parameters[at.DP_OUT]
+    P_port = np.array([P_vent, P_vent])
+    T_port = np.array([parameters[at.T_A], parameters[at.T_A]])
+
+    block = math.floor(y[THETA] / at.PULSE)
+    k = 0  # y lies in [edge k, edge k + 1) of its block; edge 8 is edge 0 of the next
+    while k < N_EDGES - 1 and y[THETA] >= block * at.PULSE + edge[k + 1]:
+        k += 1
+    if y[THETA] < block * at.PULSE + edge[0]:
+        block -= 1
+        k = N_EDGES - 1
+    t = t_start
+    t_end = sample_t[-1]
+    span = -1
+    sample = 0
+    pulses = 0
+    steps = 0
+    entering = True
+    while sample < sample_t.size and sample_t[sample] <= t:
+        samples[sample, 0], samples[sample, 1] = y[THETA], y[OMEGA]
+        samples[sample, 2], samples[sample, 3] = y[M_IN], y[M_OUT]
+        psi = y[THETA] % at.LOBE
+        samples[sample, 4] = y[P0]
+        samples[sample, 5] = y[P0] * geometry.volume(geometry.place(psi, c)[0], c[at.A_P], c[at.V_OFFSET]) / (R * y[T0])
+        sample += 1
+    while t < t_end:
+        steps += 1
+        if steps > 20_000_000:
+            return TOO_MANY_STEPS, steps, pulses
+        while span + 1 < span_start.size and span_start[span + 1] <= t:
+            span += 1
+            opened = span_open[span] > 0.0
+            P_port[INLET] = span_P[span] - parameters[at.DP_IN] if opened else P_vent
+            T_port[INLET] = parameters[at.T_IN] if opened else parameters[at.T_A]
+            entering = True
+        lo = block * at.PULSE + edge[k]
+        hi = block * at.PULSE + edge[k + 1] if k < N_EDGES - 1 else (block + 1) * at.PULSE + edge[0]
+        if entering:
+            set_ports(y, port, 0.5 * (lo + hi), P_port, T_port, lap, c, gas)
+            entering = False
+        t_limit = min(t_end, span_start[span + 1]) if span + 1 < span_start.size else t_end
+
+        sense = 1.0 if y[OMEGA] >= 0.0 else -1.0
+        hold = rates(y, work[0], port, sense, T_port, parameters, c, gas, readings)
+        if y[OMEGA] == 0.0:
+            torque = work[0, OMEGA] * parameters[at.J] + sense * hold  # the gas's alone
+            at_rest = abs(torque) <= hold
+            if not at_rest:
+                sense = 1.0 if torque > 0.0 else -1.0
+                if sense < 0.0 and y[THETA] <= lo:  # it leaves into the interval below
+                    k -= 1
+                    if k < 0:
+                        k = N_EDGES - 1
+                        block -= 1
+                    entering = True
+                    if y[THETA] > lo:
+                        y[THETA] = lo
+                    lo_new = block * at.PULSE + edge[k]
+                    set_ports(y, port, 0.5 * (lo_new + lo), P_port, T_port, lap, c, gas)
+                    entering = False
+                    hi = lo
+                    lo = lo_new
+                hold = rates(y, work[0], port, sense, T_port, parameters, c, gas, readings)
+                torque = work[0, OMEGA] * parameters[at.J] + sense * hold
+                at_rest = sense * torque <= hold  # opening the port below may have turned the torque
+        else:
+            at_rest = False
+
+        if at_rest:  # nothing changes until the supply does: Eq. 19 gives no heat without motion
+            h = t_limit - t
+            work[4][:] = y
+            work[0][:] = 0.0
+            event = ON_THE_WAY
+        else:
+            width = (hi - lo) / refine
+            if sense > 0.0:
+                target = lo + width * (math.floor((y[THETA] - lo) / width + 1e-9) + 1.0)
+                if target > hi - 0.5 * width:
+                    target = hi
+            else:
+                target = lo + width * (math.ceil((y[THETA] - lo) / width - 1e-9) - 1.0)
+                if target < lo + 0.5 * width:
+                    target = lo
+            distance = target - y[THETA]
+            h = h_most = min(MAX_STEP / refine, t_limit - t)
+            # Time to the target at the present acceleration, if it gets there.
+            a, w = work[0, OMEGA], y[OMEGA]
+            root = w * w + 2.0 * a * distance
+            if root > 0.0:
+                reach = 2.0 * distance / (w + sense * math.sqrt(root))
+                if reach > 0.0:
+                    h = min(h, reach)
+            event = ON_THE_WAY
+            if h < 0.5 * h_most and abs(y[OMEGA]) * h > 0.5 * abs(distance):
+                taken = angle_step(y, target, work, port, sense, T_port, parameters, c, gas, readings)
+                if taken > 0.0 and taken < h_most:
+                    h, event = taken, AT_EDGE
+            if event == ON_THE_WAY:
+                h, event = locate(y, h, h_most, target, work, port, sense, T_port, parameters, c, gas, readings)
+            if not math.isfinite(work[4, OMEGA]):
+                return NOT_FINITE, steps, pulses
+            if event == AT_EDGE:
+                work[4, THETA] = target
+            elif event == STOPPED:
+                work[4, OMEGA] = 0.0
+
+        new = work[4]
+        while sample < sample_t.size and sample_t[sample] <= t + h * (1.0 + 1e-12):
+            s = min(max((sample_t[sample] - t) / h, 0.0), 1.0) if h > 0.0 else 1.0
+            s2, s3 = s * s, s * s * s
+            samples[sample, 0] = (
+                (1.0 - 3.0 * s2 + 2.0 * s3) * y[THETA]
+                + (s - 2.0 * s2 + s3) * h * y[OMEGA]
+                + (3.0 * s2 - 2.0 * s3) * new[THETA]
+                + (s3 - s2) * h * new[OMEGA]
+            )
+            samples[sample, 1] = (1.0 - s) * y[OMEGA] + s * new[OMEGA]
+            samples[sample, 2] = (1.0 - s) * y[M_IN] + s * new[M_IN]
+            samples[sample, 3] = (1.0 - s) * y[M_OUT] + s * new[M_OUT]
+            samples[sample, 4] = (1.0 - s) * y[P0] + s * new[P0]
+            psi = samples[sample, 0] % at.LOBE
+            V = geometry.volume(geometry.place(psi, c)[0], c[at.A_P], c[at.V_OFFSET])
+            samples[sample, 5] = samples[sample, 4] * V / (R * ((1.0 - s) * y[T0] + s * new[T0]))
+            sample += 1
+        if t_limit - (t + h) < 1e-15:
+            t = t_limit
+        else:
+            t += h
+        y[:] = new
+        if event == AT_EDGE and target == hi and sense > 0.0:
+            k += 1
+            if k == N_EDGES:
+                k = 0
+                block += 1
+                if pulse_t.size > 0:
+                    pulse_t[pulses] = t
+                    pulses += 1
+                    if pulses == pulse_t.size:
+                        return DONE, steps, pulses
+            entering = True
+        elif event == AT_EDGE and target == lo and sense < 0.0:
+            k -= 1
+            if k < 0:
+                k = N_EDGES - 1
+                block -= 1
+            entering = True
+    return DONE, steps, pulses
+
+
+def rest_state(motor: Motor, angle_rad: float = 0.0) -> np.ndarray:
+    """The motor at rest with the line vented: every cylinder at P_d and T_a.
+
+    Parameters
+    ----------
+    motor : Motor
+        The motor.
+    angle_rad : float
+        Rotor angle [rad].
+
+    Returns
+    -------
+    ndarray, shape (23,)
+        State for `simulate`.
+    """
+    y = np.zeros(N_STATE)
+    y[THETA] = angle_rad
+    y[P0:T0] = motor.si("ambient_pressure") + motor.si("outlet_pressure_drop")
+    y[T0:M_IN] = motor.si("ambient_temperature")
+    return y
+
+
+def simulate(
+    motor: Motor,
+    supply: Sequence[Supply],
+    time_s: np.ndarray,
+    state: np.ndarray | None = None,
+    refine: int = 1,
+) -> Transient:
+    """Simulate the motor from the first to the last sample time.
+
+    Parameters
+    ----------
+    motor : Motor
+        The motor.
+    supply : sequence of Supply
+        The line, in the order of time; before the first span it is vented.
+    time_s : ndarray, shape (n,)
+        Increasing sample times [s]; the first is the start.
+    state : ndarray, shape (23,), optional
+        State at the start; at rest at angle 0 when left out.
+    refine : int
+        Steps between two neighbouring edges [-]; more for smaller errors.
+
+    Returns
+    -------
+    Transient
+        Samples and the final state.
+
+    Raises
+    ------
+    ValueError
+        When the times do not increase.
+    ArithmeticError
+        When the integration fails.
+    """
+    time_s = np.asarray(time_s, dtype=np.float64)
+    if time_s.ndim != 1 or time_s.size < 2 or not np.all(np.diff(time_s) > 0):
+        raise ValueError("simulate: the sample times must be at least two and increase")
+    y = rest_state(motor) if state is None else np.array(state, dtype=np.float64)
+    samples = np.empty((time_s.size, 6))
+    status, _, _ = _run(motor, supply, time_s, y, samples, np.empty(0), refine)
+    if status != DONE:
+        raise ArithmeticError(f"simulate: the integration failed (status {status}); are the parameters physical?")
+    angle, speed, inlet, outlet, pressure, mass = (np.ascontiguousarray(column) for column in samples.T)
+    return Transient(time_s, angle, speed, inlet, outlet, pressure, mass, y)
+
+
+def periodic_state(
+    motor: Motor, P_in: float, refine: int = 1, start_rad_s: float = 30.0, most_turns: int = 400
+) -> tuple[np.ndarray, float]:
+    """Run at constant pressure until the speed repeats.
+
+    Parameters
+    ----------
+    motor : Motor
+        The motor.
+    P_in : float
+        Absolute inlet pressure [Pa].
+    refine : int
+        Steps between two edges [-].
+    start_rad_s : float
+        Speed that the rotor is given [rad/s]: near its lowest pressure a motor runs on but does not start.
+    most_turns : int
+        Turns after which to give up [-].
+
+    Returns
+    -------
+    state : ndarray, shape (23,)
+        State at angle 0, with nothing passed yet.
+    mean_speed : float
+        Mean speed in time [rad/s]; 0 when the motor stalls.
+
+    Raises
+    ------
+    ArithmeticError
+        When the speed does not settle.
+    """
+    y = rest_state(motor)
+    y[OMEGA] = start_rad_s
+    last = -1.0
+    for _ in range(most_turns):
+        y[THETA] = 0.0  # after a whole turn the cylinders stand as they stood; counting on would lose digits
+        pulse_t = np.full(at.N_LOBES * at.N_CYLINDERS, np.nan)
+        status, _, pulses = _run(motor, [Supply(0.0, P_in)], np.array([0.0, 5.0]), y, np.empty((2, 6)), pulse_t, refine)
+        if status != DONE:
+            break
+        if pulses < pulse_t.size:
+            return y, 0.0
+        mean = at.PULSE / (pulse_t[-1] - pulse_t[-2])
+        if abs(mean - last) <= 1e-10 * mean:
+            y[THETA] = 0.0
+            y[M_IN:] = 0.0
+            return y, mean
+        last = mean
+    raise ArithmeticError(f"the speed does not settle at {P_in / 1e5:g} bar within {most_turns} turns")
+
+
+def _run(
+    motor: Motor,
+    supply: Sequence[Supply],
+    time_s: np.ndarray,
+    y: np.ndarray,
+    samples: np.ndarray,
+    pulse_t: np.ndarray,
+    refine: int,
+) -> tuple[int, int, int]:
+    parameters, readings = motor.vector(), motor.readings.vector()
+    P_top = max((span.pressure_pa for span in supply if span.is_open), default=motor.si("ambient_pressure"))
+    gas = gas_state(parameters, P_top, readings)
+    starts = np.array([span.start_s for span in supply], dtype=np.float64)
+    pressures = np.array([span.pressure_pa for span in supply], dtype=np.float64)
+    opened = np.array([float(span.is_open) for span in supply])
+    status: tuple[int, int, int] = integrate(
+        y, float(time_s[0]), starts, pressures, opened, time_s, samples, pulse_t, parameters, gas, readings, int(refine)
+    )
+    return status
