@@ -71,7 +71,7 @@ def test_there_is_no_effect_that_the_list_above_leaves_out() -> None:
 @pytest.mark.parametrize("name", PROMISED)
 def test_an_effect_says_what_it_is_where_its_law_comes_from_and_what_it_looks_like(name: str) -> None:
     effect = effects()[name]
-    module = importlib.import_module(f"model.effects.{name}")
+    module = importlib.import_module(f"model.effects.definitions.{name}")
     assert inspect.getdoc(module)
     assert len(effect.title) > 5 and len(effect.source) > 10
     assert "sweep: " in effect.signature

@@ -6,7 +6,6 @@ import functools
 import importlib
 import pkgutil
 
-from model.effects import definitions as room
 from model.effects.effect import Effect
 
 
@@ -19,6 +18,7 @@ def effects() -> dict[str, Effect]:
     ValueError
         When a module's effect has another id than the module's name.
     """
+    room = importlib.import_module("model.effects.definitions")
     found = {}
     for module in sorted(pkgutil.iter_modules(room.__path__), key=lambda info: info.name):
         effect = getattr(importlib.import_module(f"{room.__name__}.{module.name}"), "EFFECT", None)
