@@ -1,0 +1,258 @@
+"""Diagnosis of other rigs: what is said where the truth is known, by integrators that the model does not use."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tests.rig_recordings as rigs
+from calibration.diagnosis.other_rigs import as_json, diagnose_rig, look
+from calibration.diagnosis.other_rigs.fit import fit_rig
+from calibration.diagnosis.other_rigs.problem import RigProblem
+from calibration.diagnosis.other_rigs.words import sentence, table
+from calibration.report.other_rigs.page import report
+from calibration.report.other_rigs.picture import picture
+from calibration.systems.readings import means, plateaus
+from rig.exchange.importing import import_files
+from rig.exchange.mapping import read_mapping
+from rig.recording import Column, Recording, RecordingError, read_recording, write_recording
+
+ROOT = Path(__file__).resolve().parents[3]
+RECORDINGS = Path(os.environ.get("SPINBENCH_RECORDINGS", ROOT.parent / "shared" / "recordings"))
+KINDS = {"free_rotor": rigs.rotor, "driven_axis": rigs.axis, "displacement_machine": rigs.machine}
+
+
+def draw(seed: int) -> np.random.Generator:
+    """Random numbers of a test."""
+    return np.random.default_rng(seed)
+
+
+def ids(found: dict[str, Any]) -> list[str]:
+    """Effects that a verdict rests on, in alphabetical order."""
+    return sorted(effect["id"] for effect in found["effects"])
+
+
+@pytest.fixture(scope="module")
+def dry_axis() -> Recording:
+    """A slide with 5 N of dry friction."""
+    return rigs.axis(draw(3), lambda v: 5.0 + 0.0 * v)
+
+
+@pytest.fixture(scope="module")
+def dry(dry_axis: Recording) -> dict[str, Any]:
+    """What is said of it."""
+    return diagnose_rig(dry_axis)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_rig_that_lacks_nothing_is_consistent(kind: str) -> None:
+    found = diagnose_rig(KINDS[kind](draw(1)))
+    assert (found["rig"], found["verdict"]) == (kind, "consistent")
+    assert found["effects"] == found["located"] == found["next_tests"] == []
+
+
+def test_dry_friction_of_a_slide_is_named_with_its_size_and_nothing_beside_it(dry: dict[str, Any]) -> None:
+    assert (dry["verdict"], ids(dry)) == ("named", ["coulomb_friction"])
+    size = dry["effects"][0]["parameters"]["torque_nm"]
+    assert abs(size["mean"] - 5.0) < 3.0 * size["sd"] < 1.0
+    assert size["unit"] == "N"
+
+
+def test_viscous_friction_is_told_before_and_after_an_effect(dry: dict[str, Any]) -> None:
+    before, after = dry["f_overall_before"], dry["f_overall_after"]
+    assert before["mean"] > 120.0
+    assert abs(after["mean"] - 100.0) < 3.0 * after["sd"]
+
+
+def test_a_named_set_predicts_held_out_segments_better(dry: dict[str, Any]) -> None:
+    held_out = dry["improvement"]["held_out"]
+    assert held_out["rmse_after"]["force_n"] < 0.8 * held_out["rmse_before"]["force_n"]
+    assert held_out["elpd_gain"] > 4.0
+    assert held_out["same_set_in_folds"] == held_out["folds"]
+
+
+def test_a_mismatch_is_located_in_the_balance_that_does_not_close(dry: dict[str, Any]) -> None:
+    assert {place["balance"] for place in dry["located"][:2]} == {"torque"}
+    assert dry["located"][0]["channel"] == "force"
+
+
+def test_the_same_seed_gives_the_same_document(dry_axis: Recording, dry: dict[str, Any]) -> None:
+    assert diagnose_rig(dry_axis) == dry
+
+
+def test_an_unseen_run_is_predicted_and_said_to_be_unseen(dry_axis: Recording) -> None:
+    other = rigs.axis(draw(4), lambda v: 5.0 + 0.0 * v)
+    held_out = diagnose_rig(dry_axis, held_out=other)["improvement"]["held_out"]
+    assert held_out["scheme"] == "unseen run"
+    assert held_out["rmse_after"]["force_n"] < 0.8 * held_out["rmse_before"]["force_n"]
+
+
+def test_a_run_of_another_kind_of_rig_cannot_be_held_out(dry_axis: Recording) -> None:
+    with pytest.raises(RecordingError, match="held out is a free_rotor, and diagnosed a driven_axis"):
+        diagnose_rig(dry_axis, held_out=rigs.rotor(draw(1)))
+
+
+def test_friction_of_a_seal_that_grows_with_the_pressure_is_named_over_several_runs() -> None:
+    found = diagnose_rig(rigs.cylinder(draw(1), 0.0, 1.5e-5))
+    assert (found["verdict"], ids(found)) == ("named", ["load_friction"])
+    share = found["effects"][0]["parameters"]["roller_factor"]
+    assert share["mean"] == pytest.approx(1.5e-5 / 5e-4, rel=0.1)
+    assert found["improvement"]["held_out"]["scheme"].startswith("whole runs")
+
+
+def test_a_throttled_inlet_of_a_machine_is_named() -> None:
+    found = diagnose_rig(rigs.machine(draw(2), loss=5e9))
+    assert (found["verdict"], ids(found)) == ("named", ["inlet_throttling"])
+
+
+def test_quadratic_drag_of_a_rotor_is_named() -> None:
+    found = diagnose_rig(rigs.rotor(draw(2), lambda w: 2e-5 * w**2))
+    assert (found["verdict"], ids(found)) == ("named", ["windage"])
+
+
+def fast_rows(recording: Recording) -> Recording:
+    """The rows of a recording that are faster than 1100 rpm."""
+    file = recording.files[0]
+    fast = np.flatnonzero(file.columns["speed_rpm"].values > 1100.0)
+    columns = {name: Column(one.values[fast], one.censor[fast]) for name, one in file.columns.items()}
+    return replace(recording, files=(replace(file, rows=fast.size, columns=columns),))
+
+
+def test_what_the_flow_at_high_speed_cannot_tell_is_confounded_and_a_locked_rotor_would_tell() -> None:
+    found = diagnose_rig(fast_rows(rigs.machine(draw(1), loss=2e9, without="torque_nm")))
+    assert found["verdict"] == "confounded"
+    assert ["inlet_throttling"] in [ids(found), *found["alternatives"]]
+    assert found["next_tests"][0]["test"].startswith("locked rotor: flow at zero speed")
+
+
+def test_words_and_table_say_what_the_document_says(dry: dict[str, Any]) -> None:
+    assert sentence(dry).startswith("Left out of the model (p < 1e-06): dry friction (torque_nm 5")
+    assert dry["sentence"] == sentence(dry)
+    assert table(dry).row_count > 5
+
+
+def test_the_picture_is_a_png(dry_axis: Recording) -> None:
+    assert picture(look(dry_axis, 1, lambda _: None)).startswith(b"\x89PNG")
+
+
+def test_a_once_per_turn_torque_is_not_asked_for_where_samples_are_turns_apart() -> None:
+    assert "once_per_rev_torque" not in RigProblem(rigs.rotor(draw(1))).could_show
+
+
+def test_another_mass_is_not_asked_for_where_the_drive_is_a_weight() -> None:
+    time = np.arange(0.0, 3.0, 0.1)
+    speed = 8.0 * (1.0 - np.exp(-time)) + 0.5 + 0.01 * draw(1).standard_normal(time.size)
+    files = [{"kind": "transient", "time_s": time, "force_n": np.full(time.size, 9.8), "velocity_m_s": speed}]
+    figures = {"force_n": (0.01, 0.0, 0.0, 0.0), "velocity_m_s": (0.01, 0.0, 0.0, 0.0)}
+    problem = RigProblem(rigs.recording({"kind": "driven_axis", "mass_kg": 1.0}, figures, files))
+    assert "inertia" not in problem.could_show
+    assert "inertia" in RigProblem(rigs.axis(draw(1))).could_show
+
+
+def test_rows_that_follow_each_other_at_one_state_are_one_plateau() -> None:
+    speed = np.repeat([100.0, 150.0, 100.0], 6) * (1.0 + 0.002 * draw(1).standard_normal(18))
+    one = plateaus(speed, np.full(18, 3e5), np.zeros(18, dtype=int))
+    assert one.tolist() == [0] * 6 + [1] * 6 + [2] * 6
+    assert plateaus(np.linspace(10.0, 100.0, 18), np.full(18, 3e5), np.zeros(18, dtype=int)).tolist() == list(range(18))
+
+
+def test_the_mean_of_rows_that_are_alike_is_not_trusted_as_if_they_were_many() -> None:
+    rng = draw(5)
+    group = np.repeat(np.arange(40), 25)
+    _, white = means(rng.standard_normal(1000), group)
+    _, slow = means(rigs.coloured(rng, 1000, 1.0, 0.7), group)
+    assert white[0] == pytest.approx(0.2, rel=0.2)
+    assert slow[0] > 1.7 * white[0]
+
+
+def test_an_instrument_without_any_noise_is_refused_with_what_to_do() -> None:
+    files = [{"kind": "transient", "time_s": np.arange(9.0), "speed_rpm": 900.0 - 50.0 * np.arange(9.0)}]
+    made = rigs.recording({"kind": "free_rotor", "inertia_kg_m2": 0.02}, {"speed_rpm": (0.0, 0.0, 0.0, 0.0)}, files)
+    with pytest.raises(RecordingError, match="noise_sd and resolution are both 0"):
+        diagnose_rig(made)
+
+
+def spinbench(*words: str) -> subprocess.CompletedProcess[str]:
+    """The command line as a person runs it."""
+    return subprocess.run(
+        [sys.executable, "-m", "spinbench", *words], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+
+
+def test_the_page_has_what_was_found_and_escapes_what_is_foreign(dry_axis: Recording) -> None:
+    foreign = replace(dry_axis, folder=Path("/<b>axis"), warnings=("<script>alert(1)</script>",))
+    found = look(foreign, 1, lambda _: None)
+    text = report(found, as_json(found))["report.html"].decode()
+    assert "<script>" not in text and "<b>" not in text
+    for words in (
+        "dry friction",
+        "N s/m",
+        "held-out readings",
+        "drive_offset",
+        "Candidates",
+        "base model: nothing left out",
+    ):
+        assert words in text
+
+
+def test_the_command_line_diagnoses_a_rig_written_out_in_its_recording(tmp_path: Path) -> None:
+    write_recording(rigs.machine(draw(1)), tmp_path / "machine")
+    done = spinbench("diagnose", str(tmp_path / "machine"), "--json", str(tmp_path / "out.json"), "-o", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "out.json").read_text())
+    assert (found["format"], found["verdict"]) == ("diagnosis/1", "consistent")
+    assert (tmp_path / "report.png").stat().st_size > 1000
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert found["why"] in page and "data:image/png;base64," in page and "http" not in page
+    assert re.search(r"base model \d+\.\d s.* s in all", done.stderr)
+    assert found["sentence"] in done.stderr
+
+
+def test_a_run_of_a_rig_held_out_for_nothing_is_told(tmp_path: Path) -> None:
+    for seed, name in ((1, "machine"), (2, "unseen")):
+        write_recording(rigs.machine(draw(seed)), tmp_path / name)
+    done = spinbench("diagnose", str(tmp_path / "machine"), "--hold-out", str(tmp_path / "unseen"), "--json", "-")
+    assert json.loads(done.stdout)["verdict"] == "consistent"
+    assert f"{tmp_path / 'unseen'} was not predicted" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("mapping", "files", "wanted"),
+    [
+        ("emps", ["emps/DATA_EMPS.mat"], ("named", [["coulomb_friction"]])),
+        (
+            "dexpand",
+            ["dexpand/RVE_air_PDLT_steady_states_designconditions.csv"],
+            ("confounded", [["inlet_throttling"], ["leakage"]]),
+        ),
+        ("ball_drops_baseball", ["ball_drops/Ball_drops_data.xls"], ("consistent", [[]])),
+        ("ball_drops_whiffle", ["ball_drops/Ball_drops_data.xls"], ("named", [["coulomb_friction", "windage"]])),
+    ],
+)
+def test_public_recordings_are_diagnosed_as_the_docs_say(
+    mapping: str, files: list[str], wanted: tuple[str, list[list[str]]], tmp_path: Path
+) -> None:
+    paths = [RECORDINGS / file for file in files]
+    if not all(path.exists() for path in paths):
+        pytest.skip("the public recordings are not here; SPINBENCH_RECORDINGS says where they are")
+    found = diagnose_rig(read_recording(import_files(paths, read_mapping(Path(mapping)), tmp_path / "made")))
+    assert (found["verdict"], [ids(found), *found["alternatives"]]) == wanted
+
+
+def test_the_seal_of_the_public_cylinder_rubs_by_its_pressure(tmp_path: Path) -> None:
+    paths = [RECORDINGS / "pneumatic_cylinder" / "friction" / f"Circle_{k}bar.csv" for k in range(1, 8)]
+    if not all(path.exists() for path in paths):
+        pytest.skip("the public recordings are not here; SPINBENCH_RECORDINGS says where they are")
+    mapping = read_mapping(Path("pneumatic_cylinder_pressures"))
+    problem = RigProblem(read_recording(import_files(paths, mapping, tmp_path / "made")))
+    gains = {name: fit_rig(problem, [name]).log_evidence for name in ("load_friction", "coulomb_friction")}
+    assert gains["load_friction"] > gains["coulomb_friction"] + 100.0

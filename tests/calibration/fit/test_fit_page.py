@@ -1,0 +1,215 @@
+"""The report of a fit: what it says, that it stands alone, and that no text from a file gets into its markup."""
+
+import dataclasses
+import io
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from calibration.fit.fit import Fit, fit
+from calibration.fit.posterior import FitQuality
+from calibration.fit.sampling import Settings
+from calibration.report.fit import numbers as fit_numbers
+from calibration.report.fit import page as fit_page
+from calibration.report.fit import words as fit_words
+from rig.recording import read_recording
+from tests import browser
+
+ROOT = Path(__file__).resolve().parents[3]
+HOSTILE = "a<b>$x$.csv"  # markup for the page, and mathematics for the plots
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory) -> Fit:
+    """A short fit of the published sweep, its data file renamed by someone unfriendly."""
+    folder = tmp_path_factory.mktemp("recordings") / "sweep"
+    shutil.copytree(ROOT / "logs" / "published_sweep", folder)
+    (folder / "sweep.csv").rename(folder / HOSTILE)
+    description = folder / "recording.toml"
+    description.write_text(description.read_text().replace('"sweep.csv"', f'"{HOSTILE}"'))
+    return fit(read_recording(folder), Settings(seed=1, effective_samples=500, most_steps=800, times_tau=12.0))
+
+
+@pytest.fixture(scope="module")
+def files(found) -> dict[str, bytes]:
+    return fit_page.report(found, [("speed alone", found.posterior)])
+
+
+@pytest.fixture(scope="module")
+def page(files) -> str:
+    return files["report.html"].decode()
+
+
+def with_share_of_prior(found: Fit, share: float) -> Fit:
+    """The fit as if f_overall's spread were this share of its prior's."""
+    estimates = tuple(
+        dataclasses.replace(one, sd_of_prior=share) if one.unknown.name == "f_overall" else one
+        for one in found.posterior.estimates
+    )
+    return dataclasses.replace(found, posterior=dataclasses.replace(found.posterior, estimates=estimates))
+
+
+def judged(found: Fit, p: float, why: str = "The torque balance <b>does not close.") -> Fit:
+    return dataclasses.replace(found, quality=FitQuality(p, p >= 0.01, why))
+
+
+def test_a_model_that_is_contradicted_is_what_the_page_says_first(found):
+    wrong = judged(found, 3e-5)
+    page = fit_page.report(wrong, [("speed alone", found.posterior)])["report.html"].decode()
+    verdict, *after = re.findall(r"<p[^>]*>(.*?)</p>", page)
+    assert verdict == "The model does not explain the readings (p = 3e-05): do not rely on its f_overall."
+    assert after[0] == "The torque balance &lt;b&gt;does not close."
+    assert after[1].startswith("What it gives, not to be relied on: f_overall is ")
+    assert "spinbench diagnose" in after[2] and str(wrong.recording.folder) in after[2]
+    assert "this fit, not to be relied on" in page
+    assert "The recording decides it" not in page
+
+
+def test_of_a_model_that_is_contradicted_no_reading_is_said_to_be_bad(found):
+    assert any("probably a bad reading" in words for words in fit_page.remarks(found))
+    remarks = fit_page.remarks(judged(found, 1e-9))
+    assert not any("probably a bad reading" in words for words in remarks)
+    assert any(words.startswith("1 reading looks bad by this model") for words in remarks)
+
+
+def test_a_model_that_is_not_contradicted_is_said_so_beside_f_overall(found):
+    right = judged(found, 0.42, "What it leaves over is no more than noise.")
+    said = "The readings do not contradict the model (p = 0.42). What it leaves over is no more than noise."
+    assert fit_words.headline(right) == [f"{fit_words.verdict(found.posterior)} {said}"]
+    page = fit_page.report(right, [])["report.html"].decode()
+    assert said in page and "The recording decides it" in page
+
+
+def test_a_model_with_effects_is_named_with_them(found):
+    wrong = dataclasses.replace(judged(found, 0.001), effects=("leakage", "windage"))
+    assert fit_words.headline(wrong)[0].startswith("The model with leakage and windage does not explain")
+
+
+def test_the_next_command_can_be_typed_as_it_stands(found):
+    folder = dataclasses.replace(found.recording, folder=Path("my runs/a;b"))
+    words = fit_words.next_command(dataclasses.replace(found, recording=folder))
+    assert shlex.split(words) == ["spinbench", "diagnose", "my runs/a;b"]
+
+
+def test_the_report_is_a_page_and_a_picture(files):
+    assert set(files) == {"report.html", "report.png"}
+    assert all(len(content) > 10_000 for content in files.values())
+
+
+def test_the_picture_opens(files):
+    height, width, _ = imread(io.BytesIO(files["report.png"])).shape
+    assert width >= 900
+    assert height >= 900
+
+
+def test_the_first_sentence_is_the_posterior_of_f_overall(found, page):
+    one = found.posterior["f_overall"]
+    sentence = f"f_overall is {one.mean:.4f} ± {one.sd:.4f} N m s (90 %: {one.quantiles['q05']:.4f} to "
+    assert sentence in page
+    assert page.index(sentence) < page.index("<h2>")
+
+
+def test_the_page_says_what_f_overall_trades_off_with(found, page):
+    strongest, _ = fit_numbers.trade_offs(found.posterior)[0]
+    assert strongest.name == "port_lap"
+    assert "f_overall trades off mostly with the port lap (−0." in page
+
+
+def test_the_suspect_reading_is_named_with_what_the_fit_expects(found, page):
+    (suspect,) = fit_numbers.suspects(found)
+    assert (suspect.row.row, suspect.channel, suspect.reading) == (7, "flow", 55.0)
+    assert suspect.expected == pytest.approx(72.0, abs=2.0)
+    assert "row 7: flow_l_min 55 is probably a bad reading" in page
+    assert "and gives the reading little weight" in page
+
+
+def test_remarks_name_the_suspect_and_do_not_repeat_the_recording_s_warnings(found):
+    words = fit_page.remarks(found)
+    assert any("row 7: flow_l_min 55" in sentence for sentence in words)
+    assert found.recording.warnings
+    assert not set(words) & set(found.recording.warnings)
+
+
+def test_a_prior_that_dominates_is_told(found):
+    assert not any("prior dominates" in words for words in fit_page.remarks(found))
+    weak = with_share_of_prior(found, 0.8)
+    said = "7 rows: the prior dominates f_overall; its spread is 80 % of its prior"
+    assert any(words.startswith(said) for words in fit_page.remarks(weak))
+    assert said in fit_page.report(weak, [])["report.html"].decode()
+
+
+def test_a_row_or_two_leave_f_overall_to_the_prior(found):
+    rows = found.measured.steady
+    few = dataclasses.replace(rows, row=rows.row[:2])
+    thin = dataclasses.replace(found, measured=dataclasses.replace(found.measured, steady=few))
+    assert fit_words.prior_says(thin).startswith("2 rows: the prior dominates f_overall")
+
+
+def test_a_speed_above_the_manufacturer_s_limit_is_told(found):
+    rows = found.measured.steady
+    fast = dataclasses.replace(found.measured, steady=dataclasses.replace(rows, speed=rows.speed * 2.0))
+    words = fit_page.remarks(dataclasses.replace(found, measured=fast))
+    assert any(re.search(r"5 rows are above the manufacturer's 600 rpm \(up to 789.6 rpm\)", one) for one in words)
+
+
+def test_the_comparisons_stand_beside_the_fit(found, page):
+    assert "<td>speed alone</td>" in page
+    assert "speed alone" not in fit_page.report(found, [])["report.html"].decode()
+
+
+def test_every_unknown_is_in_the_table_with_its_prior(found, page):
+    for estimate in found.posterior.estimates:
+        assert f"<td>{estimate.unknown.name}</td>" in page
+        assert fit_words.prior_in_words(estimate.unknown) in page
+
+
+def test_a_hostile_file_name_is_escaped(page):
+    assert "a<b>" not in page
+    assert "a&lt;b&gt;$x$.csv" in page
+
+
+def test_the_page_needs_nothing_from_outside(page):
+    links = re.findall(r"(?:src|href)\s*=\s*[\"']([^\"']*)", page)
+    assert links
+    assert all(link.startswith("data:image/png;base64,") for link in links)
+    assert not re.search(r"@import|url\(|<script|<link", page)
+
+
+def test_the_page_names_the_recording_by_its_hash_and_not_by_its_place(found, page):
+    assert found.recording.sha256 in page
+    assert str(found.recording.folder.parent) not in page
+
+
+def test_the_bands_hold_the_readings_that_are_not_suspect(found):
+    ringed = {(one.channel, one.index) for one in fit_numbers.suspects(found)}
+    for channel in fit_numbers.channels(found):
+        low, high = channel.at_rows.quantiles[[0, -1]]
+        good = np.array([(channel.name, i) not in ringed for i in range(channel.reading.size)])
+        inside = (channel.reading > low) & (channel.reading < high)
+        assert inside[good].mean() >= 0.5
+        assert not inside[~good].any()
+
+
+def test_the_prior_s_density_integrates_to_one(found):
+    for estimate in found.posterior.estimates:
+        unknown = estimate.unknown
+        low, high = (float(unknown.value(np.array([z]))[0]) for z in (-7.0, 7.0))
+        x = np.linspace(low, high, 200_001)
+        assert np.trapezoid(fit_numbers.prior_density(unknown, x), x) == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "text"),
+    [(0.06386, 0.00227, "0.0639"), (101266.6, 800.0, "101267"), (-4.6e-5, 0.058, "0.000"), (-0.0273, 0.0187, "−0.027")],
+)
+def test_a_value_is_rounded_to_what_is_known_of_it(value, sd, text):
+    assert fit_words.rounded(value, sd) == text
+
+
+def test_the_page_opens_in_a_browser(files, tmp_path):
+    assert browser.has_print(browser.shown(files["report.html"], tmp_path))

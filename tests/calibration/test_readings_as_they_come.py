@@ -1,0 +1,492 @@
+"""Readings as loggers give them, and models that are nowhere near them: what a person is told, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.data.blocks import Blocks, blocks_of
+from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply
+from calibration.data.runs_in_time import coast_down, few_used, lone_zeros, release
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.document import as_json, finite
+from calibration.diagnosis.next_test.planned import planned
+from calibration.diagnosis.other_rigs import diagnose_rig
+from calibration.diagnosis.steps.verdict import judge
+from calibration.likelihood.linear import Comparison
+from calibration.report.diagnosis.words import sentence
+from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.supply import line_unknowns
+from model.layout import RPM
+from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
+from spinbench.cli.progress import sampling
+from tests.diagnosis_recordings import sweep
+from tests.rig_recordings import axis, with_force
+from tests.spinbench.test_cli import refused, run
+
+ROTOR = """format = "recording/1"
+[motor]
+kind = "free_rotor"
+inertia_kg_m2 = 0.01
+[channels.speed_rpm]
+noise_sd = 0.5
+bias_sd = 0.1
+scale_sd = 0.0005
+resolution = 0.01
+[[files]]
+file = "coast.csv"
+kind = "transient"
+"""
+F, J, STEP = 0.004, 0.01, 0.05  # N m s, kg m2, s
+
+
+def coast(seed: int, count: int, first: float = 400.0) -> np.ndarray:
+    """Readings of a coast-down from a speed, each the mean since the row before [rpm]."""
+    edges = first * np.exp(-F / J * STEP * np.arange(count + 1))
+    means = (edges[:-1] - edges[1:]) / (F / J * STEP)
+    return means + 0.5 * np.random.default_rng(seed).standard_normal(count)
+
+
+def risen(seed: int, count: int) -> np.ndarray:
+    """Readings of a rotor that is driven from rest towards 400 rpm."""
+    there = 400.0 * (1.0 - np.exp(-4.0 * STEP * np.arange(1, count + 1)))
+    return np.abs(there + 0.5 * np.random.default_rng(seed).standard_normal(count))
+
+
+def write(folder: Path, speed: np.ndarray, supply_open: np.ndarray | None = None) -> Path:
+    """A free rotor's recording of one run."""
+    folder.mkdir(parents=True)
+    (folder / "recording.toml").write_text(ROTOR, encoding="utf-8")
+    head = "time_s,speed_rpm" + (",supply_open" if supply_open is not None else "")
+    lines = [f"{STEP * (i + 1):.3f},{max(value, 0.0):.2f}" for i, value in enumerate(speed)]
+    if supply_open is not None:
+        lines = [f"{line},{int(flag)}" for line, flag in zip(lines, supply_open, strict=True)]
+    (folder / "coast.csv").write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+    return folder
+
+
+def diagnosed(folder: Path) -> tuple[dict, str]:
+    """The diagnosis of a folder by the command, and what it says on standard error."""
+    made = folder.with_suffix(".json")
+    result = run("diagnose", str(folder), "--json", str(made))
+    assert result.returncode == 0, result.stderr
+    return json.loads(made.read_bytes()), result.stderr
+
+
+def is_true(found: dict) -> bool:
+    """Whether the viscous friction is the one simulated."""
+    after = found["f_overall_after"]
+    return abs(after["mean"] - F) < 4.0 * after["sd"] < 0.01 * F
+
+
+def test_a_lone_zero_in_a_coast_down_is_a_bad_reading_and_the_rows_after_it_count(tmp_path: Path) -> None:
+    speed = coast(1, 150)
+    speed[25] = 0.0
+    found, said = diagnosed(write(tmp_path / "zero", speed))
+    assert found["files"] == [
+        {
+            "file": "coast.csv",
+            "rows": 150,
+            "rows_used": 148,
+            "why": "row 1: where the coast-down starts, compared with nothing; "
+            "row 26: a 0 among turning rows, which is a bad reading",
+        }
+    ]
+    assert found["verdict"] == "consistent"
+    assert is_true(found)
+    assert "rows are used" not in said
+
+
+@pytest.mark.parametrize("flags", [False, True])
+def test_a_coast_down_begins_at_the_release_whatever_stands_before_it(tmp_path: Path, flags: bool) -> None:
+    before = np.concatenate([np.zeros(6), risen(2, 30)])
+    speed = np.concatenate([before, coast(3, 120), np.zeros(8)])
+    opened = (np.arange(speed.size) >= 6) & (np.arange(speed.size) < before.size) if flags else None
+    found, said = diagnosed(write(tmp_path / "run", speed, opened))
+    assert found["verdict"] == "consistent"
+    assert is_true(found)
+    (used,) = found["files"]
+    assert 115 <= used["rows_used"] <= 119
+    assert "before the coast-down begins" in used["why"]
+    assert "rows 157 to 164: after the rotor stood" in used["why"]
+    assert f"spinbench: coast.csv: {used['rows_used']} of 164 rows are used; not used: rows 1 to 3" in said
+
+
+def test_a_driven_second_before_the_release_does_not_bias_the_friction(tmp_path: Path) -> None:
+    driven = 400.0 + 0.5 * np.random.default_rng(4).standard_normal(20)
+    found, _ = diagnosed(write(tmp_path / "driven", np.concatenate([driven, coast(5, 120)])))
+    assert is_true(found)
+
+
+def test_a_log_that_was_cut_makes_no_false_alarm(tmp_path: Path) -> None:
+    false = 0
+    for seed in range(8):
+        cut = np.concatenate([[400.0], coast(20 + seed, 100)])  # an instantaneous value, then means
+        found = diagnose_rig(read_recording(write(tmp_path / str(seed), cut)))
+        false += found["verdict"] != "consistent"
+    assert false == 0
+
+
+def test_a_run_without_a_coast_down_is_refused_with_the_reason(tmp_path: Path) -> None:
+    said = refused(run("diagnose", str(write(tmp_path / "up", risen(6, 40)))))
+    assert "no coast-down in it" in said
+    assert "coast.csv" in said
+
+
+def test_zeros_before_a_start_and_after_a_stop_are_rest_and_no_bad_readings() -> None:
+    slowing = np.array([0.0, 0.0, 300.0, 250.0, 0.0, 200.0, 0.0, 0.0, 150.0, 5.0, 0.0, 4.0, 0.0])
+    assert np.flatnonzero(lone_zeros(slowing)).tolist() == [4, 6, 7]
+    assert not lone_zeros(np.full(3, np.nan)).any()
+
+
+@pytest.mark.parametrize("count", [12, 150, 2000])
+def test_no_release_is_seen_in_a_plain_coast_down(count: int) -> None:
+    for seed in range(10):
+        assert release(STEP * np.arange(count), coast(seed, count)) == 0
+
+
+def test_a_warning_names_the_rows_that_are_not_used_only_where_they_are_many() -> None:
+    run_of = coast_down(np.arange(20.0), np.concatenate([coast(1, 10), np.zeros(10)]))
+    assert (run_of.begin, run_of.end) == (0, 10)
+    some = [{"file": "a.csv", "rows": 20, "rows_used": 9, "why": "rows 11 to 20: rest"}]
+    assert few_used(some) == ["a.csv: 9 of 20 rows are used; not used: rows 11 to 20: rest"]
+    assert few_used([{"file": "a.csv", "rows": 20, "rows_used": 18, "why": "two"}]) == []
+
+
+def scaled(folder: Path, seed: int, flow: float = 1.0, speed: float = 1.0) -> Path:
+    """A sweep of the motor, its columns multiplied as by another unit."""
+    sweep(folder, seed, {})
+    place = folder / "sweep.csv"
+    head, *rows = place.read_text(encoding="utf-8").splitlines()
+    cells = [row.split(",") for row in rows]
+    lines = [f"{t},{way},{P},{float(Q) * flow:.6g},{float(n) * speed:.6g}" for t, way, P, Q, n in cells]
+    place.write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+def test_speeds_in_rad_s_under_speed_rpm_are_refused_by_fit_and_diagnosis(tmp_path: Path, command: str) -> None:
+    said = refused(run(command, str(scaled(tmp_path / "swept", 1, speed=1.0 / RPM))))
+    assert "flow over speed is 9." in said
+    assert "speeds in rad/s under speed_rpm; multiply them by 9.5493" in said
+
+
+@pytest.mark.parametrize(
+    ("flow", "speed", "words"),
+    [
+        (1.0, 1.0 / 60.0, "Hz"),
+        (1.0, 6.0, "degrees a second"),
+        (0.06, 1.0, "m3/h"),
+        (1.0 / 60.0, 1.0, "L/s"),
+        (0.0353, 1.0, "cubic feet"),
+        (1.0, 0.2, "is another quantity"),
+    ],
+)
+def test_other_mixed_up_units_are_told_by_their_factor(tmp_path: Path, flow: float, speed: float, words: str) -> None:
+    with pytest.raises(RecordingError, match=words):
+        refuse_mixed_units(read_recording(scaled(tmp_path / "swept", 1, flow, speed)))
+
+
+def test_a_large_leak_is_not_taken_for_another_unit(tmp_path: Path) -> None:
+    refuse_mixed_units(sweep(tmp_path / "leaks", 2, {"leakage": {"conductance_kg_s_pa2": 1.5e-13, "exponent": 1.0}}))
+
+
+RUN = """format = "recording/1"
+motor = "ptm3600"
+[channels.speed_rpm]
+noise_sd = 0.5
+[[files]]
+file = "run.csv"
+kind = "transient"
+"""
+
+
+def run_of_motor(folder: Path, opened: np.ndarray | None, speed: np.ndarray) -> Recording:
+    """A run in time of the motor at 100 rows a second."""
+    folder.mkdir(parents=True)
+    (folder / "recording.toml").write_text(RUN, encoding="utf-8")
+    flags = np.ones(speed.size) if opened is None else opened
+    head = "time_s,pressure_bar_abs,speed_rpm" + (",supply_open" if opened is not None else "")
+    lines = [
+        f"{0.01 * (i + 1):.2f},{2.0 if flag else 1.0},{n:.1f}" + (f",{int(flag)}" if opened is not None else "")
+        for i, (flag, n) in enumerate(zip(flags, speed, strict=True))
+    ]
+    (folder / "run.csv").write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+    return read_recording(folder)
+
+
+ROCKING = np.concatenate([np.full(30, 390.0), 390.0 * np.exp(-0.1 * np.arange(1, 51)), [1.0, 0.0, 293.0] + 7 * [0.0]])
+FALLING = np.concatenate([np.full(30, 390.0), 390.0 * np.exp(-0.1 * np.arange(1, 61))])
+RISING = np.concatenate([np.zeros(30), 390.0 * (1.0 - np.exp(-0.1 * np.arange(1, 61)))])
+OPEN_FIRST = np.arange(90) < 30
+
+
+@pytest.mark.parametrize(
+    ("opened", "speed", "words"),
+    [
+        (~OPEN_FIRST, FALLING, "is supply_open inverted"),
+        (OPEN_FIRST, RISING, "is supply_open inverted"),
+        (np.arange(90) < 50, FALLING, "from about 0.3 s on, before supply_open says that it closes at 0.5 s"),
+        (np.arange(90) >= 50, RISING, "before supply_open says that it opens at 0.5 s"),
+        (None, FALLING, "from about 0.3 s on, and the file does not say when the supply closed; add the column"),
+    ],
+)
+def test_a_supply_that_the_speed_contradicts_is_refused(
+    tmp_path: Path, opened: np.ndarray | None, speed: np.ndarray, words: str
+) -> None:
+    with pytest.raises(RecordingError, match=words):
+        refuse_wrong_supply(run_of_motor(tmp_path / "run", opened, speed))
+
+
+@pytest.mark.parametrize(
+    ("opened", "speed"),
+    [
+        (OPEN_FIRST, FALLING),
+        (OPEN_FIRST, ROCKING),
+        (~OPEN_FIRST, RISING),
+        (None, RISING),
+        (np.arange(90) < 37, FALLING),
+        (np.arange(90) < 23, FALLING),
+        (np.arange(90) >= 37, RISING),
+        (np.arange(90) >= 23, RISING),
+    ],
+)
+def test_a_run_as_it_should_be_is_not_refused(tmp_path: Path, opened: np.ndarray | None, speed: np.ndarray) -> None:
+    refuse_wrong_supply(run_of_motor(tmp_path / "run", opened, speed))
+
+
+def gauged(folder: Path, cells: list[str]) -> Blocks:
+    """A coast-down of the motor at 100 rows a second, with what stands in its pressure cells."""
+    folder.mkdir()
+    told = "[channels.pressure_bar_abs]\nnoise_sd = 0.0015\nresolution = 0.001\n[supply]\nvalve_time_s = 0\n[[files]]"
+    plateau = '[[files]]\nfile = "plateau.csv"\nkind = "steady"\n'
+    (folder / "recording.toml").write_text(RUN.replace("[[files]]", told) + plateau, encoding="utf-8")
+    (folder / "plateau.csv").write_text("pressure_bar_abs,speed_rpm\n2.0,390.0\n", encoding="utf-8")
+    read = enumerate(zip(cells, FALLING, strict=True))
+    rows = [f"{0.01 * (i + 1):.2f},{P},{n:.1f},{int(i < 30)}" for i, (P, n) in read]
+    (folder / "run.csv").write_text("\n".join(["time_s,pressure_bar_abs,speed_rpm,supply_open", *rows]) + "\n", "utf-8")
+    return blocks_of(read_recording(folder))
+
+
+def test_a_pressure_that_is_written_again_until_the_gauge_is_read_is_one_reading(tmp_path: Path) -> None:
+    noise = 0.0015 * np.random.default_rng(3).standard_normal(90)
+    line = np.where(np.arange(90) < 30, 2.0, 1.0 + np.exp(-0.1 * (np.arange(90) - 29))) + noise
+    held = [f"{line[i - i % 10] + 0.001 * (i // 10 % 2):.3f}" for i in range(90)]  # no two readings alike
+    once = [cell if i % 10 == 0 else "" for i, cell in enumerate(held)]
+    fresh = [f"{P:.3f}" for P in line]
+    found, same = gauged(tmp_path / "held", held).runs[0].line, gauged(tmp_path / "once", once).runs[0].line
+    assert np.array_equal(found.time, same.time)
+    assert np.array_equal(found.pressure, same.pressure)
+    assert np.array_equal(found.sd, same.sd)
+    assert gauged(tmp_path / "fresh", fresh).runs[0].line.time.size > 5 * found.time.size
+
+
+def test_after_lost_teeth_a_sample_is_the_last_tooth_s(tmp_path: Path) -> None:
+    speed = np.linspace(40.0, 10.0, 60)  # rad/s
+    time = np.cumsum(2.0 * np.pi / 60.0 / speed)
+    kept = np.flatnonzero((np.arange(60) < 20) | (np.arange(60) > 22))
+    rows = [f"{time[i]:.6f},{2.0 + 0.001 * (i % 7):.3f},{speed[i] * RPM:.4f}" for i in kept]
+    folder = tmp_path / "counted"
+    folder.mkdir()
+    teeth = RUN.replace("noise_sd = 0.5", "noise_sd = 0.5\npulses_per_rev = 60")
+    plateau = '[[files]]\nfile = "plateau.csv"\nkind = "steady"\n'
+    (folder / "recording.toml").write_text(teeth + plateau, encoding="utf-8")
+    (folder / "plateau.csv").write_text("pressure_bar_abs,speed_rpm\n2.0,390.0\n", encoding="utf-8")
+    (folder / "run.csv").write_text("\n".join(["time_s,pressure_bar_abs,speed_rpm", *rows]) + "\n", encoding="utf-8")
+    (run,) = blocks_of(read_recording(folder)).runs
+    (gap,) = np.flatnonzero(run.begin[1:] > run.time[:-1] + 1e-6)
+    assert run.begin[gap + 1] == pytest.approx(time[22], abs=1e-5)
+
+
+def test_a_valve_that_is_said_to_take_no_time_has_a_quick_one(tmp_path: Path) -> None:
+    run = gauged(tmp_path / "step", [f"{2.0 if i < 30 else 1.0:.3f}" for i in range(90)]).runs[0]
+    (valve,) = (one for one in line_unknowns(run, SupplyFigures(valve_time_s=0.0)) if one.name.endswith("_valve"))
+    assert 0.0 < valve.a < 0.003
+    assert valve.b > 1.0
+
+
+def mirrored(folder: Path, seed: int) -> Path:
+    """A sweep whose pressures run the other way than its speeds and flows, as when two logs are joined wrongly."""
+    sweep(folder, seed, {})
+    place = folder / "sweep.csv"
+    head, *rows = place.read_text(encoding="utf-8").splitlines()
+    cells = [row.split(",") for row in rows]
+    lines = [f"{t},{way},{3.6 - float(P):.3f},{Q},{n}" for t, way, P, Q, n in cells]
+    place.write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+    return folder
+
+
+def test_a_model_nowhere_near_the_readings_is_said_to_be_so_and_nothing_is_looked_for(tmp_path: Path) -> None:
+    folder = mirrored(tmp_path / "joined", 3)
+    result = run("diagnose", str(folder), "-o", str(tmp_path / "out"))
+    assert result.returncode == 0, result.stderr
+    found, said = json.loads((tmp_path / "out" / "diagnosis.json").read_bytes()), result.stderr
+    assert (found["verdict"], [one["id"] for one in found["effects"]]) == ("unresolved", ["unknown"])
+    assert found["mismatch"]["p_value"] < 0.01
+    assert "the model does not describe these readings at all" in found["why"]
+    assert "The model does not describe these readings at all" in said
+    for one in found["check"]:
+        assert one in said
+    assert found["next_tests"] == found["alternatives"] == []
+    assert found["f_overall_before"] is found["f_overall_after"] is found["improvement"]["held_out"] is None
+    assert "does not describe these readings at all" in (tmp_path / "out" / "report.html").read_text("utf-8")
+
+
+def test_a_drive_of_the_other_sign_is_no_missing_effect(tmp_path: Path) -> None:
+    found = diagnose_rig(with_force(axis(np.random.default_rng(3)), -1.0))
+    assert found["verdict"] == "unresolved"
+    assert "the sign of the drive" in found["check"]
+    assert found["next_tests"] == []
+
+
+def test_no_level_is_planned_at_which_the_motor_would_turn_faster_than_it_may(tmp_path: Path) -> None:
+    plans = planned(Comparison(Problem(read_recording(scaled(tmp_path / "fast", 4, speed=1.5)))))
+    fastest = max(
+        float(one.recording.files[-1].columns["pressure_bar_abs"].values.max())
+        for one in plans
+        if "pressure_bar_abs" in one.recording.files[-1].columns
+    )
+    # 1.5 times the sweep's speeds are 790 rpm at 2.4 bar: 570 rpm, 95 % of the limit, are reached at about 2.0 bar.
+    assert 1.8 < fastest < 2.1
+
+
+def test_no_infinity_and_no_nan_is_written() -> None:
+    found = finite({"a": [1.0, -np.inf, {"b": np.float64("nan")}], "c": (np.int64(3), True, "x", None)})
+    assert found == {"a": [1.0, None, {"b": None}], "c": [3, True, "x", None]}
+    json.dumps(found, allow_nan=False)
+
+
+@dataclass
+class Weighed:
+    """A set of effects with its probability."""
+
+    names: tuple[str, ...]
+    probability: float
+    refused: str = ""
+
+
+def test_no_verdict_rests_on_effects_that_have_no_probability() -> None:
+    likely = Weighed(("windage",), 0.999)
+    pair = Weighed(("coulomb_friction", "speed_lag"), 1e-6)
+    base = Weighed((), 1e-12)
+    left = {(): 1e-9, likely.names: 1e-9, pair.names: 0.5}
+    found = judge(1e-9, [likely, pair, base], left, None)
+    assert (found.kind, found.chosen) == ("unresolved", None)
+    assert "coulomb_friction and speed_lag would" in found.why
+    pair.probability = likely.probability = 0.5
+    assert judge(1e-9, [pair, likely, base], left, None).chosen is pair
+
+
+MAPPING = """format = "import/1"
+title = "x"
+source = "x"
+licence = "x"
+motor = "ptm3600"
+kind = "steady"
+[ambient]
+pressure_bar_abs = 1.0
+temperature_c = 20.0
+[table]
+reader = "csv"
+delimiter = ","
+decimal = "."
+[columns.pressure_bar_abs]
+column = "P"
+unit = "bar abs"
+[columns.speed_rpm]
+column = "n"
+unit = "rpm"
+"""
+
+
+@pytest.mark.parametrize("as_recording", [True, False])
+@pytest.mark.parametrize(("speed", "code"), [("-0.3", 0), ("-12", 2)])
+def test_a_zero_that_wanders_below_0_has_one_rule(tmp_path: Path, speed: str, code: int, as_recording: bool) -> None:
+    (tmp_path / "log.csv").write_text(f"P,n\n1.00,{speed}\n2.01,397.2\n", encoding="utf-8")
+    (tmp_path / "map.toml").write_text(MAPPING, encoding="utf-8")
+    place = ["-o", str(tmp_path / "made")] if as_recording else ["--logs", str(tmp_path / "logs")]
+    result = run("runs", "import", str(tmp_path / "log.csv"), "--mapping", str(tmp_path / "map.toml"), *place)
+    assert result.returncode == code, result.stderr
+    if code:
+        assert f"{tmp_path / 'log.csv'}, line 2: speed_rpm is -12 rpm" in result.stderr
+        assert "made" not in result.stderr
+    if as_recording and not code:
+        speeds = read_recording(tmp_path / "made").files[0].columns["speed_rpm"]
+        assert (speeds.values[0], speeds.censor[0]) == (0.0, -1)
+
+
+def test_what_is_wrong_with_a_recording_that_was_not_written_is_told_of_the_source(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("P,n\n1.50,210000\n2.01,397.2\n", encoding="utf-8")
+    (tmp_path / "map.toml").write_text(MAPPING, encoding="utf-8")
+    made = tmp_path / "made"
+    said = refused(
+        run("runs", "import", str(tmp_path / "log.csv"), "--mapping", str(tmp_path / "map.toml"), "-o", str(made))
+    )
+    assert "log.csv, of the rows taken the number 1, column speed_rpm: '210000.0'" in said
+    assert str(made) not in said
+    assert not made.exists()
+
+
+def interrupted(arguments: list[str], begun: Path | None) -> tuple[int, str]:
+    """Exit code and standard error of a command that gets Ctrl-C once a folder holds something, or after a while."""
+    program = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); import spinbench; spinbench.main()"
+    )
+    with subprocess.Popen([sys.executable, "-c", program, *arguments], stderr=subprocess.PIPE, text=True) as process:
+        for _ in range(600):
+            time.sleep(0.1)
+            if (begun is None and _ >= 40) or (begun is not None and any(begun.glob("*"))):
+                break
+        os.kill(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    return process.returncode, said
+
+
+def test_ctrl_c_in_a_fit_says_what_is_kept_and_how_to_go_on(tmp_path: Path) -> None:
+    folder = sweep(tmp_path / "swept", 5, {}).folder
+    asked = ["fit", str(folder), "-o", str(tmp_path / "out"), "--effective-samples", "900000"]
+    code, said = interrupted(asked, tmp_path / "out" / "chain")
+    assert (code, "Traceback" in said) == (130, False)
+    assert f"what was drawn is kept in {tmp_path / 'out' / 'chain'}; the same command goes on from there" in said
+
+
+def test_ctrl_c_in_a_diagnosis_says_that_nothing_is_kept(tmp_path: Path) -> None:
+    speed = coast(7, 3000)[:2000]
+    code, said = interrupted(["diagnose", str(write(tmp_path / "long", np.abs(speed) + 50.0))], None)
+    if code != 0:  # it may have been done before
+        assert (code, "Traceback" in said) == (130, False)
+        assert "nothing is kept of an unfinished diagnosis; the same command begins again" in said
+
+
+def test_the_bar_of_a_fit_does_not_run_backwards(capsys: pytest.CaptureFixture[str]) -> None:
+    with sampling("fit") as tell:
+        tell(600, 1000, "R-hat 1.1")
+        tell(250, 1000, "R-hat 1.2")
+    assert "600/1000" in capsys.readouterr().err
+
+
+def test_a_gross_mismatch_is_certain_whatever_the_test_of_it_says(tmp_path: Path) -> None:
+    found = as_json(diagnose(read_recording(mirrored(tmp_path / "joined", 6)), 1))
+    assert found["mismatch"]["p_value"] < 0.01
+    assert sentence(found).startswith("The model does not describe these readings at all")
+
+
+def test_a_run_whose_gauge_was_never_read_ends_in_words(tmp_path: Path) -> None:
+    folder = run_of_motor(tmp_path / "run", OPEN_FIRST, FALLING).folder
+    place = folder / "run.csv"
+    head, *rows = place.read_text(encoding="utf-8").splitlines()
+    cells = [row.split(",") for row in rows]
+    unread = [f"{t},{'' if flag == '1' else P},{n},{flag}" for t, P, n, flag in cells]
+    place.write_text("\n".join([head, *unread]) + "\n", encoding="utf-8")
+    result = run("diagnose", str(folder))
+    assert "Traceback" not in result.stderr
+    assert result.returncode in (0, 2)

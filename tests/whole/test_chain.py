@@ -1,0 +1,56 @@
+"""From bytes to a verdict: a bench that conceals nothing is swept over the wire, exported and diagnosed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests import chain
+
+ROOT = Path(__file__).resolve().parents[2]
+TRUE_F_OVERALL = 0.0625  # of configs/motors/ptm3600.toml, which stands behind the virtual bench
+
+
+def spinbench(*arguments: str, folder: Path) -> None:
+    command = [sys.executable, "-m", "spinbench", *arguments]
+    found = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    assert found.returncode == 0, found.stderr[-2000:]
+
+
+@pytest.mark.slow
+def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_path: Path) -> None:
+    """Its line fills over a second, its gauge is read ten times in one, its tachometer counts 60 teeth."""
+    text = (ROOT / "configs" / "benches" / "virtual.toml").read_text(encoding="utf-8")
+    for before, after in (
+        ("levels_bar_abs = [1.25, 1.40, 1.60, 1.80, 2.00, 2.20]", "levels_bar_abs = [1.50, 1.80, 2.10]"),
+        ('order = "up-down"', 'order = "up"'),
+        ("rate = 20.0", "rate = 10.0"),
+    ):
+        assert before in text
+        text = text.replace(before, after)
+    (tmp_path / "bench.toml").write_text(text, encoding="utf-8")
+    spinbench("sweep", "bench.toml", "--minutes-running", "0", "--operator", "test", folder=tmp_path)
+    spinbench("runs", "verify", "last", folder=tmp_path)
+    spinbench("runs", "export", "last", "-o", "recording", folder=tmp_path)
+    spinbench("diagnose", "recording", "--json", "verdict.json", "--seed", "1", folder=tmp_path)
+    said = json.loads((tmp_path / "verdict.json").read_text(encoding="utf-8"))
+    assert {Path(one["file"]).stem for one in said["files"]} >= {"sweep", "coast_down", "spin_up"}
+    assert said["mismatch"]["p_value"] > 1e-4
+    assert said["verdict"] == "consistent" and said["effects"] == []
+    after = said["f_overall_after"]
+    assert abs(after["mean"] - TRUE_F_OVERALL) < 4.0 * after["sd"]
+    assert after["sd"] < 0.005
+
+
+@pytest.mark.slow
+def test_a_line_that_holds_air_behind_a_gauge_with_one_value_a_second_is_explained(tmp_path: Path) -> None:
+    """One bench of `make chain`, from bytes to fit and verdict."""
+    found = chain.a_bench(tmp_path, 0)
+    assert found["bench"]["gauge_s"] == 1.0 and found["bench"]["tachometer"] == "60 teeth"
+    assert found["verdict"] == "consistent" and found["named"] == []
+    for figure in (found["fit"], found["f_overall"]):
+        assert abs(figure["mean"] - TRUE_F_OVERALL) < 4.0 * figure["sd"]
