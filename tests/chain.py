@@ -25,7 +25,7 @@ import numpy as np
 from calibration.challenge.second_rig.separable import separable
 from calibration.challenge.second_rig.truth import Truth
 from rig.bench.bench import FOLDER
-from rig.virtual.plant.plant import LineTruth
+from rig.virtual.plant.truth import LineTruth
 from tests.chain_page import write_page
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -13,8 +13,9 @@ from model.effects import transient as effect_transient
 from model.effects.laws import readings_of
 from model.layout import L_MIN, RPM
 from model.motor import read_motor
+from model.solvers.crank_angle import OMEGA
 from model.solvers.steady import gas_table
-from model.solvers.transient import OMEGA, Supply, rest_state
+from model.solvers.transient import Supply, rest_state
 from rig.recording import Recording, read_recording
 
 HEAD = """format = "recording/1"

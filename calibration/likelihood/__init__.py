@@ -1,6 +1,6 @@
 """How probable a recording's readings are at a point, and where they are most so.
 
-steady      the fit's likelihood: speed and flow of the plateaus, the pressure an uncertain input
+steady, rows  the fit's likelihood: speed and flow of the plateaus, the pressure an uncertain input
 linear      the diagnosis' readings and predictions as one vector, and its whitening
 noise       how large the noise is, and how long it lasts
 function    predictions of a set of effects, and their derivatives

@@ -21,7 +21,8 @@ from model.effects.effect import unknown_state
 from model.effects.laws import readings_of
 from model.effects.transient import simulate
 from model.layout import PULSE
-from model.solvers.transient import THETA, rest_state
+from model.solvers.crank_angle import THETA
+from model.solvers.transient import rest_state
 from rig.recording import Ambient, Channel, Column, Recording, RecordingFile
 
 NOISES = ("declared", "misdeclared", "correlated", "coarse", "heavy")

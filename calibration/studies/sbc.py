@@ -69,7 +69,7 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     """
     import configs
     from calibration.fit import fit
-    from calibration.likelihood import steady as likelihood
+    from calibration.likelihood import rows
     from calibration.unknowns import priors
     from model.layout import L_MIN, RPM
     from model.solvers import steady
@@ -92,8 +92,8 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
         shown = exact * (1.0 + scale) + offset
         sd = np.full(PLATEAUS, figures.noise_sd * noise_scale)
         good = np.hypot(sd, figures.resolution / np.sqrt(12.0))
-        bad = rng.uniform(size=PLATEAUS) < likelihood.BAD
-        sd = np.where(bad, likelihood.BAD_WIDTH * good + likelihood.BAD_SHARE * np.abs(shown), sd)
+        bad = rng.uniform(size=PLATEAUS) < rows.BAD
+        sd = np.where(bad, rows.BAD_WIDTH * good + rows.BAD_SHARE * np.abs(shown), sd)
         reading = np.round((shown + sd * rng.standard_normal(PLATEAUS)) / figures.resolution) * figures.resolution
         censor = np.zeros(PLATEAUS, dtype=np.int8)
         if name == "speed_rpm":

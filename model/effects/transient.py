@@ -21,6 +21,7 @@ from model.effects.effect import State
 from model.gas.cylinder import gas_state
 from model.solvers import averaged
 from model.solvers import transient as base
+from model.solvers.crank_angle import M_IN, M_OUT, OMEGA, P0, THETA
 from model.solvers.transient import Supply
 
 FLOW_S = 0.02  # time over which the flow of single cylinders is averaged for a pressure loss, in share of the speed
@@ -140,27 +141,34 @@ def _stepwise(
     follows = any(effect.periodic for effect, _ in those)
     leaks = any(effect.leak for effect, _ in those)
     samples = np.empty((time.size, 6))
-    samples[0] = [y[base.THETA], y[base.OMEGA], y[base.M_IN], y[base.M_OUT], y[base.P0], np.nan]
+    samples[0] = [
+        y[THETA],
+        y[OMEGA],
+        y[M_IN],
+        y[M_OUT],
+        y[P0],
+        np.nan,
+    ]
     state, curve = _scratch(parameters, gas)
     here = State(*(getattr(state, field.name)[:1] for field in fields(State)))  # the same arrays
     row = parameters[None, :].copy()
     change = 0.0
     ambient = float(parameters[at.P_A])
-    turning = float(y[base.OMEGA])
+    turning = float(y[OMEGA])
     flow = mean = _flow_at(turning, _pressure(spans, time[0], ambient), parameters, gas, readings) if loses else 0.0
     k = 1
     while k < time.size:
         t, rate = time[k - 1], change if turns else 0.0
         last = min(k + stride, time.size) - 1
         while last > k and (
-            _steps(time[last] - t, y[base.OMEGA], rate, loses, follows) > 1 or _changes(spans[0], t, time[last])
+            _steps(time[last] - t, y[OMEGA], rate, loses, follows) > 1 or _changes(spans[0], t, time[last])
         ):
             last -= 1
-        steps = 1 if last > k else _steps(time[k] - t, y[base.OMEGA], rate, loses, follows)
+        steps = 1 if last > k else _steps(time[k] - t, y[OMEGA], rate, loses, follows)
         ends = time[k : last + 1] if steps == 1 else np.linspace(t, time[k], steps + 1)[1:]
         for n in range(steps):
             until = ends if steps == 1 else ends[n : n + 1]
-            before, speed, dt = y[base.M_IN], y[base.OMEGA], until[-1] - t
+            before, speed, dt = y[M_IN], y[OMEGA], until[-1] - t
             _fill(state, y, flow, spans, t, until[-1], curve, parameters, clock)
             leak = float(laws.leak(chosen, here)[0]) if leaks else 0.0
             state.mass_flow[:] += leak
@@ -180,11 +188,11 @@ def _stepwise(
                     mean *= _pressure(spans, until[-1] + LATE_S, ambient) / _pressure(spans, t, ambient)
                 else:
                     share = 1.0 - math.exp(-dt / FLOW_S)
-                    mean += ((y[base.M_IN] - before) / dt - mean) * share
-                    turning += (0.5 * (speed + y[base.OMEGA]) - turning) * share
+                    mean += ((y[M_IN] - before) / dt - mean) * share
+                    turning += (0.5 * (speed + y[OMEGA]) - turning) * share
                 # The air does not wait: at another speed another flow passes at once.
-                flow = mean * y[base.OMEGA] / turning if turning > SLOWEST_FLOW else mean
-            change = abs(y[base.OMEGA] - speed) / dt
+                flow = mean * y[OMEGA] / turning if turning > SLOWEST_FLOW else mean
+            change = abs(y[OMEGA] - speed) / dt
             t = until[-1]
         k = last + 1
     return samples
@@ -245,11 +253,11 @@ def _fill(
     clock: float,
 ) -> None:
     """Fill the state of three places; angle and time are those of the step's middle."""
-    omega, load = y[base.OMEGA], _load(y, curve, parameters[at.P_A])
+    omega, load = y[OMEGA], _load(y, curve, parameters[at.P_A])
     speed = abs(omega)
     state.omega[:] = (speed, speed + laws.step_of(speed), speed)
     state.load[:] = (load, load, load + laws.LOAD_STEP)
-    state.angle[:] = y[base.THETA] + 0.5 * omega * (end - start)
+    state.angle[:] = y[THETA] + 0.5 * omega * (end - start)
     state.mass_flow[:] = max(flow, 0.0)
     state.pressure[:] = _pressure(spans, start, parameters[at.P_A])
     state.time[:] = clock + 0.5 * (start + end)
@@ -260,10 +268,10 @@ def _load(y: np.ndarray, curve: np.ndarray, ambient: float) -> float:
     """Roller torque per unit of f_r, Eq. 25, at the cylinders' present pressures [N m]."""
     total = 0.0
     for i in range(at.N_CYLINDERS):
-        psi = (y[base.THETA] + i * 4.0 * at.PULSE) % at.LOBE
+        psi = (y[THETA] + i * 4.0 * at.PULSE) % at.LOBE
         _, _, cos_phi, r = geometry.place(psi, curve)
         total += motion.roller_torque(
-            abs(motion.piston_force(curve[at.A_P], y[base.P0 + i], ambient)), 1.0, cos_phi, r, True
+            abs(motion.piston_force(curve[at.A_P], y[P0 + i], ambient)), 1.0, cos_phi, r, True
         )
     return total
 

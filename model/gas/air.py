@@ -14,12 +14,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from model.gas import _air_equations as equations
-
-Array = NDArray[np.float64]
+from model.gas.transport import Array
 
 RANGES: dict[str, tuple[float, float, str]] = {
     "T": (230.0, 400.0, "K"),
@@ -28,7 +26,6 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "humidity": (0.0, 1.0, "of saturation"),
 }
 CIPM2007_RANGES = RANGES | {"T": (288.15, 300.15, "K"), "P": (0.6e5, 1.1e5, "Pa")}
-
 TRANSPORT_RANGE = (180.0, 400.0)  # K, of the quartics: blow-down from 3 bar reaches 214 K, from 5.5 bar 180 K
 _NODES = np.polynomial.chebyshev.chebpts1(12) * 110.0 + 290.0  # K
 _QUARTIC_OF_NODES = np.stack(  # (5, 12): least-squares quartic in T from the values at the nodes
@@ -448,66 +445,3 @@ def transport_polynomials(P: float, x_w: float) -> tuple[Array, Array]:
     values = np.array([equations.transport(T, float(P), float(x_w)) for T in _NODES])
     mu, k = _QUARTIC_OF_NODES @ values[:, 0], _QUARTIC_OF_NODES @ values[:, 1]
     return mu, k
-
-
-@njit(cache=True)
-def polynomial(c: Array, T: Any) -> Any:
-    """Quartic by Horner's rule; compiled, unchecked.
-
-    Parameters
-    ----------
-    c : array, shape (5,)
-        Coefficients, lowest order first, as of `transport_polynomials`.
-    T : float or array
-        Temperature [K], 180-400 for those.
-
-    Returns
-    -------
-    float or array
-        c[0] + c[1] T + c[2] T^2 + c[3] T^3 + c[4] T^4 [unit of c[0]].
-    """
-    return c[0] + T * (c[1] + T * (c[2] + T * (c[3] + T * c[4])))
-
-
-@njit(cache=True)
-def sutherland_viscosity(T: Any) -> Any:
-    """Viscosity of dry air by Sutherland's law, as the reference figures have it; compiled, unchecked.
-
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], positive.
-
-    Returns
-    -------
-    float or array
-        Viscosity [Pa s].
-
-    Notes
-    -----
-    1.716e-5 Pa s at 273.15 K, Sutherland constant 110.4 K (White, Viscous Fluid Flow, chapter 1).
-    """
-    ratio = T / 273.15
-    return 1.716e-5 * ratio * np.sqrt(ratio) * (273.15 + 110.4) / (T + 110.4)
-
-
-@njit(cache=True)
-def sutherland_conductivity(T: Any) -> Any:
-    """Conductivity of dry air by Sutherland's law, as the reference figures have it; compiled, unchecked.
-
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], positive.
-
-    Returns
-    -------
-    float or array
-        Conductivity [W/(m K)].
-
-    Notes
-    -----
-    0.0241 W/(m K) at 273.15 K, Sutherland constant 194.0 K (White, Viscous Fluid Flow, chapter 1).
-    """
-    ratio = T / 273.15
-    return 0.0241 * ratio * np.sqrt(ratio) * (273.15 + 194.0) / (T + 194.0)

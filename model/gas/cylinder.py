@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from model import layout as at
-from model.gas import air
+from model.gas import air, transport
 from model.gas.heat_transfer import COMPRESSION, DISCHARGE, EXPANSION, SUCTION
 
 CLOSED = -1  # no port is open
@@ -28,8 +28,8 @@ INLET = 1
 DRY_R = 287.055
 DRY_CP = 3.5 * DRY_R
 _T_FIT = np.linspace(200.0, 440.0, 97)
-DRY_MU = np.polynomial.Polynomial.fit(_T_FIT, air.sutherland_viscosity(_T_FIT), 4).convert().coef
-DRY_K = np.polynomial.Polynomial.fit(_T_FIT, air.sutherland_conductivity(_T_FIT), 4).convert().coef
+DRY_MU = np.polynomial.Polynomial.fit(_T_FIT, transport.sutherland_viscosity(_T_FIT), 4).convert().coef
+DRY_K = np.polynomial.Polynomial.fit(_T_FIT, transport.sutherland_conductivity(_T_FIT), 4).convert().coef
 
 
 @njit(cache=True)

@@ -15,7 +15,7 @@ from numba import njit
 from model import geometry, motion
 from model import layout as at
 from model.gas.cylinder import INLET, OUTLET, port_at
-from model.solvers.transient import N_EDGES, edges
+from model.solvers.crank_angle import N_EDGES, edges
 
 STEPS_PER_EDGE = 4  # steps between neighbouring edges, two Gauss points each
 N_STEPS = N_EDGES * STEPS_PER_EDGE

@@ -24,7 +24,8 @@ from rig.virtual.control import Control
 from rig.virtual.devices.base import World, serve_bench
 from rig.virtual.devices.faults import ONCE, Fault, Faults, Place, read_fault
 from rig.virtual.devices.sensors import ZERO_C, generator
-from rig.virtual.plant.plant import BAR, Plant, Turning, read_truth
+from rig.virtual.plant.plant import BAR, Plant
+from rig.virtual.plant.truth import Turning, read_truth
 
 PORTS = "ports.json"
 TICK_S = 0.004  # of the wall

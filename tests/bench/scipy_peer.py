@@ -18,9 +18,9 @@ from model import geometry
 from model import layout as at
 from model.gas.cylinder import CLOSED, gas_state
 from model.motor import Motor
-from model.solvers import transient
+from model.solvers import crank_angle, port_edges, transient
 
-N = transient.M_IN  # the states that matter: angle, speed, pressures, temperatures; what has passed is left out
+N = crank_angle.M_IN  # the states that matter: angle, speed, pressures, temperatures; what has passed is left out
 SCALE = np.array([1.0, 1.0] + [1e5] * at.N_CYLINDERS + [100.0] * at.N_CYLINDERS)  # of the absolute tolerance
 LADDER = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)  # relative tolerances tried, coarse first
 PULSES = at.N_LOBES * at.N_CYLINDERS  # in a turn
@@ -30,7 +30,7 @@ SETTLED = 1e-6  # relative change of the speed from turn to turn
 
 @dataclass(frozen=True)
 class Problem:
-    """A motor at constant pressure: everything that `model.solvers.transient.rates` takes but the state."""
+    """A motor at constant pressure: everything that `model.solvers.crank_angle.rates` takes but the state."""
 
     parameters: np.ndarray
     readings: np.ndarray
@@ -71,7 +71,7 @@ def problem(motor: Motor, P_in: float) -> Problem:
         readings,
         gas_state(parameters, P_in, readings),
         curve,
-        transient.edges(parameters, curve),
+        crank_angle.edges(parameters, curve),
         np.array([parameters[at.P_A] + parameters[at.DP_OUT], P_in - parameters[at.DP_IN]]),
         np.array([parameters[at.T_A], parameters[at.T_IN]]),
         transient.rest_state(motor),
@@ -95,12 +95,12 @@ def rate(
     y : ndarray, shape (16,)
         State [SI].
     port, T_port, parameters, curve, gas, readings : ndarray
-        As in `model.solvers.transient.rates` [SI].
+        As in `model.solvers.crank_angle.rates` [SI].
     """
-    state = np.zeros(transient.N_STATE)
+    state = np.zeros(crank_angle.N_STATE)
     state[:N] = y
-    found = np.empty(transient.N_STATE)
-    transient.rates(state, found, port, 1.0, T_port, parameters, curve, gas, readings)
+    found = np.empty(crank_angle.N_STATE)
+    crank_angle.rates(state, found, port, 1.0, T_port, parameters, curve, gas, readings)
     return found[:N].copy()
 
 
@@ -130,12 +130,12 @@ def run(
         Times at which the rotor has turned another 1/28 turn [s].
     """
     y = p.start.copy()
-    y[transient.OMEGA] = start_rad_s
+    y[crank_angle.OMEGA] = start_rad_s
     port = np.full(at.N_CYLINDERS, CLOSED)
     marks = np.append(p.edges, p.edges[0] + at.PULSE)
     block, k, t = 0, int(np.searchsorted(p.edges, 0.0, side="right")) - 1, 0.0
     if k < 0:
-        block, k = -1, transient.N_EDGES - 1
+        block, k = -1, crank_angle.N_EDGES - 1
     pulses: list[float] = []
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:
@@ -144,7 +144,7 @@ def run(
 
     while t < t_end:
         low, high = block * at.PULSE + marks[k], block * at.PULSE + marks[k + 1]
-        transient.set_ports(y, port, 0.5 * (low + high), p.P_port, p.T_port, p.parameters[at.LAP], p.curve, p.gas)
+        port_edges.set_ports(y, port, 0.5 * (low + high), p.P_port, p.T_port, p.parameters[at.LAP], p.curve, p.gas)
 
         def at_edge(_: float, state: np.ndarray, edge: float = high) -> float:
             return float(state[0] - edge)
@@ -155,9 +155,9 @@ def run(
         y[:N], t = done.y[:, -1], float(done.t[-1])
         if done.status != 1:
             break
-        y[transient.THETA] = high
+        y[crank_angle.THETA] = high
         k += 1
-        if k == transient.N_EDGES:
+        if k == crank_angle.N_EDGES:
             block, k = block + 1, 0
             pulses.append(t)
             if until(pulses):

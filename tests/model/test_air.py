@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from model.gas import _air_equations as equations
-from model.gas import air
+from model.gas import air, transport
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPERATURES = [*np.linspace(230.0, 400.0, 18), 273.1, 273.2]
@@ -170,8 +170,8 @@ def test_transport_quartics_follow_the_full_equations_down_to_180_kelvin(x_w, bo
         assert mu.shape == k.shape == (5,)
         for T in np.linspace(180.0, 400.0, 45):
             exact = equations.transport(T, P, x_w)
-            worst.record("viscosity", air.polynomial(mu, T), exact[0], T, P)
-            worst.record("conductivity", air.polynomial(k, T), exact[1], T, P)
+            worst.record("viscosity", transport.polynomial(mu, T), exact[0], T, P)
+            worst.record("conductivity", transport.polynomial(k, T), exact[1], T, P)
     worst.check()
 
 
@@ -192,20 +192,20 @@ def test_the_equations_are_the_same_plain_and_compiled(monkeypatch):
             np.testing.assert_allclose(fast(*given_arguments), slow(*given_arguments), rtol=1e-12, err_msg=name)
 
 
-@pytest.mark.parametrize("function", [air.sutherland_viscosity, air.sutherland_conductivity])
+@pytest.mark.parametrize("function", [transport.sutherland_viscosity, transport.sutherland_conductivity])
 def test_sutherland_is_the_same_plain_and_compiled_and_takes_arrays(function):
     T = np.linspace(180.0, 400.0, 12)
     np.testing.assert_allclose(function(T), [function.py_func(t) for t in T], rtol=1e-12)
 
 
 def test_sutherland_starts_from_the_reference_values():
-    assert air.sutherland_viscosity(273.15) == pytest.approx(1.716e-5, rel=1e-12)
-    assert air.sutherland_conductivity(273.15) == pytest.approx(0.0241, rel=1e-12)
+    assert transport.sutherland_viscosity(273.15) == pytest.approx(1.716e-5, rel=1e-12)
+    assert transport.sutherland_conductivity(273.15) == pytest.approx(0.0241, rel=1e-12)
 
 
 def test_polynomial_is_the_quartic_lowest_order_first():
     c = np.array([3.0, -2.0, 0.5, 0.25, -0.125])
-    assert air.polynomial(c, 1.7) == pytest.approx(np.polynomial.polynomial.polyval(1.7, c), rel=1e-14)
+    assert transport.polynomial(c, 1.7) == pytest.approx(np.polynomial.polynomial.polyval(1.7, c), rel=1e-14)
 
 
 def test_floats_give_a_float_and_arrays_broadcast():

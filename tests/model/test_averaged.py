@@ -11,8 +11,9 @@ from model.effects import transient as effect_transient
 from model.gas.cylinder import gas_state
 from model.motor import read_motor
 from model.solvers import averaged as torque_only
+from model.solvers.crank_angle import OMEGA
 from model.solvers.steady import steady
-from model.solvers.transient import OMEGA, Supply, rest_state
+from model.solvers.transient import Supply, rest_state
 
 MOTOR = read_motor("ptm3600")
 READINGS = MOTOR.readings.vector()

@@ -16,8 +16,9 @@ from model.operation.performance import (
 )
 from model.operation.runs import coast_down, spin_up
 from model.operation.sensitivity import sensitivities
+from model.solvers.crank_angle import H_IN, H_OUT, W_GAS
 from model.solvers.steady import gas_table, steady
-from model.solvers.transient import H_IN, H_OUT, W_GAS, Supply, simulate
+from model.solvers.transient import Supply, simulate
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from model import geometry, layout, motor
 from model.gas.cylinder import gas_state
-from model.solvers import published, transient
+from model.solvers import crank_angle, published, transient
 from model.solvers.steady import gas_table, solve, steady, unpack
 from model.solvers.transient import Supply
 
@@ -50,8 +50,8 @@ def steady_rpm(motor_then, P_in):
 def turn(motor_then, P_in, state, refine=1):
     """One turn at constant pressure from angle 0, with nothing passed before; the state after it and its time."""
     y = state.copy()
-    y[transient.THETA] = 0.0
-    y[transient.M_IN :] = 0.0
+    y[crank_angle.THETA] = 0.0
+    y[crank_angle.M_IN :] = 0.0
     pulse_t = np.full(28, np.nan)
     parameters, readings = motor_then.vector(), motor_then.readings.vector()
     gas = gas_state(parameters, P_in, readings)
@@ -66,10 +66,10 @@ def periodic(motor_then, P_in, refine=1):
     y, _ = transient.periodic_state(motor_then, P_in, refine=refine)
     for _ in range(100):
         before, (y, _) = y, turn(motor_then, P_in, y, refine)
-        if np.allclose(y[1 : transient.M_IN], before[1 : transient.M_IN], rtol=1e-12):
+        if np.allclose(y[1 : crank_angle.M_IN], before[1 : crank_angle.M_IN], rtol=1e-12):
             break
-    y[transient.THETA] = 0.0
-    y[transient.M_IN :] = 0.0
+    y[crank_angle.THETA] = 0.0
+    y[crank_angle.M_IN :] = 0.0
     return y
 
 
@@ -178,9 +178,9 @@ def test_the_steady_speed_is_where_the_transient_settles_from_40_to_600_rpm(air,
 def test_the_steady_torques_and_flow_are_those_of_a_turn_of_the_transient(P_in):
     found = steady(MOIST, [P_in])
     y, time = turn(MOIST, P_in, periodic(MOIST, P_in, refine=4), refine=4)
-    assert found.gas_torque_nm[0, 0] == pytest.approx(y[transient.W_GAS] / (2.0 * math.pi), rel=5e-5)
-    assert found.roller_torque_nm[0, 0] == pytest.approx(y[transient.W_ROLLER] / (2.0 * math.pi), rel=1e-4)
-    assert found.mass_flow_kg_s[0, 0] == pytest.approx(y[transient.M_IN] / time, rel=5e-5)
+    assert found.gas_torque_nm[0, 0] == pytest.approx(y[crank_angle.W_GAS] / (2.0 * math.pi), rel=5e-5)
+    assert found.roller_torque_nm[0, 0] == pytest.approx(y[crank_angle.W_ROLLER] / (2.0 * math.pi), rel=1e-4)
+    assert found.mass_flow_kg_s[0, 0] == pytest.approx(y[crank_angle.M_IN] / time, rel=5e-5)
 
 
 # Balances
@@ -191,16 +191,16 @@ def test_the_steady_torques_and_flow_are_those_of_a_turn_of_the_transient(P_in):
 def test_energy_and_mass_balance_over_a_turn_when_the_torque_is_virtual_work(P_in, heat_transfer):
     motor_then = MOIST.with_readings(heat_transfer=heat_transfer, **VIRTUAL)
     y, _ = turn(motor_then, P_in, periodic(motor_then, P_in, refine=4), refine=4)
-    brought = y[transient.H_IN] - y[transient.H_OUT] + y[transient.Q_IN]
-    assert brought == pytest.approx(y[transient.W_GAS], rel=1e-6)
-    assert y[transient.M_OUT] == pytest.approx(y[transient.M_IN], rel=1e-6)
+    brought = y[crank_angle.H_IN] - y[crank_angle.H_OUT] + y[crank_angle.Q_IN]
+    assert brought == pytest.approx(y[crank_angle.W_GAS], rel=1e-6)
+    assert y[crank_angle.M_OUT] == pytest.approx(y[crank_angle.M_IN], rel=1e-6)
 
 
 def test_the_published_torque_takes_nine_thousandths_more_work_than_the_gas_gives():
     """Erratum 4, with the default lap."""
     y, _ = turn(MOIST, 2e5, periodic(MOIST, 2e5, refine=4), refine=4)
-    brought = y[transient.H_IN] - y[transient.H_OUT] + y[transient.Q_IN]
-    assert y[transient.W_GAS] / brought - 1.0 == pytest.approx(0.009, abs=2e-4)
+    brought = y[crank_angle.H_IN] - y[crank_angle.H_OUT] + y[crank_angle.Q_IN]
+    assert y[crank_angle.W_GAS] / brought - 1.0 == pytest.approx(0.009, abs=2e-4)
 
 
 def test_what_the_gas_gives_is_what_friction_takes():
@@ -354,7 +354,7 @@ def test_with_heat_the_transient_converges_in_second_order():
 def test_the_periodic_state_repeats_after_a_turn():
     y, _ = transient.periodic_state(MOIST, 2e5)
     after, _ = turn(MOIST, 2e5, y)
-    np.testing.assert_allclose(after[1 : transient.M_IN], y[1 : transient.M_IN], rtol=1e-8)
+    np.testing.assert_allclose(after[1 : crank_angle.M_IN], y[1 : crank_angle.M_IN], rtol=1e-8)
 
 
 def test_a_run_goes_on_from_the_state_it_ended_in():

@@ -31,7 +31,7 @@ from calibration.challenge.second_rig.truth import Truth, generator
 from rig.bench.bench import Bench
 from rig.virtual.__main__ import options_of
 from rig.virtual.devices.sensors import ZERO_C
-from rig.virtual.plant.plant import LINE_TRUTH, LineTruth, read_truth
+from rig.virtual.plant.truth import LINE_TRUTH, LineTruth, read_truth
 from rig.virtual.serve import motor_in_room, serve
 
 FAMILY = "proof"

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data.blocks import RunInTime, levels
+from calibration.data.blocks import levels
+from calibration.data.runs import RunInTime
 from calibration.data.runs_in_time import placeholders
 from calibration.diagnosis.next_test.information import Expected
 from calibration.diagnosis.steps.candidate import Candidate

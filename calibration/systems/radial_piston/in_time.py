@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from calibration.data.blocks import RunInTime
+from calibration.data.runs import RunInTime
 from calibration.work.threads import each
 from model import layout as at
 from model.effects import averaged, effects
@@ -17,8 +17,9 @@ from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.motor import Motor
 from model.solvers import steady as base_steady
+from model.solvers.crank_angle import OMEGA, THETA
 from model.solvers.recent import Recent
-from model.solvers.transient import OMEGA, THETA, Supply, rest_state
+from model.solvers.transient import Supply, rest_state
 
 STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
 LEAD_STEP_S = 0.02  # between the samples of the steady part ahead of a run

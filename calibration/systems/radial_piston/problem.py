@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data.blocks import Blocks, RunInTime, Vented, blocks_of
+from calibration.data.blocks import Blocks, Vented, blocks_of
 from calibration.data.clock import needs_clock
+from calibration.data.runs import RunInTime
 from calibration.systems.radial_piston import gauge, in_time, wheel
 from calibration.systems.radial_piston.standing import standing_flow
 from calibration.systems.radial_piston.supply import Course, line_unknowns

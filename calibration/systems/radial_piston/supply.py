@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.data.blocks import RunInTime
+from calibration.data.runs import RunInTime
 from calibration.unknowns.priors import Unknown
 from model.solvers.transient import Supply
 from rig.recording import SupplyFigures

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibration.data.blocks import RunInTime
+from calibration.data.runs import RunInTime
 from calibration.unknowns.priors import Unknown
 from rig.recording import Recording
 

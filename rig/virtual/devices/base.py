@@ -16,7 +16,7 @@ from rig.bench.bench import Bench, Place
 from rig.bench.instrument import ChannelFile
 from rig.virtual.devices.faults import Faults
 from rig.virtual.devices.sensors import Sensor, truth_of
-from rig.virtual.plant.plant import Turning
+from rig.virtual.plant.truth import Turning
 
 
 @dataclass(frozen=True)

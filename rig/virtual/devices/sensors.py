@@ -12,7 +12,7 @@ import numpy as np
 from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS
 from rig.virtual.devices.faults import Faults
-from rig.virtual.plant.plant import Turning
+from rig.virtual.plant.truth import Turning
 
 ZERO_C = 273.15
 DRIFT = 0.2  # of bias_sd in DRIFT_S, 1 sigma

@@ -36,7 +36,7 @@ from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 from rig.virtual import VirtualBenchError, launch
-from rig.virtual.plant.plant import LineTruth
+from rig.virtual.plant.truth import LineTruth
 from tests.virtual_benches import MODBUS, bench
 
 ROOT = Path(__file__).resolve().parents[3]

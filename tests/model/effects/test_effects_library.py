@@ -20,8 +20,9 @@ from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.effects.effect import Effect, EffectParameter, State
 from model.motor import read_motor
+from model.solvers.crank_angle import OMEGA
 from model.solvers.steady import gas_table
-from model.solvers.transient import OMEGA, Supply, rest_state
+from model.solvers.transient import Supply, rest_state
 
 PROMISED = {
     "coulomb_friction": "torque",

@@ -14,7 +14,8 @@ from model.effects import transient as effect_transient
 from model.effects.laws import Chosen
 from model.motor import Motor, read_motor
 from model.solvers import steady, transient
-from model.solvers.transient import OMEGA, Supply, rest_state
+from model.solvers.crank_angle import OMEGA
+from model.solvers.transient import Supply, rest_state
 
 PRESSURES = np.array([1.2e5, 1.5e5, 2.0e5, 3.0e5, 5.0e5])
 ORDINARY = {

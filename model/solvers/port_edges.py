@@ -1,0 +1,165 @@
+"""At an edge: where the next one is, and what a cylinder takes over from its port there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from model import geometry
+from model import layout as at
+from model.gas.cylinder import CLOSED, INLET, open_port, port_at
+from model.solvers.crank_angle import (
+    H_IN,
+    H_OUT,
+    M_IN,
+    M_OUT,
+    OMEGA,
+    P0,
+    T0,
+    THETA,
+    runge_kutta,
+)
+
+ON_EDGE = 1e-12  # rad: an edge is met when the angle is this near, and then taken exactly
+ON_THE_WAY, AT_EDGE, STOPPED = 0, 1, 2
+
+
+@njit(cache=True)
+def locate(
+    y: np.ndarray,
+    h: float,
+    h_most: float,
+    target: float,
+    work: np.ndarray,
+    port: np.ndarray,
+    sense: float,
+    T_port: np.ndarray,
+    parameters: np.ndarray,
+    c: np.ndarray,
+    gas: np.ndarray,
+    readings: np.ndarray,
+) -> tuple[float, int]:
+    """Step until the angle ``target``, the time ``h_most`` or standstill, whichever comes first.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State at the start [SI].
+    h, h_most : float
+        First guess of the step and its upper limit [s].
+    target : float
+        Angle ahead at which the step has to end [rad].
+    work : ndarray, shape (6, 23)
+        As in `runge_kutta`; ``work[4]`` receives the state at the end.
+    port, sense, T_port, parameters, c, gas, readings
+        As in `rates`.
+
+    Returns
+    -------
+    h : float
+        The step taken [s].
+    event : int
+        ON_THE_WAY (time is up), AT_EDGE or STOPPED.
+    """
+    low, high = 0.0, math.inf
+    event = ON_THE_WAY
+    for _ in range(60):
+        runge_kutta(y, h, work, port, sense, T_port, parameters, c, gas, readings)
+        omega = sense * work[4, OMEGA]
+        beyond = sense * (work[4, THETA] - target)
+        if not math.isfinite(omega):
+            break
+        if abs(omega) < 1e-12 and event == STOPPED:
+            break
+        if omega < 0.0:
+            high, event = h, STOPPED
+        elif beyond > ON_EDGE:
+            high, event = h, AT_EDGE
+        elif beyond >= -ON_EDGE:
+            event = AT_EDGE
+            break
+        elif event == ON_THE_WAY and h >= h_most:
+            break
+        else:
+            low = h
+        if high - low <= 1e-16:
+            break
+        if event == STOPPED:
+            guess = h - work[4, OMEGA] / work[3, OMEGA]
+        else:  # Newton, with the acceleration's share
+            late = beyond / max(omega, 1e-30)
+            guess = h - late - 0.5 * sense * work[3, OMEGA] * late * late / max(omega, 1e-30)
+        if high == math.inf:
+            h = min(guess, h_most)
+        elif low < guess < high:
+            h = guess
+        else:
+            h = 0.5 * (low + high)
+    return h, event
+
+
+@njit(cache=True)
+def take_port(y: np.ndarray, i: int, which: int, P_p: float, T_p: float, c: np.ndarray, gas: np.ndarray) -> None:
+    """Cylinder ``i`` takes the pressure of a port at once; the exchange is booked.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State [SI], changed.
+    i, which : int
+        Cylinder, and OUTLET or INLET.
+    P_p, T_p : float
+        Pressure [Pa] and temperature [K] behind the port.
+    c, gas : ndarray, shapes (8,) and (12,)
+        Curve and gas.
+    """
+    psi = (y[THETA] + i * (4.0 * at.PULSE)) % at.LOBE
+    L4, _, _, _ = geometry.place(psi, c)
+    V = geometry.volume(L4, c[at.A_P], c[at.V_OFFSET])
+    R, cp = gas[at.GAS_R], gas[at.GAS_CP]
+    U = (cp - R) / R * y[P0 + i] * V
+    y[T0 + i], dm = open_port(y[P0 + i], y[T0 + i], V, P_p, T_p, gas)
+    y[P0 + i] = P_p
+    dU = (cp - R) / R * P_p * V - U
+    if which == INLET:
+        y[M_IN] += dm
+        y[H_IN] += dU
+    else:
+        y[M_OUT] -= dm
+        y[H_OUT] -= dU
+
+
+@njit(cache=True)
+def set_ports(
+    y: np.ndarray,
+    port: np.ndarray,
+    mid: float,
+    P_port: np.ndarray,
+    T_port: np.ndarray,
+    lap: float,
+    c: np.ndarray,
+    gas: np.ndarray,
+) -> None:
+    """See which port each cylinder has around the angle ``mid``; those that open take its pressure.
+
+    Parameters
+    ----------
+    y : ndarray, shape (23,)
+        State [SI], changed.
+    port : ndarray, shape (7,)
+        Ports, changed.
+    mid : float
+        An angle inside the interval that begins [rad].
+    P_port, T_port : ndarray, shape (2,)
+        Pressure [Pa] and temperature [K] behind outlet and inlet.
+    lap : float
+        Port lap [rad].
+    c, gas : ndarray, shapes (8,) and (12,)
+        Curve and gas.
+    """
+    for i in range(at.N_CYLINDERS):
+        port[i] = port_at((mid + i * (4.0 * at.PULSE)) % at.LOBE, lap)
+        if port[i] != CLOSED and y[P0 + i] != P_port[port[i]]:
+            take_port(y, i, port[i], P_port[port[i]], T_port[port[i]], c, gas)
