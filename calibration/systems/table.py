@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from calibration.data.runs_in_time import why_left
-from calibration.systems.readings import SI_UNITS, TO_SI, Flat, Readings
+from calibration.systems.readings import SI_UNITS, TO_SI
 from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
-from model.rigs.driven_axis import Blocks
-from model.rigs.state import AMBIENT_PA, ROOM_K, Sizes
+from model.rigs.state import AMBIENT_PA, ROOM_K
 from rig.recording import Recording, RecordingFile
-
-Coasting = tuple[RecordingFile, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -40,37 +37,6 @@ class RigTable:
     room: float
     slides: bool
     inertia: float
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What the files of a recording hold; what belongs to another kind of rig is empty.
-
-    Attributes
-    ----------
-    coasts : list of (RecordingFile, ndarray, ndarray of bool)
-        Coast-downs of a free rotor: file, times of its readings from where it starts [s], and which are compared.
-    weight : float or None
-        The drive of an axis where that is constant, a weight [N m, N].
-    rows : tuple of ndarray, each of shape (n,)
-        Plateaus of a machine: speed [rad/s], pressure [Pa], temperature [K], time [s].
-    has : list of ndarray of bool, each of shape (n,)
-        Which plateaus have a reading, for each of ``readings``.
-    files : list of dict
-        Rows used of each file that was looked at, of `rows_used`.
-    """
-
-    readings: list[Readings]
-    flats: list[Flat]
-    unknowns: list[Unknown]
-    sizes: Sizes
-    coasts: list[Coasting] = field(default_factory=list)
-    blocks: list[tuple[RecordingFile, Blocks]] = field(default_factory=list)
-    weight: float | None = None
-    rows: tuple[np.ndarray, ...] = ()
-    has: list[np.ndarray] = field(default_factory=list)
-    files: list[dict[str, Any]] = field(default_factory=list)
-    timed: bool = True
 
 
 def table_of(recording: Recording, motor: Mapping[str, Any]) -> RigTable:

@@ -52,7 +52,7 @@ def diagnose(
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
     from calibration.data.joined import together
-    from calibration.diagnosis.other_rigs.problem import OF_KIND
+    from calibration.systems.system import has_system
 
     check_places(out, json_file)
     parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
@@ -60,7 +60,7 @@ def diagnose(
     _refuse_twice(parts, unseen)
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
     read = together(parts)
-    if not isinstance(read.motor, str) and read.motor.get("kind") in OF_KIND:
+    if has_system(read):
         _diagnose_rig(read, out, json_file, seed, unseen)
     else:
         _diagnose_motor(read, out, json_file, seed, unseen, workers or min(2, os.cpu_count() or 1))

@@ -12,16 +12,14 @@ from calibration.diagnosis.other_rigs.coordinates import Coordinates
 from calibration.diagnosis.other_rigs.fit import RigFit
 from calibration.diagnosis.other_rigs.linear import Linear, linear
 from calibration.diagnosis.other_rigs.noise import uncorrelated
-from calibration.diagnosis.other_rigs.places import LEVEL
 from calibration.diagnosis.other_rigs.problem import RigProblem
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.name import log_prior
 from calibration.diagnosis.steps.unseen import SCHEME
+from calibration.systems.system import FOLDS
 
 WEIGHED = 6  # most probable sets among which each fold chooses
-FOLDS = 6
-RUNS = 4  # files from which on whole runs are held out
 RIDGE = 1e-9
 
 
@@ -42,7 +40,7 @@ def cross_validate(problem: RigProblem, found: Sequence[Candidate], names: tuple
     """Predict each block from the others, the sets weighed anew in each fold."""
     allowed = [c for c in found if c.names and not c.refused][:WEIGHED]
     views = [_view(problem, c) for c in [*(c for c in found if not c.names), *allowed]]
-    blocks, scheme = folds_of(problem)
+    blocks, scheme = problem.system.folds()
     K = len(problem.could_show)
     whole = [_fit(view, np.ones(view.r.size, dtype=bool))[2] for view in views]
     gains, same = [], 0
@@ -104,36 +102,6 @@ def unseen(problem: RigProblem, base: RigFit, best: RigFit, other: RigProblem) -
         SCHEME,
         _rms(channel, np.concatenate([one.value for one in other.readings])),
     )
-
-
-def folds_of(problem: RigProblem) -> tuple[list[np.ndarray], str]:
-    """Masks of the readings that are held out together, and what they are."""
-    sizes = [one.value.size for one in problem.readings]
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    found = []
-    if problem.kind == "displacement_machine":
-        pressure = problem.seen.rows[1]
-        order = np.sort(pressure)
-        cuts = order[1:][np.diff(order) > LEVEL * order[-1]]
-        level = np.searchsorted(cuts, pressure, side="right")
-        if cuts.size:
-            for k in range(min(cuts.size + 1, FOLDS)):
-                mask = level % min(cuts.size + 1, FOLDS) == k
-                found.append(np.concatenate([mask[has] for has in problem.seen.has]))
-            return found, "pressure levels"
-        parts = np.array_split(np.arange(pressure.size), FOLDS)
-        for part in parts:
-            mask = np.isin(np.arange(pressure.size), part)
-            found.append(np.concatenate([mask[has] for has in problem.seen.has]))
-        return found, "contiguous rows"
-    runs = problem.kind == "driven_axis" and sum(size > 0 for size in sizes) >= RUNS
-    pieces = 1 if runs else max(3, math.ceil(FOLDS / len(sizes)))
-    for start, size in zip(starts, sizes, strict=False):
-        for part in np.array_split(np.arange(size), pieces):
-            mask = np.zeros(starts[-1], dtype=bool)
-            mask[start + part] = True
-            found.append(mask)
-    return [mask for mask in found if mask.any()], "whole runs" if runs else "transient segments"
 
 
 def _view(problem: RigProblem, one: Candidate) -> _View:

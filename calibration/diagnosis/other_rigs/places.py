@@ -34,22 +34,6 @@ class Force:
     columns: list[np.ndarray]
 
 
-def coordinates(problem: RigProblem) -> list[dict[str, np.ndarray]]:
-    """What is known of each reading: its speed (with its sign), the time on its own clock, and the pressure [SI]."""
-    found = []
-    if problem.kind == "driven_axis":
-        for _, blocks in problem.seen.blocks:
-            one = {name: blocks.mean(getattr(blocks, name))[blocks.used] for name in ("speed", "time", "pressure")}
-            found.append({name: values for name, values in one.items() if np.all(np.isfinite(values))})
-    elif problem.kind == "free_rotor":
-        for readings, (_, time, compared) in zip(problem.readings, problem.seen.coasts, strict=True):
-            found.append({"speed": readings.value, "time": time[compared]})
-    else:
-        speed, pressure, _, time = problem.seen.rows
-        found = [{"speed": speed[has], "pressure": pressure[has], "time": time[has]} for has in problem.seen.has]
-    return found
-
-
 def forces_of(problem: RigProblem, friction: float) -> list[Force]:
     """Free-form forces of a recording.
 
@@ -58,32 +42,19 @@ def forces_of(problem: RigProblem, friction: float) -> list[Force]:
     friction : float
         Viscous coefficient, by which a rotor forgets a force [N m s].
     """
-    known = coordinates(problem)
-    wanted = [("drive", "torque"), ("flow", "mass")] if problem.kind == "displacement_machine" else [("", "torque")]
     found = []
-    for channel, balance in wanted:
+    for channel, balance, coordinate in problem.system.balances:
         mine = [not channel or one.channel == channel for one in problem.readings]
-        if not any(mine):
-            continue
-        for coordinate in ("speed", "pressure", "time"):
-            found += _along(problem, known, mine, balance, coordinate, friction)
-        if problem.kind == "driven_axis":
-            found += _along(problem, known, mine, "sensor", "time", friction)
+        if any(mine):
+            found += _along(problem, mine, balance, coordinate, friction)
     return found
 
 
-def _along(
-    problem: RigProblem,
-    known: list[dict[str, np.ndarray]],
-    mine: list[bool],
-    balance: str,
-    coordinate: str,
-    friction: float,
-) -> list[Force]:
+def _along(problem: RigProblem, mine: list[bool], balance: str, coordinate: str, friction: float) -> list[Force]:
+    known = problem.system.coordinates()
     used = [i for i, yes in enumerate(mine) if yes and coordinate in known[i] and known[i][coordinate].size]
     if not used:
         return []
-    signed = problem.kind == "driven_axis" and balance == "torque"
     values = {i: np.abs(known[i][coordinate]) if coordinate == "speed" else known[i][coordinate] for i in used}
     edges = _edges(np.concatenate(list(values.values())), coordinate)
     if edges.size < 3:
@@ -95,10 +66,7 @@ def _along(
         if i in values:
             piece = np.clip(np.searchsorted(edges, values[i], side="right") - 1, 0, edges.size - 2)
             pieces[np.arange(piece.size), piece] = size
-            if signed:
-                pieces *= np.sign(known[i]["speed"])[:, None]
-            if problem.kind == "free_rotor":
-                pieces = _slowed(problem, known[i]["time"], pieces, friction)
+            pieces = problem.system.answer(i, pieces, balance, friction)
         columns.append(one.white(pieces))
     unit = {"speed": "m/s" if problem.slides else "rad/s", "pressure": "Pa", "time": "s"}[coordinate]
     channel = problem.readings[used[0]].channel
@@ -121,23 +89,11 @@ def _edges(values: np.ndarray, coordinate: str) -> np.ndarray:
     return np.unique(np.concatenate([[ordered[0]], inner, [ordered[-1]]]))
 
 
-def _slowed(problem: RigProblem, time: np.ndarray, torque: np.ndarray, friction: float) -> np.ndarray:
-    """What torques along a coast-down do to its speed: each is forgotten as viscous friction slows the rotor."""
-    out = np.zeros_like(torque)
-    rate = friction / problem.inertia
-    for k in range(1, time.size):
-        dt = time[k] - time[k - 1]
-        keep = np.exp(-rate * dt)
-        per = (1.0 - keep) / (rate * problem.inertia) if rate > 0.0 else dt / problem.inertia
-        out[k] = out[k - 1] * keep - 0.5 * (torque[k] + torque[k - 1]) * per
-    return 0.5 * (out + np.concatenate([out[:1], out[:-1]]))
-
-
 def same_coordinates(problem: RigProblem, coordinate: str) -> tuple[str, ...]:
     """Coordinates that this recording cannot tell from one."""
     from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared
 
-    known = [one for one in coordinates(problem) if coordinate in one]
+    known = [one for one in problem.system.coordinates() if coordinate in one]
     found = []
     for other in ("speed", "pressure", "time"):
         if other == coordinate or not known or any(other not in one for one in known):

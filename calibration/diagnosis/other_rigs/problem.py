@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 
 from calibration.data.clock import needs_clock
-from calibration.systems import displacement_machine as rigs_machine
-from calibration.systems import driven_axis as rigs_axis
-from calibration.systems import free_rotor as rigs_rotor
 from calibration.systems.readings import Flat
+from calibration.systems.system import has_system, systems
 from calibration.systems.table import rows_used, table_of
 from calibration.unknowns.effects import searched
 from calibration.unknowns.priors import Unknown
@@ -20,29 +18,8 @@ from model.effects.laws import Chosen
 from model.rigs.state import scaled
 from rig.recording import Recording, RecordingError
 
+COMMON = ("coulomb_friction", "stribeck_friction", "windage", "friction_warm_up")  # what any machine may have
 NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
-SEE = {"free_rotor": rigs_rotor.see, "driven_axis": rigs_axis.see, "displacement_machine": rigs_machine.see}
-PREDICT = {
-    "free_rotor": rigs_rotor.predict,
-    "driven_axis": rigs_axis.predict,
-    "displacement_machine": rigs_machine.predict,
-}
-EVERYWHERE = ("coulomb_friction", "stribeck_friction", "windage", "friction_warm_up")
-OF_KIND = {
-    "free_rotor": ("once_per_rev_torque", "speed_lag"),
-    "driven_axis": ("inertia",),
-    "displacement_machine": (
-        "load_friction",
-        "leakage",
-        "inlet_throttling",
-        "exhaust_back_pressure",
-        "flow_offset",
-        "flow_scale",
-        "flow_density_correction",
-        "pressure_gauge_offset",
-        "pressure_gauge_scale",
-    ),
-}
 
 
 class RigProblem:
@@ -60,9 +37,9 @@ class RigProblem:
     """
 
     def __init__(self, recording: Recording) -> None:
-        if isinstance(recording.motor, str) or recording.motor.get("kind") not in OF_KIND:
+        if isinstance(recording.motor, str) or not has_system(recording):
             raise RecordingError(
-                f"{recording.folder}: [motor] is not a rig of another kind; expected one of {', '.join(OF_KIND)}"
+                f"{recording.folder}: [motor] is not a rig of another kind; expected one of {', '.join(systems())}"
             )
         self.recording = recording
         self.motor: Mapping[str, Any] = recording.motor
@@ -70,9 +47,9 @@ class RigProblem:
         self.table = table_of(recording, self.motor)
         self.ambient, self.room = self.table.ambient, self.table.room
         self.slides, self.inertia = self.table.slides, self.table.inertia
-        self.seen = SEE[self.kind](self.table)
-        self.readings, self.sizes = self.seen.readings, self.seen.sizes
-        self.flats, self.unknowns = list(self.seen.flats), list(self.seen.unknowns)
+        self.system = systems()[self.kind](self.table)
+        self.readings, self.sizes = self.system.readings, self.system.sizes
+        self.flats, self.unknowns = list(self.system.flats), list(self.system.unknowns)
         if not any(one.value.size for one in self.readings):
             raise RecordingError(
                 f"{recording.folder}: {self.kind}: no reading is left to compare; is the axis ever in motion?"
@@ -88,7 +65,7 @@ class RigProblem:
     @property
     def files(self) -> list[dict[str, Any]]:
         """Rows used of each file of the recording, as ``files`` of diagnosis/1."""
-        seen = {one["file"]: one for one in self.seen.files}
+        seen = {one["file"]: one for one in self.system.files}
         return [
             seen.get(file.file) or rows_used(file, {NOT_LOOKED_AT: np.ones(file.rows, dtype=bool)})
             for file in self.recording.files
@@ -97,18 +74,12 @@ class RigProblem:
     @property
     def could_show(self) -> list[str]:
         """The effects that this rig could show."""
-        found = [*EVERYWHERE, *OF_KIND[self.kind]]
-        if self.kind == "driven_axis" and any(np.isfinite(b.pressure).any() for _, b in self.seen.blocks):
-            found.append("load_friction")
-        if self.kind == "free_rotor" and not rigs_rotor.sees_turns(self.seen):
-            found.remove("once_per_rev_torque")
-        if self.seen.weight is not None:  # then less inertia and a constant drag explain any noise in the speed
-            found.remove("inertia")
+        found = [*COMMON, *self.system.could_show()]
         if not any(one.channel in ("drive", "speed") for one in self.readings):
             found = [name for name in found if effects()[name].torque is None]
         if not any(one.channel == "flow" for one in self.readings):
             found = [name for name in found if "flow" not in effects()[name].reads and name != "leakage"]
-        if not self.seen.timed:
+        if not self.system.timed:
             found = [name for name in found if not needs_clock(effects()[name])]
         return sorted(found)
 
@@ -128,7 +99,7 @@ class RigProblem:
         values : mapping of str to float
             Of flats and unknowns by their names [SI].
         """
-        return PREDICT[self.kind](self.table, self.seen, values, chosen)
+        return self.system.predict(values, chosen)
 
     def slope(self, name: str, values: Mapping[str, float], predicted: Sequence[np.ndarray]) -> list[np.ndarray] | None:
         """What an instrument's offset or scale does to the predictions, which needs no model [SI]; None for the rest.
@@ -150,15 +121,15 @@ class RigProblem:
             elif place in ("drive", "flow", "speed") and error in ("offset", "scale"):
                 scale = 1.0 + values.get(f"{place}_scale", 0.0)
                 part = np.ones_like(true) if error == "offset" else (true - offset) / scale
-                if error == "scale" and self.seen.weight is not None:
-                    part = np.full_like(true, self.seen.weight)
+                if error == "scale" and self.system.weight is not None:
+                    part = np.full_like(true, self.system.weight)
                 found.append(part if one.channel == place else np.zeros_like(true))
             else:
                 return None
         return found
 
     def _friction_prior(self) -> None:
-        if self.kind == "displacement_machine" and all(one.channel != "drive" for one in self.readings):
+        if not any(one.channel in ("drive", "speed") for one in self.readings):
             return  # a flow tells nothing of friction
         mean, sd = self.motor.get("viscous_friction"), self.motor.get("viscous_friction_sd")
         unit = "N s/m" if self.slides else "N m s"

@@ -9,7 +9,6 @@ import numpy as np
 
 from calibration.diagnosis.other_rigs.diagnose import RigDiagnosis
 from calibration.diagnosis.other_rigs.fit import RigFit
-from calibration.diagnosis.other_rigs.places import coordinates
 from calibration.diagnosis.sets_in_words import title
 from calibration.report import style
 from model.layout import L_MIN, RPM
@@ -71,7 +70,7 @@ def _panel(axes: Axes, found: RigDiagnosis, channel: str, fit: RigFit, colour: s
 
 def _of(found: RigDiagnosis, channel: str, fit: RigFit) -> tuple[np.ndarray, np.ndarray]:
     """Speed and residual of a channel's readings [SI]."""
-    known: Sequence[dict[str, np.ndarray]] = coordinates(found.problem)
+    known: Sequence[dict[str, np.ndarray]] = found.problem.system.coordinates()
     mine = [i for i, one in enumerate(found.problem.readings) if one.channel == channel]
     return (
         np.concatenate([known[i]["speed"] for i in mine]),
