@@ -34,43 +34,69 @@ FIGURES = {
 }
 
 
-# Files that take longest go first: the two processes then end together. The second has kernels of its own, so that the
-# two do not begin by compiling the same ones.
-LONGEST = (
-    "test_fit",
-    "test_second_rig",
-    "test_sbc",
-    "test_running",
-    "test_live_check",
-    "test_cli",
-    "test_challenge_command",
-    "test_kills",
-    "test_sampling",
-    "test_nulls",
-    "test_fit_page",
-    "test_diagnosis_verdict",
-    "test_bench",
-    "test_rigs_diagnosis",
-    "test_diagnosis_page",
-    "test_virtual_process",
-    "test_lines",
-    "test_diagnosis_search",
-    "test_fit_effects",
-    "test_diagnosis_side_by_side",
-    "test_evidence_check",
-    "test_doctor",
-    "test_acquisition",
-)
+# Seconds that files take, the longest first: in that order they go, so that the two processes end together. The second
+# has kernels of its own, so that the two do not begin by compiling the same ones. `make quick` leaves these files out.
+SLOW = {
+    "test_fit": 232,
+    "test_second_rig": 151,
+    "test_running": 97,
+    "test_challenge_command": 90,
+    "test_diagnosis_verdict": 86,
+    "test_diagnosis_search": 80,
+    "test_chain": 78,
+    "test_sbc": 65,
+    "test_diagnosis_page": 53,
+    "test_nulls": 47,
+    "test_concealed_bench": 44,
+    "test_live_check": 40,
+    "test_sampling": 40,
+    "test_commands_of_the_docs": 39,
+    "test_readings_as_they_come": 36,
+    "test_diagnosis_side_by_side": 32,
+    "test_fit_effects": 31,
+    "test_fit_quality": 28,
+    "test_acquisition": 26,
+    "test_second_rig_supply": 24,
+    "test_fit_page": 24,
+    "test_virtual_bus": 22,
+    "test_rigs_diagnosis": 22,
+    "test_diagnosis_abrupt": 20,
+    "test_kills": 19,
+    "test_diagnosis_faint": 18,
+    "test_lines": 17,
+    "test_doctor": 17,
+    "test_interlock_watchdog": 16,
+    "test_bench": 15,
+    "test_cli": 15,
+    "test_evidence_check": 13,
+    "test_extras": 13,
+    "test_diagnosis_law": 13,
+    "test_demonstrations": 13,
+    "test_recording": 12,
+    "test_virtual_process": 12,
+    "test_diagnosis_tails": 10,
+    "test_sweep_virtual": 9,
+    "test_replay": 9,
+    "test_diagnosis_standing": 8,
+    "test_many": 8,
+    "test_installed": 8,
+    "test_clock_and_range": 6,
+    "test_diagnosis_next_test": 6,
+}
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Where no slow test is wanted, a slow file need not be read."""
+    return True if config.getoption("markexpr") == "not slow" and collection_path.stem in SLOW else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the longest files first; within a file the order stays."""
-
-    def rank(item: pytest.Item) -> int:
-        name = item.path.stem
-        return LONGEST.index(name) if name in LONGEST else len(LONGEST)
-
-    items.sort(key=rank)
+    """Mark the slow files and put the longest first; within a file the order stays."""
+    order = list(SLOW)
+    for item in items:
+        if item.path.stem in SLOW:
+            item.add_marker(pytest.mark.slow)
+    items.sort(key=lambda item: order.index(item.path.stem) if item.path.stem in SLOW else len(order))
 
 
 @pytest.fixture

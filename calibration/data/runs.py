@@ -121,6 +121,13 @@ class RunInTime:
 
 
 def run_of(file: RecordingFile, recording: Recording) -> RunInTime:
+    """A transient file as arrays.
+
+    Raises
+    ------
+    RecordingError
+        Without a clock, a speed or a pressure.
+    """
     gauge = "pressure_bar_gauge" in file.columns
     name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
     if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:

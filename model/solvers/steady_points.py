@@ -245,7 +245,23 @@ def _alike(one: np.ndarray, other: np.ndarray) -> bool:
 def solve_batch(
     parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, gas: np.ndarray, slopes: bool, out: np.ndarray
 ) -> None:
-    """Every parameter set at its operating points, shared among the cores."""
+    """Every parameter set at its operating points, shared among the cores.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (n, 24)
+        One set a row [SI].
+    readings : ndarray, shape (3,)
+        As `Motor.readings` has them [SI].
+    pressures : ndarray, shape (n, k)
+        Absolute [Pa].
+    gas : ndarray
+        Of `gas_table`, for each pressure [SI].
+    slopes : bool
+        Whether the slopes with pressure are wanted.
+    out : ndarray
+        Gets the columns of each point [SI].
+    """
     for s in prange(parameters.shape[0]):
         _solve_span(
             parameters[s : s + 1], readings, pressures[s], gas, slopes, TOLERANCE, True, np.empty((0, N_KNOWN)), out[s]
@@ -263,7 +279,27 @@ def solve_each_row(
     known: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """One operating point of each parameter set, AT_ONCE of them shared among the cores."""
+    """One operating point of each parameter set, AT_ONCE of them shared among the cores.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (n, 24)
+        One set a row [SI].
+    readings : ndarray, shape (3,)
+        As `Motor.readings` has them [SI].
+    pressures : ndarray, shape (n,)
+        Absolute [Pa].
+    gas : ndarray
+        Of `gas_table`, for each pressure [SI].
+    slopes : bool
+        Whether the slopes with pressure are wanted.
+    tolerance : float
+        Relative, of the speed [-].
+    known : ndarray, shape (n, N_KNOWN)
+        What is known of each point from one close by [SI].
+    out : ndarray
+        Gets the columns of each point [SI].
+    """
     for k in prange((pressures.size + AT_ONCE - 1) // AT_ONCE):
         i, j = k * AT_ONCE, min((k + 1) * AT_ONCE, pressures.size)
         _solve_span(parameters[i:j], readings, pressures[i:j], gas[i:j], slopes, tolerance, False, known[i:j], out[i:j])

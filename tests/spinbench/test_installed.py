@@ -74,6 +74,7 @@ def test_the_wheel_holds_the_packages_and_the_published_sweep_and_nothing_else(i
             zipfile.ZipFile(installed.wheel).read(f"spinbench/published_sweep/{name}")
             == (ROOT / "logs" / "published_sweep" / name).read_bytes()
         )
+    assert not [name for name in names if name.startswith("calibration/studies")]
     of_the_wheel = {name for name in names if name.startswith("configs/")}
     assert of_the_wheel == {path.relative_to(ROOT).as_posix() for path in (ROOT / "configs").rglob("*.[tp][oy]*")}
 

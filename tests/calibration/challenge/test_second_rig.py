@@ -712,13 +712,15 @@ class TestWhatReachesARecording:
     """Of one case with the same noise, with something and without."""
 
     @pytest.fixture(scope="class")
-    def clean(self):
+    @classmethod
+    def clean(cls):
         quiet = {"noise_scale": 1.0, "correlation": 0.0, "tails": 0.0, "drift_bar": 0.0, "jitter_s": 0.0}
         case = stepped(conceal(case_of("none")))
         return replace(case, sensors=quiet, errors=dict.fromkeys(case.errors, 0.0))
 
     @pytest.fixture(scope="class")
-    def without(self, clean, tmp_path_factory):
+    @classmethod
+    def without(cls, clean, tmp_path_factory):
         folder = tmp_path_factory.mktemp("clean")
         make_recording(clean, folder)
         return read_recording(folder)

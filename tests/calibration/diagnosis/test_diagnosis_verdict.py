@@ -18,6 +18,7 @@ from calibration.diagnosis.document import set_probability
 from calibration.diagnosis.linear_model.forces import forces
 from calibration.diagnosis.linear_model.signatures import signatures
 from calibration.diagnosis.steps.base import base_of
+from calibration.diagnosis.steps.candidate import no_larger
 from calibration.diagnosis.steps.confirm import HeldOut, cross_validate, fit_on, predict_held
 from calibration.diagnosis.steps.detect import _Test
 from calibration.diagnosis.steps.misread import alone_at_an_end
@@ -214,7 +215,7 @@ def test_what_is_not_excluded_is_likely_enough_and_can_be_named() -> None:
     ],
 )
 def test_an_error_as_large_as_declared_closes_the_matter_only_where_it_explains_it(names, left, kind) -> None:
-    base, small = Weighed((), 0.0), Weighed(names, 0.9, "pressure_gauge_offset is no larger than declared")
+    base, small = Weighed((), 0.0), Weighed(names, 0.9, no_larger("pressure_gauge_offset"))
     drag = Weighed(("windage",), 0.1)
     assert judge(1e-9, [small, drag, base], {(): 1e-9, names: left, drag.names: 1e-6}, None).kind == kind
 
@@ -296,7 +297,7 @@ def test_a_size_at_the_edge_of_what_is_believable_is_refused(leaking, names: str
     z = np.append(found.z, np.full(len(comparison.problem.effect_unknowns((names,))), 0.3))
     z[k + place] = unknown.z(value)
     said = refusal(comparison, replace(found, names=(name,), z=z))
-    assert said == f"{name}: {unknown.name} is at the bound of what is believable"
+    assert str(said) == f"{name}: {unknown.name} is at the bound of what is believable"
 
 
 def test_what_is_held_out_counts_in_every_model_whichever_takes_it_for_bad(leaking) -> None:
