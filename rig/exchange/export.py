@@ -26,6 +26,7 @@ from rig.runlog.schema import AmbientRecord
 NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
 SLOWER, LATE_S = 4.0, 0.05  # times the usual exchange, and no less, from which on a reply came late
+UNASKED = 2.5  # times the usual pause between two readings, after which a held value may have been shown for long
 SAME = 1e-6  # share within which two ways to a speed give the same
 STANDS = 3.0  # standard errors of a mean speed that is none
 VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less
@@ -223,10 +224,9 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
             if column != "inlet_temperature_c"
         }
         for column in (one for one in PRESSURES if one in read):
-            prompt = _prompt(read[column])
-            if not prompt.all():
-                notes.append(f"{name}, {column}: {int((~prompt).sum())} readings left out, their replies came late")
-            read[column] = _news(run, channels[column], _only(read[column], np.flatnonzero(prompt)))
+            read[column], late = _of_known_moment(read[column], _update_s(run, channels[column]))
+            if late:
+                notes.append(f"{name}, {column}: {late} readings left out, their replies came late")
         if "speed_rpm" in read:
             read["speed_rpm"] = _since_before(run, channels["speed_rpm"], phase, read["speed_rpm"])
         sampled = {column for column, found in read.items() if found.value.size}
@@ -242,16 +242,29 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
     return files
 
 
-def _news(run: Run, channel: str, found: Series) -> Series:
-    """The readings without those that an instrument only repeats until it has measured again."""
+def _update_s(run: Run, channel: str) -> float:
+    """How long an instrument repeats a value until it has measured again [s]; 0 where it measures when asked."""
     device = run.start.devices.get(channel.partition(".")[0])
     source = None if device is None else run.start.sources.get(f"instruments/{device.instrument}.toml")
-    update_s = tomllib.loads(source.text).get("update_s", 0.0) if source is not None else 0.0
-    kept: list[int] = []
+    return float(tomllib.loads(source.text).get("update_s", 0.0)) if source is not None else 0.0
+
+
+def _of_known_moment(found: Series, update_s: float) -> tuple[Series, int]:
+    """The readings that are new and whose moment is known, and how many new ones are left out.
+
+    A value that is repeated is of the moment when it was first shown. That is not known where the reply was late, or
+    where the instrument had not been asked for long.
+    """
+    known = _prompt(found)
+    if update_s > 0.0 and found.time_ns.size > 1:
+        gap = np.diff(found.time_ns, prepend=found.time_ns[0])
+        known &= gap <= max(UNASKED * float(np.median(gap[1:])), LATE_S * NS)
+    new: list[int] = []
     for i, (value, time_ns) in enumerate(zip(found.value, found.time_ns, strict=True)):
-        if not kept or value != found.value[kept[-1]] or time_ns - found.time_ns[kept[-1]] >= update_s * NS:
-            kept.append(i)
-    return _only(found, np.array(kept, dtype=int))
+        if not new or value != found.value[new[-1]] or time_ns - found.time_ns[new[-1]] >= update_s * NS:
+            new.append(i)
+    kept = [i for i in new if known[i]]
+    return _only(found, np.array(kept, dtype=int)), len(new) - len(kept)
 
 
 def _only(found: Series, kept: np.ndarray) -> Series:

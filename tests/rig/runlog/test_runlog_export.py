@@ -231,6 +231,31 @@ def test_a_pressure_whose_reply_came_late_is_not_in_a_transient(tmp_path):
     assert any("1 readings left out, their replies came late" in note for note in made.notes)
 
 
+@pytest.mark.parametrize("blow", ["a late reply", "a long pause"])
+def test_a_held_value_that_nobody_knows_the_moment_of_is_not_in_a_transient(tmp_path, blow):
+    """First shown in a late reply or after a long pause, it is no news when it is shown again: the line has moved on."""
+    text = "update_s = 3.0\n"
+    held = {"instruments/slow.toml": SourceRecord(sha256=hashlib.sha256(text.encode()).hexdigest(), text=text)}
+    gauge = start_of().devices["gauge"].model_copy(update={"instrument": "slow"})
+    pause = 4 if blow == "a long pause" else 0
+
+    def fill(bench):
+        for step, pressure in enumerate((2.0, 2.0, 2.0, 1.5, 1.5, 1.2)):
+            at = (step + (pause if step >= 3 else 0)) * NS
+            exchange = poll("gauge", {PRESSURE: pressure}, at)
+            (one,) = exchange.readings
+            asked_ns = at - (NS if step == 3 and not pause else 5_000_000)
+            bench.writer.exchange(exchange.with_readings((dataclasses.replace(one, request_ns=asked_ns),)))
+            bench.writer.exchange(poll("tach", {SPEED: 100.0}, at))
+        bench.writer.event("capture end", 10 * NS, capture="coast-down", start_s=0.0, end_s=10.0)
+
+    devices = start_of().devices | {"gauge": gauge}
+    made = recording_of(written(tmp_path, fill, kind="coast-down", devices=devices, sources=held))
+    (file,) = made.recording.files
+    assert list(np.isnan(file.columns["pressure_bar_abs"].values)) == [False, True, True, True, True, False]
+    assert any("1 readings left out" in note for note in made.notes)
+
+
 def test_after_lost_edges_a_speed_is_the_mean_since_the_reading_before(tmp_path):
     """The counter tells the last tooth's alone; its count of teeth, which it keeps, tells the mean."""
     times, tooth = [0.0, 0.1, 0.19, 0.26], 2.0 * math.pi / 60.0  # each tooth quicker than the one before
