@@ -233,7 +233,7 @@ def test_a_pressure_whose_reply_came_late_is_not_in_a_transient(tmp_path):
 
 @pytest.mark.parametrize("blow", ["a late reply", "a long pause"])
 def test_a_held_value_that_nobody_knows_the_moment_of_is_not_in_a_transient(tmp_path, blow):
-    """First shown in a late reply or after a long pause, it is no news when it is shown again: the line has moved on."""
+    """First shown in a late reply or after a long pause, it is no news when it is shown again."""
     text = "update_s = 3.0\n"
     held = {"instruments/slow.toml": SourceRecord(sha256=hashlib.sha256(text.encode()).hexdigest(), text=text)}
     gauge = start_of().devices["gauge"].model_copy(update={"instrument": "slow"})
