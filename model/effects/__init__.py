@@ -1,4 +1,9 @@
-"""Physics that the article leaves out, a file an effect. `library` finds them; `effect` says what one is."""
+"""Physics that the article leaves out.
+
+definitions                  a file an effect; `library` finds them, `effect` says what one is
+laws                         sets of effects: their torques, losses, leaks and readings
+steady, transient, averaged, uneven, neighbourhood   the solvers that take them up
+"""
 
 from model.effects.effect import Effect, EffectParameter, State
 from model.effects.library import effects
