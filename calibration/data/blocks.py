@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data.clock import times_of, untimed_row
+from calibration.data.clock import times_of, times_of_rows
 from calibration.data.measurement import OBSERVED, Measurement, gather
 from calibration.data.runs import UNTOLD, RunInTime, run_of
 from calibration.data.runs_in_time import repeated, turns
@@ -209,9 +209,7 @@ def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
     rows = measured.steady
     files = {file.file: file for file in recording.files}
     places = [(files[name], int(number)) for name, number in zip(rows.file, rows.row, strict=True)]
-    untimed = untimed_row(places)
-    clocks = {file.file: np.zeros(file.rows) if untimed else times_of(file) for file in recording.files}
-    time = np.array([clocks[file.file][number - 1] for file, number in places])
+    time, untimed = times_of_rows(places)
     up = np.zeros(len(rows))
     for i, (file, number) in enumerate(places):
         if file.direction is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,9 +21,18 @@ def needs_clock(effect: Effect) -> bool:
     return not effect.transient_only and any(parameter.unit == "s" for parameter in effect.parameters)
 
 
-def untimed_row(rows: Iterable[tuple[RecordingFile, int]]) -> str:
-    """The first of some rows without a time, as ``file, row``; empty where each has one."""
-    for file, number in rows:
-        if not np.isfinite(times_of(file)[number - 1]):
-            return f"{file.file}, row {number}"
-    return ""
+def times_of_rows(rows: Sequence[tuple[RecordingFile, int]]) -> tuple[np.ndarray, str]:
+    """When some rows were read [s], shape (n,), and the first without a time, as ``file, row``: then 0 throughout.
+
+    Parameters
+    ----------
+    rows : sequence of (RecordingFile, int)
+        File, and number of the row from 1.
+    """
+    clocks = {file.file: times_of(file) for file, _ in rows}
+    time = np.array([clocks[file.file][number - 1] for file, number in rows])
+    without = np.flatnonzero(~np.isfinite(time))
+    if not without.size:
+        return time, ""
+    file, number = rows[int(without[0])]
+    return np.zeros(len(rows)), f"{file.file}, row {number}"

@@ -86,6 +86,7 @@ class DrivenAxis:
         constant = force.size and float(np.std(force)) < CONSTANT * abs(float(np.mean(force)))
         area = _area(table, found, readings)
         self._table, self._blocks = table, found
+        self._means = [_means(blocks) for _, blocks in found]
         self.readings, self.files, self.sizes = readings, uses, _sizes(found, readings)
         self.flats = [] if area is None else [Flat("piston_area", "m2", area, max(abs(area), 1e-6), -np.inf)]
         self.unknowns = [*instrument(recording, "drive", of_drive), *_zeros_of_runs(table, found, of_drive, area)]
@@ -114,15 +115,11 @@ class DrivenAxis:
 
     def coordinates(self) -> list[Coordinates]:
         """Means of the blocks: speed, time, and the pressure where it was read [SI]."""
-        found = []
-        for _, blocks in self._blocks:
-            one = {name: blocks.mean(getattr(blocks, name))[blocks.used] for name in ("speed", "time", "pressure")}
-            found.append({name: values for name, values in one.items() if np.all(np.isfinite(values))})
-        return found
+        return self._means
 
     def answer(self, i: int, pieces: np.ndarray, balance: str, friction: float) -> np.ndarray:
         """A torque or force against the motion has the sign of the speed; an instrument's error has none."""
-        return pieces if balance == "sensor" else pieces * np.sign(self.coordinates()[i]["speed"])[:, None]
+        return pieces if balance == "sensor" else pieces * np.sign(self._means[i]["speed"])[:, None]
 
     def folds(self) -> tuple[list[np.ndarray], str]:
         """Whole runs where there are enough, else segments of them."""
@@ -159,6 +156,12 @@ class DrivenAxis:
         if middle is not None:
             tests[f"steady strokes at {ordinary:.3g} {unit} with the pressure let off"] = at(ordinary, 0.0)
         return tests
+
+
+def _means(blocks: Blocks) -> Coordinates:
+    """Speed, time and pressure of the blocks that are used, where all of them are known [SI]."""
+    found = {name: blocks.mean(getattr(blocks, name))[blocks.used] for name in ("speed", "time", "pressure")}
+    return {name: values for name, values in found.items() if np.all(np.isfinite(values))}
 
 
 def _left(known: np.ndarray, rows: np.ndarray, blocks: Blocks) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.data.clock import needs_clock, times_of, untimed_row
+from calibration.data.clock import needs_clock, times_of_rows
 from calibration.data.measurement import Measurement
 from calibration.systems.radial_piston.effect_states import Way, way_of
 from calibration.unknowns.effects import sampled
@@ -90,13 +90,13 @@ def in_fit(names: Sequence[str], motor: Motor, recording: Recording, measured: M
     files = {file.file: file for file in recording.files}
     rows = measured.steady
     places = [(files[name], int(number)) for name, number in zip(rows.file, rows.row, strict=True)]
-    if untimed := untimed_row(places):
+    time, untimed = times_of_rows(places)
+    if untimed:
         for name in names:
             if needs_clock(effects()[name]):
                 raise EffectsError(
                     f"{name} changes with time, and {recording.folder}/{untimed}, has no time_s; give each row its time"
                 )
-    time = np.array([0.0 if untimed else times_of(file)[number - 1] for file, number in places])
     return Effects(tuple(names), time, way_of(names, motor, time))
 
 
