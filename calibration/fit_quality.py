@@ -10,8 +10,6 @@ import numpy as np
 from scipy.special import bdtrc
 
 from calibration.data import rows_used
-from calibration.diagnosis.linear_model.forces import forces
-from calibration.diagnosis.linear_model.signatures import signatures
 from calibration.diagnosis.mismatch import Detected, detect_mismatch
 from calibration.diagnosis.steps.detect import MISMATCH_P, detect
 from calibration.diagnosis.steps.locate import locate
@@ -19,10 +17,10 @@ from calibration.fit import fit as fits
 from calibration.fit import posterior
 from calibration.fit.posterior import FitQuality
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import FLOW, SPEED
 from calibration.likelihood.mode import BAD
-from calibration.likelihood.noise import too_loud
+from calibration.likelihood.signatures import signatures
 from calibration.report.diagnosis.words import place_in_words
+from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
 from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR
 from calibration.work.step_clock import Tell
 from model.motor import Motor
@@ -130,7 +128,7 @@ def _compares(recording: Recording) -> bool:
 def _with_effects(first: Detected, names: Sequence[str], rng: np.random.Generator) -> Detected:
     """The test of the model with effects, from that of the base model."""
     mode = find(first.comparison, tuple(sorted(names)), first.base, None)
-    found, free = signatures(first.comparison, mode), forces(first.comparison, mode)
+    found, free = signatures(first.comparison, mode), first.comparison.forces(mode)
     return Detected(first.comparison, mode, found, free, detect(first.comparison, mode, found, free, rng))
 
 
@@ -151,7 +149,7 @@ def _what_stands_out(found: Detected, most_bad: str) -> str:
     places = locate(found.comparison, mode, detection, found.free)[:MOST_PLACES]
     words = [most_bad] if most_bad else []
     words += [place_in_words(asdict(place)) for place in places]
-    if loud := too_loud(np.maximum(detection.u, mode.u)):
+    if loud := found.comparison.noise.too_loud(np.maximum(detection.u, mode.u)):
         words.append(f"The {loud[0]}'s noise would be {loud[1]:.1f} times as large as declared.")
     if detection.pulled:
         words.append(f"The {detection.pulled.replace('_', ' ')} would be farther off than is believable.")

@@ -131,12 +131,8 @@ def _write(
 
 def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
     from calibration.diagnosis import as_json, diagnose
-    from calibration.diagnosis import other_rigs as rigs_diagnosis
-    from calibration.systems.system import has_system
 
     recording, seed = read(Path(argument["folder"])), argument["seed"]
-    if has_system(recording):
-        return {"diagnosis": rigs_diagnosis.as_json(rigs_diagnosis.look(recording, seed, lambda _: None))}
     return {"diagnosis": as_json(diagnose(recording, seed=seed))}
 
 

@@ -22,7 +22,7 @@ from emcee.moves import DEMove, Move, StretchMove
 from calibration.fit import fit, sampling
 from calibration.fit.moves import IndependenceMove
 from calibration.fit.transport import REACH, TransportMap
-from calibration.likelihood.steady import Likelihood
+from calibration.systems.radial_piston.batch.likelihood import Likelihood
 from rig.recording import read_recording
 
 PUBLISHED_SWEEP = Path(__file__).resolve().parent.parent / "logs" / "published_sweep"

@@ -21,7 +21,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 import rig_recordings as rigs  # noqa: E402
 
-from calibration.diagnosis.other_rigs import diagnose_rig  # noqa: E402
+from calibration.diagnosis import as_json, diagnose  # noqa: E402
 from rig.recording import Recording  # noqa: E402
 
 Make = Callable[[np.random.Generator], Recording]
@@ -68,7 +68,7 @@ def main(count: int) -> None:
 
 
 def _said(recording: Recording, seed: int) -> tuple[str, float]:
-    found = diagnose_rig(recording, seed)
+    found = as_json(diagnose(recording, seed))
     names = "+".join(sorted(effect["id"] for effect in found["effects"]))
     others = "".join(f" or {'+'.join(one)}" for one in found["alternatives"])
     return f"{found['verdict']} {names}{others}".strip(), found["mismatch"]["p_value"]

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis.steps.base import base_of
 from calibration.likelihood.function import Function
-from calibration.likelihood.linear import Comparison
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Problem
 from model.effects import effects
 from tests import diagnosis_recordings as recordings
 

@@ -11,12 +11,10 @@ import numpy as np
 from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis.mismatch import Detected, fit_base, test_base
 from calibration.diagnosis.next_test.recommend import NextTest, propose
-from calibration.diagnosis.not_described import not_described
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.sizes.not_excluded import faint
+from calibration.diagnosis.sizes.not_excluded import Faint, faint
 from calibration.diagnosis.sizes.resolves import resolved
 from calibration.diagnosis.steps.abrupt import Step, step_instead
-from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut, cross_validate
 from calibration.diagnosis.steps.correction import Correction, corrections, nuisances_beside
@@ -28,13 +26,12 @@ from calibration.diagnosis.steps.misread import MISREAD, BadRow, alone_at_an_end
 from calibration.diagnosis.steps.name import evidence_p
 from calibration.diagnosis.steps.residual import Residuals
 from calibration.diagnosis.steps.search import Search
-from calibration.diagnosis.steps.unseen import predict_unseen, refuse_another_motor
-from calibration.diagnosis.steps.verdict import ERRORS, MISMATCH_P, RESIDUAL_P, Verdict, judge, not_excluded
+from calibration.diagnosis.steps.unseen import predict_unseen
+from calibration.diagnosis.steps.verdict import ERRORS, MISMATCH_P, RESIDUAL_P, Verdict, judge, not_excluded, with_near
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.noise import too_loud
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.look_up import compared, refuse_another
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import StepClock, Tell
 from model.effects import effects
@@ -106,14 +103,15 @@ def diagnose(
     """
     refuse_unusable(recording)
     if hold_out is not None:
-        refuse_another_motor(recording, hold_out)
+        refuse_another(recording, hold_out)
         refuse_unusable(hold_out)
-    in_time = any(file.kind == "transient" for file in recording.files)
+    of_the_motor = isinstance(recording.motor, str)
+    in_time = of_the_motor and any(file.kind == "transient" for file in recording.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
         comparison, base = fit_base(recording, clock, workers if in_time else 1)
         clock("detect")
-        side_by_side.begin(["calibration.diagnosis.steps.name"])  # the base model's threads had all cores to themselves
+        side_by_side.begin(["calibration.diagnosis.diagnose"])  # the base model's threads had all cores to themselves
         first = test_base(comparison, base, rng)
         return _explain(first, rng, clock, hold_out, side_by_side)
 
@@ -122,7 +120,7 @@ def _explain(
     first: Detected, rng: np.random.Generator, clock: StepClock, hold_out: Recording | None, side_by_side: SideBySide
 ) -> Diagnosis:
     comparison = first.comparison
-    if off := not_described(comparison, first.base):
+    if off := comparison.not_described(first.base):
         return _of_something_else(first, off, clock)
     search = Search(comparison, first.base, side_by_side, clock.tell)
     residuals = Residuals(comparison, rng, side_by_side)
@@ -149,7 +147,9 @@ def _explain(
     clock("weigh f_overall")
     chosen = verdict.chosen.names if verdict.chosen else ()
     averaged = [] if verdict.kind == "unresolved" else [chosen, *verdict.alternatives]
-    unseen = {names: faint(comparison, search.modes[names], search.signatures_at(names), rng) for names in averaged}
+    unseen: dict[tuple[str, ...], list[Faint]] = {names: [] for names in averaged}
+    if not comparison.rig:  # a machine's friction is no figure of its own: it is that of the sets that are said
+        unseen = {names: faint(comparison, search.modes[names], search.signatures_at(names), rng) for names in averaged}
     clock("")
     return Diagnosis(
         comparison,
@@ -158,6 +158,7 @@ def _explain(
         places,
         candidates,
         residuals.p,
+        residuals.left,
         verdict,
         held_out,
         unnamed.term if unnamed else None,
@@ -186,6 +187,7 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
         [],
         [_alone(first.base)],
         {(): detection.p_value},
+        {},
         verdict,
         seconds=clock.seconds,
         not_described=off,
@@ -204,23 +206,24 @@ def _search(first: Detected, search: Search, residuals: Residuals, clock: StepCl
         clock("look farther")
         search.singles(first.found, detection.u, FARTHER)
         # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
-        runs = first.comparison.problem.blocks.runs
-        elsewhere = min(1.0, TESTS * evidence_p(first.comparison, search.modes)) if runs else 1.0
+        in_time = first.comparison.in_time
+        elsewhere = min(1.0, TESTS * evidence_p(first.comparison, search.modes)) if in_time else 1.0
         if elsewhere < MISMATCH_P:
             detection = replace(detection, p_value=elsewhere, extrapolated=True)
         found = _Searched(search.modes[()], detection, search.weighed())
-    residuals.p[()] = detection.p_value
+    residuals.p[()], residuals.mismatch = detection.p_value, detection.gain
     if detection.p_value >= MISMATCH_P:
         return found
     clock("name")
     if len(search.modes) == 1:
         # Beside a nuisance far off or loud noise the straight lines of the screen say little.
-        search.singles(first.found, detection.u, every=bool(detection.pulled or too_loud(found.base.u)))
+        far = detection.pulled or first.comparison.rig
+        search.singles(first.found, detection.u, every=bool(far or first.comparison.noise.too_loud(found.base.u)))
     base = search.modes[()]  # with runs in time refitted from where the best effect led
     clock("test what is left")
     residuals.test([one for one in search.weighed() if one.names and not one.refused][:1])
     clock("name")
-    search.pairs(next((names for names, p in residuals.p.items() if names and p >= RESIDUAL_P), None))
+    search.pairs(next((names for names, p in residuals.weighed().items() if names and p >= RESIDUAL_P), None))
     candidates = search.weighed()
     clock("test what is left")
     residuals.test_all_that_matter(candidates)
@@ -228,7 +231,7 @@ def _search(first: Detected, search: Search, residuals: Residuals, clock: StepCl
 
 
 def _judge(
-    searched: _Searched, comparison: Comparison, residuals: Residuals, clock: StepClock
+    searched: _Searched, comparison: Compared, residuals: Residuals, clock: StepClock
 ) -> tuple[Verdict[Mode], HeldOut | None]:
     """The verdict, and the cross-validation of the set that it rests on."""
     best, held_out, candidates = None, None, searched.candidates
@@ -237,7 +240,9 @@ def _judge(
         best = next((c for c in candidates if c.names and not c.refused and residuals.passes(c)), None)
         if best is not None:
             held_out = cross_validate(comparison, candidates, best.names)
-    verdict = judge(searched.detection.p_value, candidates, residuals.p, held_out)
+    verdict = judge(searched.detection.p_value, candidates, residuals.weighed(), held_out)
+    if comparison.rig:
+        verdict = with_near(verdict, candidates)
     if best is not None and verdict.chosen is not None and verdict.chosen.names != best.names:
         held_out = cross_validate(comparison, candidates, verdict.chosen.names)  # it counts the folds that chose it
     return verdict, None if verdict.kind == "consistent" else held_out  # ... it was of a set that is not said
@@ -251,7 +256,7 @@ def _held_against(verdict: Verdict[Mode], unseen_run: HeldOut) -> Verdict[Mode]:
     return Verdict("unresolved", None, (), 0.0, words)
 
 
-def _single_readings(comparison: Comparison, verdict: Verdict[Mode], searched: _Searched) -> _Said:
+def _single_readings(comparison: Compared, verdict: Verdict[Mode], searched: _Searched) -> _Said:
     """What single readings do to the verdict: misread ones may be all that is wrong."""
     base = searched.base
     # Of a model that does not fit, no reading can be said to be off.
@@ -272,7 +277,7 @@ def _single_readings(comparison: Comparison, verdict: Verdict[Mode], searched: _
     return replace(said, verdict=Verdict("named", None, (), probability, "single readings that nothing explains"))
 
 
-def _held_against_a_step(comparison: Comparison, said: _Said, base: Mode) -> _Said:
+def _held_against_a_step(comparison: Compared, said: _Said, base: Mode) -> _Said:
     """A name, unless a step in time explains the recording as well."""
     chosen = said.verdict.chosen
     step = step_instead(comparison, chosen.mode if chosen else base)
@@ -282,7 +287,7 @@ def _held_against_a_step(comparison: Comparison, said: _Said, base: Mode) -> _Sa
     return replace(said.unresolved(f"{step.text} explains it as well as {instead}"), step=step)
 
 
-def _places(comparison: Comparison, first: Detected, said: _Said, base: Mode) -> list[Place]:
+def _places(comparison: Compared, first: Detected, said: _Said, base: Mode) -> list[Place]:
     """Where the base model does not close."""
     verdict, chosen = said.verdict, said.verdict.chosen
     if verdict.kind == "consistent":
@@ -299,7 +304,7 @@ def _places(comparison: Comparison, first: Detected, said: _Said, base: Mode) ->
 
 
 def _without_a_name(
-    comparison: Comparison,
+    comparison: Compared,
     base: Mode,
     said: _Said,
     unseen_run: HeldOut | None,
@@ -308,7 +313,7 @@ def _without_a_name(
 ) -> _Unnamed:
     """A smooth correction and a law in the place of a name, and what else speaks against the base model."""
     why, detection = said.verdict.why, said.detection
-    if loud := too_loud(np.maximum(detection.u, base.u)):
+    if loud := comparison.noise.too_loud(np.maximum(detection.u, base.u)):
         why = f"{why}; the {loud[0]}'s noise would be {loud[1]:.1f} times as large as declared"
     if detection.pulled:
         why = f"{why}; {detection.pulled} would be farther off than is believable"
@@ -322,7 +327,7 @@ def _without_a_name(
     return _Unnamed(why, correction, beside, term, held_out)
 
 
-def _next_tests(comparison: Comparison, rivals: Sequence[Candidate], clock: StepClock) -> list[NextTest]:
+def _next_tests(comparison: Compared, rivals: Sequence[Candidate], clock: StepClock) -> list[NextTest]:
     if not rivals:
         return []
     clock("next test")
@@ -331,8 +336,8 @@ def _next_tests(comparison: Comparison, rivals: Sequence[Candidate], clock: Step
 
 def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
     """The gain in log predictive density of a given set over the base model, as the diagnosis takes it [-]."""
-    comparison = Comparison(Problem(read_recording(folder)))
-    base = base_of(comparison)
+    comparison = compared(read_recording(folder))
+    base = comparison.base()
     names = tuple(sorted(set(ids) - {MISREAD}))  # every fit looks for those
     best = max((find(comparison, names, start) for start in (base, None)), key=lambda mode: mode.log_evidence)
     # The oracle need not choose: it knows the set.

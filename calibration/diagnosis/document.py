@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data.rows_used import by_diagnosis
 from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
-from calibration.diagnosis.linear_model.further_forces import not_observable
 from calibration.diagnosis.next_test.recommend import NextTest
-from calibration.diagnosis.not_described import CHECK
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.sizes.sizes import sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
@@ -81,12 +78,12 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             }
             for one in found.resolved
         ],
-        "not_observable": not_observable(found.comparison, found.base),
-        "check": list(CHECK) if found.not_described else [],
+        "not_observable": found.comparison.not_observable(found.base),
+        "check": list(found.comparison.check) if found.not_described else [],
         "why": verdict.why,
-        "files": by_diagnosis(found.comparison.problem.recording, found.comparison.problem.blocks),
+        "files": found.comparison.rows_used(),
     }
-    return finite(document)
+    return finite(document | of_a_machine(found) if found.comparison.rig else document)
 
 
 def finite(value: Any) -> Any:
@@ -153,16 +150,38 @@ def _factor(candidates: Sequence[Candidate], chosen: Candidate, name: str) -> fl
     return None if without is None else (chosen.log_evidence - without.log_evidence) / math.log(10.0)
 
 
-def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dict[str, float]]:
+def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dict[str, Any]]:
     out = {}
     for size in sizes_of(found.comparison.problem, chosen):
         if size.effect == name:
             high = size.parameter.high if size.parameter.shape else math.inf
             out[size.unknown.name] = size_as_json(size.unknown, size.z, size.sd, size.parameter.low, high)
+            if found.comparison.rig:
+                out[size.unknown.name]["unit"] = found.comparison.unit(size.unknown)
     return out
 
 
-def size_as_json(unknown: Unknown, z: float, sd: float, low: float, high: float) -> dict[str, float]:
+def of_a_machine(found: Diagnosis) -> dict[str, Any]:
+    """What is told besides of a machine whose noise and zeros nobody declared well."""
+    comparison, chosen = found.comparison, found.verdict.chosen
+    names = chosen.names if chosen is not None else ()
+    mode = chosen.mode if chosen is not None else found.base
+    left = {"p_value": found.residual_p[names], "share_of_mismatch": found.left[names]} if names in found.left else None
+    nuisances = {}
+    for i, one in enumerate(comparison.problem.nuisances):
+        sd = math.sqrt(max(float(mode.covariance[i, i]), 0.0))
+        told = size_as_json(one, float(mode.z[i]), sd, -math.inf, math.inf)
+        nuisances[one.name] = {"mean": told["mean"], "sd": told["sd"], "unit": one.unit}
+    return {
+        "rig": comparison.rig,
+        "left": left,
+        "nuisances": nuisances,
+        "noise": comparison.noise.told(found.detection.u),
+        "friction_unit": comparison.friction_unit,
+    }
+
+
+def size_as_json(unknown: Unknown, z: float, sd: float, low: float, high: float) -> dict[str, Any]:
     """Mean, spread and 5 and 95 % quantiles of an effect's parameter, within its bounds.
 
     Parameters

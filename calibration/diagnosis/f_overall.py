@@ -28,15 +28,21 @@ Part = tuple[float, Draw]  # what f_overall is averaged over: a weight, and draw
 
 def f_overall_before(found: Diagnosis) -> dict[str, float] | None:
     """Mean, spread and 5 and 95 % quantiles of f_overall in the base model [N m s]; None where it is no unknown."""
-    place = found.comparison.problem.place("f_overall")
-    share = SOLVERS_DIFFER if found.comparison.problem.blocks.runs else 0.0
+    problem = found.comparison.problem
+    place = problem.place(problem.friction)
+    share = SOLVERS_DIFFER if found.comparison.in_time else 0.0
     return None if place is None else _summary(found, place, [_alone(found, place, found.base, 1.0)], share)
 
 
 def f_overall_after(found: Diagnosis) -> dict[str, float] | None:
     """The same, averaged over what the verdict leaves open, and as far off as what no recording shows [N m s]."""
-    place = found.comparison.problem.place("f_overall")
-    return None if place is None else _summary(found, place, _averaged(found, place), UNSEEN)
+    problem = found.comparison.problem
+    place = problem.place(problem.friction)
+    return (
+        None
+        if place is None
+        else _summary(found, place, _averaged(found, place), 0.0 if found.comparison.rig else UNSEEN)
+    )
 
 
 def _averaged(found: Diagnosis, place: int) -> list[Part]:
@@ -67,7 +73,8 @@ def _averaged(found: Diagnosis, place: int) -> list[Part]:
 
 
 def _alone(found: Diagnosis, place: int, mode: Mode, weight: float) -> Part:
-    form = FORM * (mode.z[place] - found.base.z[place])
+    # Without an effect that is all there is, a machine's friction is another one: that move is no doubt about its form.
+    form = 0.0 if found.comparison.rig else FORM * (mode.z[place] - found.base.z[place])
     return weight, _normal(mode.z[place], math.hypot(math.sqrt(mode.covariance[place, place]), form))
 
 

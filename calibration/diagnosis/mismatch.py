@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.linear_model.forces import Force, forces
-from calibration.diagnosis.linear_model.signatures import Signature, signatures
-from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.detect import Detection, detect
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
-from calibration.systems.radial_piston.problem import Problem
+from calibration.likelihood.shapes import Force
+from calibration.likelihood.signatures import Signature, signatures
+from calibration.systems.look_up import compared
 from calibration.work.step_clock import Tell
 from calibration.work.threads import threads
 from model.motor import Motor
@@ -23,7 +23,7 @@ from rig.recording import Recording, RecordingError
 class Detected:
     """What the base model and the test of it come to, before anything is looked for."""
 
-    comparison: Comparison
+    comparison: Any  # a Compared
     base: Mode
     found: list[Signature]
     free: list[Force]
@@ -56,7 +56,7 @@ def detect_mismatch(
     return test_base(comparison, base, rng)
 
 
-def fit_base(recording: Recording, tell: Tell, workers: int = 1, motor: Motor | None = None) -> tuple[Comparison, Mode]:
+def fit_base(recording: Recording, tell: Tell, workers: int = 1, motor: Motor | None = None) -> tuple[Compared, Mode]:
     """The recording as a vector, and the base model at its most probable point.
 
     Raises
@@ -67,8 +67,8 @@ def fit_base(recording: Recording, tell: Tell, workers: int = 1, motor: Motor | 
     tell("base model")
     with threads(workers):
         try:
-            comparison = Comparison(Problem(recording, motor))
-            return comparison, base_of(comparison)
+            comparison = compared(recording, motor)
+            return comparison, comparison.base()
         except RecordingError:
             raise
         except (ArithmeticError, ValueError) as problem:  # such as a pressure that no air has, or none at all
@@ -78,7 +78,7 @@ def fit_base(recording: Recording, tell: Tell, workers: int = 1, motor: Motor | 
             ) from None
 
 
-def test_base(comparison: Comparison, base: Mode, rng: np.random.Generator) -> Detected:
+def test_base(comparison: Compared, base: Mode, rng: np.random.Generator) -> Detected:
     """Whether anything is missing from the base model."""
-    found, free = signatures(comparison, base), forces(comparison, base)
+    found, free = signatures(comparison, base), comparison.forces(base)
     return Detected(comparison, base, found, free, detect(comparison, base, found, free, rng))

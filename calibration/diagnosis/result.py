@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.locate import Place
 from calibration.diagnosis.steps.misread import BadRow
 from calibration.diagnosis.steps.verdict import Verdict
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode
 
 
@@ -27,6 +27,9 @@ class Diagnosis:
 
     Attributes
     ----------
+    residual_p, left : dict
+        Of each set tested: the p-value of what it leaves, and the share of the mismatch that this is, where that is
+        weighed [-].
     held_out : HeldOut or None
         Cross-validation: of the set named, or of the smooth correction where no set explains the recording; or the
         prediction of an unseen run.
@@ -42,12 +45,13 @@ class Diagnosis:
         How far the base model is off where it does not describe the readings at all, and nothing was looked for.
     """
 
-    comparison: Comparison
+    comparison: Any  # a Compared; the report of a system knows its own better
     base: Mode
     detection: Detection
     places: list[Place]
     candidates: list[Candidate]
     residual_p: dict[tuple[str, ...], float]
+    left: dict[tuple[str, ...], float]
     verdict: Verdict[Mode]
     held_out: HeldOut | None = None
     term: Term | None = None

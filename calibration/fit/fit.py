@@ -18,8 +18,8 @@ from calibration.data.refusals import refuse_mixed_units, refuse_out_of_range
 from calibration.fit import posterior, sampling
 from calibration.fit.posterior import FitQuality, Posterior
 from calibration.fit.sampling import Progress, Settings
-from calibration.likelihood.steady import Likelihood
-from calibration.systems.radial_piston import with_effects
+from calibration.systems.radial_piston.batch import effects as with_effects
+from calibration.systems.radial_piston.batch.likelihood import Likelihood
 from calibration.unknowns import priors
 from model.motor import Motor, read_motor, set_values
 from rig.recording import Channel, Recording, RecordingError

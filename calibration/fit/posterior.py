@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.fit.sampling import Chain
-from calibration.likelihood.steady import Likelihood
+from calibration.systems.radial_piston.batch.likelihood import Likelihood
 from calibration.unknowns.priors import Unknown
 
 QUANTILES = {"q05": 0.05, "q50": 0.50, "q95": 0.95}

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared, Whitener
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.noise import Whitener
 
 FREE = 20.0  # whitened size at which a column's coefficient, a standard normal number, is anything
 GOOD = 0.5  # readings that are more probably bad than this are left aside
@@ -30,7 +29,7 @@ class Straight:
         What is to be explained [-].
     """
 
-    comparison: Comparison
+    comparison: Compared
     mode: Mode
     white: Whitener
     good: np.ndarray
@@ -61,12 +60,12 @@ def freed(white: np.ndarray) -> np.ndarray:
     return found
 
 
-def straight(comparison: Comparison, mode: Mode, u: np.ndarray, every: bool = False) -> Straight:
+def straight(comparison: Compared, mode: Mode, u: np.ndarray, every: bool = False) -> Straight:
     """The straight problem at a mode.
 
     Parameters
     ----------
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         The noise [-].
     """
     if every:

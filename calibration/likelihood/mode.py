@@ -1,8 +1,8 @@
 """A model at its most probable point, and its evidence by Laplace's approximation.
 
 The log posterior is -1/2 sum r^2 - sum log s - 1/2 z^2 - 1/2 (u/spread)^2: r are readings less predictions in units of
-their noise, z the unknowns (standard normal a priori), u the noise (`calibration.likelihood.noise`). Single readings
-that stand far out are given a wide error, Cauchy's: a slip of the eye or a lost digit may be of any size, and a normal
+their noise, z the unknowns (standard normal a priori), u the noise (`Compared.noise`). Single readings that
+stand far out are given a wide error, Cauchy's: a slip of the eye or a lost digit may be of any size, and a normal
 error, however wide, would make its size an argument for louder noise. The evidence has the longer tails of the effects'
 sizes (`calibration.likelihood.tails`); the point and its covariance are those of the normal prior.
 """
@@ -16,11 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr
 
-from calibration.likelihood.linear import Comparison
-from calibration.likelihood.noise import SCALES, SPREAD
+from calibration.likelihood.compared import Compared, Prediction, Problem
 from calibration.likelihood.tails import marginals
-from calibration.systems.radial_piston.problem import Prediction, Problem
-from model.effects import effects
 
 BAD = 0.01
 BAD_WIDTH = 10.0  # a bad reading's error is as dense at 0 as a normal one of so many sds of a good one
@@ -39,7 +36,7 @@ class Mode:
     ----------
     z : ndarray, shape (m,)
         Nuisances, then the effects' unknowns [-].
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         The noise [-].
     D : ndarray, shape (n, m)
         Derivatives of the predictions with z [SI].
@@ -68,7 +65,7 @@ class Mode:
 
 
 def close(
-    comparison: Comparison, names: Sequence[str], z: np.ndarray, u: np.ndarray, D: np.ndarray, predicted: Prediction
+    comparison: Compared, names: Sequence[str], z: np.ndarray, u: np.ndarray, D: np.ndarray, predicted: Prediction
 ) -> Mode:
     """A mode of what a search found: its covariance and its evidence.
 
@@ -91,13 +88,13 @@ def close(
 
 
 def suiting_noise(
-    comparison: Comparison, predicted: Prediction, u: np.ndarray, D: np.ndarray, correlated: bool
+    comparison: Compared, predicted: Prediction, u: np.ndarray, D: np.ndarray, correlated: bool
 ) -> np.ndarray:
-    """The noise that suits a prediction best [-], shape (5,).
+    """The noise that suits a prediction best [-], shape (k,).
 
     Parameters
     ----------
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         Where to start from [-].
     D : ndarray, shape (n, m)
         Derivatives of the prediction with the unknowns, for what these took up of the noise [SI].
@@ -112,7 +109,7 @@ def suiting_noise(
 
 
 def minus_log_posterior(
-    r: np.ndarray, log_scale: float, z: np.ndarray, u: np.ndarray, comparison: Comparison, found: bool = False
+    r: np.ndarray, log_scale: float, z: np.ndarray, u: np.ndarray, comparison: Compared, found: bool = False
 ) -> float:
     """Minus the log posterior, up to a constant [-].
 
@@ -124,7 +121,7 @@ def minus_log_posterior(
     good = -0.5 * r**2 + math.log(1.0 - BAD)
     _, bad = robust_weights(r, comparison, found)
     fit = np.where(bad > 0.0, np.logaddexp(good, log_bad(r)), good)
-    return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / SPREAD) ** 2))
+    return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / comparison.noise.spread) ** 2))
 
 
 def log_bad(r: np.ndarray) -> np.ndarray:
@@ -139,20 +136,34 @@ def bad_weight(r: np.ndarray) -> np.ndarray:
     return weight
 
 
-def cost_of(comparison: Comparison, mode: Mode) -> float:
+def cost_at(comparison: Compared, z: np.ndarray, u: np.ndarray, predicted: Prediction) -> float:
+    """The cost of a point with a noise: minus the log posterior, up to a constant [-].
+
+    Parameters
+    ----------
+    z : ndarray, shape (m,)
+        The point [-].
+    u : ndarray, shape (k,)
+        The noise [-].
+    """
+    white = comparison.whitener(predicted, u)
+    return minus_log_posterior(white(comparison.read - comparison.raw(predicted)), white.log_scale, z, u, comparison)
+
+
+def cost_of(comparison: Compared, mode: Mode) -> float:
     """Minus the log posterior at a mode's point, up to a constant, with noise that is not correlated [-].
 
     That is how a search goes until its end: a correlation that passes a misfit for noise would make others hopeless.
     """
-    u = np.zeros_like(mode.u)
-    u[SCALES] = mode.u[SCALES]
+    u, scales = np.zeros_like(mode.u), comparison.noise.scales
+    u[scales] = mode.u[scales]
     u = suiting_noise(comparison, mode.prediction, u, mode.D, False)
     white = comparison.whitener(mode.prediction, u)
     r = white(comparison.read - comparison.raw(mode.prediction))
     return minus_log_posterior(r, white.log_scale, mode.z, u, comparison, found=True)
 
 
-def robust_weights(r: np.ndarray, comparison: Comparison, found: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def robust_weights(r: np.ndarray, comparison: Compared, found: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Weight of each residual in a least-squares step, and the probability that its reading is bad [-].
 
     Bad readings are single ones: where many of a channel stand out, or all of a pressure level by the same each time it
@@ -185,7 +196,7 @@ def folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: n
     k = len(problem.nuisances)
     total = 0.0
     for i, (name, unknown) in enumerate(problem.effect_unknowns(names)):
-        amplitude = effects()[name].amplitude
+        amplitude = problem.amplitude(name)
         if unknown.name == amplitude.name and amplitude.low == 0.0 and unknown.kind == "normal":
             total += math.log(2.0) + float(log_ndtr(z[k + i] / math.sqrt(covariance[k + i, k + i])))
     return total

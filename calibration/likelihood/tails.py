@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.systems.radial_piston.problem import Problem
-from model.effects import effects
+from calibration.likelihood.compared import Problem
 
 POINTS = 2001
 REACH = 8.0  # sds of what the readings say
@@ -84,7 +83,7 @@ def marginals(
     k = len(problem.nuisances)
     found = {}
     for i, (name, unknown) in enumerate(problem.effect_unknowns(names), start=k):
-        parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
+        parameter = problem.parameter(name, unknown.name)
         if parameter.shape:
             continue
         low, high = unknown.z(parameter.low), unknown.z(parameter.high)

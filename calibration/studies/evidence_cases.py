@@ -40,13 +40,13 @@ def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
         When this process has other sources.
     """
     from calibration.diagnosis.diagnose import FARTHER
-    from calibration.diagnosis.linear_model.signatures import signatures
-    from calibration.diagnosis.steps.base import base_of
     from calibration.diagnosis.steps.name import screen
     from calibration.diagnosis.steps.search import Search
     from calibration.likelihood.descent import find
-    from calibration.likelihood.linear import Comparison
-    from calibration.systems.radial_piston.problem import Problem
+    from calibration.likelihood.signatures import signatures
+    from calibration.systems.radial_piston.base import base_of
+    from calibration.systems.radial_piston.comparison import Comparison
+    from calibration.systems.radial_piston.predict.problem import Problem
 
     same_code(argument["code"])
     seed = argument["seed"]
@@ -118,7 +118,7 @@ def items_of(cases: int, first_seed: int = FIRST_SEED, nested_every: int = 1) ->
     nested_every : int
         One case in so many is nested-sampled, the others importance-sampled alone; 0 for none [-].
     """
-    from calibration.systems.radial_piston.problem import Problem
+    from calibration.systems.radial_piston.predict.problem import Problem
 
     code = code_of_a_case()
     could = Problem(template(NOISES[0], False)).effects_that_could()

@@ -15,11 +15,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from calibration.likelihood.function import Function
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode, minus_log_posterior
 from calibration.likelihood.tails import log_ratio
 from calibration.studies.evidence_reference import NOWHERE
-from calibration.systems.radial_piston.problem import Prediction, Problem
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from rig.recording import Recording
 
 NOISE_STEP = 0.02  # of a noise scale's logarithm, for second derivatives

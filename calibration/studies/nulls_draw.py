@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.data.runs_in_time import placeholders
-from calibration.systems.radial_piston.problem import CHANNELS, SI_OF, Prediction, Problem
+from calibration.systems.radial_piston.predict.problem import CHANNELS, SI_OF, Prediction, Problem
 from calibration.unknowns import priors
 from model.effects.effect import unknown_state
 from model.effects.laws import readings_of

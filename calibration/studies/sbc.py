@@ -69,7 +69,7 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     """
     import configs
     from calibration.fit import fit
-    from calibration.likelihood import rows
+    from calibration.systems.radial_piston.batch import rows
     from calibration.unknowns import priors
     from model.layout import L_MIN, RPM
     from model.solvers import steady

@@ -6,6 +6,7 @@ no bound can be stepped over, and what the recording does not inform stays at me
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -17,6 +18,7 @@ from model.motor import QUANTITIES, Motor
 from rig.recording import Recording
 
 NOISE_FACTOR = 1.35  # one standard deviation (log-normal 0.3) of how far a declared noise figure may be off
+NOISE_SD = math.log(NOISE_FACTOR)
 PASCAL_PER_BAR = 1e5
 KELVIN_AT_0_C = 273.15
 TEMPERATURE_SD = 0.5  # K, of a recorded temperature whose recording states no uncertainty

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from multiprocessing.process import BaseProcess
 
@@ -14,6 +15,9 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 def begin_worker() -> None:
     """A worker has one thread, leaves Ctrl-C to its parent, and ends when that does, however it ended."""
     os.environ.update(dict.fromkeys(THREADS, "1"))
+    if "numba" in sys.modules:  # loaded with the caller's own script: its number of threads can no longer be changed
+        del os.environ["NUMBA_NUM_THREADS"]
+        sys.modules["numba"].set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

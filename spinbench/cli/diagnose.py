@@ -52,7 +52,12 @@ def diagnose(
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
     from calibration.data.joined import together
-    from calibration.systems.system import has_system
+    from calibration.diagnosis.diagnose import diagnose as look
+    from calibration.diagnosis.document import as_json
+    from calibration.report.diagnosis import sets as diagnosis_sets
+    from calibration.report.diagnosis.page import JSON
+    from calibration.report.model import simulation
+    from calibration.work import files
 
     check_places(out, json_file)
     parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
@@ -60,59 +65,32 @@ def diagnose(
     _refuse_twice(parts, unseen)
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
     read = together(parts)
-    if has_system(read):
-        _diagnose_rig(read, out, json_file, seed, unseen)
-    else:
-        _diagnose_motor(read, out, json_file, seed, unseen, workers or min(2, os.cpu_count() or 1))
-
-
-def _diagnose_motor(
-    read: Recording, out: Path | None, json_file: Path | None, seed: int, unseen: Recording | None, workers: int
-) -> None:
-    from calibration.diagnosis.diagnose import diagnose as look
-    from calibration.diagnosis.document import as_json
-    from calibration.report.diagnosis import page as diagnosis_page
-    from calibration.report.diagnosis import sets as diagnosis_sets
-    from calibration.report.diagnosis import table as diagnosis_table
-    from calibration.report.diagnosis import words as diagnosis_words
-    from calibration.report.model import simulation
-    from calibration.work import files
-
     with diagnosing() as tell:
-        diagnosis = look(read, seed, tell, unseen, workers)
+        diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1))
         found = as_json(diagnosis)
         data = simulation.json_bytes(found)
+        page, table, words = _told_by(found)
         if out is not None:
             tell("report")
-            files.write_files(out, {diagnosis_page.JSON: data} | diagnosis_page.report(diagnosis, found))
-    deliver(data, [diagnosis_table.table(found)], json_file)
-    print(diagnosis_words.sentence(found), file=sys.stderr)
+            files.write_files(out, {JSON: data} | page.report(diagnosis, found))
+    deliver(data, [table(found)], json_file)
+    print(words.sentence(found), file=sys.stderr)
     _warn_of_rows(found)
-    if blind := diagnosis_sets.blind_in_words(diagnosis):
+    if not found.get("rig") and (blind := diagnosis_sets.blind_in_words(diagnosis)):
         print(blind, file=sys.stderr)
     _tell_how_it_went(unseen, found, diagnosis.seconds, out)
 
 
-def _diagnose_rig(
-    read: Recording, out: Path | None, json_file: Path | None, seed: int, unseen: Recording | None
-) -> None:
-    """The diagnosis of a rig that is not this motor."""
-    from calibration.diagnosis.other_rigs import as_json, look, words
-    from calibration.report.model import simulation
-    from calibration.report.other_rigs import page
-    from calibration.work import files
+def _told_by(found: Mapping[str, Any]) -> tuple[Any, Any, Any]:
+    """The page, the table and the words that tell of a diagnosis: of the article's motor, or of another machine."""
+    if found.get("rig"):
+        from calibration.report.machines import page as of_machine
+        from calibration.report.machines import words as machine_words
 
-    with diagnosing() as tell:
-        diagnosis = look(read, seed, tell, unseen)
-        found = as_json(diagnosis)
-        data = simulation.json_bytes(found)
-        if out is not None:
-            tell("report")
-            files.write_files(out, {"diagnosis.json": data} | page.report(diagnosis, found))
-    deliver(data, [words.table(found)], json_file)
-    print(words.sentence(found), file=sys.stderr)
-    _warn_of_rows(found)
-    _tell_how_it_went(unseen, found, diagnosis.seconds, out)
+        return of_machine, machine_words.table, machine_words
+    from calibration.report.diagnosis import page, table, words
+
+    return page, table.table, words
 
 
 def _refuse_twice(parts: Sequence[Recording], unseen: Recording | None) -> None:

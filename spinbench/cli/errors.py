@@ -23,7 +23,7 @@ EXIT_CODES = {
     "calibration.fit.fit.NotConvergedError": NOT_CONVERGED,
     "calibration.fit.peak.NoPeakError": UNUSABLE_INPUT,
     "calibration.fit.sampling.ChainError": UNUSABLE_INPUT,
-    "calibration.systems.radial_piston.with_effects.EffectsError": UNUSABLE_INPUT,
+    "calibration.systems.radial_piston.batch.effects.EffectsError": UNUSABLE_INPUT,
     "configs.ConfigError": UNUSABLE_INPUT,
     "model.operation.performance.OperatingPointError": UNUSABLE_INPUT,
     "rig.acquisition.recorder.RecorderError": RUN_FAILED,

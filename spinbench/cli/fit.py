@@ -119,7 +119,7 @@ def _fitted(read: Recording, asked: Asked, out: Path | None) -> Fit:
 def _variant(asked: Asked, name: str, changed: Recording, channels: tuple[str, ...]) -> tuple[str, Posterior]:
     """A shorter fit, of the recording as changed."""
     from calibration.fit import fit as fits
-    from calibration.systems.radial_piston import with_effects
+    from calibration.systems.radial_piston.batch import effects as with_effects
 
     with sampling(name) as progress:
         still = with_effects.seen(asked.effects, channels)

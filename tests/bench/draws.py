@@ -33,14 +33,14 @@ TOPIC = "The posterior of Table 3: effective samples"
 
 @dataclass(frozen=True)
 class Target:
-    """A posterior to sample: in standard normal numbers, as `calibration.likelihood.steady` has it.
+    """A posterior to sample: in standard normal numbers, as the fit's likelihood has it.
 
     Attributes
     ----------
     log_prob, log_likelihood : callable
         Of points of shape (n, n_unknowns), returning shape (n,) [-].
     factors : callable
-        `calibration.likelihood.steady.Likelihood.factors`.
+        `calibration.systems.radial_piston.batch.likelihood.Likelihood.factors`.
     n_unknowns : int
         Dimensions [-].
     """

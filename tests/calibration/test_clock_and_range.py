@@ -5,9 +5,9 @@ import pytest
 
 from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis.other_rigs.problem import RigProblem
 from calibration.fit import fit
-from calibration.systems.radial_piston.with_effects import EffectsError
+from calibration.systems.machines.problem import Problem as Machine
+from calibration.systems.radial_piston.batch.effects import EffectsError
 from rig.recording import RecordingError, read_recording
 from tests.diagnosis_recordings import sweep
 from tests.rig_recordings import machine
@@ -51,7 +51,7 @@ def test_plateaus_without_times_are_not_numbered_in_seconds():
     recording = machine(np.random.default_rng(5))
     for file in recording.files:
         file.columns.pop("time_s", None)
-    assert "friction_warm_up" not in RigProblem(recording).could_show
+    assert "friction_warm_up" not in {effect.id for effect in Machine(recording).effects_that_could()}
 
 
 @pytest.mark.parametrize("said_by", [fit.prepare, diagnose, refuse_unusable])

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_normal, norm
 
 from calibration.fit import fit, peak
-from calibration.likelihood.steady import Likelihood
+from calibration.systems.radial_piston.batch.likelihood import Likelihood
 from model.motor import Motor, read_motor
 from model.solvers import steady
 from rig.recording import read_recording

@@ -19,13 +19,12 @@ from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply
 from calibration.data.runs_in_time import coast_down, few_used, lone_zeros, release
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json, finite
-from calibration.diagnosis.next_test.planned import planned
-from calibration.diagnosis.other_rigs import diagnose_rig
 from calibration.diagnosis.steps.verdict import judge
-from calibration.likelihood.linear import Comparison
 from calibration.report.diagnosis.words import sentence
-from calibration.systems.radial_piston.problem import Problem
-from calibration.systems.radial_piston.supply import line_unknowns
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.next_tests.planned import planned
+from calibration.systems.radial_piston.predict.problem import Problem
+from calibration.systems.radial_piston.predict.supply import line_unknowns
 from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
 from spinbench.cli.progress import sampling
@@ -131,7 +130,7 @@ def test_a_log_that_was_cut_makes_no_false_alarm(tmp_path: Path) -> None:
     false = 0
     for seed in range(8):
         cut = np.concatenate([[400.0], coast(20 + seed, 100)])  # an instantaneous value, then means
-        found = diagnose_rig(read_recording(write(tmp_path / str(seed), cut)))
+        found = as_json(diagnose(read_recording(write(tmp_path / str(seed), cut)), 1))
         false += found["verdict"] != "consistent"
     assert false == 0
 
@@ -342,7 +341,7 @@ def test_a_model_nowhere_near_the_readings_is_said_to_be_so_and_nothing_is_looke
 
 
 def test_a_drive_of_the_other_sign_is_no_missing_effect(tmp_path: Path) -> None:
-    found = diagnose_rig(with_force(axis(np.random.default_rng(3)), -1.0))
+    found = as_json(diagnose(with_force(axis(np.random.default_rng(3)), -1.0), 1))
     assert found["verdict"] == "unresolved"
     assert "the sign of the drive" in found["check"]
     assert found["next_tests"] == []

@@ -4,31 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.likelihood.expected import Expected
+
 SETTLED_NATS = math.log(150.0)  # of the odds: beyond it two explanations count as told apart
 MOST_REPEATS = 100
-
-
-@dataclass(frozen=True)
-class Expected:
-    """What a test would read if an explanation holds.
-
-    Attributes
-    ----------
-    mean : ndarray, shape (m,)
-        Expected, in standard deviations of the noise [-].
-    shared : ndarray, shape (m, m)
-        Covariance of what the recording leaves open, the same in each repeat [-].
-    own : ndarray, shape (m, m)
-        Covariance of noise and of all that is new in each repeat [-].
-    """
-
-    mean: np.ndarray
-    shared: np.ndarray
-    own: np.ndarray
 
 
 def expected_nats(one: Expected, other: Expected, repeats: int = 1) -> float:

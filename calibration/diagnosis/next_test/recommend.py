@@ -9,17 +9,16 @@ but the larger forgives more that the model does not know.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.next_test.information import Expected, expected_nats, repeats_needed
-from calibration.diagnosis.next_test.planned import MODEL_SD, expected_readings, planned
-from calibration.diagnosis.next_test.quantities import expected_quantity, quantities
+from calibration.diagnosis.next_test.information import expected_nats, repeats_needed
 from calibration.diagnosis.steps.candidate import Candidate
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared
+from calibration.likelihood.expected import Test
+from calibration.likelihood.mode import Mode
 
 MOST = 4
 MOST_APART = 2  # of those that need another instrument
@@ -47,34 +46,26 @@ class NextTest:
     needs: str = ""
 
 
-def propose(comparison: Comparison, rivals: Sequence[Candidate]) -> list[NextTest]:
+def propose(comparison: Compared, rivals: Sequence[Candidate]) -> list[NextTest]:
     """Tests ranked by what they would tell between the most probable rivals, those with another instrument last."""
-    weighed = list(rivals[:MOST_RIVALS])
-    if len(weighed) < 2 or not comparison.n:
+    weighed = [one.mode for one in rivals[:MOST_RIVALS]]
+    if len(weighed) < 2:
         return []
-    problem = comparison.problem
     names = ["+".join(one.names) or NOTHING for one in weighed]
-    found = []
-    for plan in planned(comparison):
-        one = weigh(plan.words, names, partial(expected_readings, plan, problem, weighed))
-        found += [one] if one else []
-    for quantity in quantities(comparison, weighed[0]):
-        one = weigh(
-            f"{quantity.words}: {quantity.needs}" if quantity.needs else quantity.words,
-            names,
-            partial(expected_quantity, quantity, problem, weighed),
-            quantity.needs,
-        )
-        found += [one] if one else []
-    return ranked(found)
+    found = [weigh(test, names, weighed) for test in comparison.tests(weighed)]
+    return ranked([one for one in found if one])
 
 
-def weigh(
-    words: str, names: Sequence[str], expected: Callable[[], Sequence[Expected]], needs: str = ""
-) -> NextTest | None:
-    """What a test would tell; None where it cannot be simulated."""
+def weigh(test: Test, names: Sequence[str], rivals: Sequence[Mode]) -> NextTest | None:
+    """What a test would tell; None where it cannot be simulated.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the rivals.
+    """
     try:
-        read = expected()
+        read = test.expected(rivals)
     except ArithmeticError:
         return None
     pairs = list(itertools.combinations(range(len(names)), 2))
@@ -88,7 +79,7 @@ def weigh(
         return min(expected_nats(read[i], read[j], repeats) for i, j in told)
 
     mean = round(sum(nats.values()) / len(nats), 2)
-    return NextTest(words, separates, mean, repeats_needed(least) if told else None, needs)
+    return NextTest(test.words, separates, mean, repeats_needed(least) if told else None, test.needs)
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:
@@ -97,6 +88,3 @@ def ranked(found: Sequence[NextTest]) -> list[NextTest]:
         (t for t in found if t.separates and t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats
     )
     return [t for t in best if not t.needs][:MOST] + [t for t in best if t.needs][:MOST_APART]
-
-
-__all__ = ["LEAST_NATS", "MODEL_SD", "NextTest", "propose", "ranked", "weigh"]

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis.linear_model.signatures import Signature, log_gain, project
 from calibration.diagnosis.steps.name import BEYOND_SD, declared_size
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import straight
 from calibration.likelihood.mode import Mode
+from calibration.likelihood.signatures import Signature, log_gain, project
 
 DRAWS = 4000
 FEWEST = 40  # draws that are possible; with fewer the effect is next to impossible
@@ -38,10 +38,10 @@ class Faint:
     f_overall_z: np.ndarray
 
 
-def faint(comparison: Comparison, mode: Mode, found: Sequence[Signature], rng: np.random.Generator) -> list[Faint]:
+def faint(comparison: Compared, mode: Mode, found: Sequence[Signature], rng: np.random.Generator) -> list[Faint]:
     """Every further effect beside a set, with what f_overall would be."""
     problem = comparison.problem
-    f = problem.place("f_overall")
+    f = problem.place(problem.friction)
     if f is None:
         return []
     here = straight(comparison, mode, mode.u)

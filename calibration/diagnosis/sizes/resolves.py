@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from calibration.diagnosis.linear_model.signatures import Signature, project
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import straight
 from calibration.likelihood.mode import Mode
-from model.effects import effects
+from calibration.likelihood.signatures import Signature, project
 
 SEEN = 5.0  # D from which an effect is seen
 TOLD = 7.0  # ... from which it is told from rivals, where these are unlike it
@@ -48,12 +47,12 @@ class Resolved:
     told_from: float | None
 
 
-def resolved(comparison: Comparison, mode: Mode, u: np.ndarray, found: Sequence[Signature]) -> list[Resolved]:
+def resolved(comparison: Compared, mode: Mode, u: np.ndarray, found: Sequence[Signature]) -> list[Resolved]:
     """What a recording can tell of each effect, the one that it sees soonest beside its ordinary size first.
 
     Parameters
     ----------
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         The noise [-].
     """
     here = straight(comparison, mode, u)
@@ -62,7 +61,7 @@ def resolved(comparison: Comparison, mode: Mode, u: np.ndarray, found: Sequence[
     size = np.sqrt(np.maximum(np.diag(P), 0.0))
     made = []
     for name in dict.fromkeys(one.effect for one in found):
-        amplitude = effects()[name].amplitude
+        amplitude = comparison.problem.amplitude(name)
         mine = [i for i, one in enumerate(found) if next(iter(one.unknowns)) == (name, amplitude.name)]
         i = mine[len(mine) // 2]  # its shape as it is expected
         unit = (amplitude.expected or amplitude.scale) / (size[i] or math.inf)  # of a size with D = 1

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.diagnosis.steps.candidate import Candidate
+from calibration.likelihood.compared import Problem
 from calibration.likelihood.tails import marginals
-from calibration.systems.radial_piston.problem import Problem
 from calibration.unknowns.priors import Unknown
 from model.effects import EffectParameter, effects
 
@@ -48,7 +48,7 @@ def sizes_of(problem: Problem, one: Candidate) -> list[Size]:
     chosen = problem.chosen(one.names, z)
     found = []
     for i, (name, unknown) in enumerate(members):
-        declared = {p.name: p for p in effects()[name].parameters}
+        declared = {p.name: problem.parameter(name, p.name) for p in effects()[name].parameters}
         parameter = declared[unknown.name]
         # Sine and cosine are one size in two parts; a figure of the shape stands alone.
         mine = [unknown.name] if parameter.shape else [p for p in chosen[name] if not declared[p].shape]

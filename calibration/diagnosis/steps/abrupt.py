@@ -8,35 +8,26 @@ step stands in for it, in the model made linear; which moment it has is not know
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
-from calibration.diagnosis.linear_model.coordinates import Along, coordinates
-from calibration.diagnosis.linear_model.forces import TorqueAnswer, torque_column
-from calibration.diagnosis.linear_model.signatures import project
-from calibration.diagnosis.linear_model.terms import LARGEST_N_M
 from calibration.diagnosis.steps.locate import METERS, Place
 from calibration.diagnosis.steps.search import values_of
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.linearized import GOOD
 from calibration.likelihood.mode import BAD, Mode, log_bad
-from calibration.likelihood.noise import SPREAD
+from calibration.likelihood.shapes import StepsInTime
+from calibration.likelihood.signatures import project
 
-LARGEST_SHARE = 0.05  # sd of the prior of an instrument's step, of its reading
-FEWEST = 3  # plateaus on either side of a moment: fewer are misread rows
-MOMENTS = 60  # most tried
 LOOKS = 2  # for the best moment, each with the noise that suits the one before
 PASSES = 4  # of the noise
 STEP = "torque_step"  # the effect
 LEAST_GAIN = 5.0  # nats over nothing that make a step something
 ODDS = 20.0  # of what is named against a step, or it is not named
 WORTH_A_REFIT = -40.0  # nats over the member in the linear model
-
-Columns = Callable[[Comparison, Mode], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -80,7 +71,7 @@ class Step:
         return Place(self.channel, self.balance, "time", where, "s", math.exp(-max(self.gain, 0.0)), sentence, ())
 
 
-def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
+def step_instead(comparison: Compared, mode: Mode) -> Step | None:
     """The step in time that does best in the place of a member of a set; None where the recording has no clock for one.
 
     Parameters
@@ -88,40 +79,28 @@ def step_instead(comparison: Comparison, mode: Mode) -> Step | None:
     mode : Mode
         Of the set; of the base model a step is tried in the place of the readings that it takes for bad.
     """
-    time = coordinates(comparison, mode)["time"]
-    moments = np.zeros(0) if comparison.problem.blocks.plateaus.untimed else _moments(time)
-    if not moments.size:
+    steps = comparison.steps_in_time(mode)
+    if steps is None:
         return None
-    kinds = {key: columns for key, columns in _columns(comparison, mode, time, moments).items() if columns.any()}
-    within = _first_after(comparison, time, moments)
-    end_s, first = float(time.everything.max()), len(comparison.problem.nuisances)
+    kinds = {key: columns for key, columns in steps.columns(comparison, mode).items() if columns.any()}
+    first = len(comparison.problem.nuisances)
     owner = np.array([name for name, _ in comparison.problem.effect_unknowns(mode.names)])
-
-    def torque(there: Comparison, at: Mode) -> np.ndarray:
-        return _columns(there, at, time, moments)["speed", "torque"]
-
     found: list[Step] = []
     for member in mode.names or ("",):
         mine = first + np.flatnonzero(owner == member) if member else np.zeros(0, dtype=int)
-        rest = _Rest(comparison, mode, mine, within)
+        rest = _Rest(comparison, mode, mine, steps.within)
         for (channel, balance), columns in kinds.items():
             gain, at = rest.of_a_step(columns)
-            one = Step(channel, balance, float(moments[at]), end_s, gain - rest.nothing, gain - rest.instead)
+            one = Step(
+                channel, balance, float(steps.moments[at]), steps.end_s, gain - rest.nothing, gain - rest.instead
+            )
             if balance == "torque" and member and one.over > WORTH_A_REFIT:
-                one = _refitted(comparison, mode, member, one, torque, moments, within)
+                one = _refitted(comparison, mode, member, one, steps)
             found.append(one)
     return max(found, key=lambda one: one.over)
 
 
-def _refitted(
-    comparison: Comparison,
-    mode: Mode,
-    member: str,
-    step: Step,
-    columns: Columns,
-    moments: np.ndarray,
-    within: np.ndarray,
-) -> Step:
+def _refitted(comparison: Compared, mode: Mode, member: str, step: Step, steps: StepsInTime) -> Step:
     """A step of the torque with its evidence by a refit: a large one bends what the readings do."""
     k = len(comparison.problem.nuisances)
     names = tuple(sorted({*mode.names, STEP} - {member}))
@@ -132,15 +111,16 @@ def _refitted(
         for _ in range(LOOKS):
             there = comparison.giving({(STEP, "moment_s"): step.start_s})
             near = find(there, names, near, first=first)
-            over = near.log_evidence - math.log(moments.size) - mode.log_evidence  # whichever moment it was
+            over = near.log_evidence - math.log(steps.moments.size) - mode.log_evidence  # whichever moment it was
             if over <= best.over:
                 break
             best = replace(step, gain=best.gain + over - best.over, over=over)
             place = k + [name for name, _ in there.problem.effect_unknowns(names)].index(STEP)
-            at = _Rest(there, near, np.array([place]), within).of_a_step(columns(there, near))[1]
-            if moments[at] == step.start_s:
+            columns = steps.columns(there, near)["speed", "torque"]
+            at = _Rest(there, near, np.array([place]), steps.within).of_a_step(columns)[1]
+            if steps.moments[at] == step.start_s:
                 break
-            step, first = replace(step, start_s=float(moments[at])), {}
+            step, first = replace(step, start_s=float(steps.moments[at])), {}
     except ArithmeticError:  # nothing of it can be simulated
         return best
     return best
@@ -165,7 +145,7 @@ class _Rest:
         With the member, or with the bad readings taken for bad [-].
     """
 
-    def __init__(self, comparison: Comparison, mode: Mode, mine: np.ndarray, within: np.ndarray) -> None:
+    def __init__(self, comparison: Compared, mode: Mode, mine: np.ndarray, within: np.ndarray) -> None:
         # A step in the place of misread readings may not make one of them up.
         self.comparison, self.mode, self.within = comparison, mode, within & bool(mine.size)
         self.J = np.delete(mode.D, mine, axis=1)
@@ -192,7 +172,7 @@ class _Rest:
         return float(logsumexp(gains) - math.log(gains.size)), int(np.argmax(gains))
 
     def _noise(self, columns: np.ndarray) -> np.ndarray:
-        """The noise that suits some columns, from the declared one on [-], shape (5,)."""
+        """The noise that suits some columns, from the declared one on [-], shape (k,)."""
         comparison, predicted = self.comparison, self.mode.prediction
         X, u = np.hstack([self.J, columns]), np.zeros(self.mode.u.size)
         for _ in range(PASSES):
@@ -207,7 +187,7 @@ class _Rest:
         W, y = white(np.hstack([self.J, columns])) * good[:, None], white(self.difference) * good
         P, b = W.T @ W + np.eye(W.shape[1]), W.T @ y
         fit = 0.5 * (b @ np.linalg.solve(P, b) - y @ y) - 0.5 * np.linalg.slogdet(P)[1]
-        return float(fit) - white.log_scale - 0.5 * float(np.sum((u / SPREAD) ** 2))
+        return float(fit) - white.log_scale - 0.5 * float(np.sum((u / self.comparison.noise.spread) ** 2))
 
     def _singles(self, columns: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Log evidence of each step, with a free share of it in the plateau during which it may be, shape (k,)."""
@@ -221,51 +201,3 @@ class _Rest:
         x, y, size = C.T @ r, W.T @ r, a * c - b * b
         gains: np.ndarray = 0.5 * (c * x * x - 2.0 * b * x * y + a * y * y) / size - 0.5 * np.log(size)
         return gains + self._evidence(np.zeros((r.size, 0)), u, self.good)
-
-
-def _first_after(comparison: Comparison, time: Along, moments: np.ndarray) -> np.ndarray:
-    """Readings of the first plateau after each moment, shape (m, moments)."""
-    n = comparison.n
-    found = np.zeros((comparison.read.size, moments.size), dtype=bool)
-    for k, moment in enumerate(moments):
-        after = np.where(time.plateaus > moment, time.plateaus, np.inf)
-        if np.isfinite(after).any():
-            row = int(np.argmin(after))
-            found[[row, n + row], k] = True
-    return found
-
-
-def _moments(time: Along) -> np.ndarray:
-    """Moments between neighbouring plateaus and runs, with plateaus enough before and after."""
-    plateaus = np.sort(time.plateaus[np.isfinite(time.plateaus)])
-    starts = [float(run[np.isfinite(run)][0]) for run in time.runs if np.isfinite(run).any()]
-    known = np.unique([*plateaus, *starts])
-    between = 0.5 * (known[1:] + known[:-1])
-    if plateaus.size < 2 * FEWEST:
-        return np.zeros(0)
-    inside = between[(between > plateaus[FEWEST - 1]) & (between < plateaus[-FEWEST])]
-    return inside[np.unique(np.linspace(0, inside.size - 1, min(MOMENTS, inside.size)).astype(int))]
-
-
-def _columns(comparison: Comparison, mode: Mode, time: Along, moments: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
-    """What one sd of each kind of step at each moment does to the readings [SI], shape (m, moments)."""
-    n, end, size = comparison.n, comparison.end, comparison.read.size
-    predicted, plateaus = mode.prediction, comparison.problem.blocks.plateaus
-    steady = (time.plateaus[:, None] > moments).astype(float)
-    runs = [(run[:, None] > moments).astype(float) for run in time.runs]
-    answer = TorqueAnswer(comparison, torque_column(comparison, mode))
-    torque = answer(steady * LARGEST_N_M, [one * LARGEST_N_M for one in runs])
-    speed, flow, pressure = (np.zeros((size, moments.size)) for _ in range(3))
-    speed[n : 2 * n] = steady * predicted.speed[:, None]
-    turning = [predicted.runs[i][used] for i, used in enumerate(comparison.used)]
-    if turning:
-        speed[2 * n : end] = np.vstack(runs) * np.concatenate(turning)[:, None]
-    flow[:n] = steady * predicted.flow[:, None]
-    for rows, slope in ((slice(0, n), predicted.flow_slope), (slice(n, 2 * n), predicted.speed_slope)):
-        pressure[rows] = steady * (slope * plateaus.pressure)[:, None]
-    return {
-        ("speed", "torque"): np.nan_to_num(torque),
-        ("speed", "sensor"): LARGEST_SHARE * np.nan_to_num(speed),
-        ("flow", "sensor"): LARGEST_SHARE * np.nan_to_num(flow),
-        ("pressure", "sensor"): LARGEST_SHARE * np.nan_to_num(pressure),
-    }

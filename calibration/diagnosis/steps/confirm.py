@@ -14,15 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.data.blocks import levels
 from calibration.diagnosis.steps.candidate import Candidate
-from calibration.likelihood.linear import RUN, Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import GOOD
 from calibration.likelihood.mode import BAD, Mode, bad_weight, log_bad
 
-SEGMENTS = 3  # of each run in time
-SEVERAL = 3  # runs in time from which on each is held out whole
-MOST_LEVELS = 6  # folds of plateaus
 AGAIN = ", selection repeated in each fold"
 LEAST_PROBABILITY = 1e-300
 
@@ -54,7 +50,7 @@ class HeldOut:
 
 
 def cross_validate(
-    comparison: Comparison, found: Sequence[Candidate], names: tuple[str, ...], choose: bool = True
+    comparison: Compared, found: Sequence[Candidate], names: tuple[str, ...], choose: bool = True
 ) -> HeldOut:
     """Predict each block from the others.
 
@@ -63,7 +59,7 @@ def cross_validate(
     choose : bool
         Whether the set is chosen anew in each fold; otherwise it is ``names`` in all.
     """
-    blocks = folds_of(comparison)
+    blocks = comparison.folds()[0]
     base = next(c for c in found if not c.names)
     others = [c for c in found if not c.refused or not c.names]
     # With nothing held out a set has the weight that it has in the whole recording: prior, doubt and bounds are in it.
@@ -90,7 +86,7 @@ def cross_validate(
 
 
 def summed_up(
-    comparison: Comparison,
+    comparison: Compared,
     folds: Sequence[np.ndarray],
     same: int,
     gains: Sequence[float],
@@ -109,34 +105,12 @@ def summed_up(
     index = np.concatenate([np.flatnonzero(held) for held in folds])
     rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
     se = float(np.std(gains, ddof=1) * math.sqrt(len(gains))) if len(gains) > 1 else 0.0
-    runs = len(comparison.problem.blocks.runs)
-    parts = " and whole runs" if runs >= SEVERAL else " and transient segments" if runs else ""
-    scheme = f"pressure levels{parts}{again}"
-    return HeldOut(len(folds), same, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme)
+    scheme = f"{comparison.folds()[1]}{again}"
+    size = by_channel(comparison, index, comparison.read[index]) if comparison.rig else {}
+    return HeldOut(len(folds), same, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme, size)
 
 
-def folds_of(comparison: Comparison) -> list[np.ndarray]:
-    """Masks of the readings that are held out together."""
-    plateaus = comparison.problem.blocks.plateaus
-    found = []
-    groups = levels(plateaus) if plateaus.size else []
-    if groups:
-        count = min(MOST_LEVELS, len(groups))
-        for i in range(count):
-            rows = np.concatenate(groups[i::count])
-            mask = (comparison.kind < RUN) & np.isin(comparison.index, rows)
-            found.append(mask & comparison.known)
-    count = len(comparison.problem.blocks.runs)
-    for i in range(count):
-        mine = np.flatnonzero(comparison.kind == RUN + i)
-        for part in np.array_split(mine, 1 if count >= SEVERAL else SEGMENTS):
-            mask = np.zeros(comparison.read.size, dtype=bool)
-            mask[part] = True
-            found.append(mask)
-    return [mask for mask in found if mask.any()]
-
-
-def fit_on(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def fit_on(comparison: Compared, mode: Mode, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Most probable point, precision and log evidence on some of the readings, in the linear model of a mode.
 
     Parameters
@@ -168,7 +142,7 @@ def fit_on(comparison: Comparison, mode: Mode, used: np.ndarray) -> tuple[np.nda
 
 
 def predict_held(
-    comparison: Comparison, mode: Mode, z: np.ndarray, A: np.ndarray, held: np.ndarray
+    comparison: Compared, mode: Mode, z: np.ndarray, A: np.ndarray, held: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Log density of held-out readings, and their errors.
 
@@ -206,7 +180,7 @@ def _as_read(mode: Mode) -> tuple[np.ndarray, np.ndarray]:
     return np.where(bad, weight**-0.5, 1.0), np.where(bad, price, math.log(1.0 - BAD))
 
 
-def by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> dict[str, float]:
+def by_channel(comparison: Compared, index: np.ndarray, error: np.ndarray) -> dict[str, float]:
     """Root mean square of errors by channel [SI].
 
     Parameters
@@ -214,9 +188,9 @@ def by_channel(comparison: Comparison, index: np.ndarray, error: np.ndarray) -> 
     error : ndarray
         Readings less predictions [SI].
     """
-    kind = comparison.kind[index]
     found = {}
-    for key, mine in (("flow_m3_s", kind == 0), ("speed_rad_s", kind > 0)):
+    for key, of_channel in comparison.channels().items():
+        mine = of_channel[index]
         if mine.any():
             found[key] = float(np.sqrt(np.mean(error[mine] ** 2)))
     return found

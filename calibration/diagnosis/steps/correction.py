@@ -15,11 +15,11 @@ from functools import partial
 import numpy as np
 from scipy.special import logsumexp, softmax
 
-from calibration.diagnosis.linear_model.balances import Balance, balances
-from calibration.diagnosis.steps.confirm import HeldOut, fit_on, folds_of, predict_held, summed_up
-from calibration.likelihood.linear import Comparison
+from calibration.diagnosis.steps.confirm import HeldOut, fit_on, predict_held, summed_up
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import Straight, freed, straight
 from calibration.likelihood.mode import Mode
+from calibration.likelihood.shapes import Balance
 
 KNOTS = 31  # places at which the curve is known; straight between them
 LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the kernel, in shares of the coordinate's span
@@ -64,7 +64,7 @@ class Correction:
     size: float
 
 
-def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correction]) -> tuple[np.ndarray, np.ndarray]:
+def nuisances_beside(comparison: Compared, mode: Mode, found: Sequence[Correction]) -> tuple[np.ndarray, np.ndarray]:
     """The nuisances and their sd when something is missing and nobody knows what [-], each shape (n,).
 
     A torque of unknown form may have a part in proportion to speed, as large as the process is believed to be: no
@@ -79,8 +79,8 @@ def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correct
     means, sds = np.array([one.z for one in found]), np.array([one.z_sd for one in found])
     mean: np.ndarray = weight @ means
     variance = weight @ (sds**2 + means**2) - mean**2
-    place = comparison.problem.place("f_overall")
-    speed = math.sqrt(float(np.mean(np.nan_to_num(mode.prediction.speed) ** 2)))
+    place = comparison.problem.place(comparison.problem.friction)
+    speed = comparison.ordinary_speed(mode)
     if place is not None and speed > 0.0:
         f_overall, at_z = comparison.problem.nuisances[place], mean[place]
         slope = float(f_overall.value(at_z + STEP) - f_overall.value(at_z)) / STEP
@@ -89,12 +89,12 @@ def nuisances_beside(comparison: Comparison, mode: Mode, found: Sequence[Correct
     return mean, np.sqrt(np.maximum(variance, 0.0))
 
 
-def corrections(comparison: Comparison, mode: Mode, u: np.ndarray, meters: bool = False) -> list[Correction]:
+def corrections(comparison: Compared, mode: Mode, u: np.ndarray, meters: bool = False) -> list[Correction]:
     """The smooth torques and flows along each coordinate, one at a time, that of most evidence first.
 
     Parameters
     ----------
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         The noise that the detection found [-].
     meters : bool
         Whether the instruments' errors, each along its own range, are given too [Pa], [m3/s] or [rad/s].
@@ -106,12 +106,12 @@ def corrections(comparison: Comparison, mode: Mode, u: np.ndarray, meters: bool 
     return sorted(found, key=lambda one: -one.gain)
 
 
-def hold_out(comparison: Comparison, mode: Mode, u: np.ndarray) -> HeldOut | None:
+def hold_out(comparison: Compared, mode: Mode, u: np.ndarray) -> HeldOut | None:
     """Whether a smooth correction predicts readings that it has not seen; None where nothing can be corrected.
 
     Parameters
     ----------
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         The noise that the detection found [-].
     """
     problem = straight(comparison, mode, u)
@@ -120,7 +120,7 @@ def hold_out(comparison: Comparison, mode: Mode, u: np.ndarray) -> HeldOut | Non
         return None
     every = np.ones(comparison.read.size, dtype=bool)
     best = _best(problem, listed, every).process
-    folds, same, gains = folds_of(comparison), 0, []
+    folds, same, gains = comparison.folds()[0], 0, []
     errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
     for held in folds:
         chosen = _best(problem, listed, ~held)
@@ -252,7 +252,7 @@ def _smoothed(fitted: _Fitted) -> Correction:
 def processes(problem: Straight) -> list[Process]:
     """A smooth process for all that may be off."""
     found = []
-    for one in balances(problem.comparison, problem.mode):
+    for one in problem.comparison.balances(problem.mode):
         knots = np.linspace(float(np.nanmin(one.values)), float(np.nanmax(one.values)), KNOTS)
         hats = one.columns(partial(_between, knots))
         found.append(Process(one, knots, hats, problem.columns(hats)))

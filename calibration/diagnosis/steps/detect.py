@@ -20,19 +20,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, log_ndtr, ndtr
 
-from calibration.diagnosis.linear_model.forces import Force
-from calibration.diagnosis.linear_model.signatures import Signature, project
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import FREE, GOOD
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.noise import NOISE_SD, SCALES, SPREAD, too_loud
+from calibration.likelihood.shapes import Force
+from calibration.likelihood.signatures import Signature, project
+from calibration.unknowns.priors import NOISE_SD
 
 DRAWS = 200
 TAIL = 0.15  # share of the draws that the exponential tail is fitted to
 MISMATCH_P = 0.01  # below it something is missing
-PASSES = 3
-LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still
-CORRELATION_PASSES = 3  # of the correlations, from those of the law
 
 
 @dataclass(frozen=True)
@@ -41,10 +38,12 @@ class Detection:
 
     Attributes
     ----------
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         The noise, its scales with all forces taken out [-].
     pulled : str
         The nuisance that is pulled farther than can be believed; empty where none is.
+    gain : float
+        What the forces together take off the sum of squares, where what is left is weighed by it; else 0 [-].
     """
 
     p_value: float
@@ -55,10 +54,11 @@ class Detection:
     force_log_p: np.ndarray
     force_scores: list[np.ndarray]
     pulled: str = ""
+    gain: float = 0.0
 
 
 def detect(
-    comparison: Comparison,
+    comparison: Compared,
     mode: Mode,
     found: Sequence[Signature],
     free: Sequence[Force],
@@ -68,17 +68,19 @@ def detect(
     """Test a mode."""
     difference = np.nan_to_num(comparison.read - comparison.raw(mode.prediction) + mode.D @ mode.z)
     test = _Test(comparison, mode, found, free)
-    real = test(difference, mode.u)
-    noise, spread = test.noise(difference)
+    real = test(difference, test.noise.of(difference, mode.u))
+    if comparison.rig:
+        real = replace(real, gain=test.gain(difference, real.u))
+    noise, spread = test.noise.law(difference)
     null = np.empty(draws)
     for i in range(draws):
         u = noise + spread * rng.standard_normal(noise.size)
-        drawn = _draw(comparison, mode, u, rng)
-        null[i] = test(drawn, test.correlations(drawn, noise)).statistic
+        drawn = comparison.draw(mode, u, rng)
+        null[i] = test(drawn, test.noise.of_a_draw(drawn, noise)).statistic
     p, beyond = rarity(real.statistic, null)
     # Beside the forces, or where they take nothing up: either way that noise is not believable.
-    if (loud := too_loud(np.maximum(real.u, mode.u))) is not None:
-        believed = SCALES.stop * float(ndtr(-math.log(loud[1]) / NOISE_SD))
+    if (loud := comparison.noise.too_loud(np.maximum(real.u, mode.u))) is not None:
+        believed = comparison.noise.scales.stop * float(ndtr(-math.log(loud[1]) / NOISE_SD))
         p, beyond = min(p, believed), beyond or believed < p
     name, believed = _pull(comparison, mode)
     if pulled := name if believed < MISMATCH_P else "":
@@ -103,7 +105,7 @@ def rarity(statistic: float, null: np.ndarray) -> tuple[float, bool]:
     return TAIL * math.exp(-(statistic - cut) / scale), above == 0
 
 
-def _pull(comparison: Comparison, mode: Mode) -> tuple[str, float]:
+def _pull(comparison: Compared, mode: Mode) -> tuple[str, float]:
     """The nuisance farthest from its prior's middle, and a bound on how often one of them is as far [-].
 
     When a valve was moved, and what its line then did, are each run's own: however odd, they are no physics left out.
@@ -117,12 +119,13 @@ def _pull(comparison: Comparison, mode: Mode) -> tuple[str, float]:
 class _Test:
     def __init__(
         self,
-        comparison: Comparison,
+        comparison: Compared,
         mode: Mode,
         found: Sequence[Signature],
         free: Sequence[Force],
     ) -> None:
         self.comparison, self.mode = comparison, mode
+        self.D = mode.D * comparison.free_in_test(mode)
         good = mode.bad < GOOD
         self.good = good.astype(float)
         self.S = np.column_stack([s.column for s in found]) if found else np.zeros((good.size, 0))
@@ -131,54 +134,16 @@ class _Test:
         F = np.column_stack(self.free) if free else np.zeros((good.size, 0))
         white = comparison.whitener(mode.prediction, mode.u)
         size = np.maximum(np.linalg.norm(white(F), axis=0), 1e-12)
-        self.all = np.column_stack([mode.D, self.S, F * (FREE / size)])
+        self.all = np.column_stack([self.D, self.S, F * (FREE / size)])
         keep = np.any(self.all != 0.0, axis=0)
         self.all = self.all[:, keep]
-        self.correlated = bool(np.any(comparison.noise.free[SCALES.stop :]))
+        self.noise = comparison.noise_test(mode, self.all, self.good)
 
-    def _fit(self, columns: np.ndarray, difference: np.ndarray, u: np.ndarray) -> np.ndarray:
-        white = self.comparison.whitener(self.mode.prediction, u)
-        X, y = white(columns) * self.good[:, None], white(difference) * self.good
-        return np.linalg.solve(X.T @ X + np.eye(X.shape[1]), X.T @ y)
-
-    def correlations(self, difference: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """A draw's noise as the search for a mode finds it; beside the forces correlations would be anyone's guess."""
-        if not self.correlated:
-            return u
-        for _ in range(CORRELATION_PASSES):
-            left = difference - self.mode.D @ self._fit(self.mode.D, difference, u)
-            u = u + self.comparison.noise_step(left, self.mode.prediction, u, self.good, self.mode.D)[0]
-        return u
-
-    def noise(self, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and spread of the noise that the law is drawn with [-], shape (5,) each.
-
-        Its scales are those beside all forces, what they take up of it allowed for. A scale's law is skew: its
-        logarithm's mean lies above the most probable one by the variance, as that of a chi-squared's does.
-        """
-        u, mode = _of_declared_size(self.mode.u), self.mode
-        for _ in range(LOUDNESS_PASSES):
-            left = difference - self.all @ self._fit(self.all, difference, u)
-            u[SCALES] += self.comparison.noise_step(left, mode.prediction, u, self.good, self.all)[0][SCALES]
-        left = difference - self.all @ self._fit(self.all, difference, u)
-        of_scales = self.comparison.noise_step(left, mode.prediction, u, self.good, self.all)[1]
-        left = difference - mode.D @ mode.z
-        of_correlations = self.comparison.noise_step(left, mode.prediction, mode.u, self.good, mode.D)[1]
-        information = np.concatenate([np.diag(of_scales)[SCALES], np.diag(of_correlations)[SCALES.stop :]])
-        spread = np.where(self.comparison.noise.free, 1.0 / np.sqrt(information), 0.0)
-        u[SCALES] += spread[SCALES] ** 2
-        return u, spread
-
-    def __call__(self, difference: np.ndarray, noise: np.ndarray) -> Detection:
-        """What the test makes of differences whose noise is correlated as given; its scales are estimated."""
-        comparison, mode = self.comparison, self.mode
-        u = _of_declared_size(noise)
-        good = self.good
-        for _ in range(PASSES):
-            left = difference - self.all @ self._fit(self.all, difference, u)
-            u[SCALES] += comparison.noise_step(left, mode.prediction, u, good)[0][SCALES]
+    def __call__(self, difference: np.ndarray, u: np.ndarray) -> Detection:
+        """What the test makes of differences with a noise."""
+        comparison, mode, good = self.comparison, self.mode, self.good
         white = comparison.whitener(mode.prediction, u)
-        J, y = white(mode.D) * good[:, None], white(difference) * good
+        J, y = white(self.D) * good[:, None], white(difference) * good
         r = project(J, y)
         log_p = [0.0]
         scores = np.zeros(self.S.shape[1])
@@ -194,18 +159,25 @@ class _Test:
             B = white(columns) * good[:, None]
             P = B.T @ project(J, B)
             b = B.T @ r
-            value, vector = np.linalg.eigh(P)
-            use = value > 1e-6 * max(value[-1], 1e-12)
-            Q = float(np.sum((vector[:, use].T @ b) ** 2 / value[use]))
-            force_log_p.append(log_tail(Q, int(use.sum())))
+            force_log_p.append(log_tail(*_quadratic(P, b)))
             force_scores.append(b / np.sqrt(np.maximum(np.diag(P), 1e-12)))
         log_p += force_log_p
         return Detection(1.0, False, -min(log_p), u, scores, np.array(force_log_p), force_scores)
 
+    def gain(self, difference: np.ndarray, u: np.ndarray) -> float:
+        """What the forces together take off the sum of squares [-]."""
+        white = self.comparison.whitener(self.mode.prediction, u)
+        J, y = white(self.D) * self.good[:, None], white(difference) * self.good
+        B = white(np.column_stack(self.free)) * self.good[:, None] if self.free else np.zeros((y.size, 0))
+        B = B / np.maximum(np.linalg.norm(B, axis=0), 1e-12)
+        return _quadratic(B.T @ project(J, B), B.T @ project(J, y))[0] if B.size else 0.0
 
-def _of_declared_size(u: np.ndarray) -> np.ndarray:
-    """A noise with its scales as declared and its own correlations."""
-    return np.where(np.arange(SPREAD.size) < SCALES.stop, 0.0, u)
+
+def _quadratic(P: np.ndarray, b: np.ndarray) -> tuple[float, int]:
+    """What directions with a precision take off the sum of squares, and how many of them there are [-]."""
+    value, vector = np.linalg.eigh(P)
+    use = value > 1e-6 * max(value[-1], 1e-12)
+    return float(np.sum((vector[:, use].T @ b) ** 2 / value[use])), int(use.sum())
 
 
 def log_tail(Q: float, k: int) -> float:
@@ -218,24 +190,3 @@ def log_tail(Q: float, k: int) -> float:
     """
     tail = float(chdtrc(k, Q)) if k else 1.0
     return math.log(tail) if tail > 0.0 else -0.5 * Q
-
-
-def _draw(comparison: Comparison, mode: Mode, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Differences of readings that the model itself would give [SI]."""
-    problem = comparison.problem
-    n, end = comparison.n, comparison.end
-    out = mode.D @ rng.standard_normal(mode.z.size)
-    pressure, flow, speed = comparison.noise.draw_plateaus(u, rng)
-    pressure += problem.resolution["pressure"] * (rng.random(n) - 0.5)
-    out[:n] += mode.prediction.flow_slope * pressure + flow + problem.resolution["flow"] * (rng.random(n) - 0.5)
-    out[n : 2 * n] += mode.prediction.speed_slope * pressure + speed
-    out[2 * n : end] += comparison.noise.draw_samples(u, rng)
-    out[n:end] += problem.resolution["speed"] * (rng.random(end - n) - 0.5)
-    out[end:] += comparison.noise.beside * rng.standard_normal(out.size - end)
-    sd = comparison.angle_sd
-    angle = sd * rng.standard_normal(end - 2 * n)
-    first = np.flatnonzero(comparison.noise.first)
-    before = np.roll(angle, 1)
-    before[first] = sd[first] * rng.standard_normal(first.size)
-    out[2 * n : end] += (angle - before) / comparison.step
-    return np.where(comparison.known, out, 0.0)

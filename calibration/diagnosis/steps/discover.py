@@ -14,17 +14,15 @@ from itertools import combinations
 
 import numpy as np
 
-from calibration.data.blocks import levels
-from calibration.diagnosis.linear_model.terms import Form, forms
-from calibration.likelihood.linear import FLOW, RUN, Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import Straight, straight
 from calibration.likelihood.mode import Mode
+from calibration.likelihood.shapes import Form
 
 MOST_TERMS = 2
 DRAWS = 100
 STABLE = 0.8  # share of the drawn recordings in which a term must be found again
 TIED = 1.0  # nats: terms of one form closer than this are the same to a drawn recording
-SEGMENTS = 6  # of each run in time, drawn like the pressure levels
 UNITS = {"torque": "N m", "mass": "m3/s"}
 
 
@@ -51,16 +49,16 @@ class Term:
 
 
 def discover(
-    comparison: Comparison, mode: Mode, u: np.ndarray, rng: np.random.Generator, balance: str = "torque"
+    comparison: Compared, mode: Mode, u: np.ndarray, rng: np.random.Generator, balance: str = "torque"
 ) -> Term | None:
     """The few terms that explain a mismatch of a balance best; None where none is stable.
 
     Parameters
     ----------
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         The noise that the detection found [-].
     """
-    listed = [one for one in forms(comparison, mode) if one.balance == balance]
+    listed = [one for one in comparison.forms(mode) if one.balance == balance]
     if not listed:
         return None
     regression = _Regression(straight(comparison, mode, u), listed)
@@ -111,7 +109,7 @@ class _Regression:
         self.of = [np.arange(ends[i], ends[i + 1]) for i in range(len(listed))]
         self.k = problem.J.shape[1]
         X = np.column_stack([problem.J, G, problem.y])
-        always, blocks = _blocks(problem.comparison)
+        always, blocks = problem.comparison.drawn_together()
         self.grams = [X[rows].T @ X[rows] for rows in blocks]
         self.fixed = X[always].T @ X[always]
         self.whole = self._projected(np.ones(len(blocks)))
@@ -187,14 +185,3 @@ class _Regression:
             parts.append(one.text.format(a=f"{size * one.size * one.unit:.3g}"))
             column = column + one.columns @ mine
         return " + ".join(parts), column
-
-
-def _blocks(comparison: Comparison) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Rows that are always there, and those that are drawn together: a pressure level, a part of a run."""
-    plateaus = comparison.problem.blocks.plateaus
-    beside, steady = comparison.kind < FLOW, (comparison.kind >= FLOW) & (comparison.kind < RUN)
-    groups = levels(plateaus) if plateaus.size else []
-    found = [np.flatnonzero(steady & np.isin(comparison.index, level)) for level in groups]
-    for i in range(len(comparison.problem.blocks.runs)):
-        found += np.array_split(np.flatnonzero(comparison.kind == RUN + i), SEGMENTS)
-    return np.flatnonzero(beside), found

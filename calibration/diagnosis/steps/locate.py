@@ -16,15 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from calibration.diagnosis.linear_model.coordinates import same_coordinates
-from calibration.diagnosis.linear_model.forces import Force
-from calibration.diagnosis.linear_model.further_forces import angle_force, force_along
-from calibration.diagnosis.linear_model.signatures import project
 from calibration.diagnosis.steps.correction import Process, evidence, processes, stands_out
 from calibration.diagnosis.steps.detect import Detection, log_tail
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import Straight, freed, straight
 from calibration.likelihood.mode import Mode
+from calibration.likelihood.shapes import Balance, Force, hats, spans
+from calibration.likelihood.signatures import project
 
 FOUND_P = 0.01  # after the number of forces tested is priced
 STANDS_OUT = 0.5  # share of the largest score that a piece needs to belong to the place
@@ -33,9 +31,16 @@ DECIDES = 5.0  # nats of evidence that tell two places apart
 ADDS = 10.0  # ... that make a second place beside the clearest, at least
 CROOKED = 0.05  # share of the clearest's evidence that a second place must have: the problem is not quite straight
 MOST_ROWS = 3
+PIECES = 5  # of a force along pressure, or of an instrument's range
 LEFT = 0.3  # share of a reading that forces must leave to itself, or nothing is said of it
 NAMES = {"torque": "torque balance", "mass": "flow balance", "sensor": "instrument's reading"}
-METERS = {"pressure": "pressure gauge", "flow": "flow meter", "speed": "tachometer"}
+METERS = {
+    "pressure": "pressure gauge",
+    "flow": "flow meter",
+    "speed": "tachometer",
+    "force": "force sensor",
+    "torque": "torque sensor",
+}
 CLEAREST, AS_WELL, BESIDE = 0, 1, 2  # ranks
 
 
@@ -68,7 +73,7 @@ class _Tested:
 
 
 def locate(
-    comparison: Comparison, mode: Mode, detection: Detection, free: Sequence[Force], acts_in: str = ""
+    comparison: Compared, mode: Mode, detection: Detection, free: Sequence[Force], acts_in: str = ""
 ) -> list[Place]:
     """Places of a mismatch, the clearest first.
 
@@ -86,7 +91,7 @@ def locate(
         tested.append(_Tested(force, p, scores, True))
     had = {one.key for one in tested}
     further = [force_along(one.of) for key, one in smooth.items() if key not in had]
-    angle = angle_force(comparison, mode)
+    angle = comparison.angle_force(mode)
     further += [angle] if angle is not None else []
     price = len(free) + len(further) + 1  # the single rows are one more
     for force in further:
@@ -144,7 +149,7 @@ def _said(
         as_well = rank == AS_WELL
         if as_well and force.balance != "sensor" and alone:
             continue  # said by same_as
-        same = same_coordinates(comparison, mode, force.coordinate)
+        same = comparison.same_coordinates(mode, force.coordinate)
         if rank in (CLEAREST, AS_WELL):
             alike = (o.force for r, o in ordered if r in (CLEAREST, AS_WELL) and o.force.balance == force.balance)
             names = (a.coordinate for a in alike if a.channel == force.channel and a.coordinate != force.coordinate)
@@ -167,7 +172,9 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
     balance = "sensor" if acts_in == "sensor" else force.balance
     by_a_meter = "; by what is named, an instrument's error" if balance != force.balance else ""
     span = f"most between {where[0]:.3g} and {where[1]:.3g} {force.unit}"
-    if force.balance == "sensor":
+    if force.balance == "sensor" and force.coordinate == "time":
+        sentence = f"The {METERS[force.channel]}'s reading departs from the model's along time, {span}."
+    elif force.balance == "sensor":
         verb = "would do as well" if as_well else "is seen"
         sentence = f"An error of the {METERS[force.channel]} along its own range {verb}, {span}."
     else:
@@ -195,11 +202,13 @@ def _tail(problem: Straight, columns: np.ndarray, beside: np.ndarray | None = No
 def _rows(problem: Straight, beside: Sequence[np.ndarray], price: float) -> list[Place]:
     """Single readings that stand out though every force found is free beside them, one after the other."""
     comparison = problem.comparison
-    plateaus, n = comparison.problem.blocks.plateaus, comparison.n
+    rows = comparison.rows
     J = np.hstack([problem.J, *(freed(problem.columns(columns)) for columns in beside)])
     found: list[Place] = []
-    count = int(comparison.known[: 2 * n].sum())
-    each = problem.columns(np.eye(comparison.read.size, 2 * n))
+    if not rows:
+        return found
+    count = int(comparison.known[: len(rows)].sum())
+    each = problem.columns(np.eye(comparison.read.size, len(rows)))
     norms = np.linalg.norm(each, axis=0)
     for _ in range(MOST_ROWS):
         rest = project(J, each)
@@ -210,10 +219,18 @@ def _rows(problem: Straight, beside: Sequence[np.ndarray], price: float) -> list
         p = min(1.0, price * count * 2.0 * float(ndtr(-abs(score[i]))))
         if p >= FOUND_P:
             break
-        row, channel = int(comparison.index[i]), "flow" if i < n else "speed"
-        found.append(_row_place(plateaus.file[row], int(plateaus.row[row]), channel, p))
+        found.append(_row_place(rows[i].file, rows[i].row, rows[i].channel, p))
         J = np.column_stack([J, freed(each[:, [i]])])
     return found
+
+
+def force_along(one: Balance) -> Force:
+    """A free-form force or error in a few pieces."""
+    low, top = float(np.nanmin(one.values)), float(np.nanmax(one.values))
+    edges = np.linspace(low, top + 1e-9 * (top - low), PIECES + 1)
+
+    columns = one.columns(lambda x: hats(np.nan_to_num(x, nan=-np.inf), edges)) * one.scale
+    return Force(one.channel, one.balance, one.along.name, one.along.unit, columns, spans(edges))
 
 
 def rows_as_places(bad: Sequence[tuple[str, int, str, float]]) -> list[Place]:

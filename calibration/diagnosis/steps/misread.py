@@ -11,7 +11,7 @@ from scipy.special import stdtr
 from calibration.data.blocks import LEVEL_PA
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.verdict import MISMATCH_P, Verdict
-from calibration.likelihood.linear import FLOW, Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
 
 MISREAD = "bad_reading"  # the effect
@@ -21,17 +21,13 @@ TAILS = 4.0  # of Student's t: noise with so few degrees of freedom has outliers
 BadRow = tuple[str, int, str, float]  # file, row, channel, probability
 
 
-def bad_rows(comparison: Comparison, mode: Mode) -> list[BadRow]:
+def bad_rows(comparison: Compared, mode: Mode) -> list[BadRow]:
     """Readings of the plateaus that a mode takes for bad: file, row, channel and probability [-]."""
-    plateaus, found = comparison.problem.blocks.plateaus, []
-    for i in _bad(comparison, mode):
-        row = int(comparison.index[i])
-        channel = "flow" if comparison.kind[i] == FLOW else "speed"
-        found.append((plateaus.file[row], int(plateaus.row[row]), channel, float(mode.bad[i])))
-    return found
+    rows = comparison.rows
+    return [(*rows[i][:3], float(mode.bad[i])) for i in _bad(comparison, mode)]
 
 
-def by_chance(comparison: Comparison, mode: Mode) -> float:
+def by_chance(comparison: Compared, mode: Mode) -> float:
     """How often one of all readings would lie as far out as the worst, of noise with heavy tails [-].
 
     Parameters
@@ -39,31 +35,34 @@ def by_chance(comparison: Comparison, mode: Mode) -> float:
     mode : Mode
         The model; 1 where it takes no reading for bad.
     """
-    farthest = float(np.max(np.abs(mode.r[_bad(comparison, mode)]), initial=0.0))
-    return float(min(1.0, 2.0 * comparison.n * 2.0 * stdtr(TAILS, -farthest * math.sqrt(TAILS / (TAILS - 2.0)))))
+    bad = _bad(comparison, mode)
+    if not bad.size:
+        return 1.0
+    farthest = float(np.max(np.abs(mode.r[bad])))
+    return float(min(1.0, len(comparison.rows) * 2.0 * stdtr(TAILS, -farthest * math.sqrt(TAILS / (TAILS - 2.0)))))
 
 
-def alone_at_an_end(comparison: Comparison, mode: Mode) -> BadRow | None:
+def alone_at_an_end(comparison: Compared, mode: Mode) -> BadRow | None:
     """A row taken for bad as a whole at the lowest or highest level, where no other was taken; None if none is.
 
     Nothing tells there whether it is misread, or the motor does something that it does nowhere else.
     """
-    places, n = _bad(comparison, mode), comparison.n
-    good = comparison.known[: 2 * n].copy()
+    places, rows = _bad(comparison, mode), comparison.rows
+    good = comparison.known[: len(rows)].copy()
     good[places] = False
     for rank, place in enumerate(places):
-        mine = slice(n, 2 * n) if place >= n else slice(0, n)
-        pressure = comparison.problem.blocks.plateaus.pressure
-        apart = pressure[good[mine]] - pressure[place % n]
+        mine = rows[place]
+        others = [row for row, is_good in zip(rows, good, strict=True) if is_good]
+        apart = np.array([row.pressure_pa - mine.pressure_pa for row in others if row.channel == mine.channel])
         beside = np.abs(apart) < LEVEL_PA
-        confirmed = good[place % n] or good[n + place % n]  # by the row's other reading
+        confirmed = any((row.file, row.row) == (mine.file, mine.row) for row in others)  # by the row's other reading
         if not confirmed and not beside.any() and (np.all(apart > 0.0) or np.all(apart < 0.0)):
             return bad_rows(comparison, mode)[rank]
     return None
 
 
 def with_misread(
-    comparison: Comparison, verdict: Verdict[Mode], candidates: Sequence[Candidate]
+    comparison: Compared, verdict: Verdict[Mode], candidates: Sequence[Candidate]
 ) -> frozenset[tuple[str, ...]]:
     """Sets that a verdict rests on or lists and beside which readings are misread."""
     if verdict.chosen is None:
@@ -73,6 +72,6 @@ def with_misread(
     return frozenset(names for names, mode in modes.items() if by_chance(comparison, mode) < MISMATCH_P)
 
 
-def _bad(comparison: Comparison, mode: Mode) -> np.ndarray:
+def _bad(comparison: Compared, mode: Mode) -> np.ndarray:
     """Where they are among the residuals."""
-    return np.flatnonzero(mode.bad[: 2 * comparison.n] > BAD_ROW)
+    return np.flatnonzero(mode.bad[: len(comparison.rows)] > BAD_ROW)

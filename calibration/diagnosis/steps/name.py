@@ -14,13 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import gammaln, log_ndtr, logsumexp
 
-from calibration.diagnosis.linear_model.signatures import Signature, log_gain, project
 from calibration.diagnosis.steps.candidate import Candidate, Reason, Refusal, at_bound, no_larger, vanishes
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared, Problem
 from calibration.likelihood.linearized import GOOD
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.noise import too_loud
-from calibration.systems.radial_piston.problem import Problem, in_si
+from calibration.likelihood.signatures import Signature, log_gain, project
 from model.effects import effects
 
 WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
@@ -30,7 +28,7 @@ DOUBT = 2.0  # nats by which the evidence may be wrong with runs in time: the le
 FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two faults at once
 
 
-def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> float:
+def evidence_p(comparison: Compared, modes: dict[tuple[str, ...], Mode]) -> float:
     """Bound on how often chance alone favours some effect as much: 1 over the mean Bayes factor (Markov) [-].
 
     Parameters
@@ -46,7 +44,7 @@ def evidence_p(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> fl
 
 
 def screen(
-    comparison: Comparison,
+    comparison: Compared,
     mode: Mode,
     found: Sequence[Signature],
     u: np.ndarray,
@@ -57,7 +55,7 @@ def screen(
 
     Parameters
     ----------
-    u : ndarray, shape (5,)
+    u : ndarray, shape (k,)
         The noise [-].
     worth : float
         Log evidence below which an effect is left out [-].
@@ -76,7 +74,7 @@ def screen(
     for place, (name, unknown) in enumerate(members, mode.z.size - len(members)):
         if name == without:  # all that it does is put back, its amplitude from 0 on: not the middle of every prior
             J[:, place] = 0.0
-            shape = next(p.shape for p in effects()[name].parameters if p.name == unknown.name)
+            shape = comparison.problem.parameter(name, unknown.name).shape
             z[place] = 0.0 if shape else mode.z[place] + unknown.a / unknown.b
     r = project(J, good * white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ z))
     best: dict[str, tuple[float, dict[tuple[str, str], float]]] = {}
@@ -92,7 +90,7 @@ def screen(
     return [(name, *best[name]) for name in order if best[name][0] > worth]
 
 
-def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Candidate]:
+def weigh(comparison: Compared, modes: dict[tuple[str, ...], Mode]) -> list[Candidate]:
     """Probabilities of sets."""
     K = len(comparison.problem.effects_that_could())
     out = []
@@ -100,7 +98,7 @@ def weigh(comparison: Comparison, modes: dict[tuple[str, ...], Mode]) -> list[Ca
         log_evidence = mode.log_evidence + sum(beyond(comparison.problem, mode, name) for name in names)
         out.append((names, mode, log_evidence, log_evidence + log_prior(len(names), K), refusal(comparison, mode)))
     best = max(o[3] for o in out)
-    doubt = DOUBT if comparison.problem.blocks.runs else 0.0
+    doubt = DOUBT if comparison.in_time else 0.0
     weight = [min(o[3] + doubt, best) for o in out]
     total = logsumexp(weight)
     order = sorted(range(len(out)), key=lambda i: (-out[i][3], out[i][0]))
@@ -138,7 +136,7 @@ def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, f
     w = np.array(list(weights.values()))
     mean = float(w @ mode.z[index])
     sd = math.sqrt(max(float(w @ mode.covariance[np.ix_(index, index)] @ w), 1e-12))
-    return mean, sd, math.sqrt(float(w @ w)), effects()[name].amplitude.low >= 0.0
+    return mean, sd, math.sqrt(float(w @ w)), problem.amplitude(name).low >= 0.0
 
 
 def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | None:
@@ -155,18 +153,18 @@ def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | Non
         return None
     nuisance = problem.place(declared)
     if nuisance is None:
-        return (effect.amplitude.scale / 0.5, None) if name == "wall_heat_exchange" else None
+        return (problem.amplitude(name).scale / 0.5, None) if name == "wall_heat_exchange" else None
     unknown = problem.nuisances[nuisance]
-    unit = unknown.b * in_si(declared)
+    unit = unknown.b * problem.in_si(declared)
     if unknown.kind == "lognormal":
         center = unknown.a if name != "inertia" else 1.0
         unit = center * math.log(unknown.b)
         if name == "load_friction":
             unit = center * (unknown.b - 1.0)
-    return effect.amplitude.scale / unit, nuisance
+    return problem.amplitude(name).scale / unit, nuisance
 
 
-def refusal(comparison: Comparison, mode: Mode) -> Refusal | None:
+def refusal(comparison: Compared, mode: Mode) -> Refusal | None:
     """Why a set cannot be named: an amplitude at a bound, or a size that is its nuisance's own.
 
     Of an effect whose size has two components, such as a sine and a cosine, both are amplitudes.
@@ -174,18 +172,18 @@ def refusal(comparison: Comparison, mode: Mode) -> Refusal | None:
     problem = comparison.problem
     k = len(problem.nuisances)
     for i, (name, unknown) in enumerate(problem.effect_unknowns(mode.names)):
-        parameter = next(p for p in effects()[name].parameters if p.name == unknown.name)
+        parameter, amplitude = problem.parameter(name, unknown.name), problem.amplitude(name).name
         value = float(unknown.value(mode.z[k + i]))
         span = parameter.high - parameter.low
         component = parameter.low == -parameter.high
-        if (parameter is effects()[name].amplitude or component) and (
+        if (unknown.name == amplitude or component) and (
             value >= parameter.high - AT_BOUND * span
             or (parameter.low != 0.0 and value <= parameter.low + AT_BOUND * span)
         ):
             return at_bound(name, unknown.name)
-        if parameter is effects()[name].amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:
+        if unknown.name == amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:
             return vanishes(name)
-    if mode.names and (loud := too_loud(mode.u)):
+    if mode.names and (loud := comparison.noise.too_loud(mode.u)):
         return Refusal(Reason.TOO_LOUD, f"the noise would be {loud[1]:.1f} times as large as declared")
     for name in mode.names:
         found = total_size(problem, mode, name)

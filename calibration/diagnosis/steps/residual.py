@@ -6,30 +6,45 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.diagnosis.linear_model.forces import forces
-from calibration.diagnosis.linear_model.signatures import signatures
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.detect import detect
 from calibration.diagnosis.steps.verdict import RESIDUAL_P, SHARE, SUPERSET_ODDS, is_small
-from calibration.likelihood.linear import Comparison
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
+from calibration.likelihood.signatures import signatures
 from calibration.work.side_by_side import SideBySide
 
 TESTED = 3  # sets whose residual is tested; more only where one of these passes
 RESIDUAL_DRAWS, MORE_DRAWS = 100, 400
+MAY_BE_LEFT = 0.05  # of the mismatch, where that is weighed: with enough rows no model is exact
 NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
 
 
 class Residuals:
-    """Tests of what sets leave."""
+    """Tests of what sets leave.
 
-    def __init__(self, comparison: Comparison, rng: np.random.Generator, side_by_side: SideBySide) -> None:
+    Attributes
+    ----------
+    p, left : dict
+        By set: the p-value of what it leaves, and the share of the mismatch that this is, where that is weighed [-].
+    mismatch : float
+        What free forces take off the base model's sum of squares [-].
+    """
+
+    def __init__(self, comparison: Compared, rng: np.random.Generator, side_by_side: SideBySide) -> None:
         self._comparison, self._rng, self._side_by_side = comparison, rng, side_by_side
         self.p: dict[tuple[str, ...], float] = {}
+        self.left: dict[tuple[str, ...], float] = {}
+        self.mismatch = 0.0
 
     def passes(self, one: Candidate) -> bool:
-        """Whether a set was tested and leaves nothing."""
-        return self.p.get(one.names, 0.0) >= RESIDUAL_P
+        """Whether a set was tested and leaves nothing, or as little of the mismatch as any model may."""
+        return self.weighed().get(one.names, 0.0) >= RESIDUAL_P
+
+    def weighed(self) -> dict[tuple[str, ...], float]:
+        """The p-values by set, 1 where as little of the mismatch is left as any model may leave."""
+        little = {names for names, left in self.left.items() if left < MAY_BE_LEFT}
+        return {names: 1.0 if names in little else p for names, p in self.p.items()}
 
     def test(self, sets: Sequence[Candidate]) -> None:
         """Test sets that were not tested before."""
@@ -37,7 +52,10 @@ class Residuals:
         seeds = [int(seed) for seed in self._rng.integers(2**62, size=len(untested))]
         arguments = [(self._comparison, one.mode, seed) for one, seed in zip(untested, seeds, strict=True)]
         found = self._side_by_side(_residual, arguments)
-        self.p.update({one.names: p for one, p in zip(untested, found, strict=True)})
+        for one, (p, gain) in zip(untested, found, strict=True):
+            self.p[one.names] = p
+            if self.mismatch:
+                self.left[one.names] = gain / self.mismatch
 
     def test_all_that_matter(self, weighed: Sequence[Candidate]) -> None:
         """Test the most probable sets; where one passes, also what is more probable, and parts of it that may do."""
@@ -60,10 +78,10 @@ class Residuals:
                 return
 
 
-def _residual(comparison: Comparison, mode: Mode, seed: int) -> float:
-    found, free = signatures(comparison, mode), forces(comparison, mode)
+def _residual(comparison: Compared, mode: Mode, seed: int) -> tuple[float, float]:
+    found, free = signatures(comparison, mode), comparison.forces(mode)
     rng = np.random.default_rng(seed)
-    p = detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS).p_value
-    if RESIDUAL_P / NEAR < p < RESIDUAL_P * NEAR:  # a tail of so few draws is too rough to decide it
-        p = detect(comparison, mode, found, free, rng, MORE_DRAWS).p_value
-    return p
+    left = detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS)
+    if RESIDUAL_P / NEAR < left.p_value < RESIDUAL_P * NEAR:  # a tail of so few draws is too rough to decide it
+        left = detect(comparison, mode, found, free, rng, MORE_DRAWS)
+    return left.p_value, left.gain

@@ -16,14 +16,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.diagnosis.linear_model.signatures import Signature, signatures
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.name import WORTH, screen, weigh
+from calibration.likelihood.compared import Compared, Problem
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode, cost_of
-from calibration.likelihood.noise import too_loud
-from calibration.systems.radial_piston.problem import Problem
+from calibration.likelihood.signatures import Signature, signatures
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import Tell
 from model.effects import effects
@@ -53,11 +51,12 @@ class _Job:
 
     names: Names
     near: Mode
+    in_time: bool
     first: First = field(default_factory=dict)
 
     @property
     def starts(self) -> tuple[Mode | None, ...]:
-        return (self.near,) if self.near.prediction.runs else (self.near, None)
+        return (self.near,) if self.in_time else (self.near, None)
 
 
 class Search:
@@ -70,7 +69,7 @@ class Search:
     """
 
     def __init__(
-        self, comparison: Comparison, base: Mode, side_by_side: SideBySide | None = None, tell: Tell = lambda _: None
+        self, comparison: Compared, base: Mode, side_by_side: SideBySide | None = None, tell: Tell = lambda _: None
     ) -> None:
         self.comparison, self._tell = comparison, tell
         self._side_by_side = side_by_side or SideBySide(0)
@@ -82,7 +81,7 @@ class Search:
 
         Parameters
         ----------
-        u : ndarray, shape (5,)
+        u : ndarray, shape (k,)
             The noise that the detection found [-].
         worth : float
             Log evidence gained in the linear model below which an effect is not refitted [-].
@@ -91,14 +90,15 @@ class Search:
         """
         base, comparison = self.modes[()], self.comparison
         self._signatures[()] = list(found)
-        most = SINGLES_WITH_RUNS if base.prediction.runs else SINGLES
+        in_time = comparison.in_time
+        most = SINGLES_WITH_RUNS if in_time else SINGLES
         ranked = screen(comparison, base, found, u, -math.inf)
-        jobs = [_Job((name,), base, first) for name, _, first in ranked]
+        jobs = [_Job((name,), base, in_time, first) for name, _, first in ranked]
         chosen = jobs if every else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:most]
-        if base.prediction.runs:
+        if in_time:
             chosen += [job for job in jobs if effects()[job.names[0]].hidden and job not in chosen]
         self._refit(chosen)
-        if base.prediction.runs and len(self.modes) > 1:
+        if in_time and len(self.modes) > 1:
             self._tell("refit the base model again")
             best = self._best()
             if best:
@@ -120,15 +120,16 @@ class Search:
             mode = self.modes[seed]
             screened = screen(self.comparison, mode, self.signatures_at(seed), mode.u, -math.inf)
             chosen = [one for one in screened if one[1] > WORTH][: PAIRS // SEEDS]
-            if mode.prediction.runs and seed == order[0]:
+            if self.comparison.in_time and seed == order[0]:
                 chosen += [one for one in screened if effects()[one[0]].hidden and one not in chosen]
             for name, _, first in chosen:
                 names = tuple(sorted((*seed, name)))
                 if all(job.names != names for job in jobs):
-                    jobs.append(_Job(names, mode, {**values_of(self.comparison.problem, mode), **first}))
+                    start = {**values_of(self.comparison.problem, mode), **first}
+                    jobs.append(_Job(names, mode, self.comparison.in_time, start))
         self._refit(jobs)
         self.swap()
-        if self.modes[()].prediction.runs and not too_loud(self.modes[self._best()].u):
+        if self.comparison.in_time and not self.comparison.noise.too_loud(self.modes[self._best()].u):
             self.again()  # where the best leaves too much to noise, its parts leave more
 
     def again(self) -> None:
@@ -143,7 +144,8 @@ class Search:
             close = mode.log_evidence - other.log_evidence < CLOSE
             if names and names != best and (close or set(names) < set(best)):
                 own = values_of(self.comparison.problem, other) | values
-                jobs.append(_Job(names, mode, {one: z for one, z in own.items() if one[0] in names}))
+                start = {one: z for one, z in own.items() if one[0] in names}
+                jobs.append(_Job(names, mode, self.comparison.in_time, start))
         self._refit(jobs)
 
     def swap(self) -> None:
@@ -166,7 +168,7 @@ class Search:
             for name, gain, first in screen(self.comparison, mode, found, mode.u, -math.inf, without=member):
                 names = tuple(sorted({*best, name} - {member}))
                 if names not in self.modes:
-                    tried.append((gain, least, _Job(names, mode, {**rest, **first})))
+                    tried.append((gain, least, _Job(names, mode, self.comparison.in_time, {**rest, **first})))
         promising = sorted(tried, key=lambda one: -one[0])[:SWAPS]
         self._refit([job for gain, least, job in promising if gain >= least])
 
@@ -186,7 +188,7 @@ class Search:
     def _refit(self, jobs: Sequence[_Job]) -> None:
         """Refit sets, a few side by side; a set with which the model gives no reading at all is left out."""
 
-        def ask(turn: int) -> tuple[Comparison, _Job, float]:
+        def ask(turn: int) -> tuple[Compared, _Job, float]:
             self._tell("refit " + " and ".join(jobs[turn].names))
             return self.comparison, jobs[turn], cost_of(self.comparison, self.modes[self._best()])
 
@@ -200,7 +202,7 @@ class Search:
         self._side_by_side.in_turn(_found, len(jobs), ask, take, AT_ONCE)
 
 
-def _found(comparison: Comparison, job: _Job, best: float) -> Mode | None:
+def _found(comparison: Compared, job: _Job, best: float) -> Mode | None:
     try:
         return find(comparison, job.names, *job.starts, first=job.first, best=best)
     except ArithmeticError:  # nothing of it can be simulated

@@ -10,22 +10,19 @@ import math
 
 import numpy as np
 
-from calibration.diagnosis.steps.confirm import HeldOut, by_channel, folds_of
-from calibration.likelihood.carried import carried
-from calibration.likelihood.descent import turned, with_lines
+from calibration.diagnosis.steps.confirm import HeldOut, by_channel
+from calibration.likelihood.compared import Compared, Prediction
 from calibration.likelihood.function import Function
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode
-from calibration.systems.radial_piston.problem import Prediction, Problem
-from rig.recording import Recording, RecordingError
+from calibration.systems.look_up import refuse_another
+from rig.recording import Recording
 
-OF_THE_MOTOR = ("port_lap", "roller_friction", "f_overall", "inertia")
 SCHEME = "unseen run"
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
 PASSES = 6
 
 
-def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording) -> HeldOut:
+def predict_unseen(seen: Compared, base: Mode, chosen: Mode, unseen: Recording) -> HeldOut:
     """What a run says of the set over the base model, both fitted without it.
 
     Parameters
@@ -38,57 +35,40 @@ def predict_unseen(seen: Comparison, base: Mode, chosen: Mode, unseen: Recording
     RecordingError
         When it is of another motor.
     """
-    refuse_another_motor(seen.problem.recording, unseen)
-    there = Comparison(Problem(unseen, any_turn=True))
+    refuse_another(seen.problem.recording, unseen)
+    there = seen.of(unseen)
     found = {}
     for key, mode in (("before", base), ("after", chosen)):
         found[key] = _density(seen, mode, there)
     gains = found["after"][0] - found["before"][0]
     index = np.flatnonzero(there.known)
     rmse = {key: by_channel(there, index, found[key][1][index]) for key in found}
-    blocks = [float(np.sum(gains[block])) for block in folds_of(there)]
+    blocks = [float(np.sum(gains[block])) for block in there.folds()[0]]
     se = float(np.std(blocks, ddof=1) * math.sqrt(len(blocks))) if len(blocks) > 1 else 0.0
-    return HeldOut(1, 1, rmse["before"], rmse["after"], float(np.sum(gains)), se, f"{SCHEME} {unseen.folder.name}")
+    size = by_channel(there, index, there.read[index]) if there.rig else {}
+    scheme = f"{SCHEME} {unseen.folder.name}"
+    return HeldOut(1, 1, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme, size)
 
 
-def refuse_another_motor(seen: Recording, unseen: Recording) -> None:
-    """Refuse a run of another motor, of which nothing can be predicted.
-
-    Parameters
-    ----------
-    seen, unseen : Recording
-        The recording that is diagnosed, and the run held out.
-
-    Raises
-    ------
-    RecordingError
-        When their motors differ.
-    """
-    if unseen.motor != seen.motor:
-        raise RecordingError(f"{unseen.folder}: of the motor {unseen.motor}, not {seen.motor}")
-
-
-def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarray, np.ndarray]:
+def _density(seen: Compared, mode: Mode, there: Compared) -> tuple[np.ndarray, np.ndarray]:
     """Log density of each of a run's readings given those before it, 0 where there is none, and their errors [SI].
 
     Lines and starting angles are looked for first.
     """
     f = Function(there, mode.names)
-    z, covariance, _ = carried(seen.problem, mode, there.problem, OF_THE_MOTOR)
-    z = with_lines(f, there, turned(f, there, z, mode.u, f(z))[0], mode.u)
-    there.see_pulses(z[: f.k])
-    z, predicted = turned(f, there, z, mode.u, f(z))
+    z, covariance, u = there.carried(seen, mode)
+    z, predicted = there.begun(f, z, u)
     precision = np.linalg.inv(covariance)
     start, D = z, np.zeros((there.read.size, z.size))
 
     def cost(at_z: np.ndarray, found: Prediction) -> float:
-        r = there.whitener(found, mode.u)(there.read - there.raw(found))
+        r = there.whitener(found, u)(there.read - there.raw(found))
         return float(r @ r + (at_z - start) @ precision @ (at_z - start))
 
     # The density is taken at the most probable point, where its curve is that of a normal.
     for _ in range(PASSES):
-        D = f.derivatives(z, predicted, D, mode.u)
-        white = there.whitener(predicted, mode.u)
+        D = f.derivatives(z, predicted, D, u)
+        white = there.whitener(predicted, u)
         J, r = white(D), white(there.read - there.raw(predicted))
         move = np.linalg.solve(J.T @ J + precision, J.T @ r - precision @ (z - start))
         for share in SHARES:
@@ -100,7 +80,7 @@ def _density(seen: Comparison, mode: Mode, there: Comparison) -> tuple[np.ndarra
         else:
             break
     predicted = f(z)
-    white = there.whitener(predicted, mode.u)
+    white = there.whitener(predicted, u)
     J = white(D)
     r = white(there.read - there.raw(predicted)) + J @ (z - start)
     error = there.read - there.raw(predicted) + D @ (z - start)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic
 
 from calibration.diagnosis.steps.candidate import Candidate, Fitted, Reason
@@ -148,3 +148,34 @@ def _least_of(candidate: Candidate[Fitted], found: Sequence[Candidate[Fitted]]) 
 def _nearly(candidate: Candidate[Fitted], residual_p: dict[tuple[str, ...], float]) -> bool:
     """Whether what a set leaves unexplained is little enough for doubt."""
     return residual_p.get(candidate.names, 0.0) >= RESIDUAL_P / NEARLY
+
+
+def with_near(verdict: Verdict[Fitted], found: Sequence[Candidate[Fitted]]) -> Verdict[Fitted]:
+    """A verdict with one doubt more, where noise is known less well than its declared figures say.
+
+    The test of what a set leaves hangs on the noise. A set that fails only that test, and is nearly as probable as the
+    one that passes, is therefore an alternative.
+    """
+    if verdict.kind not in ("named", "confounded") or verdict.chosen is None:
+        return verdict
+    best = verdict.chosen
+    near = [
+        c.names
+        for c in found
+        if c.names
+        and not c.refused
+        and c.names not in verdict.alternatives
+        and not set(best.names) <= set(c.names)
+        and c.probability * SUPERSET_ODDS > best.probability
+    ]
+    kept = {*near, *verdict.alternatives}
+    alternatives = tuple(c.names for c in found if c.names in kept)  # the most probable first
+    if not near:
+        return replace(verdict, alternatives=alternatives)
+    return replace(
+        verdict,
+        kind="confounded",
+        alternatives=alternatives,
+        set_probability=best.probability,
+        why="other sets are as probable or nearly so, though they leave more",
+    )

@@ -10,11 +10,11 @@ import numpy as np
 
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.verdict import RESIDUAL_P
-from calibration.likelihood.linear import RUN, STANDING
 from calibration.report import style
 from calibration.report.diagnosis import numbers, sets
 from calibration.report.diagnosis.numbers import Q95, Coordinate, Curve, Model
 from calibration.report.diagnosis.sets import Interval
+from calibration.systems.radial_piston.predict.kinds import RUN, STANDING
 from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, RPM
 

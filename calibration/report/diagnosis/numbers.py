@@ -9,8 +9,8 @@ import numpy as np
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.correction import Correction, corrections
 from calibration.diagnosis.steps.locate import METERS
-from calibration.likelihood.linear import FLOW, SPEED
 from calibration.likelihood.mode import Mode
+from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
 from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, RPM
 

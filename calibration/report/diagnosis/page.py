@@ -12,13 +12,13 @@ import numpy as np
 
 from calibration.data.runs_in_time import few_used
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.sets_in_words import in_a_row, title, titles
 from calibration.diagnosis.steps.misread import MISREAD
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
 from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit.words import LEAST_P, figure, probability, rounded
 from calibration.report.render import render
+from calibration.report.sets_in_words import in_a_row, title, titles
 from model.effects import effects
 from model.effects.effect import EffectParameter
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from calibration.diagnosis.sets_in_words import titles
 from calibration.report.diagnosis import words
+from calibration.report.sets_in_words import titles
 from model.effects import effects
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calibration.diagnosis.next_test.recommend import NOTHING
-from calibration.diagnosis.sets_in_words import in_a_row, listed
 from calibration.report.fit.words import p_in_words, rounded, uncertainty
+from calibration.report.sets_in_words import in_a_row, listed
 from model.effects import effects
 from model.layout import L_MIN, RPM
 

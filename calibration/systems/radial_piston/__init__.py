@@ -1,11 +1,10 @@
-"""What the instruments beside the article's motor would read.
+"""The article's motor as a system: what the instruments beside it would read, and what the diagnosis asks of it.
 
-problem        the unknowns of a recording, and the model's predictions of its readings
-in_time        a run in time
-supply         the line between valve and motor
-wheel          the tachometer's teeth
-standing       what flows while the rotor stands
-gauge          what the pressure gauge reads
-effect_states  steady states of many sets of parameters with effects
-with_effects   the effects that a fit may be asked for
+comparison   a recording as a vector of readings: what the diagnosis sees
+noise        how large their noise is, and how long it lasts; noise_test: in the test for a mismatch
+base         the base model's search; run_starts: where a run in time may start
+predict      the unknowns of a recording, and the model's predictions of its readings
+places       torques, flows and errors of any shape, and the law that may be in them
+next_tests   tests that its bench could make
+batch        the fit's likelihood of many sets of parameters at once
 """

@@ -8,11 +8,11 @@ import pytest
 
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.steps.abrupt import step_instead
-from calibration.diagnosis.steps.base import base_of
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.report.diagnosis.words import place_in_words
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Problem
 from model.motor import read_motor
 from rig.recording import Recording, read_recording
 from tests.diagnosis_recordings import sweep

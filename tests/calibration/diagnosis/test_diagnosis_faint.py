@@ -11,13 +11,13 @@ import pytest
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json
 from calibration.diagnosis.f_overall import SOLVERS_DIFFER, UNSEEN
-from calibration.diagnosis.linear_model.signatures import signatures
 from calibration.diagnosis.sizes.not_excluded import faint
-from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.name import beyond
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
-from calibration.systems.radial_piston.problem import Problem
+from calibration.likelihood.signatures import signatures
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Problem
 from tests import diagnosis_recordings as recordings
 
 AGREE = 1.0  # nats; the linear model's evidence against that of a refit

@@ -15,19 +15,19 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import diagnose
-from calibration.diagnosis.linear_model.forces import TorqueAnswer, forces, torque_column
-from calibration.diagnosis.linear_model.further_forces import not_observable
-from calibration.diagnosis.linear_model.signatures import signatures
-from calibration.diagnosis.linear_model.terms import forms
 from calibration.diagnosis.steps.correction import corrections, hold_out, nuisances_beside
 from calibration.diagnosis.steps.detect import detect
 from calibration.diagnosis.steps.discover import STABLE, discover
 from calibration.diagnosis.steps.locate import Place, locate
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode, robust_weights
-from calibration.likelihood.noise import SPREAD, too_loud
-from calibration.systems.radial_piston.problem import Problem
+from calibration.likelihood.signatures import signatures
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.noise import SPREAD
+from calibration.systems.radial_piston.places.forces import TorqueAnswer, forces, torque_column
+from calibration.systems.radial_piston.places.further_forces import not_observable
+from calibration.systems.radial_piston.places.terms import forms
+from calibration.systems.radial_piston.predict.problem import Problem
 from rig.recording import read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 
@@ -251,4 +251,4 @@ def test_noise_of_the_base_model_that_nobody_believes_is_a_mismatch_though_force
     )
     assert quiet.p_value > 0.01
     assert loud.p_value < 1e-5
-    assert too_loud(loud.u) is None  # beside the forces it is as declared
+    assert comparison.noise.too_loud(loud.u) is None  # beside the forces it is as declared

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.next_test.information import Expected, expected_nats, repeats_needed
-from calibration.diagnosis.next_test.planned import FLYWHEEL, planned
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.next_tests.planned import FLYWHEEL, planned
+from calibration.systems.radial_piston.predict.problem import Problem
 from tests.diagnosis_recordings import add_coast_down, sweep
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.diagnosis.steps.base import base_of
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import Mode, close, suiting_noise
-from calibration.likelihood.noise import ROWS, SAMPLES, SPREAD
 from calibration.studies.nulls_draw import null_recording
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.noise import ROWS, SAMPLES, SPREAD
+from calibration.systems.radial_piston.predict.problem import Problem
 
 U = np.array([0.1, -0.2, 0.05, 0.4, 0.5])
 

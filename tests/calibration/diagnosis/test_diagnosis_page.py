@@ -20,17 +20,18 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from calibration.data.refusals import refuse_starved
-from calibration.diagnosis import Diagnosis, as_json, diagnose, sets_in_words, together
+from calibration.diagnosis import Diagnosis, as_json, diagnose, together
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.verdict import Verdict
+from calibration.report import sets_in_words
 from calibration.report.diagnosis import figures as diagnosis_figures
 from calibration.report.diagnosis import numbers
 from calibration.report.diagnosis import page as diagnosis_page
 from calibration.report.diagnosis import sets as diagnosis_sets
 from calibration.report.diagnosis import table as diagnosis_table
 from calibration.report.diagnosis import words as diagnosis_words
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.predict.problem import Problem
 from rig.recording import read_recording
 from tests import browser
 from tests.diagnosis_recordings import add_coast_down, sweep

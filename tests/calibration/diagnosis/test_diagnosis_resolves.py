@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.diagnosis.linear_model.signatures import signatures
 from calibration.diagnosis.sizes.resolves import Resolved, resolved
-from calibration.diagnosis.steps.base import base_of
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
-from calibration.systems.radial_piston.problem import Problem
+from calibration.likelihood.signatures import signatures
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Problem
 from model.effects import effects
 from tests.diagnosis_recordings import sweep
 

@@ -11,25 +11,26 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose, together
-from calibration.diagnosis.linear_model.forces import forces
-from calibration.diagnosis.linear_model.signatures import signatures
 from calibration.diagnosis.mismatch import detect_mismatch
-from calibration.diagnosis.steps.base import base_of
-from calibration.diagnosis.steps.confirm import folds_of, summed_up
+from calibration.diagnosis.steps.confirm import summed_up
 from calibration.diagnosis.steps.detect import MISMATCH_P, detect
 from calibration.diagnosis.steps.name import screen
 from calibration.diagnosis.steps.search import Search
 from calibration.diagnosis.steps.unseen import predict_unseen
 from calibration.likelihood import descent
-from calibration.likelihood.carried import carried
 from calibration.likelihood.descent import find
 from calibration.likelihood.function import Function
-from calibration.likelihood.linear import RUN, VENTED, Comparison
 from calibration.likelihood.mode import Mode
+from calibration.likelihood.signatures import signatures
 from calibration.studies.nulls_draw import null_recording
-from calibration.systems.radial_piston.in_time import Plan, Pulses
-from calibration.systems.radial_piston.problem import Problem
-from calibration.systems.radial_piston.supply import FORMS, WANDERS, Course
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.places.forces import forces
+from calibration.systems.radial_piston.predict.carried import carried
+from calibration.systems.radial_piston.predict.in_time import Plan, Pulses
+from calibration.systems.radial_piston.predict.kinds import RUN, VENTED
+from calibration.systems.radial_piston.predict.problem import Problem
+from calibration.systems.radial_piston.predict.supply import FORMS, WANDERS, Course
 from model.effects import effects
 from model.effects.effect import unknown_state
 from model.solvers.transient import Supply, rest_state
@@ -482,7 +483,7 @@ def test_of_several_runs_each_is_held_out_whole(tmp_path: Path) -> None:
         coasted.append(recordings.add_coast_down(tmp_path / str(i), 5, {}))
     for count, parts in ((2, 6), (3, 3)):
         comparison = Comparison(Problem(together(coasted[:count])))
-        of_runs = [mask for mask in folds_of(comparison) if np.any(comparison.kind[mask] >= RUN)]
+        of_runs = [mask for mask in comparison.folds()[0] if np.any(comparison.kind[mask] >= RUN)]
         assert len(of_runs) == parts
         assert np.array_equal(np.sum(of_runs, axis=0) > 0, comparison.kind >= RUN)
     errors = [comparison.read[mask] for mask in of_runs]

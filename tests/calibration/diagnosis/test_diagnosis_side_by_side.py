@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis.linear_model.signatures import signatures
 from calibration.diagnosis.mismatch import detect_mismatch
-from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.search import Search
 from calibration.likelihood import descent
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import cost_of
-from calibration.systems.radial_piston.problem import Problem
+from calibration.likelihood.signatures import signatures
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.work.side_by_side import SideBySide
 from model.motor import read_motor
 from tests import diagnosis_recordings as recordings

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.sizes.sizes import sizes_of
-from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.tails import marginals
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Problem
 from tests import diagnosis_recordings as recordings
 
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis.steps.base import base_of
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import STANDING, Comparison
 from calibration.report.diagnosis.figures import held_rotor
 from calibration.report.diagnosis.numbers import models
 from calibration.report.diagnosis.page import report
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.kinds import STANDING
+from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.unknowns.priors import at_ambient
 from model.effects import effects
 from model.effects.effect import unknown_state

@@ -14,14 +14,14 @@ from scipy.stats import johnsonsu, norm
 
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.sizes.sizes import sizes_of
-from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import fit_on, predict_held
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import log_bad, minus_log_posterior
 from calibration.likelihood.tails import log_ratio, marginals, reweighed, share
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Problem
 from rig.recording import read_recording
 from tests import diagnosis_recordings as recordings
 

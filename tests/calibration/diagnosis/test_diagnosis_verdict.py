@@ -15,20 +15,21 @@ import pytest
 from calibration.data.refusals import refuse_at_rest
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.document import set_probability
-from calibration.diagnosis.linear_model.forces import forces
-from calibration.diagnosis.linear_model.signatures import signatures
-from calibration.diagnosis.steps.base import base_of
 from calibration.diagnosis.steps.candidate import no_larger
 from calibration.diagnosis.steps.confirm import HeldOut, cross_validate, fit_on, predict_held
 from calibration.diagnosis.steps.detect import _Test
 from calibration.diagnosis.steps.misread import alone_at_an_end
 from calibration.diagnosis.steps.name import log_prior, refusal, weigh
 from calibration.diagnosis.steps.verdict import Verdict, judge, not_excluded
+from calibration.likelihood.compared import Row
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
-from calibration.likelihood.noise import SCALES
+from calibration.likelihood.signatures import signatures
 from calibration.report.diagnosis.words import sentence
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.noise import SCALES
+from calibration.systems.radial_piston.places.forces import forces
+from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.work.step_clock import StepClock
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError, read_recording
@@ -252,10 +253,8 @@ def test_beside_a_base_model_that_is_not_excluded_it_is_listed() -> None:
 def test_a_row_alone_at_an_end_of_the_pressures_is_not_called_misread(row: int, alone: bool) -> None:
     """Nothing tells there whether it is misread, or the motor does something else."""
     pressure = np.array([1.2, 1.5, 1.8, 1.5, 2.1, 2.1]) * 1e5
-    plateaus = SimpleNamespace(pressure=pressure, file=("sweep.csv",) * 6, row=np.arange(1, 7))
-    problem = SimpleNamespace(blocks=SimpleNamespace(plateaus=plateaus))
-    kind, index = np.repeat([0, 1], 6), np.tile(np.arange(6), 2)
-    comparison = SimpleNamespace(n=6, known=np.ones(12, dtype=bool), problem=problem, kind=kind, index=index)
+    rows = [Row("sweep.csv", i + 1, channel, P) for channel in ("flow", "speed") for i, P in enumerate(pressure)]
+    comparison = SimpleNamespace(known=np.ones(12, dtype=bool), rows=rows)
     bad = np.zeros(12)
     bad[6 + row] = 1.0
     assert alone_at_an_end(comparison, SimpleNamespace(bad=bad)) is None  # type: ignore[arg-type]  # its flow is right
@@ -341,7 +340,7 @@ def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_p
         base = base_of(comparison)
         difference = np.nan_to_num(comparison.read - comparison.raw(base.prediction) + base.D @ base.z)
         test = _Test(comparison, base, signatures(comparison, base), forces(comparison, base))
-        noise, spread = test.noise(difference)
+        noise, spread = test.noise.law(difference)
         loud.append(noise[SCALES])
         assert np.all(spread[:4] > 0.05) and np.all(spread < 0.35) and spread[4] == 0.0  # there are no runs
     assert np.abs(loud[0]).max() < 0.4  # declared rightly

@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 from calibration.fit import fit, posterior, sampling
 from calibration.fit.sampling import Settings
 from calibration.report.fit import numbers as fit_numbers
-from calibration.systems.radial_piston import effect_states, with_effects
+from calibration.systems.radial_piston.batch import effects as with_effects
+from calibration.systems.radial_piston.batch import states as effect_states
 from calibration.unknowns.priors import Unknown
 from model.effects import effects
 from model.effects import steady as effect_steady

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from calibration.fit import fit, posterior
 from calibration.fit.sampling import Chain
-from calibration.likelihood.steady import Likelihood
+from calibration.systems.radial_piston.batch.likelihood import Likelihood
 from rig.recording import read_recording
 
 SWEEP = "pressure_bar_abs,flow_l_min,speed_rpm\n1.6,41.5,229.4\n1.8,57.2,270.0\n2.0,72.9,397.1\n"

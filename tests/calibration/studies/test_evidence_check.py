@@ -8,16 +8,16 @@ import math
 import numpy as np
 import pytest
 
-from calibration.diagnosis.steps.base import base_of
 from calibration.likelihood.descent import find
-from calibration.likelihood.linear import Comparison
 from calibration.likelihood.mode import minus_log_posterior
 from calibration.studies import evidence_cases, evidence_check, evidence_numbers, evidence_page, evidence_reference
 from calibration.studies.campaigns import OtherCodeError
 from calibration.studies.evidence_reference import NOWHERE, adapted, importance, nested
 from calibration.studies.evidence_target import Target
 from calibration.studies.nulls_draw import null_recording
-from calibration.systems.radial_piston.problem import Problem
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.problem import Problem
 from model.effects import effects
 
 SEED = 7

@@ -1,0 +1,331 @@
+"""What a system is to the likelihood and to the diagnosis: a recording as a vector of readings, and its unknowns.
+
+A system is `calibration.systems.radial_piston`, the article's motor, or one that obeys the smaller protocol of
+`calibration.systems.machines.system`. The unknowns are standard normal numbers z: every nuisance first, then the
+parameters of the effects in question. The noise is a few numbers u, normal a priori with deviations ``spread``: the
+logarithms of noise scales first, then what tells how alike neighbours are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from calibration.unknowns.priors import Unknown
+from model.effects import Effect, EffectParameter
+from rig.recording import Recording
+
+if TYPE_CHECKING:
+    from calibration.likelihood.expected import Test
+    from calibration.likelihood.function import Function
+    from calibration.likelihood.mode import Mode
+    from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
+
+Prediction = Any  # what a system says at a point; it alone looks into it
+Chosen = dict[str, dict[str, float]]
+
+
+class Row(NamedTuple):
+    """A reading that is a row of a file by itself.
+
+    Attributes
+    ----------
+    pressure_pa : float
+        Of the row [Pa].
+    """
+
+    file: str
+    row: int
+    channel: str
+    pressure_pa: float
+
+
+class Problem(Protocol):
+    """The unknowns of a recording, and the predictions of its readings.
+
+    Attributes
+    ----------
+    friction : str
+        The nuisance that every machine has: its viscous friction.
+    """
+
+    friction: str
+    recording: Recording
+    nuisances: list[Unknown]
+
+    def effects_that_could(self) -> list[Effect]:
+        """The effects that this recording could show."""
+
+    def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
+        """Effect id and unknown of each parameter of a set, in its order."""
+
+    def parameter(self, effect: str, name: str) -> EffectParameter:
+        """A parameter of an effect: its bounds and its scale on this system."""
+
+    def amplitude(self, effect: str) -> EffectParameter:
+        """The parameter of an effect that says how large it is."""
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the nuisances [-], each shape (n_nuisances,)."""
+
+    def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
+        """Values of the effects' parameters [own units], by effect.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The effects' share of the point [-].
+        """
+
+    def place(self, name: str) -> int | None:
+        """Where a nuisance stands among the unknowns; None where it is none of this recording."""
+
+    def in_si(self, nuisance: str) -> float:
+        """What a nuisance's value is multiplied by to be SI [-]."""
+
+    def run_of(self, i: int) -> int | None:
+        """The run in time that a nuisance belongs to alone; None where it is of the whole recording [-]."""
+
+    def predict(
+        self,
+        z: np.ndarray,
+        chosen: Chosen,
+        like: Prediction | None = None,
+        runs: Sequence[int] | None = None,
+        smooth: bool = False,
+        around: Any = None,
+    ) -> Prediction:
+        """What the instruments would read.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+        like, runs
+            A prediction that all but these runs are taken from.
+        smooth : bool
+            Whether pulses whose phase nobody knows are left out.
+        around
+            Of `neighbourhood`, where first order will do.
+        """
+
+    def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: Prediction) -> Any:
+        """What makes predictions close to a point cheap; None where nothing does."""
+
+
+class Whitener(Protocol):
+    """The map from differences of readings to standard normal numbers.
+
+    Attributes
+    ----------
+    scale : ndarray, shape (m,)
+        sd of each reading given those before it [SI]; 1 where there is none.
+    log_scale : float
+        Sum of the logarithms of the sds that hang on the noise [-].
+    """
+
+    @property
+    def scale(self) -> np.ndarray: ...
+
+    @property
+    def log_scale(self) -> float: ...
+
+    def __call__(self, difference: np.ndarray) -> np.ndarray:
+        """Whitened differences, shape (m,) or (m, k)."""
+
+
+class Noise(Protocol):
+    """The noise as a function of u.
+
+    Attributes
+    ----------
+    spread : ndarray, shape (k,)
+        Standard deviations of u's prior [-].
+    scales : slice
+        Places of the scales in u.
+    """
+
+    spread: np.ndarray
+    scales: slice
+
+    def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
+        """What is loudest and its noise in declared ones [-], where that is not believable; None where it is."""
+
+
+class NoiseTest(Protocol):
+    """Estimates of the noise in the test for a mismatch, beside everything that may be missing."""
+
+    def of(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """The noise of the readings' differences from a mode, whose own is given [-], shape (k,)."""
+
+    def of_a_draw(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """The noise of drawn differences, drawn about a given one [-], shape (k,)."""
+
+    def law(self, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and spread of the noise that differences are drawn with [-], shape (k,) each."""
+
+
+class Compared(Protocol):
+    """A recording as a vector of readings.
+
+    Attributes
+    ----------
+    read : ndarray, shape (m,)
+        Readings [SI]; nan where there is none.
+    known : ndarray of bool, shape (m,)
+        Where there is one.
+    end : int
+        Readings behind this place are means of many, of which none is bad by itself [-].
+    of_a_kind, again : tuple of ndarray of int
+        Places of the readings of each kind, and of those of a state that was visited more than once.
+    rows : list of Row
+        The first readings that are rows by themselves.
+    in_time : bool
+        Whether there are runs in time: a refit takes seconds.
+    trusting : bool
+        Whether no reading is taken for bad.
+    check : tuple of str
+        What to look at where the base model does not describe the readings.
+    rig : str
+        The kind of a machine that is written out in its recording; empty for the article's motor. Of such a machine
+        noise and zeros are known less well than they are declared, and a fit takes milliseconds.
+    """
+
+    problem: Any  # a Problem; each system knows its own better
+    noise: Any  # a Noise
+    read: np.ndarray
+    known: np.ndarray
+    end: int
+    of_a_kind: tuple[np.ndarray, ...]
+    again: tuple[np.ndarray, ...]
+    in_time: bool
+    trusting: bool
+    check: tuple[str, ...]
+    rig: str
+
+    @property
+    def size(self) -> int:
+        """Number of readings [-]."""
+
+    @property
+    def rows(self) -> list[Row]: ...
+
+    def raw(self, predicted: Prediction) -> np.ndarray:
+        """A prediction as a vector [SI], shape (m,)."""
+
+    def is_told(self, predicted: Prediction) -> bool:
+        """Whether a prediction has a value for every reading that there is."""
+
+    def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
+        """The map to standard normal numbers at a prediction, with a noise."""
+
+    def noise_step(
+        self,
+        difference: np.ndarray,
+        predicted: Prediction,
+        u: np.ndarray,
+        weight: np.ndarray,
+        columns: np.ndarray | None = None,
+        correlated: bool = True,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One step of the noise towards what suits differences, and the information that there is of it [-].
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Readings less predictions [SI].
+        weight : ndarray, shape (m,)
+            Of each, below 1 where a reading is bad [-].
+        columns : ndarray, shape (m, l) or None
+            Derivatives that the prediction was fitted with, whose share of the noise is allowed for [SI].
+        correlated : bool
+            Whether more than the scales is stepped.
+        """
+
+    def draw(self, mode: Mode, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Differences of readings that a mode itself would give [SI], shape (m,)."""
+
+    def free_in_test(self, mode: Mode) -> np.ndarray:
+        """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,): 1, or more where a prior says less.
+
+        How large an effect is says nothing against the model that holds it.
+        """
+
+    def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
+        """The noise beside everything that may be missing, columns of shape (m, k) [SI]."""
+
+    def giving(self, given: Mapping[tuple[str, str], float]) -> Compared:
+        """The same with some parameters of effects given, by (effect, parameter) [own unit]."""
+
+    def of(self, recording: Recording) -> Compared:
+        """Another recording of the same machine."""
+
+    def carried(self, other: Any, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Point and covariance that another recording's mode leaves of this one's unknowns, and the noise [-]."""
+
+    def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Prediction]:
+        """A point with what is this recording's alone where it suits the readings best, and what it predicts."""
+
+    def base(self) -> Mode:
+        """The base model at its most probable point."""
+
+    def middle(self) -> np.ndarray:
+        """Where a search starts: the prior's middle, or a better guess [-], shape (n_nuisances,)."""
+
+    def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: Prediction) -> tuple[np.ndarray, Prediction]:
+        """A point with its angles at the best of a few, and the prediction there."""
+
+    def loosened(self, f: Function, z: np.ndarray, here: Prediction, D: np.ndarray) -> list[np.ndarray]:
+        """Points to start from once more where a search took readings for bad."""
+
+    def along_valley(
+        self, f: Function, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray
+    ) -> np.ndarray:
+        """A step that follows the curved valley in which the good fits lie [-], shape (m,)."""
+
+    def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
+        """What a nuisance does to the readings [SI], shape (m,), where that needs no simulation; None elsewhere."""
+
+    def channels(self) -> dict[str, np.ndarray]:
+        """Masks of the readings of each channel whose errors are told, by its name with its unit."""
+
+    def folds(self) -> tuple[list[np.ndarray], str]:
+        """Masks of the readings that are held out together, and what they are."""
+
+    def drawn_together(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Places of readings that are always there, and of those that are drawn together."""
+
+    def ordinary_speed(self, mode: Mode) -> float:
+        """Root mean square of the speed [rad/s]."""
+
+    def forces(self, mode: Mode) -> list[Force]:
+        """The free-form forces that a mismatch is tested with."""
+
+    def angle_force(self, mode: Mode) -> Force | None:
+        """A torque along the shaft's angle; None where the readings do not resolve it."""
+
+    def balances(self, mode: Mode) -> list[Balance]:
+        """What may be off, and along what."""
+
+    def forms(self, mode: Mode) -> list[Form]:
+        """Terms that a law may be made of."""
+
+    def steps_in_time(self, mode: Mode) -> StepsInTime | None:
+        """Steps in the running time; None where the recording has no clock for one."""
+
+    def same_coordinates(self, mode: Mode, coordinate: str) -> tuple[str, ...]:
+        """Coordinates that this recording cannot tell from one."""
+
+    def not_observable(self, mode: Mode) -> list[str]:
+        """Coordinates along which this recording can show nothing, each in a sentence."""
+
+    def not_described(self, base: Mode) -> str:
+        """How far the base model is from the readings where it does not describe them at all; empty where it does."""
+
+    def tests(self, rivals: Sequence[Mode]) -> Iterable[Test]:
+        """Tests that this rig could make, the explanations given with the most probable first."""
+
+    def rows_used(self) -> list[dict[str, Any]]:
+        """Rows used of each file, as ``files`` of diagnosis/1."""

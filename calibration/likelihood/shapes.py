@@ -1,0 +1,164 @@
+"""Torques, flows and errors of any shape: along what they act, and what they do to the readings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+NEAR = 0.1  # of the top of a coordinate: thresholds closer than this are one
+
+Pieces = Callable[[np.ndarray], np.ndarray]  # shares of k pieces at n values, shape (n, k)
+
+
+@dataclass(frozen=True)
+class Along:
+    """One coordinate, at every reading.
+
+    Attributes
+    ----------
+    plateaus : ndarray, shape (n,)
+        Its value at each plateau; nan where it has none [own unit].
+    runs : tuple of ndarray, shape (n_i,)
+        Its values at each run's samples that are compared; nan where it has none [own unit].
+    """
+
+    name: str
+    unit: str
+    plateaus: np.ndarray
+    runs: tuple[np.ndarray, ...]
+
+    @property
+    def everything(self) -> np.ndarray:
+        """All values that there are, in no order [own unit]."""
+        values = np.concatenate([self.plateaus, *self.runs])
+        found: np.ndarray = values[np.isfinite(values)]
+        return found
+
+
+@dataclass(frozen=True)
+class Force:
+    """A free-form force or error along one coordinate.
+
+    Attributes
+    ----------
+    columns : ndarray, shape (m, k)
+        Change of the readings per unit of each piece [SI].
+    places : ndarray, shape (k, 2)
+        Where each piece acts [own unit].
+    file : str
+        Of the run in time, where it is of one run alone.
+    """
+
+    channel: str
+    balance: str
+    coordinate: str
+    unit: str
+    columns: np.ndarray
+    places: np.ndarray
+    file: str = ""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """What may be off, and along what.
+
+    Attributes
+    ----------
+    scale : float
+        What its sizes are shares of [N m], [m3/s], [Pa] or [rad/s].
+    values : ndarray
+        Of the coordinate, where it would show [own unit].
+    columns : callable
+        From pieces of the coordinate to changes of the readings by 1 of each piece, shape (m, k) [SI].
+    """
+
+    channel: str
+    balance: str
+    along: Along
+    scale: float
+    values: np.ndarray
+    columns: Callable[[Pieces], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Form:
+    """A term that may be in the law.
+
+    Attributes
+    ----------
+    balance, kind : str
+        torque or mass; its form without numbers.
+    unit : float
+        From the size at the top of the coordinate to the coefficient.
+    threshold : float
+        Where it sets in, in shares of the top; 0 where it has none [-].
+    columns : ndarray, shape (m, k)
+        Change of the readings by one sd of its prior [SI]; a harmonic has two for each run.
+    size : float
+        That sd, at the top of the coordinate [N m] or [m3/s].
+    """
+
+    balance: str
+    kind: str
+    text: str
+    unit: float
+    threshold: float
+    columns: np.ndarray
+    size: float
+
+    def is_like(self, other: Form) -> bool:
+        """Whether two terms are one, but for where they set in."""
+        return (self.balance, self.kind) == (other.balance, other.kind) and abs(
+            self.threshold - other.threshold
+        ) <= NEAR
+
+
+@dataclass(frozen=True)
+class StepsInTime:
+    """What is otherwise from one moment on, for each of several moments.
+
+    Attributes
+    ----------
+    moments : ndarray, shape (k,)
+        On the recording's clock [s].
+    end_s : float
+        The recording's end [s].
+    within : ndarray of bool, shape (m, k)
+        Readings of the plateau during which each moment may be.
+    columns : callable
+        From a comparison and a mode to what one sd of each kind of step, by channel and balance, does to the readings
+        [SI], shape (m, k).
+    """
+
+    moments: np.ndarray
+    end_s: float
+    within: np.ndarray
+    columns: Callable[..., dict[tuple[str, str], np.ndarray]]
+
+
+def hats(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Smooth pieces, each 1 in the middle of its span and 0 one span away [-], shape (n, k).
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Where [own unit].
+    edges : ndarray, shape (k + 1,)
+        Of the spans [own unit].
+    """
+    middle, width = 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)
+    found: np.ndarray = np.maximum(0.0, 1.0 - np.abs(x[:, None] - middle) / width)
+    return found
+
+
+def spans(edges: np.ndarray) -> np.ndarray:
+    """Where the pieces of `hats` act [own unit], shape (k, 2).
+
+    Parameters
+    ----------
+    edges : ndarray, shape (k + 1,)
+        Of the spans [own unit].
+    """
+    return np.column_stack([edges[:-1], edges[1:]])

@@ -1,0 +1,1 @@
+"""The report of a diagnosis of a machine that is not the article's motor: page, picture, words."""

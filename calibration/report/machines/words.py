@@ -1,0 +1,106 @@
+"""What a diagnosis of a machine says, in words and as a table for the terminal; a slide has its own units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from calibration.report.sets_in_words import in_a_row, titles
+from model.effects import effects
+from model.layout import L_MIN
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
+LEFT_P = 0.01
+MOST_ROWS = 6
+UNITS = {"force_n": ("N", 1.0), "torque_nm": ("N m", 1.0), "speed_rad_s": ("rad/s", 1.0), "flow_m3_s": ("L/min", L_MIN)}
+UNITS |= {"pressure_pa": ("bar", 1e-5)}
+
+
+def sentence(document: Mapping[str, Any]) -> str:
+    """What is said, in a sentence or two."""
+    chance = chance_in_words(document["mismatch"]["p_value"])
+    named = [effect["id"] for effect in document["effects"]]
+    if document["verdict"] == "consistent":
+        return f"The model explains the recording ({chance}): {document['why']}."
+    if document["check"]:
+        why = str(document["why"])
+        return f"{why[:1].upper()}{why[1:]} ({chance}). Nothing was looked for. Check {'; '.join(document['check'])}."
+    if document["verdict"] == "unresolved":
+        return f"Something is left out ({chance}), and no listed effect explains it: {document['why']}."
+    if document["verdict"] == "named":
+        words = f"Left out of the model ({chance}): {', '.join(_effect(one) for one in document['effects'])}."
+    else:
+        rivals = in_a_row([named, *document["alternatives"][:MOST_ROWS]], "or")
+        certain = "may be" if [] in [list(names) for names in document["alternatives"]] else "is"
+        words = f"Something {certain} left out ({chance}), and this recording cannot tell: {rivals}."
+    left = document["left"]
+    if left and left["p_value"] < LEFT_P:
+        share = f"{left['share_of_mismatch']:.1%} of the mismatch"
+        words += f" It leaves {share}, which has no name ({chance_in_words(left['p_value'])})."
+    return words
+
+
+def chance_in_words(p: float) -> str:
+    """A p-value as it is told."""
+    return f"p < {LEAST_P:.0e}" if p < LEAST_P else f"p = {p:.2g}"
+
+
+def table(document: Mapping[str, Any]) -> Table:
+    """Effects, rivals, place, held-out errors, friction and next tests."""
+    from rich.table import Table
+
+    made = Table("what", "finding", show_header=False)
+    made.add_row("verdict", f"{document['verdict']} ({chance_in_words(document['mismatch']['p_value'])})")
+    for effect in document["effects"]:
+        made.add_row(effect["id"], f"probability {effect['probability']:.3f}; {_figures(effect)}".rstrip("; "))
+    for names in document["alternatives"][:MOST_ROWS]:
+        made.add_row("or", titles(names))
+    for place in document["located"][:MOST_ROWS]:
+        made.add_row("where", place["sentence"])
+    for i, said in enumerate(held_out_in_words(document)):
+        made.add_row(f"held out, {document['improvement']['held_out']['scheme']}" if i == 0 else "", said)
+    for words, said in friction_in_words(document):
+        made.add_row(words, said)
+    for test in document["next_tests"][:MOST_ROWS]:
+        made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
+    return made
+
+
+def held_out_in_words(document: Mapping[str, Any]) -> list[str]:
+    """The errors on held-out readings by channel, and the gain; nothing where none were held out."""
+    held_out = document["improvement"]["held_out"]
+    if not held_out:
+        return []
+    said = []
+    for key, before in held_out["rmse_before"].items():
+        unit, factor = UNITS[key]
+        after, size = held_out["rmse_after"][key], held_out["rms_of_readings"][key]
+        shares = f": from {before / size:.1%} to {after / size:.1%} of the readings" if before < size else ""
+        said.append(f"error from {before * factor:.3g} to {after * factor:.3g} {unit}{shares}")
+    gain = f"{held_out['elpd_gain']:.1f} ± {held_out['elpd_gain_se']:.1f}"
+    return [*said, f"log score gained {gain} over {held_out['folds']} block(s)"]
+
+
+def friction_in_words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Viscous friction of the base model and after, with their names."""
+    named = (("f_overall_before", "viscous friction, base"), ("f_overall_after", "viscous friction, after"))
+    return [
+        (words, f"{document[key]['mean']:.4g} ± {document[key]['sd']:.2g} {document['friction_unit']}")
+        for key, words in named
+        if document[key]
+    ]
+
+
+def _effect(effect: Mapping[str, Any]) -> str:
+    figures = _figures(effect)
+    return effects()[effect["id"]].title + (f" ({figures})" if figures else "")
+
+
+def _figures(effect: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{name} {one['mean']:.3g} ± {one['sd']:.2g} {one['unit']}".removesuffix(" -")
+        for name, one in effect["parameters"].items()
+    )

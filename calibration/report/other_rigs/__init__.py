@@ -1,1 +1,0 @@
-"""The report of a diagnosis of another rig."""

@@ -1,0 +1,367 @@
+"""A recording of a machine as a vector of readings: its arrays, one after the other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration.likelihood.compared import Row
+from calibration.likelihood.descent import find
+from calibration.likelihood.expected import Test
+from calibration.likelihood.function import Function
+from calibration.likelihood.mode import Mode
+from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
+from calibration.systems.machines.forces import forces_of, same_coordinates
+from calibration.systems.machines.next_tests import tests
+from calibration.systems.machines.noise import Noise, Whitener, ends
+from calibration.systems.machines.noise_test import NoiseTest
+from calibration.systems.machines.problem import WIDE, Problem
+from calibration.unknowns.priors import Unknown
+from rig.recording import Recording
+
+# Share of a reading by which the base model may miss it, at the median: a drive that all goes into dry friction is
+# missed by half; units mixed up, or a drive of the other sign, are missed by nearly all of it and more.
+MOST_MISSED = 0.8
+LOUD = 5.0  # ... and how many times the declared noise that is
+CHECK = (
+    "the units of each column",
+    "the motor's table: its inertia, mass or displacement",
+    "the clock",
+    "the tachometer's pulses per turn",
+    "the sign of the drive",
+    "whether the pressures are absolute or gauge",
+)
+OF_SLIDE = {"N m": "N", "rad/s": "m/s", "N m s2": "N s2/m2", "N m s": "N s/m"}
+
+
+class Comparison:
+    """A recording as a vector.
+
+    Attributes
+    ----------
+    read : ndarray, shape (m,)
+        Readings [SI].
+    known : ndarray of bool, shape (m,)
+        True throughout.
+    of_a_kind : tuple of ndarray of int
+        Places of the readings of each array.
+    """
+
+    in_time = False
+    trusting = True  # foreign noise has tails of its own
+    end = 0
+    again: tuple[np.ndarray, ...] = ()
+    check: tuple[str, ...] = CHECK
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.readings, self.rig = problem, problem.readings, problem.kind
+        self.read = np.concatenate([one.value for one in self.readings])
+        self.known = np.ones(self.read.size, dtype=bool)
+        self.noise = Noise(self.readings)
+        self._channels = {one.channel for one in self.readings}
+        self.of_a_kind = tuple(np.split(np.arange(self.read.size), ends(self.readings)[:-1]))
+
+    @property
+    def friction_unit(self) -> str:
+        """Of the viscous friction."""
+        return "N s/m" if self.problem.slides else "N m s"
+
+    def unit(self, unknown: Unknown) -> str:
+        """The unit of an effect's parameter: a slide's torques are forces, and its speeds are m/s."""
+        return OF_SLIDE.get(unknown.unit, unknown.unit) if self.problem.slides else unknown.unit
+
+    @property
+    def size(self) -> int:
+        """Number of readings [-]."""
+        return self.read.size
+
+    @property
+    def rows(self) -> list[Row]:
+        """None: readings are means, or one of many in time."""
+        return []
+
+    def raw(self, predicted: np.ndarray) -> np.ndarray:
+        """A prediction as a vector [SI], which it is."""
+        return predicted
+
+    def is_told(self, predicted: np.ndarray) -> bool:
+        """Whether a prediction has a value for every reading."""
+        return bool(np.all(np.isfinite(predicted)))
+
+    def whitener(self, predicted: np.ndarray, u: np.ndarray) -> Whitener:
+        """The map to standard normal numbers with a noise.
+
+        Parameters
+        ----------
+        u : ndarray, shape (2 l,)
+            The noise [-].
+        """
+        return Whitener(self.readings, u)
+
+    def noise_step(
+        self,
+        difference: np.ndarray,
+        predicted: np.ndarray,
+        u: np.ndarray,
+        weight: np.ndarray,
+        columns: np.ndarray | None = None,
+        correlated: bool = True,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The step to the noise that suits differences best, and the information that there is of it [-].
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Readings less predictions [SI].
+        u : ndarray, shape (2 l,)
+            Where to step from [-].
+        columns : ndarray, shape (m, k) or None
+            Derivatives that the prediction was fitted with [SI].
+        """
+        return self.noise.step_of(difference, u, columns, correlated)
+
+    def draw(self, mode: Mode, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Differences of readings that a mode itself would give [SI], shape (m,).
+
+        Of what nothing is known nothing is drawn: the test leaves it free.
+
+        Parameters
+        ----------
+        u : ndarray, shape (2 l,)
+            The noise [-].
+        """
+        z = rng.standard_normal(mode.z.size)
+        z[self._unknown(mode)] = 0.0
+        found: np.ndarray = mode.D @ z + self.noise.draw(u, rng)
+        return found
+
+    def free_in_test(self, mode: Mode) -> np.ndarray:
+        """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,).
+
+        How large an effect is says nothing against the model that holds it.
+        """
+        return np.where(self._unknown(mode), WIDE, 1.0)
+
+    def _unknown(self, mode: Mode) -> np.ndarray:
+        """Unknowns of which nothing is known beforehand: those that are wide, and the effects' [-], shape (m,)."""
+        return np.append(self.problem.wide, np.ones(mode.z.size - self.problem.wide.size, dtype=bool))
+
+    def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
+        """The noise in the test for a mismatch.
+
+        Parameters
+        ----------
+        every : ndarray, shape (m, k)
+            What all that may be missing does to the readings [SI].
+        """
+        return NoiseTest(self.readings, mode, every)
+
+    def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
+        """The same: no effect of this machine has a parameter that is given."""
+        return self
+
+    def of(self, recording: Recording) -> Comparison:
+        """Another recording of the same machine."""
+        return Comparison(Problem(recording))
+
+    def carried(self, other: Comparison, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What another recording of the machine says of this one's unknowns, its instruments' errors included.
+
+        Returns
+        -------
+        z : ndarray, shape (k,)
+            The point [-].
+        covariance : ndarray, shape (k, k)
+            Of it [-]; of what is this recording's alone nothing is known.
+        u : ndarray, shape (2 l,)
+            The noise of each array: that of its channel in the other one [-].
+        """
+        here = [*self.problem.nuisances, *(one for _, one in self.problem.effect_unknowns(mode.names))]
+        there = [*other.problem.nuisances, *(one for _, one in other.problem.effect_unknowns(mode.names))]
+        k, old = len(self.problem.nuisances), len(other.problem.nuisances)
+        names = {one.name: i for i, one in enumerate(other.problem.nuisances)}
+        pairs = [(names[one.name], i) for i, one in enumerate(self.problem.nuisances) if one.name in names]
+        pairs += [(old + i, k + i) for i in range(len(here) - k)]
+        z, covariance, ratio = np.zeros(len(here)), np.eye(len(here)), np.ones(len(here))
+        for mine, i in pairs:
+            z[i] = here[i].z(float(there[mine].value(np.asarray(mode.z[mine]))))
+            normal = here[i].kind == "normal"
+            ratio[i] = there[mine].b / here[i].b if normal else math.log(there[mine].b) / math.log(here[i].b)
+        seen, new = ([pair[j] for pair in pairs] for j in (0, 1))
+        covariance[np.ix_(new, new)] = mode.covariance[np.ix_(seen, seen)] * np.outer(ratio[new], ratio[new])
+        count = len(other.readings)
+        u = np.zeros(2 * len(self.readings))
+        for i, one in enumerate(self.readings):
+            alike = [j for j, each in enumerate(other.readings) if each.channel == one.channel and each.value.size]
+            if alike:
+                u[i] = np.mean(mode.u[alike])
+                u[len(self.readings) + i] = np.mean(mode.u[count + np.array(alike)])
+        return z, covariance, u
+
+    def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The point itself, within its bounds, and what it predicts.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The point [-].
+        u : ndarray, shape (2 l,)
+            The noise [-].
+        """
+        z = f.clip(z)
+        return z, f(z)
+
+    def base(self) -> Mode:
+        """The base model at its most probable point."""
+        return find(self, ())
+
+    def middle(self) -> np.ndarray:
+        """Where a search starts: the prior's middle [-]."""
+        return np.zeros(len(self.problem.nuisances))
+
+    def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The point itself: it has no angles.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The point [-].
+        u : ndarray, shape (2 l,)
+            The noise [-].
+        """
+        return z, here
+
+    def loosened(self, f: Function, z: np.ndarray, here: np.ndarray, D: np.ndarray) -> list[np.ndarray]:
+        """The point itself: nothing stands in its way.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The point [-].
+        D : ndarray, shape (m, k)
+            Derivatives there [SI].
+        """
+        return [z]
+
+    def along_valley(
+        self, f: Function, z: np.ndarray, tried: np.ndarray, here: np.ndarray, D: np.ndarray
+    ) -> np.ndarray:
+        """The straight step [-], shape (k,): there is no valley.
+
+        Parameters
+        ----------
+        z, tried : ndarray, shape (k,)
+            Where from, and the end of the straight step [-].
+        D : ndarray, shape (m, k)
+            Derivatives there [SI].
+        """
+        return tried
+
+    def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
+        """What an offset or a scale of an instrument does to the readings [SI], shape (m,); None of the rest.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The point [-].
+        raw : ndarray, shape (m,)
+            The prediction there [SI].
+        """
+        unknown = self.problem.nuisances[i]
+        of_a_run = unknown.name.endswith(".drive_offset")
+        place, _, error = unknown.name.rpartition("." if of_a_run else "_")
+        if not of_a_run and (place not in self._channels or error not in ("offset", "scale")):
+            return None
+        values, found = self.problem.values(z[: len(self.problem.nuisances)]), []
+        for one, true in zip(self.readings, self.noise.split(raw), strict=True):
+            own = one.label.partition(" ")[2]
+            if of_a_run:
+                found.append(np.full_like(true, 1.0 if own == place else 0.0))
+                continue
+            offset = values.get(f"{one.channel}_offset", 0.0) + values.get(f"{own}.drive_offset", 0.0)
+            part = np.ones_like(true)
+            if error == "scale":
+                weight, scale = self.problem.system.weight, 1.0 + values.get(f"{place}_scale", 0.0)
+                part = (true - offset) / scale if weight is None else np.full_like(true, weight)
+            found.append(part if one.channel == place else np.zeros_like(true))
+        column: np.ndarray = np.concatenate(found) * unknown.b
+        return column
+
+    def channels(self) -> dict[str, np.ndarray]:
+        """Which readings are of which channel: masks of shape (m,)."""
+        drive = "force_n" if self.problem.slides else "torque_nm"
+        keys = {"drive": drive, "speed": "speed_rad_s", "flow": "flow_m3_s", "pressure": "pressure_pa"}
+        each = np.repeat([keys[one.channel] for one in self.readings], [one.value.size for one in self.readings])
+        return {key: each == key for key in sorted(set(each.tolist()))}
+
+    def folds(self) -> tuple[list[np.ndarray], str]:
+        """Masks of the readings that are held out together, and what they are."""
+        return self.problem.system.folds()
+
+    def drawn_together(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Places of readings that are always there, and of those that are drawn together."""
+        return np.zeros(0, dtype=int), list(self.of_a_kind)
+
+    def ordinary_speed(self, mode: Mode) -> float:
+        """The speed that is ordinary [rad/s], of a slide [m/s]."""
+        return self.problem.sizes.speed
+
+    def forces(self, mode: Mode) -> list[Force]:
+        """The free-form forces that a mismatch is tested with."""
+        values = self.problem.values(mode.z[: len(self.problem.nuisances)])
+        return forces_of(self.problem, values.get(self.problem.friction, 0.0))
+
+    def angle_force(self, mode: Mode) -> Force | None:
+        """None: along the angle nothing is looked for."""
+        return None
+
+    def balances(self, mode: Mode) -> list[Balance]:
+        """None: no smooth correction is looked for."""
+        return []
+
+    def forms(self, mode: Mode) -> list[Form]:
+        """None: no law is looked for."""
+        return []
+
+    def steps_in_time(self, mode: Mode) -> StepsInTime | None:
+        """None: no step is looked for."""
+        return None
+
+    def same_coordinates(self, mode: Mode, coordinate: str) -> tuple[str, ...]:
+        """Coordinates that this recording cannot tell from one."""
+        return same_coordinates(self.problem, coordinate)
+
+    def not_observable(self, mode: Mode) -> list[str]:
+        """None is told."""
+        return []
+
+    def not_described(self, base: Mode) -> str:
+        """How far the base model is from the readings where it does not describe them at all; empty where it does."""
+        far = []
+        missed = self.noise.split(self.read - base.prediction)
+        for one, off, u in zip(self.readings, missed, base.u, strict=False):
+            size = np.abs(one.value)
+            if not np.any(size > 0.0):
+                continue
+            share = float(np.median(np.abs(off[size > 0.0]) / size[size > 0.0]))
+            # A reading that is all noise is missed too, and says nothing; nan: nothing is predicted there.
+            if not share <= MOST_MISSED and not math.exp(u) <= LOUD:
+                far.append(f"{one.label} is off by {100.0 * share:.0f} % at the median")
+        return "; ".join(far)
+
+    def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
+        """Tests that this rig could make.
+
+        Parameters
+        ----------
+        rivals : sequence of Mode
+            The explanations, the most probable first.
+        """
+        return tests(self.problem, rivals)
+
+    def rows_used(self) -> list[dict[str, Any]]:
+        """Rows used of each file, as ``files`` of diagnosis/1."""
+        return self.problem.rows_used()

@@ -1,0 +1,83 @@
+"""Where a mismatch of a machine may be: free-form forces, a piece of a balance along one coordinate each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.likelihood.shapes import Force, spans
+from calibration.systems.machines.problem import Problem
+
+PIECES = 6
+LEVEL = 0.02  # readings of pressure closer than this, relative, are one level
+SIZE = 0.1  # of a piece, of the rig's ordinary torque or flow
+SAME = 0.98  # rank correlation above which two coordinates are one
+
+
+def forces_of(problem: Problem, friction: float) -> list[Force]:
+    """Free-form forces of a recording.
+
+    Parameters
+    ----------
+    friction : float
+        Viscous coefficient, by which a rotor forgets a force [N m s].
+    """
+    found = []
+    for channel, balance, coordinate in problem.system.balances:
+        mine = [not channel or one.channel == channel for one in problem.readings]
+        if any(mine):
+            found += _along(problem, mine, balance, coordinate, friction)
+    return found
+
+
+def _along(problem: Problem, mine: list[bool], balance: str, coordinate: str, friction: float) -> list[Force]:
+    known = problem.system.coordinates()
+    used = [i for i, yes in enumerate(mine) if yes and coordinate in known[i] and known[i][coordinate].size]
+    if not used:
+        return []
+    values = {i: np.abs(known[i][coordinate]) if coordinate == "speed" else known[i][coordinate] for i in used}
+    edges = _edges(np.concatenate(list(values.values())), coordinate)
+    if edges.size < 3:
+        return []
+    columns: list[np.ndarray] = []
+    size = SIZE * (problem.sizes.flow if balance == "mass" else problem.sizes.torque)
+    for i, one in enumerate(problem.readings):
+        pieces = np.zeros((one.value.size, edges.size - 1))
+        if i in values:
+            piece = np.clip(np.searchsorted(edges, values[i], side="right") - 1, 0, edges.size - 2)
+            pieces[np.arange(piece.size), piece] = size
+            pieces = problem.system.answer(i, pieces, balance, friction)
+        columns.append(pieces)
+    unit = {"speed": "m/s" if problem.slides else "rad/s", "pressure": "Pa", "time": "s"}[coordinate]
+    channel = problem.readings[used[0]].channel
+    if channel == "drive":
+        channel = "force" if problem.slides else "torque"
+    return [Force(channel, balance, coordinate, unit, np.vstack(columns), spans(edges))]
+
+
+def _edges(values: np.ndarray, coordinate: str) -> np.ndarray:
+    """Edges of pieces that hold about as many readings each, or of levels where there are few."""
+    ordered = np.sort(values)
+    gap = LEVEL * max(abs(ordered[0]), abs(ordered[-1])) if coordinate == "pressure" else 0.0
+    cuts = np.flatnonzero(np.diff(ordered) > gap) + 1
+    if cuts.size == 0:
+        return ordered[[0, -1]]
+    if cuts.size < PIECES:
+        inner = 0.5 * (ordered[cuts - 1] + ordered[cuts])
+    else:
+        inner = np.quantile(ordered, np.linspace(0.0, 1.0, PIECES + 1)[1:-1])
+    return np.unique(np.concatenate([[ordered[0]], inner, [ordered[-1]]]))
+
+
+def same_coordinates(problem: Problem, coordinate: str) -> tuple[str, ...]:
+    """Coordinates that this recording cannot tell from one."""
+    from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared
+
+    known = [one for one in problem.system.coordinates() if coordinate in one]
+    found = []
+    for other in ("speed", "pressure", "time"):
+        if other == coordinate or not known or any(other not in one for one in known):
+            continue
+        a, b = (np.concatenate([np.abs(one[name]) for one in known]) for name in (coordinate, other))
+        if np.ptp(a) > 0.0 and np.ptp(b) > 0.0 and abs(np.corrcoef(rankdata(a), rankdata(b))[0, 1]) > SAME:
+            found.append(other)
+    return tuple(found)

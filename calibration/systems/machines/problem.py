@@ -1,0 +1,191 @@
+"""A recording whose motor is written out in it: its unknowns, and the predictions of its readings, in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration.data.clock import needs_clock
+from calibration.systems.machines.readings import Flat
+from calibration.systems.machines.system import has_system, systems
+from calibration.systems.machines.table import rows_used, table_of
+from calibration.unknowns.effects import searched
+from calibration.unknowns.priors import Unknown
+from model.effects import Effect, EffectParameter, effects
+from model.rigs.state import scaled
+from rig.recording import Recording, RecordingError
+
+COMMON = ("coulomb_friction", "stribeck_friction", "windage", "friction_warm_up")  # what any machine may have
+NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
+WIDE = 10.0  # sizes: the prior's deviation of an unknown of which nothing is known
+FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
+LEAST = 1e-9  # share of their prior's middle to which friction and displacement may fall
+
+Chosen = dict[str, dict[str, float]]
+
+
+class Problem:
+    """A recording of a machine that is not the article's motor.
+
+    Parameters
+    ----------
+    recording : Recording
+        With an inline motor of another kind than the radial piston motor.
+
+    Raises
+    ------
+    RecordingError
+        When the columns that its kind needs are missing.
+
+    Attributes
+    ----------
+    friction : str
+        The nuisance that every machine has: its viscous friction.
+    wide : ndarray of bool, shape (n_nuisances,)
+        Nuisances of which nothing is known.
+    """
+
+    friction = "viscous_friction"
+
+    def __init__(self, recording: Recording) -> None:
+        if isinstance(recording.motor, str) or not has_system(recording):
+            raise RecordingError(
+                f"{recording.folder}: [motor] is not a rig of another kind; expected one of {', '.join(systems())}"
+            )
+        self.recording = recording
+        self.motor: Mapping[str, Any] = recording.motor
+        self.kind = str(self.motor["kind"])
+        self.table = table_of(recording, self.motor)
+        self.slides = self.table.slides
+        self.system = systems()[self.kind](self.table)
+        self.readings, self.sizes = self.system.readings, self.system.sizes
+        if not any(one.value.size for one in self.readings):
+            raise RecordingError(
+                f"{recording.folder}: {self.kind}: no reading is left to compare; is the axis ever in motion?"
+            )
+        for one in self.readings:
+            if one.value.size and not np.all(one.sd > 0.0):
+                raise RecordingError(
+                    f"{recording.folder}: {one.label}: noise_sd and resolution are both 0, and nothing can be weighed; "
+                    "state noise_sd > 0"
+                )
+        flats, unknowns = list(self.system.flats), list(self.system.unknowns)
+        self._add_friction(flats, unknowns)
+        self.nuisances = [
+            Unknown(one.name, one.unit, "normal", one.start, WIDE * one.size, "nothing is known of it") for one in flats
+        ] + unknowns
+        self.wide = np.arange(len(self.nuisances)) < len(flats)
+        self._lows = {one.name: one.low for one in flats}
+        self._parameters = {
+            (effect.id, one.name): scaled(one, self.sizes) for effect in effects().values() for one in effect.parameters
+        }
+
+    def rows_used(self) -> list[dict[str, Any]]:
+        """Rows used of each file of the recording, as ``files`` of diagnosis/1."""
+        seen = {one["file"]: one for one in self.system.files}
+        return [
+            seen.get(file.file) or rows_used(file, {NOT_LOOKED_AT: np.ones(file.rows, dtype=bool)})
+            for file in self.recording.files
+        ]
+
+    def effects_that_could(self) -> list[Effect]:
+        """The effects that this rig could show, in the order of their ids."""
+        moves = any(one.channel in ("drive", "speed") for one in self.readings)
+        found = [*(COMMON if moves else ()), *self.system.could_show()]
+        if not self.system.timed:
+            found = [name for name in found if not needs_clock(effects()[name])]
+        return [effects()[name] for name in sorted(found)]
+
+    def parameter(self, effect: str, name: str) -> EffectParameter:
+        """A parameter of an effect: its bounds and its scale on this rig."""
+        return self._parameters[effect, name]
+
+    def amplitude(self, effect: str) -> EffectParameter:
+        """The parameter of an effect that says how large it is."""
+        return self._parameters[effect, effects()[effect].amplitude.name]
+
+    def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
+        """Effect id and unknown of each parameter of a set, in its order."""
+        return [
+            (name, searched(self.parameter(name, one.name))) for name in names for one in effects()[name].parameters
+        ]
+
+    def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
+        """Values of the effects' parameters.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The effects' share of the point [-].
+        """
+        found: Chosen = {name: {} for name in names}
+        for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
+            found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
+        return found
+
+    def values(self, z: np.ndarray) -> dict[str, float]:
+        """Values of the nuisances by their names [SI].
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+        """
+        return {one.name: float(one.value(np.asarray(at_z))) for one, at_z in zip(self.nuisances, z, strict=True)}
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the nuisances [-], each shape (n_nuisances,)."""
+        low = np.full(len(self.nuisances), -FARTHEST)
+        for i, one in enumerate(self.nuisances):
+            least = self._lows.get(one.name, -np.inf)
+            if one.name in (self.friction, "displacement"):
+                least = max(least, LEAST * one.a)
+            if np.isfinite(least):
+                low[i] = max(low[i], one.z(least))
+        return low, np.full(low.size, FARTHEST)
+
+    def place(self, name: str) -> int | None:
+        """Where a nuisance stands among the unknowns; None where it is none of this recording."""
+        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
+
+    def in_si(self, nuisance: str) -> float:
+        """What a nuisance's value is multiplied by to be SI [-]: all are."""
+        return 1.0
+
+    def run_of(self, i: int) -> int | None:
+        """The run that a nuisance belongs to alone [-]: a prediction takes up everything at once."""
+        return None
+
+    def predict(
+        self,
+        z: np.ndarray,
+        chosen: Chosen,
+        like: np.ndarray | None = None,
+        runs: Sequence[int] | None = None,
+        smooth: bool = False,
+        around: None = None,
+    ) -> np.ndarray:
+        """What the instruments would read, one array after the other [SI], shape (m,).
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+        """
+        return np.concatenate(self.system.predict(self.values(z), chosen))
+
+    def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: np.ndarray) -> None:
+        """Nothing makes predictions close by cheap."""
+
+    def _add_friction(self, flats: list[Flat], unknowns: list[Unknown]) -> None:
+        if not any(one.channel in ("drive", "speed") for one in self.readings):
+            return  # a flow tells nothing of friction
+        mean, sd = self.motor.get("viscous_friction"), self.motor.get("viscous_friction_sd")
+        unit = "N s/m" if self.slides else "N m s"
+        if mean is not None and sd is not None:
+            unknowns.insert(0, Unknown(self.friction, unit, "normal", float(mean), float(sd), "recording"))
+            return
+        size = self.sizes.torque / self.sizes.speed
+        flats.insert(0, Flat(self.friction, unit, float(mean) if mean else 0.5 * size, size, 0.0))

@@ -1,0 +1,78 @@
+"""A rig as the motor table of its recording describes it, and what the files of its kind hold; SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.data.runs_in_time import why_left
+from calibration.systems.machines.readings import SI_UNITS, TO_SI
+from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
+from model.rigs.state import AMBIENT_PA, ROOM_K
+from rig.recording import Recording, RecordingFile
+
+
+@dataclass(frozen=True)
+class RigTable:
+    """A rig as its recording describes it.
+
+    Attributes
+    ----------
+    ambient : float
+        Pressure around it [Pa].
+    room : float
+        Temperature around it [K].
+    slides : bool
+        Whether it moves along a line and does not turn.
+    inertia : float
+        Flywheels included [kg m2]; a slide's mass [kg].
+    """
+
+    recording: Recording
+    motor: Mapping[str, Any]
+    ambient: float
+    room: float
+    slides: bool
+    inertia: float
+
+
+def table_of(recording: Recording, motor: Mapping[str, Any]) -> RigTable:
+    """The rig of a recording."""
+    ambient, slides = recording.ambient, "mass_kg" in motor
+    return RigTable(
+        recording,
+        motor,
+        AMBIENT_PA if ambient.pressure_bar_abs is None else ambient.pressure_bar_abs * PASCAL_PER_BAR,
+        ROOM_K if ambient.temperature_c is None else ambient.temperature_c + KELVIN_AT_0_C,
+        slides,
+        float(motor.get("mass_kg") or motor.get("inertia_kg_m2") or 0.0)
+        + (0.0 if slides else recording.added_inertia_kg_m2),
+    )
+
+
+def transients(recording: Recording, *columns: str) -> list[RecordingFile]:
+    """Files of runs in time that have certain columns."""
+    return [f for f in recording.files if f.kind == "transient" and set(columns) <= set(f.columns)]
+
+
+def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """What is used of a file, as an entry of ``files`` of diagnosis/1.
+
+    Parameters
+    ----------
+    left : mapping of str to ndarray of bool, shape (rows,)
+        Rows that are not used, by the reason.
+    """
+    not_used = int(np.sum(np.any([*left.values()], axis=0))) if left else 0
+    return {"file": file.file, "rows": file.rows, "rows_used": file.rows - not_used, "why": why_left(left)}
+
+
+def instrument(recording: Recording, channel: str, column: str) -> list[Unknown]:
+    """Offset and scale of an instrument, where its recording declares that they may be off."""
+    figures = recording.channels[column]
+    why = f"recording, channels.{column}"
+    both = (("offset", figures.bias_sd * TO_SI[column], SI_UNITS[column]), ("scale", figures.scale_sd, "1"))
+    return [Unknown(f"{channel}_{what}", unit, "normal", 0.0, sd, why) for what, sd, unit in both if sd > 0.0]

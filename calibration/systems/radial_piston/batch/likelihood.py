@@ -1,0 +1,252 @@
+"""The joint likelihood of speed and flow, with the pressure an uncertain input.
+
+A plateau's true pressure p is unknown; the gauge shows p (1 + scale) + offset + noise, rounded. Around the reading the
+model is a straight line in p, so p is integrated out in closed form: speed and flow of a row are jointly normal with
+the covariance
+
+    diag(s_n^2, s_q^2) + s_p^2 d d^T,     d = (dn/dp, dq/dp),
+
+where rounding to a resolution adds resolution^2 / 12. Offsets and scales are shared by the whole recording and are
+sampled. Each of the three readings of a row may be bad, with probability `BAD` and a wide error; the eight cases are
+summed, so a single bad reading is named and drags nothing. A reading off the instrument's scale, or a speed of 0,
+enters as censored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.data.measurement import Measurement, Rows
+from calibration.systems.radial_piston.batch import states as effect_states
+from calibration.systems.radial_piston.batch.effects import Effects
+from calibration.systems.radial_piston.batch.rows import BAD, add_zero_rows, bad_rows, sum_rows
+from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of
+from model.effects.laws import Chosen
+from model.motor import QUANTITIES, Motor
+from model.solvers import steady
+from rig.recording import Recording
+
+FEW_ROWS = 3  # with fewer no reading is looked on as bad: there is nothing to tell it by
+ERRORS = ("offset", "scale", "noise_scale")
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Noise and resolution of the three instruments: bar, L/min, rpm; zeros where a channel is absent."""
+
+    noise_sd: np.ndarray
+    resolution: np.ndarray
+
+
+class Likelihood:
+    """Log posterior of a batch of parameter vectors, in the standard normal numbers of `calibration.unknowns.priors`.
+
+    Parameters
+    ----------
+    bad : float, optional
+        Probability that a reading is bad [-]; `BAD`, or 0 with fewer than `FEW_ROWS` rows, when left out.
+    """
+
+    def __init__(
+        self,
+        motor: Motor,
+        recording: Recording,
+        measured: Measurement,
+        found: list[Unknown],
+        bad: float | None = None,
+        effects: Effects | None = None,
+    ) -> None:
+        self.unknowns = found
+        self.measured = measured
+        self.effects = effects
+        self._first_of_effects = len(found) - (len(effects.unknowns()) if effects else 0)
+        self._base = motor.vector()
+        self._readings = motor.readings.vector()
+        self._position = {name: i for i, name in enumerate(QUANTITIES)}
+        self._bounds = [(i, QUANTITIES[u.name]) for i, u in enumerate(found) if u.name in QUANTITIES]
+        rows = measured.steady
+        P_a = motor.si("ambient_pressure") / PASCAL_PER_BAR
+        nominal = (rows.pressure + np.where(rows.is_gauge, P_a, 0.0)) * PASCAL_PER_BAR
+        self._gas = steady.gas_table(motor, nominal)
+        columns = [column_of(recording, channel) for channel in ("pressure", "flow", "speed")]
+        channels = [recording.channels[column] if column else None for column in columns]
+        self._figures = Figures(
+            np.array([channel.noise_sd if channel else 0.0 for channel in channels]),
+            np.array([channel.resolution if channel else 0.0 for channel in channels]),
+        )
+        self._steady = _arrays(rows)
+        self._zero = _arrays(measured.zero)
+        self._bad = bad if bad is not None else (BAD if len(rows) >= FEW_ROWS else 0.0)
+        self.not_converged = 0
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """Physical values of the unknowns, shape (n, n_unknowns), each in its own unit; ``z`` likewise [-]."""
+        return np.column_stack([unknown.value(z[:, i]) for i, unknown in enumerate(self.unknowns)])
+
+    def factors(self, z: np.ndarray) -> np.ndarray:
+        """What one unit of each coordinate multiplies its unknown by, near a point, shape (n_unknowns,); 1: it adds.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_unknowns,)
+            The point [-].
+        """
+        return np.array([unknown.factor(float(at)) for unknown, at in zip(self.unknowns, z, strict=True)])
+
+    def log_prob(self, z: np.ndarray) -> np.ndarray:
+        """Log posterior density up to a constant, shape (n,) [-].
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, n_unknowns)
+            Points [-].
+        """
+        return -0.5 * np.sum(z * z, axis=1) + self.log_likelihood(z)
+
+    def log_likelihood(self, z: np.ndarray) -> np.ndarray:
+        """Log likelihood, shape (n,), -inf where a parameter leaves its physical bounds [-].
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, n_unknowns)
+            Points [-].
+        """
+        parameters, errors, inside = self._split(z)
+        result = np.full(len(z), -np.inf)
+        if inside.any():
+            out = self.predict(parameters[inside], errors[inside], self.chosen(z[inside]))
+            found = np.empty(out.shape[0])
+            sum_rows(
+                out, errors[inside], self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found
+            )
+            add_zero_rows(
+                parameters[inside, self._position["ambient_pressure"]] / PASCAL_PER_BAR,
+                errors[inside],
+                self._figures.noise_sd,
+                self._figures.resolution,
+                *self._zero,
+                found,
+            )
+            failed = np.any(out[..., steady.STATUS] == steady.NOT_CONVERGED, axis=1) | ~np.isfinite(found)
+            self.not_converged += int(failed.sum())
+            result[inside] = np.where(failed, -np.inf, found)
+        return result
+
+    def bad_probability(self, z: np.ndarray) -> np.ndarray:
+        """Probability that each reading is bad, averaged over points, shape (n_rows, 3): pressure, flow, speed [-].
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, n_unknowns)
+            Draws from the posterior [-].
+        """
+        parameters, errors, _ = self._split(z)
+        out = self.predict(parameters, errors, self.chosen(z))
+        found = np.zeros((len(self.measured.steady), 3))
+        bad_rows(out, errors, self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found)
+        return found / len(z)
+
+    def predict(self, parameters: np.ndarray, errors: np.ndarray, chosen: Sequence[Chosen] = ()) -> np.ndarray:
+        """Steady states at each row's pressure reading, corrected for offset and scale; `steady.solve`'s array.
+
+        Parameters
+        ----------
+        parameters : ndarray, shape (n, n_parameters)
+            Parameter sets [SI].
+        errors : ndarray, shape (n, 3, 3)
+            Offset [bar, L/min, rpm], scale [-] and noise scale [-] of pressure, flow and speed.
+        chosen : sequence of mapping
+            The effects of each set, of `chosen`; nothing where the fit has none.
+        """
+        rows = self.measured.steady
+        time = self.effects.time if self.effects else None
+        return self.states(parameters, errors, chosen, rows.pressure, rows.is_gauge, self._gas, time)
+
+    def states(
+        self,
+        parameters: np.ndarray,
+        errors: np.ndarray,
+        chosen: Sequence[Chosen],
+        pressure_bar: np.ndarray,
+        is_gauge: np.ndarray,
+        gas: np.ndarray,
+        time: np.ndarray | None,
+    ) -> np.ndarray:
+        """Steady states where the pressure gauge reads this; `steady.solve`'s array.
+
+        Parameters
+        ----------
+        parameters : ndarray, shape (n, n_parameters)
+            Parameter sets [SI].
+        errors : ndarray, shape (n, 3, 3)
+            As in `predict`.
+        pressure_bar : ndarray, shape (n_rows,)
+            What the gauge reads [bar].
+        is_gauge : ndarray of bool, shape (n_rows,)
+            The pressure is counted from the ambient's.
+        gas : ndarray, shape (n_rows, 12)
+            Of `steady.gas_table`.
+        time : ndarray, shape (n_rows,), or None
+            On the recording's clock [s]; effects alone ask for it.
+        """
+        true = (pressure_bar - errors[:, 0, 0:1]) / (1.0 + errors[:, 0, 1:2])
+        above = np.where(is_gauge, parameters[:, self._position["ambient_pressure"]][:, None], 0)
+        if self.effects is not None and time is not None:
+            shown = true * PASCAL_PER_BAR
+            return effect_states.solve(self.effects.way, parameters, self._readings, shown, above, gas, chosen, time)
+        P = true * PASCAL_PER_BAR + above
+        return steady.solve(parameters, self._readings, np.clip(P, 2e4, 2e6), gas, slopes=True)
+
+    def chosen(self, z: np.ndarray) -> Sequence[Chosen]:
+        """The effects at each point with their values; nothing where the fit has none.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, n_unknowns)
+            Points [-].
+        """
+        return self.effects.chosen(self.values(z)[:, self._first_of_effects :]) if self.effects else ()
+
+    def split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parameter sets [SI], shape (n, n_parameters), and instrument errors, shape (n, 3, 3), of points ``z`` [-].
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, n_unknowns)
+            Points [-].
+        """
+        parameters, errors, _ = self._split(z)
+        return parameters, errors
+
+    def _split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        values = self.values(z)
+        parameters = np.repeat(self._base[None, :], len(z), axis=0)
+        errors = np.zeros((len(z), 3, 3))
+        errors[:, :, 2] = 1.0
+        inside = np.ones(len(z), dtype=bool)
+        for i, quantity in self._bounds:
+            inside &= (values[:, i] >= quantity.low) & (values[:, i] <= quantity.high)
+        if self.effects is not None:
+            inside &= self.effects.inside(values[:, self._first_of_effects :])
+        for i, unknown in enumerate(self.unknowns[: self._first_of_effects]):
+            if unknown.name in self._position:
+                parameters[:, self._position[unknown.name]] = values[:, i] * QUANTITIES[unknown.name].to_si
+            else:
+                channel, _, error = unknown.name.partition("_")
+                errors[:, ("pressure", "flow", "speed").index(channel), ERRORS.index(error)] = values[:, i]
+        return parameters, errors, inside
+
+
+def _arrays(rows: Rows) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Readings (n, 3), states (n, 3), is_gauge (n,) and noise scale (n,), contiguous for the compiled loops."""
+    readings = np.column_stack([rows.pressure, rows.flow, rows.speed])
+    states = np.column_stack([rows.pressure_state, rows.flow_state, rows.speed_state])
+    return (
+        np.ascontiguousarray(readings, dtype=np.float64),
+        np.ascontiguousarray(states, dtype=np.int64),
+        np.ascontiguousarray(rows.is_gauge, dtype=np.bool_),
+        np.ascontiguousarray(rows.noise_scale, dtype=np.float64),
+    )

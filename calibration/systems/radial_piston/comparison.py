@@ -1,0 +1,484 @@
+"""Readings against predictions as one vector, and its whitening: a linear map that a few noise scales set.
+
+The vector holds the plateaus' flows, then their speeds, then the samples of each run in time, then what is read beside
+them: the gauge with the line vented, the flow meter while the rotor stands. The gauge's noise moves flow and speed of a
+plateau together; the map takes that out, so a whitened residual is standard normal where the model is right. A reading
+that is missing is 0 once whitened.
+
+The phase of the cylinders' pulses in a run in time hangs on everything that came before, and nobody noted how the shaft
+stood. So the shaft's angle at a sample is known to no better than the pulses swing it, and a speed reading, which is a
+difference of two angles, has a part of noise that its neighbours take back: what the readings say on average over a
+pulse stays as sharp as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from calibration.data.blocks import levels
+from calibration.data.rows_used import by_diagnosis
+from calibration.likelihood.compared import Row
+from calibration.likelihood.expected import Test
+from calibration.likelihood.function import Function
+from calibration.likelihood.mode import Mode
+from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
+from calibration.systems.radial_piston import run_starts
+from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.next_tests.planned import expected_readings, planned
+from calibration.systems.radial_piston.next_tests.quantities import expected_quantity, quantities
+from calibration.systems.radial_piston.noise import Noise, Whitener
+from calibration.systems.radial_piston.noise_test import NoiseTest
+from calibration.systems.radial_piston.not_described import CHECK, not_described
+from calibration.systems.radial_piston.places.balances import balances
+from calibration.systems.radial_piston.places.coordinates import same_coordinates
+from calibration.systems.radial_piston.places.forces import forces
+from calibration.systems.radial_piston.places.further_forces import angle_force, not_observable
+from calibration.systems.radial_piston.places.steps_in_time import steps_in_time
+from calibration.systems.radial_piston.places.terms import forms
+from calibration.systems.radial_piston.predict.carried import carried
+from calibration.systems.radial_piston.predict.in_time import follows_angle
+from calibration.systems.radial_piston.predict.kinds import FLOW, LINE, RUN, SPEED, STANDING, VENTED
+from calibration.systems.radial_piston.predict.problem import SI_OF, Prediction, Problem
+from calibration.systems.radial_piston.predict.wheel import rest_sd, seen
+from calibration.systems.radial_piston.valley import along_valley
+from rig.recording import Recording
+
+SEGMENTS = 3  # of each run in time, held out in turn
+SEVERAL = 3  # runs in time from which on each is held out whole
+MOST_LEVELS = 6  # folds of plateaus
+DRAWN_SEGMENTS = 6  # of each run in time, drawn like the pressure levels
+OF_THE_MOTOR = ("port_lap", "roller_friction", "f_overall", "inertia")
+
+
+class Comparison:
+    """A recording as a vector.
+
+    Attributes
+    ----------
+    read : ndarray, shape (m,)
+        Readings [SI]; nan where there is none.
+    kind : ndarray of int, shape (m,)
+        FLOW, SPEED, RUN + i, VENTED, STANDING, or LINE.
+    index : ndarray of int, shape (m,)
+        Row of the plateaus, or sample of the run.
+    of_a_kind : tuple of ndarray of int
+        Places of the readings that there are, kind by kind.
+    again : tuple of ndarray of int
+        Places of an instrument's readings at each pressure level that was visited more than once.
+    end : int
+        Where the runs' samples end and the readings beside them begin [-].
+    swing : ndarray, shape (end - 2 n,)
+        How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
+    in_time : bool
+        Whether there are runs in time: to predict those takes seconds.
+    """
+
+    rig = ""
+    check: tuple[str, ...] = CHECK
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        plateaus = problem.blocks.plateaus
+        self.used = tuple(run.used for run in problem.blocks.runs)
+        self.sizes = tuple(int(used.sum()) for used in self.used)
+        n = plateaus.size
+        runs = problem.blocks.runs
+        self.read = np.concatenate(
+            [plateaus.flow, plateaus.speed, *(run.speed[used] for run, used in zip(runs, self.used, strict=True))]
+        )
+        kinds = [np.full(n, FLOW), np.full(n, SPEED)]
+        places = [np.arange(n), np.arange(n)]
+        for i, used in enumerate(self.used):
+            kinds.append(np.full(int(used.sum()), RUN + i))
+            places.append(np.flatnonzero(used))
+        beside = (
+            (VENTED, problem.blocks.vented.pressure),
+            (STANDING, problem.blocks.standing.flow),
+            *((LINE, run.line.pressure) for run in runs),
+        )
+        self.end = self.read.size
+        for kind, values in beside:
+            self.read = np.append(self.read, values)
+            kinds.append(np.full(values.size, kind))
+            places.append(np.full(values.size, -1))
+        self.kind, self.index = np.concatenate(kinds), np.concatenate(places)
+        self.known = np.isfinite(self.read)
+        self.n = n
+        self.swing = np.zeros(self.end - 2 * n)
+        self.trusting = False
+        self._middle: np.ndarray | None = None
+        self.in_time = bool(runs)
+        pairs = list(zip(runs, self.used, strict=True))
+        self.step = np.concatenate([(run.time - run.begin)[used] for run, used in pairs] or [np.zeros(0)])
+        ends = np.concatenate([run.start_s + run.time[used] for run, used in pairs] or [np.zeros(0)])
+        begins = np.concatenate([run.start_s + run.begin[used] for run, used in pairs] or [np.zeros(0)])
+        apart = np.abs(begins - np.roll(ends, 1)) > 1e-9  # no sample that ends where this one begins
+        self.pitch_sd = rest_sd(problem.recording)
+        known = np.flatnonzero(self.known)
+        self.of_a_kind = tuple(known[self.kind[known] == kind] for kind in np.unique(self.kind[known]))
+        rows = levels(plateaus) if n else []
+        spots = (level[self.known[level + of * n]] + of * n for level in rows for of in (FLOW, SPEED))
+        self.again = tuple(spot for spot in spots if spot.size > 1)
+        self.noise = Noise(problem, self.known, self.sizes, self.step, apart)
+        self.see_pulses(np.zeros(len(problem.nuisances)))
+
+    @property
+    def angle_sd(self) -> np.ndarray:
+        """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,)."""
+        return np.hypot(self.swing, self.pitch_sd)
+
+    def see_pulses(self, z: np.ndarray) -> None:
+        """Take the swing of the pulses anew, from simulations at a point of the base model.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            The point [-].
+        """
+        swings = self.problem.see_pulses(z)
+        self.swing = np.concatenate(
+            [swing[used] for swing, used in zip(swings, self.used, strict=True)] or [np.zeros(0)]
+        )
+
+    def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
+        """The same comparison, with other parameters of effects given, as `Problem.giving` does.
+
+        Parameters
+        ----------
+        given : mapping
+            Values by (effect, parameter) [own unit].
+        """
+        other = copy(self)
+        other.problem, other._middle = self.problem.giving(given), None
+        return other
+
+    @property
+    def size(self) -> int:
+        """Number of readings [-]."""
+        return int(self.known.sum())
+
+    def raw(self, predicted: Prediction) -> np.ndarray:
+        """A prediction as a vector [SI]."""
+        runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
+        return np.concatenate(
+            [predicted.flow, predicted.speed, *runs, predicted.vented, predicted.standing, predicted.line]
+        )
+
+    def is_told(self, predicted: Prediction) -> bool:
+        """Whether a prediction has a value for every reading that there is."""
+        return bool(np.all(np.isfinite(self.raw(predicted)[self.known])))
+
+    def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
+        """The map at a prediction, whose slopes say what the gauge's noise does.
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise, as in `calibration.systems.radial_piston.noise` [-].
+        """
+        return self.noise.whitener(u, _slopes(predicted), self.angle_sd)
+
+    def noise_step(
+        self,
+        difference: np.ndarray,
+        predicted: Prediction,
+        u: np.ndarray,
+        weight: np.ndarray,
+        columns: np.ndarray | None = None,
+        correlated: bool = True,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One scoring step of the noise for given differences, and the information that there is of it [-].
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Readings less predictions [SI].
+        u : ndarray, shape (5,)
+            Where to step from [-].
+        weight : ndarray, shape (m,)
+            Of each entry, below 1 where a reading is bad [-].
+        columns : ndarray, shape (m, k) or None
+            Derivatives that the prediction was fitted with [SI].
+
+        Returns
+        -------
+        step : ndarray, shape (5,)
+            To add to u [-].
+        information : ndarray, shape (5, 5)
+            With the prior's [-].
+        """
+        return self.noise.step_of(difference, u, _slopes(predicted), self.angle_sd, weight, columns, correlated)
+
+    def of(self, recording: Recording) -> Comparison:
+        """Another recording of the same motor; how the shaft stood in it is not known, of no run."""
+        return Comparison(Problem(recording, any_turn=True))
+
+    def draw(self, mode: Mode, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Differences of readings that a mode itself would give [SI], shape (m,).
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise [-].
+        """
+        problem, n, end = self.problem, self.n, self.end
+        out: np.ndarray = mode.D @ rng.standard_normal(mode.z.size)
+        pressure, flow, speed = self.noise.draw_plateaus(u, rng)
+        pressure += problem.resolution["pressure"] * (rng.random(n) - 0.5)
+        out[:n] += mode.prediction.flow_slope * pressure + flow + problem.resolution["flow"] * (rng.random(n) - 0.5)
+        out[n : 2 * n] += mode.prediction.speed_slope * pressure + speed
+        out[2 * n : end] += self.noise.draw_samples(u, rng)
+        out[n:end] += problem.resolution["speed"] * (rng.random(end - n) - 0.5)
+        out[end:] += self.noise.beside * rng.standard_normal(out.size - end)
+        sd = self.angle_sd
+        angle = sd * rng.standard_normal(end - 2 * n)
+        first = np.flatnonzero(self.noise.first)
+        before = np.roll(angle, 1)
+        before[first] = sd[first] * rng.standard_normal(first.size)
+        out[2 * n : end] += (angle - before) / self.step
+        return np.where(self.known, out, 0.0)
+
+    def free_in_test(self, mode: Mode) -> np.ndarray:
+        """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,): their priors hold."""
+        return np.ones(mode.z.size)
+
+    def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
+        """The noise in the test for a mismatch.
+
+        Parameters
+        ----------
+        every : ndarray, shape (m, k)
+            What all that may be missing does to the readings [SI].
+        good : ndarray, shape (m,)
+            1, or 0 where a reading is bad [-].
+        """
+        return NoiseTest(self, mode, every, good)
+
+    def base(self) -> Mode:
+        """The base model at its most probable point."""
+        return base_of(self)
+
+    def middle(self) -> np.ndarray:
+        """Where a search starts: the prior's middle, the lines of the runs where they suit the readings best [-]."""
+        if self._middle is None:  # the same for every set
+            z, u = np.zeros(len(self.problem.nuisances)), np.zeros(self.noise.spread.size)
+            self._middle = run_starts.with_lines(Function(self, ()), self, z, u)
+        return self._middle
+
+    def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: Prediction) -> tuple[np.ndarray, Prediction]:
+        """A point with the shaft's angles at the best of a few, and the prediction there.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The point [-].
+        u : ndarray, shape (5,)
+            The noise [-].
+        """
+        return run_starts.turned(f, self, z, u, here)
+
+    def loosened(self, f: Function, z: np.ndarray, here: Prediction, D: np.ndarray) -> list[np.ndarray]:
+        """Points at which each level that was seen to turn does.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The point [-].
+        D : ndarray, shape (m, k)
+            Derivatives there [SI].
+        """
+        return run_starts.loosened(f, self, z, here, D)
+
+    def along_valley(
+        self, f: Function, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray
+    ) -> np.ndarray:
+        """A step with f_overall set anew, so that the plateaus' speeds do on average what was to be expected of it.
+
+        Parameters
+        ----------
+        z, tried : ndarray, shape (k,)
+            Where from, and the end of the straight step [-].
+        D : ndarray, shape (m, k)
+            Derivatives there [SI].
+        """
+        return along_valley(f, self, z, tried, here, D)
+
+    def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
+        """What a nuisance does to the readings [SI], shape (m,), where that needs no simulation; None elsewhere.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The point [-].
+        raw : ndarray, shape (m,)
+            The prediction there [SI].
+        """
+        name = self.problem.nuisances[i].name
+        if name.startswith(("flow_", "speed_")):
+            return self._instrument(i, name, raw, z)
+        if name.endswith(".turn") and not follows_angle(names):
+            return np.zeros_like(raw)
+        run = self.problem.run_of(i)
+        if run is not None and ".wheel_" in name:
+            return self._wheel(i, run, name)
+        return None
+
+    def _wheel(self, i: int, run: int, name: str) -> np.ndarray:
+        """A wheel's teeth need no simulation."""
+        found = np.zeros_like(self.read)
+        used = self.problem.blocks.runs[run].used
+        column = seen(self.problem.blocks.runs[run], name.rpartition(".")[2])[used]
+        found[self.kind == RUN + run] = column * self.problem.nuisances[i].b
+        return found
+
+    def _instrument(self, i: int, name: str, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """An offset or a scale of flow or speed needs no simulation."""
+        channel, _, error = name.partition("_")
+        mine = np.isin(self.kind, (FLOW, STANDING)) if channel == "flow" else self.kind > FLOW
+        unknown = self.problem.nuisances[i]
+        if error == "offset":
+            return np.where(mine, unknown.b * SI_OF[channel], 0.0)
+        scale = 1.0 + unknown.b * z[i]
+        place = self.problem.place(f"{channel}_offset")
+        offset = 0.0 if place is None else self.problem.nuisances[place].b * z[place] * SI_OF[channel]
+        return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)
+
+    def carried(self, other: Comparison, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What another recording says of the motor and the effects of this one.
+
+        Returns
+        -------
+        z : ndarray, shape (k,)
+            The point [-].
+        covariance : ndarray, shape (k, k)
+            Of it [-].
+        u : ndarray, shape (5,)
+            The noise [-].
+        """
+        z, covariance, _ = carried(other.problem, mode, self.problem, OF_THE_MOTOR)
+        return z, covariance, mode.u
+
+    def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Prediction]:
+        """A point with the lines and the angles of the runs where they suit the readings best, and what it predicts.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The point [-].
+        u : ndarray, shape (5,)
+            The noise [-].
+        """
+        z = run_starts.with_lines(f, self, run_starts.turned(f, self, z, u, f(z))[0], u)
+        self.see_pulses(z[: f.k])
+        return run_starts.turned(f, self, z, u, f(z))
+
+    def channels(self) -> dict[str, np.ndarray]:
+        """Which readings are flows and which speeds: masks of shape (m,)."""
+        return {"flow_m3_s": self.kind == FLOW, "speed_rad_s": self.kind > FLOW}
+
+    @property
+    def rows(self) -> list[Row]:
+        """The first readings, each of a row of its own: the plateaus' flows, then their speeds."""
+        plateaus = self.problem.blocks.plateaus
+        return [
+            Row(plateaus.file[i], int(plateaus.row[i]), channel, float(plateaus.pressure[i]))
+            for channel in ("flow", "speed")
+            for i in range(self.n)
+        ]
+
+    def folds(self) -> tuple[list[np.ndarray], str]:
+        """Masks of the readings that are held out together: pressure levels, and parts of the runs in time.
+
+        The levels of a fold lie apart, so that what goes with the running time has readings before and after.
+        """
+        found = []
+        groups = levels(self.problem.blocks.plateaus) if self.n else []
+        if groups:
+            count = min(MOST_LEVELS, len(groups))
+            for i in range(count):
+                rows = np.concatenate(groups[i::count])
+                found.append((self.kind < RUN) & np.isin(self.index, rows) & self.known)
+        count = len(self.problem.blocks.runs)
+        for i in range(count):
+            mine = np.flatnonzero(self.kind == RUN + i)
+            for part in np.array_split(mine, 1 if count >= SEVERAL else SEGMENTS):
+                mask = np.zeros(self.read.size, dtype=bool)
+                mask[part] = True
+                found.append(mask)
+        parts = " and whole runs" if count >= SEVERAL else " and transient segments" if count else ""
+        return [mask for mask in found if mask.any()], f"pressure levels{parts}"
+
+    def drawn_together(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Places of readings that are always there, and of those that are drawn together: a level, a part of a run."""
+        beside, steady = self.kind < FLOW, (self.kind >= FLOW) & (self.kind < RUN)
+        groups = levels(self.problem.blocks.plateaus) if self.n else []
+        found = [np.flatnonzero(steady & np.isin(self.index, level)) for level in groups]
+        for i in range(len(self.problem.blocks.runs)):
+            found += np.array_split(np.flatnonzero(self.kind == RUN + i), DRAWN_SEGMENTS)
+        return np.flatnonzero(beside), found
+
+    def ordinary_speed(self, mode: Mode) -> float:
+        """Root mean square of the plateaus' speeds [rad/s]."""
+        return float(np.sqrt(float(np.mean(np.nan_to_num(mode.prediction.speed) ** 2))))
+
+    def forces(self, mode: Mode) -> list[Force]:
+        """The free-form forces that a mismatch is tested with."""
+        return forces(self, mode)
+
+    def angle_force(self, mode: Mode) -> Force | None:
+        """A torque along the shaft's angle; None where the samples do not resolve it."""
+        return angle_force(self, mode)
+
+    def balances(self, mode: Mode) -> list[Balance]:
+        """What may be off, and along what."""
+        return balances(self, mode)
+
+    def forms(self, mode: Mode) -> list[Form]:
+        """Terms that a law may be made of."""
+        return forms(self, mode)
+
+    def steps_in_time(self, mode: Mode) -> StepsInTime | None:
+        """Steps in the running time; None where the recording has no clock for one."""
+        return steps_in_time(self, mode)
+
+    def same_coordinates(self, mode: Mode, coordinate: str) -> tuple[str, ...]:
+        """Coordinates that this recording cannot tell from one."""
+        return same_coordinates(self, mode, coordinate)
+
+    def not_observable(self, mode: Mode) -> list[str]:
+        """Coordinates along which this recording can show nothing, each in a sentence."""
+        return not_observable(self, mode)
+
+    def not_described(self, base: Mode) -> str:
+        """How far the base model is from the readings where it does not describe them at all; empty where it does."""
+        return not_described(self, base)
+
+    def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
+        """Tests that this bench could make, then quantities that could be read; none of a recording without plateaus.
+
+        Parameters
+        ----------
+        rivals : sequence of Mode
+            The explanations, the most probable first.
+        """
+        if not self.n:
+            return
+        for plan in planned(self):
+            yield Test(plan.words, "", partial(expected_readings, plan, self))
+        for one in quantities(self, rivals[0]):
+            words = f"{one.words}: {one.needs}" if one.needs else one.words
+            yield Test(words, one.needs, partial(expected_quantity, one, self.problem))
+
+    def rows_used(self) -> list[dict[str, Any]]:
+        """Rows used of each file, as ``files`` of diagnosis/1."""
+        return by_diagnosis(self.problem.recording, self.problem.blocks)
+
+
+def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes of flow and speed with pressure [SI]; 0 where the model gives no reading."""
+    return np.nan_to_num(predicted.flow_slope), np.nan_to_num(predicted.speed_slope)

@@ -1,0 +1,5 @@
+"""Tests that the motor's bench could make.
+
+planned      as recordings that nobody has taken yet
+quantities   single quantities, and the instrument that reads each
+"""

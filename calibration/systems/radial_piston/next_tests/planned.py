@@ -1,0 +1,210 @@
+"""Tests that this bench could make, each as a recording that nobody has taken yet."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.data.blocks import levels
+from calibration.data.runs import RunInTime
+from calibration.data.runs_in_time import placeholders
+from calibration.likelihood.expected import MODEL_SD, Expected
+from calibration.likelihood.function import Function, Predicts
+from calibration.likelihood.mode import Mode
+from calibration.systems.radial_piston.predict.carried import carried
+from calibration.systems.radial_piston.predict.kinds import RUN
+from calibration.unknowns.priors import PASCAL_PER_BAR, column_of
+from model.layout import RPM
+from rig.recording import Column, Recording, RecordingFile
+
+if TYPE_CHECKING:
+    from calibration.systems.radial_piston.comparison import Comparison
+
+SAMPLE_S = 0.005  # of a run in time, where the recording has none
+NOISIER = 2.0  # a sample than a plateau, where the recording does not say
+SPIN_UP, COAST_DOWN = (10, 200), (20, 240)  # samples before the valve turns, and in all
+HIGHER, LEAST_HIGHER = 1.3, 1.05  # than the highest level so far; where the motor's speed allows less, so much at least
+OF_THE_LIMIT = 0.95  # of the highest speed that the motor is made for
+PLATEAUS = 10
+FLYWHEEL = 3.0  # times the rotor's inertia
+LATER_S = 100.0  # after the recording's last reading
+AN_HOUR_S = 3600.0
+ANCHOR = "anchor.csv"  # one plateau, which a recording must have; it is not looked at
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A test.
+
+    Attributes
+    ----------
+    recording : Recording
+        What it would be read as; speeds and flows are placeholders.
+    """
+
+    words: str
+    recording: Recording
+
+
+def planned(comparison: Comparison) -> list[Planned]:
+    """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest."""
+    bench = _Bench(comparison)
+    unit = "bar gauge" if bench.is_gauge else "bar"
+    top = min(bench.top, bench.allowed())
+    low = min(bench.low, top)
+    middle = 0.5 * (low + top)
+    found = []
+    if bench.columns["speed"]:
+        found += [
+            bench.plan(f"coast-down from {pressure:.1f} {unit}", bench.run(pressure, False))
+            for pressure in (middle, top)
+        ]
+        heavy = f"coast-down from {middle:.1f} {unit} with a flywheel of three times the inertia"
+        found.append(bench.plan(heavy, bench.run(middle, False, 1.0 + FLYWHEEL), FLYWHEEL))
+        found.append(bench.plan(f"spin-up to {top:.1f} {unit}", bench.run(top, True)))
+    later, cold, warm = bench.end + LATER_S, 0.0, bench.end + AN_HOUR_S
+    more = bench.higher()
+    for words, pressure, start in (
+        *([(f"ten plateaus at {more:.1f} {unit}", more, later)] if more >= LEAST_HIGHER * top else []),
+        (f"ten plateaus at {low:.2f} {unit}", low, later),
+        (f"ten plateaus at {middle:.1f} {unit}, cold", middle, cold),
+        (f"ten plateaus at {middle:.1f} {unit}, after an hour's running", middle, warm),
+    ):
+        found.append(bench.plan(words, bench.steady(np.full(PLATEAUS, pressure), start, 4.0)))
+    steps = np.array([level for level in bench.levels if level <= top])
+    if steps.size > 2:
+        reversed_ = np.concatenate([steps[::-1], steps])
+        found.append(bench.plan("reversed sweep, from the highest level down and up", bench.steady(reversed_, later)))
+    found.append(bench.plan("zero: read the gauge with the line vented", bench.zero()))
+    return found
+
+
+class _Bench:
+    """The instruments and habits of a recording."""
+
+    def __init__(self, comparison: Comparison) -> None:
+        self.seen = comparison.problem.recording
+        plateaus, runs = comparison.problem.blocks.plateaus, comparison.problem.blocks.runs
+        self.columns = {channel: column_of(self.seen, channel) for channel in ("pressure", "flow", "speed")}
+        self.is_gauge = "gauge" in str(self.columns["pressure"])
+        self.ambient = 0.0 if self.is_gauge else comparison.problem.motor.si("ambient_pressure") / PASCAL_PER_BAR
+        groups = levels(plateaus)
+        self.levels = [float(np.mean(plateaus.pressure[group])) / PASCAL_PER_BAR for group in groups]
+        self.low, self.top = min(self.levels), max(self.levels)
+        self.speeds, self.speed_limit = plateaus.speed, comparison.problem.motor.si("speed_limit")
+        self.pressures = plateaus.pressure / PASCAL_PER_BAR
+        self.end = float(np.nanmax([plateaus.time.max(), *(run.start_s + run.time[-1] for run in runs)]))
+        self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
+        self.sample = float(np.median(np.diff(runs[0].time))) if runs else SAMPLE_S
+        self.noisier = float(np.max(runs[0].noise_scale)) if runs else NOISIER
+        self.inertia = comparison.problem.motor.si("inertia") - self.seen.added_inertia_kg_m2
+
+    def allowed(self) -> float:
+        """The highest level at which the motor without load turns no faster than it may; infinite where none tells.
+
+        Without load the speed goes about with the pressure above the ambient.
+        """
+        if not np.any(self.speeds > 0.0):
+            return math.inf
+        fastest = int(np.nanargmax(self.speeds))
+        above = float(self.pressures[fastest]) - self.ambient
+        share = OF_THE_LIMIT * self.speed_limit / float(self.speeds[fastest])
+        return math.floor(10.0 * (self.ambient + share * above)) / 10.0
+
+    def higher(self) -> float:
+        """A level higher than the highest, as far as the motor may turn; the highest where no speed tells how far."""
+        allowed = self.allowed()
+        return min(HIGHER * self.top, allowed) if math.isfinite(allowed) else self.top
+
+    def plan(self, words: str, file: RecordingFile, flywheel: float = 0.0) -> Planned:
+        anchor = replace(self.steady(np.array([self.top]), 0.0), file=ANCHOR)
+        added = self.seen.added_inertia_kg_m2 + flywheel * self.inertia
+        return Planned(words, replace(self.seen, files=(anchor, file), added_inertia_kg_m2=added))
+
+    def steady(self, pressure: np.ndarray, start: float, pause: float | None = None) -> RecordingFile:
+        values = {"time_s": (pause or self.pause) * np.arange(pressure.size)} | self._read(pressure)
+        highest = int(np.argmin(pressure)) if pressure.size > PLATEAUS else pressure.size
+        way = np.where(np.arange(pressure.size) < highest, "down", "up") if pressure.size > PLATEAUS else None
+        return _file("planned.csv", "steady", start, 1.0, values, way)
+
+    def run(self, pressure: float, from_rest: bool, longer: float = 1.0) -> RecordingFile:
+        before, count = SPIN_UP if from_rest else COAST_DOWN
+        count = int(count * longer)
+        opened = (np.arange(count) >= before) == from_rest
+        line = np.where(opened, pressure, self.ambient)
+        values = {"time_s": self.sample * (1.0 + np.arange(count)), "supply_open": opened.astype(float)}
+        values |= self._read(line)
+        values[str(self.columns["speed"])] = np.where(opened | (not from_rest), 100.0, 0.0)
+        values.pop(str(self.columns["flow"]), None)
+        return _file("planned.csv", "transient", self.end + LATER_S, self.noisier, values)
+
+    def zero(self) -> RecordingFile:
+        values = {str(self.columns["pressure"]): np.full(PLATEAUS, self.ambient)}
+        return _file("planned.csv", "zero", self.end + LATER_S, 1.0, values)
+
+    def _read(self, pressure: np.ndarray) -> dict[str, np.ndarray]:
+        """Placeholders of speed and flow: that there is a reading is all that counts."""
+        found = {str(self.columns["pressure"]): pressure}
+        for channel in ("flow", "speed"):
+            if self.columns[channel]:
+                found[str(self.columns[channel])] = np.full(pressure.size, 100.0)
+        return found
+
+
+def _file(
+    name: str, kind: str, start: float, noise: float, values: dict[str, np.ndarray], way: np.ndarray | None = None
+) -> RecordingFile:
+    columns = {key: Column(placeholders(value), np.zeros(value.size, np.int8)) for key, value in values.items()}
+    rows = next(iter(values.values())).size
+    return RecordingFile(name, kind, start, noise, rows, columns, way)  # type: ignore[arg-type]
+
+
+def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -> list[Expected]:
+    """What a test would read under each rival, with all that the recording leaves open of it.
+
+    Instruments' offsets and scales, the motor and the effects are known as well as the recording tells; what is new in
+    each test, such as the shaft's angle, is anybody's guess.
+    """
+    there = seen.of(plan.recording)
+    first = carried(seen.problem, rivals[0], there.problem)[0]
+    if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
+        likely = _mean(there, rivals[0].names)(first)
+        there = seen.of(_with_speeds(plan.recording, there.problem.blocks.runs[0], likely.runs[0]))
+    common = None
+    found = []
+    for one in rivals:
+        z, covariance, new = carried(seen.problem, one, there.problem)
+        mean = _mean(there, one.names)
+        here = mean(z)
+        f = Function(there, one.names)
+        slopes = f.derivatives(z, here, np.zeros((there.read.size, z.size)), one.u, mean)
+        if common is None:
+            common = there.whitener(here, one.u)
+        looked_at = there.known & ~((there.kind < RUN) & (there.index == 0))
+        raw = there.raw(here)
+        model = np.column_stack([np.where(there.kind == 0, raw, 0.0), np.where(there.kind > 0, raw, 0.0)]) * MODEL_SD
+        J = common(slopes)[looked_at]
+        blur = common(np.nan_to_num(model))[looked_at]
+        shared = J[:, ~new] @ covariance[np.ix_(~new, ~new)] @ J[:, ~new].T + blur @ blur.T
+        own = J[:, new] @ covariance[np.ix_(new, new)] @ J[:, new].T + np.eye(int(looked_at.sum()))
+        found.append(Expected(common(np.nan_to_num(raw))[looked_at], shared, own))
+    return found
+
+
+def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:
+    """Predictions by the mean torque: nobody can count on the phase of the pulses."""
+    return functools.partial(Function(there, names), smooth=True)
+
+
+def _with_speeds(recording: Recording, planned: RunInTime, speed: np.ndarray) -> Recording:
+    anchor, run = recording.files
+    name = next(name for name in run.columns if name.startswith("speed_rpm"))
+    held, told = run.columns[name], np.isfinite(speed)
+    likely = np.interp(run.columns["time_s"].values, planned.time[told], speed[told]) if told.any() else 0.0
+    shown = placeholders(np.where(held.values > 0.0, np.maximum(likely * RPM, 0.1), 0.0))
+    return replace(recording, files=(anchor, replace(run, columns={**run.columns, name: Column(shown, held.censor)})))

@@ -1,0 +1,372 @@
+"""The noise of a recording's readings: how large it is, and how much of it stays from one reading to the next.
+
+Five numbers u set it, standard normal a priori once divided by `SPREAD`: the logarithms of the noise scales of
+pressure, flow and speed, and the inverse hyperbolic tangents of two correlations, of a plateau with the one before it
+in its file and of a sample of a run in time with the one before. A correlation falls as a power of the rows in between.
+The gauge's noise moves flow and speed of a plateau together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky_banded, solve_triangular
+from scipy.linalg.lapack import dtbtrs
+
+from calibration.systems.radial_piston.predict.problem import CHANNELS, Problem
+from calibration.unknowns.priors import NOISE_SD
+
+CORRELATION_SD = 0.7  # of the inverse hyperbolic tangent: two in three lie within 0.6; of even correlations it is 0.9
+SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])
+SCALES, ROWS, SAMPLES = slice(0, 3), 3, 4  # places in u
+LOUDEST = 4.0  # prior sds of a noise's scale, a factor of 3.3; what needs more is no explanation
+FEWEST = 16  # pairs of neighbours: fewer cannot tell a correlation from a misfit, and none is taken to be
+LARGEST_STEP = 0.5
+PROBE = 1e-3  # in u, for the curvature of what the samples say
+LEAST_CURVATURE = 0.1  # of a sample's information
+
+Slopes = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """The map from differences of readings to standard normal numbers.
+
+    Attributes
+    ----------
+    plateaus : ndarray, shape (2 n, 2 n)
+        Cholesky factor of the covariance of the plateaus' flows, then speeds [SI].
+    follow : ndarray, shape (k,)
+        What each sample of the runs takes over from the one before [-].
+    band : ndarray, shape (3, k)
+        Cholesky factor of what is left of the samples then, in lower banded form [SI].
+    beside : ndarray, shape (v,)
+        sd of what is read beside plateaus and runs: the gauge vented, the flow meter while the rotor stands [SI].
+    known : ndarray of bool, shape (m,)
+        Entries that there are.
+    """
+
+    plateaus: np.ndarray
+    follow: np.ndarray
+    band: np.ndarray
+    beside: np.ndarray
+    known: np.ndarray
+
+    def __call__(self, difference: np.ndarray) -> np.ndarray:
+        """Whitened differences.
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,) or (m, k)
+            Differences of readings [SI].
+        """
+        rows = (slice(None), None) if difference.ndim > 1 else (slice(None),)
+        given = np.where(self.known[rows], difference, 0.0)
+        out = np.empty_like(given)
+        first, end = len(self.plateaus), given.shape[0] - self.beside.size
+        if first:
+            out[:first] = solve_triangular(self.plateaus, given[:first], lower=True, check_finite=False)
+        if end > first:
+            out[first:end] = _forward(self.follow, self.band, given[first:end])
+        out[end:] = given[end:] / self.beside[rows]
+        return out
+
+    @property
+    def scale(self) -> np.ndarray:
+        """sd of each reading given those before it [SI], shape (m,); 1 where there is none."""
+        return np.concatenate([np.diag(self.plateaus), self.band[0], self.beside])
+
+    @property
+    def log_scale(self) -> float:
+        """Sum of the logarithms of the sds, without those beside plateaus and runs, which are declared [-]."""
+        return float(np.log(np.diag(self.plateaus)).sum() + np.log(self.band[0]).sum())
+
+
+class Noise:
+    """The noise of a recording as a function of u.
+
+    Parameters
+    ----------
+    known : ndarray of bool, shape (m,)
+        Readings that there are: plateaus' flows, their speeds, samples, readings beside them.
+    step : ndarray, shape (k,)
+        Time over which each sample is a mean [s].
+    apart : ndarray of bool, shape (k,)
+        Samples that do not begin where the one before ends.
+
+    Attributes
+    ----------
+    free : ndarray of bool, shape (5,)
+        Places of u that the recording can speak of; the correlations are 0 where it is too short.
+    spread : ndarray, shape (5,)
+        Standard deviations of u's prior [-].
+    scales : slice
+        Places of the scales in u.
+    """
+
+    spread, scales = SPREAD, SCALES
+
+    def __init__(
+        self, problem: Problem, known: np.ndarray, sizes: tuple[int, ...], step: np.ndarray, apart: np.ndarray
+    ) -> None:
+        plateaus = problem.blocks.plateaus
+        self.known, self.n, self.step = known, plateaus.size, step
+        self.declared = np.array([problem.noise[c] for c in CHANNELS])
+        self.rounding = np.array([problem.resolution[c] for c in CHANNELS]) ** 2 / 12.0
+        lines = [run.line.sd for run in problem.blocks.runs]
+        self.beside = np.concatenate([problem.blocks.vented.sd, problem.blocks.standing.sd, *lines])
+        self.row_scale = plateaus.noise_scale
+        files = np.array([list(dict.fromkeys(plateaus.file)).index(file) for file in plateaus.file], dtype=int)
+        between = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
+        self.apart = np.where(files[:, None] == files[None, :], between, -1)
+        enough = (int(np.sum(self.apart == 1)) // 2 >= FEWEST, step.size >= FEWEST)
+        self.free = np.array([True, True, True, *enough])
+        scales = [run.noise_scale[run.used] for run in problem.blocks.runs]
+        self.sample_scale = np.concatenate(scales or [np.zeros(0)])
+        self.first = apart.copy()
+        if step.size:
+            self.first[np.cumsum([0, *sizes[:-1]])] = True
+
+    def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
+        """The loudest channel and its noise in declared ones [-], where that is not believable; None where it is.
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise [-].
+        """
+        i = int(np.argmax(u[SCALES]))
+        return (CHANNELS[i], math.exp(u[i])) if u[i] > LOUDEST * NOISE_SD else None
+
+    def leave_alone(self, rows: np.ndarray) -> None:
+        """Take the noise of some plateaus for their own: of a misread row its neighbours know nothing.
+
+        Parameters
+        ----------
+        rows : ndarray of bool, shape (n,)
+            The plateaus.
+        """
+        apart = (rows[:, None] | rows) & ~np.eye(self.n, dtype=bool)
+        self.apart = np.where(apart, -1, self.apart)
+
+    def whitener(self, u: np.ndarray, slopes: Slopes, angle: np.ndarray) -> Whitener:
+        """The map to standard normal numbers.
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise [-].
+        slopes : tuple of ndarray, shape (n,) each
+            Of flow and speed with pressure, at the plateaus [SI].
+        angle : ndarray, shape (k,)
+            To what the shaft's angle is known at each sample [rad].
+        """
+        alike, factor, rest = self._plateaus(u, slopes, self.known)
+        root = np.linalg.cholesky(alike * (factor @ factor.T) + rest)
+        return Whitener(root, *self._samples(u, angle), self.beside, self.known)
+
+    def step_of(
+        self,
+        difference: np.ndarray,
+        u: np.ndarray,
+        slopes: Slopes,
+        angle: np.ndarray,
+        weight: np.ndarray,
+        columns: np.ndarray | None = None,
+        correlated: bool = True,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One scoring step of u for given differences, and the information that there is of u [-].
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Readings less predictions [SI].
+        u : ndarray, shape (5,)
+            Where to step from [-].
+        slopes : tuple of ndarray, shape (n,) each
+            Of flow and speed with pressure, at the plateaus [SI].
+        angle : ndarray, shape (k,)
+            To what the shaft's angle is known at each sample [rad].
+        weight : ndarray, shape (m,)
+            Of each entry, below 1 where a reading is bad [-].
+        columns : ndarray, shape (m, l) or None
+            Derivatives with unknowns, standard normal a priori, to which the differences were fitted; what that fit
+            took up of the plateaus' noise is allowed for [SI].
+
+        Returns
+        -------
+        step : ndarray, shape (5,)
+            To add to u [-].
+        information : ndarray, shape (5, 5)
+            With the prior's; of what the samples say of a correlation that is not stepped, nothing [-].
+        """
+        slope, information = -u / SPREAD**2, np.diag(SPREAD**-2.0)
+        for add in (
+            self._of_plateaus(difference, u, slopes, angle, weight > 0.5, columns),
+            self._of_samples(difference, u, angle, weight, correlated),
+        ):
+            slope, information = slope + add[0], information + add[1]
+        step = np.zeros(u.size)
+        places = np.flatnonzero(self.free) if correlated else np.arange(SCALES.stop)
+        found = np.linalg.solve(information[np.ix_(places, places)], slope[places])
+        step[places] = np.clip(found, -LARGEST_STEP, LARGEST_STEP)
+        step[SAMPLES] = max(step[SAMPLES], -u[SAMPLES])  # what neighbours take back is in the angle's part
+        return step, information
+
+    def draw_plateaus(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Noise of the plateaus' pressures, flows and speeds, rounding apart [SI], shape (3, n).
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise [-].
+        """
+        factor = np.linalg.cholesky(self._alike(u)) if self.n else np.zeros((0, 0))
+        sd = self.declared * np.exp(u[SCALES])
+        drawn: np.ndarray = sd[:, None] * self.row_scale * (rng.standard_normal((3, self.n)) @ factor.T)
+        return drawn
+
+    def draw_samples(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Noise of the samples of the runs, pulses and rounding apart [SI], shape (k,).
+
+        Parameters
+        ----------
+        u : ndarray, shape (5,)
+            The noise [-].
+        """
+        rho, drawn = math.tanh(u[SAMPLES]), rng.standard_normal(self.step.size)
+        new = math.sqrt(1.0 - rho * rho)
+        for i in np.flatnonzero(~self.first):
+            drawn[i] = rho * drawn[i - 1] + new * drawn[i]
+        return self._of_samples_sd(u) * drawn
+
+    def _of_samples_sd(self, u: np.ndarray) -> np.ndarray:
+        """Noise of the samples [SI], shape (k,): at least what is declared.
+
+        Little scatter from one to the next says nothing of what they have in common.
+        """
+        found: np.ndarray = self.declared[2] * math.exp(max(u[2], 0.0)) * self.sample_scale
+        return found
+
+    def _alike(self, u: np.ndarray) -> np.ndarray:
+        """Correlation of the plateaus' noise, shape (n, n)."""
+        return np.where(self.apart < 0, 0.0, np.power(math.tanh(u[ROWS]), np.maximum(self.apart, 0)))
+
+    def _plateaus(self, u: np.ndarray, slopes: Slopes, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What makes the plateaus' covariance: the correlation of rows, shape (2 n, 2 n); what one sd of the noise of
+        pressure, flow and speed does, shape (2 n, 3); what comes on top, row by row, shape (2 n, 2 n)."""
+        n, (a, b) = self.n, slopes
+        known = known[: 2 * n]
+        factor = np.zeros((2 * n, 3))
+        factor[:n, 0], factor[n:, 0], factor[:n, 1], factor[n:, 2] = a, b, 1.0, 1.0
+        factor *= self.declared * np.exp(u[SCALES])
+        factor *= (known * np.concatenate([self.row_scale, self.row_scale]))[:, None]
+        p, q, w = self.rounding
+        rest = np.diag(np.where(known, np.concatenate([q + p * a * a, w + p * b * b]), 1.0))
+        rows = np.arange(n)
+        rest[rows, n + rows] = rest[n + rows, rows] = np.where(known[:n] & known[n:], p * a * b, 0.0)
+        alike = self._alike(u)
+        return np.block([[alike, alike], [alike, alike]]), factor, rest
+
+    def _of_plateaus(
+        self,
+        difference: np.ndarray,
+        u: np.ndarray,
+        slopes: Slopes,
+        angle: np.ndarray,
+        good: np.ndarray,
+        columns: np.ndarray | None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Slope of the plateaus' log likelihood with u, and their expected information (Fisher scoring)."""
+        m, known = 2 * self.n, self.known & good
+        slope, information = np.zeros(u.size), np.zeros((u.size, u.size))
+        if not m:
+            return slope, information
+        alike, factor, rest = self._plateaus(u, slopes, known)
+        whole = factor @ factor.T
+        inverse = np.linalg.inv(alike * whole + rest)
+        y = inverse @ np.where(known[:m], difference[:m], 0.0)
+        if columns is not None:  # restricted likelihood: less what the fit took up
+            behind = Whitener(np.zeros((0, 0)), *self._samples(u, angle), self.beside, self.known[m:])
+            X = behind(columns[m:])
+            Y = np.where(known[:m, None], columns[:m], 0.0)
+            W = inverse @ Y
+            inverse = inverse - W @ np.linalg.solve(X.T @ X + Y.T @ W + np.eye(X.shape[1]), W.T)
+        change = [2.0 * alike * np.outer(part, part) for part in factor.T]
+        rho, steps = math.tanh(u[ROWS]), np.maximum(self.apart, 1)
+        grows = np.where(self.apart > 0, steps * np.power(rho, steps - 1), 0.0) * (1.0 - rho * rho)
+        change.append(np.block([[grows, grows], [grows, grows]]) * whole)
+        product = [inverse @ one for one in change]
+        for i, one in enumerate(change):
+            slope[i] = 0.5 * (y @ one @ y - np.trace(product[i]))
+            for j in range(i + 1):
+                information[i, j] = information[j, i] = 0.5 * np.sum(product[i] * product[j].T)
+        return slope, information
+
+    def _samples(self, u: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What each sample of the runs takes over from the one before, and the factor of the rest, in banded form."""
+        if not self.step.size:
+            return np.zeros(0), np.zeros((3, 0))
+        sd, share = self._of_samples_sd(u), np.where(self.first, 0.0, math.tanh(u[SAMPLES]))
+        rho = share * sd / np.maximum(_one_on(sd), 1e-30)
+        own = sd * sd * (1.0 - share * share)
+        # Rounding, and the angle that a sample shares with the next: a band, which following the noise widens by one.
+        now, before = angle / self.step, _one_on(angle)
+        last = np.where(self.first, now, before / self.step)
+        shared = before * before / (self.step * _one_on(self.step))
+        d, e = self.rounding[2] + now * now + last * last, np.where(self.first, 0.0, -shared)
+        earlier, above = _one_on(d), _one_on(e)
+        band = np.zeros((3, d.size))
+        band[0] = own + d - 2.0 * rho * e + rho * rho * earlier
+        band[1, :-1] = (e - rho * earlier + rho * _one_on(rho) * above)[1:]
+        band[2, :-2] = (-rho * above)[2:]
+        return rho, cholesky_banded(band, lower=True)
+
+    def _of_samples(
+        self, difference: np.ndarray, u: np.ndarray, angle: np.ndarray, weight: np.ndarray, correlated: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Slope of the samples' log likelihood with their scale, and correlation if that is stepped, and its curvature.
+
+        By differences.
+        """
+        slope, information = np.zeros(u.size), np.zeros((u.size, u.size))
+        k = self.step.size
+        if not k:
+            return slope, information
+        mine = slice(2 * self.n, 2 * self.n + k)
+        w, given = weight[mine], difference[mine]
+
+        def log_likelihood(scale: float, correlation: float) -> float:
+            moved = u.copy()
+            moved[2] += scale * PROBE
+            moved[SAMPLES] += correlation * PROBE
+            follow, band = self._samples(moved, angle)
+            r = _forward(follow, band, given)
+            return -float(np.sum(w * (0.5 * r * r + np.log(band[0]))))
+
+        here = log_likelihood(0, 0)
+        least = LEAST_CURVATURE * float(w.sum())
+        ways = [(2, (1, 0))] if u[2] >= 0.0 else []
+        ways += [(SAMPLES, (0, 1))] if correlated else []
+        for place, (scale, correlation) in ways:
+            right, left = log_likelihood(scale, correlation), log_likelihood(-scale, -correlation)
+            slope[place] = (right - left) / (2.0 * PROBE)
+            information[place, place] = max((2.0 * here - right - left) / PROBE**2, least)
+        return slope, information
+
+
+def _one_on(x: np.ndarray) -> np.ndarray:
+    """Each entry of the one before, the first of the last: what np.roll does, in an eighth of the time."""
+    return np.concatenate([x[-1:], x[:-1]])
+
+
+def _forward(follow: np.ndarray, band: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Samples less what they take over from those before, through a factor in banded form."""
+    share = follow if given.ndim == 1 else follow[:, None]
+    left = given.copy()
+    left[1:] -= share[1:] * given[:-1]
+    # The general solver for banded matrices takes ten times as long for a single column.
+    solved, _ = dtbtrs(band, left.reshape(left.shape[0], -1), uplo="L")
+    return np.asarray(solved).reshape(left.shape)

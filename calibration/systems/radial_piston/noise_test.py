@@ -1,0 +1,100 @@
+"""The noise of the motor's readings in the test for a mismatch: estimated beside everything that may be missing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.likelihood.mode import Mode
+from calibration.systems.radial_piston.noise import SCALES, SPREAD
+
+if TYPE_CHECKING:
+    from calibration.systems.radial_piston.comparison import Comparison
+
+PASSES = 3
+LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still
+CORRELATION_PASSES = 3  # of the correlations, from those of the law
+
+
+class NoiseTest:
+    """Estimates of the noise from differences of readings.
+
+    Parameters
+    ----------
+    every : ndarray, shape (m, k)
+        What the unknowns, the effects and the free forces do to the readings, standard normal numbers all [SI].
+    good : ndarray, shape (m,)
+        1, or 0 where a reading is bad [-].
+    """
+
+    def __init__(self, comparison: Comparison, mode: Mode, every: np.ndarray, good: np.ndarray) -> None:
+        self.comparison, self.mode, self.every, self.good = comparison, mode, every, good
+        self.correlated = bool(np.any(comparison.noise.free[SCALES.stop :]))
+
+    def of(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """The noise of differences that is correlated as given, its scales beside all forces [-], shape (5,).
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Readings less predictions [SI].
+        noise : ndarray, shape (5,)
+            For its correlations [-].
+        """
+        u = _of_declared_size(noise)
+        for _ in range(PASSES):
+            left = difference - self.every @ self._fit(self.every, difference, u)
+            u[SCALES] += self.comparison.noise_step(left, self.mode.prediction, u, self.good)[0][SCALES]
+        return u
+
+    def of_a_draw(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """A draw's noise as the search for a mode finds it; beside the forces correlations would be anyone's guess.
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Drawn [SI].
+        noise : ndarray, shape (5,)
+            That it was drawn about [-].
+        """
+        u = noise
+        if self.correlated:
+            for _ in range(CORRELATION_PASSES):
+                left = difference - self.mode.D @ self._fit(self.mode.D, difference, u)
+                u = u + self.comparison.noise_step(left, self.mode.prediction, u, self.good, self.mode.D)[0]
+        return self.of(difference, u)
+
+    def law(self, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and spread of the noise that the law is drawn with [-], shape (5,) each.
+
+        Its scales are those beside all forces, what they take up of it allowed for. A scale's law is skew: its
+        logarithm's mean lies above the most probable one by the variance, as that of a chi-squared's does.
+
+        Parameters
+        ----------
+        difference : ndarray, shape (m,)
+            Readings less predictions [SI].
+        """
+        u, mode = _of_declared_size(self.mode.u), self.mode
+        for _ in range(LOUDNESS_PASSES):
+            left = difference - self.every @ self._fit(self.every, difference, u)
+            u[SCALES] += self.comparison.noise_step(left, mode.prediction, u, self.good, self.every)[0][SCALES]
+        left = difference - self.every @ self._fit(self.every, difference, u)
+        of_scales = self.comparison.noise_step(left, mode.prediction, u, self.good, self.every)[1]
+        left = difference - mode.D @ mode.z
+        of_correlations = self.comparison.noise_step(left, mode.prediction, mode.u, self.good, mode.D)[1]
+        information = np.concatenate([np.diag(of_scales)[SCALES], np.diag(of_correlations)[SCALES.stop :]])
+        spread = np.where(self.comparison.noise.free, 1.0 / np.sqrt(information), 0.0)
+        u[SCALES] += spread[SCALES] ** 2
+        return u, spread
+
+    def _fit(self, columns: np.ndarray, difference: np.ndarray, u: np.ndarray) -> np.ndarray:
+        white = self.comparison.whitener(self.mode.prediction, u)
+        X, y = white(columns) * self.good[:, None], white(difference) * self.good
+        return np.linalg.solve(X.T @ X + np.eye(X.shape[1]), X.T @ y)
+
+
+def _of_declared_size(u: np.ndarray) -> np.ndarray:
+    """A noise with its scales as declared and its own correlations."""
+    return np.where(np.arange(SPREAD.size) < SCALES.stop, 0.0, u)

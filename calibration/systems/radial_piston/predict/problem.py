@@ -1,0 +1,407 @@
+"""What the instruments would read at a point: the unknowns of a recording, and the model's predictions of its readings.
+
+The unknowns are standard normal numbers z, as in the fit: every nuisance first (f_overall, lap, roller friction,
+inertia, ambient, offsets and scales of the instruments; for each run in time the error of its supply, the moments at
+which air enters and leaves, and where the shaft stood), then the parameters of the effects in question. How far
+readings are from predictions, in units of their noise, is for `calibration.systems.radial_piston.comparison` to say.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data.blocks import Blocks, Vented, blocks_of
+from calibration.data.clock import needs_clock
+from calibration.data.runs import RunInTime
+from calibration.systems.radial_piston.predict import gauge, in_time, wheel
+from calibration.systems.radial_piston.predict.standing import standing_flow
+from calibration.systems.radial_piston.predict.supply import Course, line_unknowns
+from calibration.unknowns.effects import all_searched
+from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, at_ambient, column_of, unknowns
+from model import layout as at
+from model.effects import effects
+from model.effects import steady as effect_steady
+from model.effects.effect import Effect, EffectParameter, State, unknown_state
+from model.effects.laws import readings_of
+from model.effects.neighbourhood import Neighbourhood
+from model.layout import L_MIN, RPM
+from model.motor import QUANTITIES, Motor, read_motor
+from model.solvers import steady as base_steady
+from rig.recording import Recording, RecordingError
+
+SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
+CHANNELS = ("pressure", "flow", "speed")
+TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
+BEGUN_SD = 0.1  # share by which a start from rest may be off where it is compared from: how it broke away nobody knows
+FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
+VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
+
+# The motor's parameters, each channel's offset and scale, and by file what is a run's own, by the ends of the names.
+Split = tuple[np.ndarray, dict[str, tuple[float, float]], dict[str, dict[str, float]]]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model says at a point.
+
+    Attributes
+    ----------
+    flow, speed : ndarray, shape (n,)
+        Readings expected of the plateaus [m3/s], [rad/s].
+    flow_slope, speed_slope : ndarray, shape (n,)
+        With the true pressure [m3/s/Pa], [rad/s/Pa].
+    runs : tuple of ndarray
+        Speed readings expected of each run in time [rad/s].
+    vented : ndarray, shape (k,)
+        Gauge readings expected with the line vented [Pa].
+    standing : ndarray, shape (l,)
+        Flow readings expected while the rotor stands [m3/s].
+    line : ndarray, shape (p,)
+        Gauge readings expected in the runs in time, one run after the other [Pa].
+    """
+
+    flow: np.ndarray
+    speed: np.ndarray
+    flow_slope: np.ndarray
+    speed_slope: np.ndarray
+    runs: tuple[np.ndarray, ...]
+    vented: np.ndarray
+    standing: np.ndarray
+    line: np.ndarray
+    state: State
+
+
+class Problem:
+    """A recording, its motor, and every nuisance.
+
+    Parameters
+    ----------
+    motor : Motor or None
+        The motor that it names, when left out.
+    any_turn : bool
+        Whether it is held against effects that another recording showed: how the shaft stood in that one is not known
+        here, of no run.
+
+    Attributes
+    ----------
+    given : dict
+        Values of effects' parameters that are no unknowns, by (effect, parameter) [own unit].
+    friction : str
+        The nuisance that every machine has: its viscous friction.
+    """
+
+    friction = "f_overall"
+
+    def __init__(self, recording: Recording, motor: Motor | None = None, any_turn: bool = False) -> None:
+        self.given: dict[tuple[str, str], float] = {}
+        if motor is None:
+            if not isinstance(recording.motor, str):
+                raise RecordingError(
+                    "this recording's motor is written out in it; diagnose takes a motor of configs/motors"
+                )
+            motor = read_motor(str(recording.motor))
+        self.motor = at_ambient(motor, recording)
+        self.recording = recording
+        self.blocks: Blocks = blocks_of(recording)
+        everything = unknowns(self.motor, recording)
+        self.nuisances: list[Unknown] = [u for u in everything if not u.name.endswith("_noise_scale")]
+        for run in self.blocks.runs:
+            self.nuisances += line_unknowns(run, recording.supply) + wheel.wheel_unknowns(run, recording)
+            if run.from_rest:
+                self.nuisances.append(Unknown(f"{run.file}.begun", "-", "normal", 0.0, BEGUN_SD, "nobody set it"))
+        # A torque that follows the shaft is told from where that stood in the first run.
+        for run in self.blocks.runs[0 if any_turn else 1 :]:
+            self.nuisances.append(Unknown(f"{run.file}.turn", "rad", "normal", 0.0, TURN_SD, "nobody noted it"))
+        if self.blocks.vented.pressure.size:
+            self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))
+        self._base = self.motor.vector()
+        self._readings = self.motor.readings.vector()
+        self._place = {name: i for i, name in enumerate(QUANTITIES)}
+        columns = {channel: column_of(recording, channel) for channel in CHANNELS}
+        self.noise = {
+            channel: recording.channels[column].noise_sd * SI_OF[channel] if column else 0.0
+            for channel, column in columns.items()
+        }
+        self.resolution = {
+            channel: recording.channels[column].resolution * SI_OF[channel] if column else 0.0
+            for channel, column in columns.items()
+        }
+        P_a = self.motor.si("ambient_pressure")
+        plateaus = self.blocks.plateaus
+        self._gas = base_steady.gas_table(
+            self.motor, np.clip(plateaus.pressure + np.where(plateaus.is_gauge, P_a, 0.0), 5e4, 8e5)
+        )
+        standing = self.blocks.standing
+        line = np.nan_to_num(standing.pressure + np.where(standing.is_gauge, P_a, 0.0), nan=P_a)
+        gas = [base_steady.gas_table(self.motor, P)[0, at.GAS_R] for P in np.clip(line, 5e4, 8e5)]
+        self._standing_gas = np.array(gas)
+        self.pulses: dict[str, in_time.Pulses] = {}  # of each run, on its course by the mean torque
+        self._lag_s = (recording.channels["speed_rpm"].lag_s or 0.0) if "speed_rpm" in recording.channels else 0.0
+
+    def giving(self, given: Mapping[tuple[str, str], float]) -> Problem:
+        """The same recording and nuisances, with other parameters of effects given.
+
+        Parameters
+        ----------
+        given : mapping
+            Values by (effect, parameter) [own unit].
+        """
+        other = copy(self)
+        other.given = dict(given)
+        return other
+
+    def in_si(self, nuisance: str) -> float:
+        """What a nuisance's value is multiplied by to be SI [-]: an instrument's offset has its channel's unit."""
+        return SI_OF[nuisance.partition("_")[0]] if nuisance.endswith("_offset") else 1.0
+
+    def parameter(self, effect: str, name: str) -> EffectParameter:
+        """A parameter of an effect: its bounds and its scale."""
+        return next(one for one in effects()[effect].parameters if one.name == name)
+
+    def amplitude(self, effect: str) -> EffectParameter:
+        """The parameter of an effect that says how large it is."""
+        return effects()[effect].amplitude
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the nuisances [-], each shape (n_nuisances,)."""
+        return np.full(len(self.nuisances), -FARTHEST), np.full(len(self.nuisances), FARTHEST)
+
+    def place(self, name: str) -> int | None:
+        """Where a nuisance stands among the unknowns; None where it is none of this recording."""
+        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
+
+    def run_of(self, i: int) -> int | None:
+        """The run in time that a nuisance belongs to alone; None where it is of the motor or of an instrument [-]."""
+        file = self.nuisances[i].name.rpartition(".")[0]
+        return next((k for k, run in enumerate(self.blocks.runs) if run.file == file), None)
+
+    def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
+        """The unknowns of a set of effects, in the order of the set.
+
+        Returns
+        -------
+        list of (str, Unknown)
+            Effect id and unknown; its prior is that of `model.effects.EffectParameter`.
+        """
+        return all_searched(names, self.given)
+
+    def chosen(self, names: Sequence[str], z: np.ndarray) -> dict[str, dict[str, float]]:
+        """Values of the effects' parameters.
+
+        Parameters
+        ----------
+        z : ndarray, shape (k,)
+            The effects' share of the point [-].
+        """
+        found: dict[str, dict[str, float]] = {name: {} for name in names}
+        for (name, parameter), value in self.given.items():
+            if name in found:
+                found[name][parameter] = value
+        for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
+            found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
+        return found
+
+    def predict(
+        self,
+        z: np.ndarray,
+        chosen: dict[str, dict[str, float]],
+        like: Prediction | None = None,
+        runs: Sequence[int] | None = None,
+        smooth: bool = False,
+        around: Neighbourhood | None = None,
+    ) -> Prediction:
+        """What the instruments would read.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+        like : Prediction or None
+            Where the rest is taken from when ``runs`` is given.
+        runs : sequence of int or None
+            Indices of the runs to simulate, and nothing else; the plateaus alone where there is none in it; everything
+            when left out [-].
+        around : Neighbourhood or None
+            Of plateaus close by, where those to first order will do; solved in full where it is not given.
+        """
+        split = self.split(z)
+        parameters, errors = split[:2]
+        found = tuple(
+            self._read_speed(i, split, chosen, smooth) if like is None or runs is None or i in runs else like.runs[i]
+            for i in range(len(self.blocks.runs))
+        )
+        line = self._line(split, chosen)
+        if like is not None and runs:
+            return replace(like, runs=found, line=line)
+        rows, true = self._plateaus(parameters, errors, chosen)
+        if around is None:
+            time = self.blocks.plateaus.time
+            points = effect_steady.solve(rows, self._readings, true, self._gas, chosen, time, slopes=True)
+        else:
+            points = around.points(rows, true, chosen)
+        state = points.state
+        flow = readings_of(chosen, "flow", points.flow, state) * (1.0 + errors["flow"][1]) + errors["flow"][0]
+        speed = readings_of(chosen, "speed", points.speed, state) * (1.0 + errors["speed"][1]) + errors["speed"][0]
+        vented = self._vented(self.blocks.vented, split, chosen)
+        standing = self._standing(parameters, errors, chosen)
+        return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, standing, line, state)
+
+    def neighbourhood(self, z: np.ndarray, chosen: dict[str, dict[str, float]], here: Prediction) -> Neighbourhood:
+        """The plateaus close to a point.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+        """
+        rows, true = self._plateaus(*self.split(z)[:2], chosen)
+        return Neighbourhood(here.state, rows, self._readings, true, self._gas, chosen, self.blocks.plateaus.time)
+
+    def split(self, z: np.ndarray) -> Split:
+        """The nuisances' values: the motor's parameters, each channel's errors, and what is each run's own.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances [-].
+
+        Returns
+        -------
+        parameters : ndarray, shape (24,)
+            Of the motor [SI].
+        errors : dict
+            Offset [SI] and scale [-] of each channel; the share of the gauge's span error that shows at ambient
+            pressure is the offset of VENTED [-].
+        own : dict
+            By file what is the run's own, by the ends of its unknowns' names [own unit].
+        """
+        parameters = self._base.copy()
+        errors = {channel: [0.0, 0.0] for channel in CHANNELS} | {VENTED: [0.5, 0.0]}
+        own: dict[str, dict[str, float]] = {run.file: {"turn": 0.0} for run in self.blocks.runs}
+        for at_z, unknown in zip(z, self.nuisances, strict=True):
+            value = float(unknown.value(np.asarray(at_z)))
+            if unknown.name in self._place:
+                quantity = QUANTITIES[unknown.name]
+                parameters[self._place[unknown.name]] = min(max(value, quantity.low), quantity.high) * quantity.to_si
+            elif unknown.name == VENTED:
+                errors[VENTED][0] = value
+            elif "." in unknown.name:
+                file, _, what = unknown.name.rpartition(".")
+                own[file][what] = value
+            else:
+                channel, _, error = unknown.name.partition("_")
+                errors[channel][error == "scale"] = value * (SI_OF[channel] if error == "offset" else 1.0)
+        return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, own
+
+    def _plateaus(
+        self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters and true pressure [Pa] of each plateau."""
+        plateaus = self.blocks.plateaus
+        rows = np.tile(parameters, (plateaus.size, 1))
+        true = gauge.true_pressure(plateaus.pressure, plateaus.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
+        return rows, np.clip(true, 3e4, 1.9e6)
+
+    def _standing(
+        self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
+    ) -> np.ndarray:
+        """Flow readings while the rotor stands [m3/s]."""
+        standing, P_a = self.blocks.standing, parameters[at.P_A]
+        if not standing.flow.size:
+            return standing.flow
+        true = gauge.true_pressure(standing.pressure, standing.is_gauge, P_a, errors["pressure"], chosen)
+        true = np.where(np.isfinite(true), true, P_a)
+        return standing_flow(true, standing.time, self._standing_gas, parameters, errors["flow"], chosen)
+
+    def _vented(self, vented: Vented, split: Split, chosen: dict[str, dict[str, float]]) -> np.ndarray:
+        """What the gauge reads with the line vented [Pa]."""
+        parameters, errors, _ = split
+        return gauge.vented_readings(vented, errors[VENTED][0], parameters[at.P_A], errors["pressure"], chosen)
+
+    def _line(self, split: Split, chosen: dict[str, dict[str, float]]) -> np.ndarray:
+        """What the gauge reads in the runs in time [Pa]."""
+        found = [np.zeros(0)]
+        found += [run.line.means(self.gauge_in(run, split, chosen, run.line.time)) for run in self.blocks.runs]
+        return np.concatenate(found)
+
+    def gauge_in(
+        self, run: RunInTime, split: Split, chosen: dict[str, dict[str, float]], time: np.ndarray
+    ) -> np.ndarray:
+        """What the gauge reads in a run in time [Pa], shape (n,).
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,)
+            On the run's clock [s].
+        """
+        own, nothing = split[2][run.file], np.zeros(1)
+        bottom = self._vented(Vented((run.file,), nothing, nothing, np.array([run.is_gauge])), split, chosen)[0]
+        bottom += own.get("floor", 0.0)
+        share = Course(run.valve, own, run.over).share(time - own["gauge_late"])
+        return bottom + (self._settled(run, own) - bottom) * share
+
+    def _settled(self, run: RunInTime, own: Mapping[str, float]) -> float:
+        """What the gauge reads once the open line has settled [Pa]."""
+        return next((span.pressure_pa for span in run.valve if span.is_open), math.nan) - own["supply"]
+
+    def plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
+        """A run in time at a point: its line is as the gauge reads it, freed of the gauge's errors."""
+        parameters, errors, own_of = split
+        run = self.blocks.runs[i]
+        own = own_of[run.file]
+        reading, P_a = np.array([self._settled(run, own)]), parameters[at.P_A]
+        settled = float(gauge.true_pressure(reading, run.is_gauge, P_a, errors["pressure"], chosen)[0])
+        shut = P_a + parameters[at.DP_IN] + parameters[at.DP_OUT]
+        vented = P_a + own.get("floor", 0.0)
+        supply = Course(run.valve, own, run.over).staircase(max(settled, vented), vented, shut)
+        turned = dict(chosen)
+        for name in chosen:
+            turn_on = effects()[name].turned
+            if turn_on is not None:
+                turned[name] = dict(turn_on(chosen[name], own["turn"]))
+        return in_time.plan(self.motor, run, parameters, supply, 0.0, turned, own.get("begun", 0.0), self._lag_s)
+
+    def _read_speed(self, i: int, split: Split, chosen: dict[str, dict[str, float]], smooth: bool) -> np.ndarray:
+        run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]
+        planned = self.plan(i, split, chosen)
+        pulses = None if smooth else self.pulses.get(run.file)
+        true = planned.read(pulses.beside(planned) if pulses else planned.mean_speed())
+        reading = np.full(run.size, np.nan)
+        reading[planned.wanted] = readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
+        return reading + wheel.added(run, split[2][run.file])
+
+    def see_pulses(self, z: np.ndarray) -> list[np.ndarray]:
+        """Take anew what the pulses of the cylinders add to the runs in time; predictions hold it from then on.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances of the base model [-].
+
+        Returns
+        -------
+        list of ndarray, shape (n,)
+            How far they swing the shaft in each run [rad].
+        """
+        plans = [self.plan(i, self.split(z), {}) for i in range(len(self.blocks.runs))]
+        for run, planned in zip(self.blocks.runs, plans, strict=True):
+            self.pulses[run.file] = in_time.Pulses(planned, in_time.ANGLES)
+        return [in_time.swing(planned, run) for run, planned in zip(self.blocks.runs, plans, strict=True)]
+
+    def effects_that_could(self) -> list[Effect]:
+        """The listed effects that this recording could show: those of a transient only where there is one."""
+        found = []
+        for effect in effects().values():
+            if effect.id == "bad_reading" or not effect.listed or (effect.transient_only and not self.blocks.runs):
+                continue
+            if self.blocks.plateaus.untimed and needs_clock(effect):
+                continue
+            if "flow" in effect.reads and not np.isfinite(self.blocks.plateaus.flow).any():
+                continue
+            found.append(effect)
+        return found

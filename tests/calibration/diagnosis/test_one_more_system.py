@@ -1,0 +1,76 @@
+"""A kind of machine is one file and its motor table: the example of CONTRIBUTING, as it stands there."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calibration.systems.machines as room
+import rig.recording.schema as schema
+from calibration.diagnosis import as_json, diagnose
+from calibration.report.machines import page
+from calibration.systems.machines.system import systems
+from rig.recording import Recording, read_recording
+
+TEXT = (Path(__file__).resolve().parents[3] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+SECTION = TEXT.partition("## Add a kind of system")[2].partition("\n## ")[0]
+SYSTEM, TABLE = re.findall(r"```python\n(.*?)```", SECTION, re.DOTALL)
+AS_IN_THE_SCHEMA = "from typing import Literal\n\nfrom rig.recording.schema import Positive, _Friction\n\n\n"
+R, T, AMBIENT, VOLUME, AREA = 287.05, 293.15, 101_325.0, 0.05, 4e-6
+
+
+@pytest.fixture
+def one_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The tool with a tank in it."""
+    (tmp_path / "tank.py").write_text(SYSTEM, encoding="utf-8")
+    monkeypatch.setattr(room, "__path__", [*room.__path__, str(tmp_path)])
+    (tmp_path / "tank_table.py").write_text(AS_IN_THE_SCHEMA + TABLE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(schema._OTHER_RIGS, "tank", importlib.import_module("tank_table").Tank)
+    systems.cache_clear()
+    yield
+    systems.cache_clear()
+    for name in ("calibration.systems.machines.tank", "tank_table"):
+        sys.modules.pop(name, None)
+
+
+def drained(folder: Path, leak: float, seed: int) -> Recording:
+    """A tank of 50 L that drains from 8 bar, marched in steps of a millisecond."""
+    P, step, read = 8e5, 1e-3, []
+    for k in range(120_000):
+        if k % 500 == 0:
+            read.append(P)
+        out = 0.0404 * AREA * P / np.sqrt(T) + leak * (P * P - AMBIENT**2)
+        P -= step * R * T / VOLUME * out
+    noise = np.random.default_rng(seed).normal(0.0, 500.0, len(read))
+    rows = [f"{0.5 * i:.1f},{(p + n) / 1e5:.4f}" for i, (p, n) in enumerate(zip(read, noise, strict=True))]
+    (folder / "tank.csv").write_text("\n".join(["time_s,pressure_bar_abs", *rows]) + "\n", encoding="utf-8")
+    (folder / "recording.toml").write_text(
+        'format = "recording/1"\n[motor]\nkind = "tank"\nvolume_m3 = 0.05\norifice_mm2 = 4.0\n[ambient]\n'
+        "pressure_bar_abs = 1.01325\ntemperature_c = 20.0\n[channels.pressure_bar_abs]\nnoise_sd = 0.005\n"
+        'bias_sd = 0.005\nscale_sd = 0.002\nresolution = 0.0001\n[[files]]\nfile = "tank.csv"\nkind = "transient"\n',
+        encoding="utf-8",
+    )
+    return read_recording(folder)
+
+
+@pytest.mark.usefixtures("one_more")
+def test_a_tank_that_only_drains_lacks_nothing(tmp_path: Path) -> None:
+    found = as_json(diagnose(drained(tmp_path, 0.0, 1), 1))
+    assert (found["rig"], found["verdict"]) == ("tank", "consistent")
+
+
+@pytest.mark.usefixtures("one_more")
+def test_the_leak_of_a_tank_is_named_with_its_size_and_has_its_page(tmp_path: Path) -> None:
+    diagnosed = diagnose(drained(tmp_path, 2e-15, 1), 1)
+    found = as_json(diagnosed)
+    assert (found["verdict"], [one["id"] for one in found["effects"]]) == ("named", ["leakage"])
+    size = found["effects"][0]["parameters"]["conductance_kg_s_pa2"]
+    assert size["q05"] < 2e-15 < size["q95"]
+    assert b"leak" in page.report(diagnosed, found)["report.html"]
