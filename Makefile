@@ -108,7 +108,7 @@ chain: $(STAMP)
 	$(BIN)/python -m tests.chain concealed -o $(OUT)/chain $(if $(PAGE),--page $(PAGE))
 
 sbc: $(STAMP)
-	$(ONE_THREAD) $(BIN)/python -m calibration.studies.sbc --fits 300 -o $(OUT)/sbc --page docs/figures
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.sbc -o $(OUT)/sbc --page docs/figures
 
 # PAGE=docs/nulls also writes the page there.
 nulls: $(STAMP)

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibration.work import many_table
-from calibration.work.files import write_files
 from calibration.work.many import Item, Result, Task, Tell, run_many
 from calibration.work.sources import imported_sha256
+from rig.recording.files import write_files
 
 if TYPE_CHECKING:
     from calibration.fit.sampling import Settings

@@ -14,8 +14,8 @@ from typing import Any
 from calibration.challenge.concealed.revealing import in_words, score_in_words
 from calibration.report.diagnosis.words import sentence
 from calibration.report.render import render
-from calibration.work.files import write_file
 from model.layout import L_MIN, RPM
+from rig.recording.files import write_file
 
 LINKS = (
     (

@@ -7,7 +7,7 @@ rename), each with the state of the random numbers: a fit that is killed goes on
 
 from __future__ import annotations
 
-import os
+import io
 import time
 import zipfile
 from collections.abc import Callable
@@ -21,6 +21,7 @@ from emcee.autocorr import auto_window
 from calibration.fit import moves, peak
 from calibration.fit.peak import BatchLogProb
 from calibration.fit.transport import REACH, TransportMap
+from rig.recording.files import write_file
 
 ENSEMBLES = 4
 WALKERS = 48
@@ -328,7 +329,7 @@ class _Store:
                 "this one"
             )
         folder.mkdir(parents=True, exist_ok=True)
-        _replace(mark, fingerprint.encode())
+        write_file(mark, fingerprint.encode())
 
     def blocks(self) -> list[dict[str, np.ndarray]]:
         """The blocks there are, in order, up to the first that is missing."""
@@ -346,19 +347,6 @@ class _Store:
         if self.folder is None:
             return
         path = self.folder / f"block_{number:05d}.npz"
-        partial = path.with_suffix(".partial")
-        with partial.open("wb") as stream:
-            np.savez(stream, **block)  # type: ignore[arg-type]
-            stream.flush()
-            os.fsync(stream.fileno())
-        partial.replace(path)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write a small file whole or not at all."""
-    partial = path.with_name(path.name + f".{os.getpid()}.partial")
-    with partial.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-    partial.replace(path)
+        stream = io.BytesIO()
+        np.savez(stream, **block)  # type: ignore[arg-type]
+        write_file(path, stream.getvalue())

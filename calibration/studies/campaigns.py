@@ -6,14 +6,14 @@ import argparse
 import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from calibration.work.files import write_files
 from calibration.work.many import Item, Result, Tell, run_many
 from calibration.work.sources import DIAGNOSIS, imported_sha256
 from rig.progress import Bar, Count, Elapsed, Left, bar_of
+from rig.recording.files import write_files
 
 RESULTS = "results"  # the folder with a result an item
 
@@ -40,7 +40,7 @@ def same_code(code: str) -> None:
 
 
 def results_of(
-    task: Callable[[Mapping[str, Any]], dict[str, Any]],
+    task: Callable[[Any], dict[str, Any]],
     items: Sequence[Item],
     out: Path,
     workers: int,

@@ -11,7 +11,6 @@ diagnosis finds most probable. Runs in time are left aside: a call of the model 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -22,8 +21,8 @@ from calibration.studies import evidence_page
 from calibration.studies.campaigns import add_options, code_of_a_case, go, refuse, results_of, whole_number
 from calibration.studies.evidence_cases import FIRST_SEED, check_case, items_of
 from calibration.work import many_table
-from calibration.work.files import write_files
 from calibration.work.many import Item, Result, Tell
+from rig.recording.files import json_bytes, write_files
 
 CASES = 50  # every other one with an effect concealed
 COLUMNS = {
@@ -75,7 +74,7 @@ def run_campaign(
     rows = [row_of(item, result) for item, result in zip(items, results, strict=True)]
     found = evidence_page.summary(rows, first_seed, code_of_a_case())
     documents = {
-        "evidence.json": (json.dumps(found | {"cases": rows}, indent=1) + "\n").encode(),
+        "evidence.json": json_bytes(found | {"cases": rows}),
         "evidence.md": evidence_page.page(found, rows).encode(),
         "evidence.png": evidence_page.picture(rows),
         "evidence.parquet": many_table.as_parquet(rows, COLUMNS),

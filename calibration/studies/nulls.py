@@ -11,7 +11,6 @@ rest.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,8 +24,8 @@ from calibration.studies import nulls_table
 from calibration.studies.campaigns import add_options, code_of_a_case, go, refuse, results_of, same_code, whole_number
 from calibration.studies.nulls_draw import NOISES, null_recording
 from calibration.work import many_table
-from calibration.work.files import write_files
 from calibration.work.many import Item, Result, Tell
+from rig.recording.files import json_bytes, write_files
 
 FIRST_SEED = 200_000
 SWEEPS, WITH_RUNS = 1000, 200  # nulls of each class; a sweep with runs takes fifteen times as long
@@ -167,7 +166,7 @@ def row_of(item: Item, result: Result) -> dict[str, Any]:
 def documents(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> dict[str, bytes]:
     """The result as a document, a page and a picture, by file name."""
     return {
-        "nulls.json": (json.dumps(found, indent=1) + "\n").encode(),
+        "nulls.json": json_bytes(found),
         "nulls.md": nulls_table.page(found).encode(),
         "nulls.png": nulls_table.picture(rows),
     }

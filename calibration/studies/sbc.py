@@ -10,20 +10,26 @@ pressures drawn anew; noise, rounding, offsets, scales and single bad readings a
 from __future__ import annotations
 
 import argparse
-import concurrent.futures
 import dataclasses
-import json
-import os
+import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calibration.studies.campaigns import add_options, go, refuse, results_of, whole_number
+from calibration.work.many import Item, Tell
+from calibration.work.sources import imported_sha256
+from rig.recording.files import json_bytes, write_files
+
 DRAWS = 127  # posterior draws that a truth is ranked among: 128 possible ranks
 SETTINGS = {"effective_samples": 2000, "most_steps": 1500, "times_tau": 12.0}
 PRESSURES_BAR = (1.3, 2.3)  # true pressures of the simulated plateaus
 PLATEAUS = 7
-FIRST_SEED = 100_000
+FIRST_SEED, FITS = 100_000, 300
+PAGE = ("sbc.json", "sbc_ranks.png")
 
 
 def simulate_and_rank(seed: int, **changed: float) -> dict[str, Any]:
@@ -106,33 +112,40 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     return recording, truth
 
 
-def run_campaign(fits: int, folder: Path, workers: int) -> list[dict[str, Any]]:
-    """Make the fits that are not there yet, and return all.
+def run_campaign(
+    fits: int,
+    out: Path,
+    workers: int,
+    scheduler: str | None = None,
+    first_seed: int = FIRST_SEED,
+    tell: Tell = lambda done, total, name: None,
+) -> dict[str, Any]:
+    """Make the fits that are not there yet, and write what all of them say.
 
     Parameters
     ----------
-    folder : Path
-        One JSON file a fit, written whole or not at all.
+    out : Path
+        Gets a result a fit in ``results/``, ``sbc.json`` and ``sbc_ranks.png``.
+    workers : int
+        Processes; 0 works in this one [-].
 
     Returns
     -------
-    list of dict
-        Of `simulate_and_rank`, by seed.
-    """
-    from rig.progress import TASK, Bar, Count, Elapsed, Left, bar_of
+    dict
+        Of `summary`.
 
-    folder.mkdir(parents=True, exist_ok=True)
-    seeds = range(FIRST_SEED, FIRST_SEED + fits)
-    missing = [seed for seed in seeds if not _place(folder, seed).exists()]
-    with (
-        bar_of(TASK, Bar, Count, Elapsed, Left) as bar,
-        concurrent.futures.ProcessPoolExecutor(workers, initializer=_one_thread) as pool,
-    ):
-        task = bar.add_task("fits", total=fits, completed=fits - len(missing))
-        for done in concurrent.futures.as_completed([pool.submit(_keep, folder, seed) for seed in missing]):
-            done.result()
-            bar.advance(task)
-    return [json.loads(_place(folder, seed).read_text(encoding="utf-8")) for seed in seeds]
+    Raises
+    ------
+    ClusterError
+        When no scheduler answers, or it is lost on the way.
+    """
+    code = imported_sha256("calibration.studies.sbc", "calibration.fit.fit")
+    items = [Item(f"fit-{seed}", seed, code) for seed in range(first_seed, first_seed + fits)]
+    made = results_of(simulate_and_rank, items, out, workers, scheduler, tell)
+    results = [one.value for one in made if one.value is not None]
+    found = summary(results) | {"failed": len(made) - len(results)}
+    write_files(out, {"sbc.json": json_bytes(found), "sbc_ranks.png": rank_plot(results)})
+    return found
 
 
 def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
@@ -195,41 +208,29 @@ def rank_plot(results: list[dict[str, Any]]) -> bytes:
         return style.png(figure)
 
 
-def main() -> None:
-    """Run the campaign and write ``ranks.png`` and ``summary.json`` beside the fits."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--fits", type=int, default=300)
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("-o", "--out", type=Path, required=True)
-    parser.add_argument("--page", type=Path, help="folder of the docs' figures: gets sbc_ranks.png and sbc.json")
-    arguments = parser.parse_args()
-    from calibration.work import files
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the campaign of a command line, print what it comes to, and return the exit code.
 
-    results = run_campaign(arguments.fits, arguments.out / "fits", arguments.workers)
-    found = (json.dumps(summary(results), indent=1) + "\n").encode()
-    picture = rank_plot(results)
-    files.write_files(arguments.out, {"ranks.png": picture, "summary.json": found})
-    if arguments.page:
-        files.write_files(arguments.page, {"sbc_ranks.png": picture, "sbc.json": found})
-    print(found.decode())
-
-
-def _one_thread() -> None:
-    """Workers share the cores already."""
-    import numba
-
-    numba.set_num_threads(1)
-
-
-def _place(folder: Path, seed: int) -> Path:
-    return folder / f"{seed}.json"
-
-
-def _keep(folder: Path, seed: int) -> None:
-    from calibration.work import files
-
-    files.write_file(_place(folder, seed), json.dumps(simulate_and_rank(seed)).encode())
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The process's own when left out.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m calibration.studies.sbc", description=__doc__.splitlines()[0] if __doc__ else ""
+    )
+    parser.add_argument("--fits", type=whole_number, default=FITS, help="recordings drawn and fitted (%(default)s)")
+    add_options(parser, FIRST_SEED, "of the first", PAGE)
+    given = parser.parse_args(arguments)
+    if not given.fits:
+        return refuse("sbc", "nothing to do: --fits is 0; give it a number")
+    run = partial(run_campaign, given.fits, given.out, given.workers, given.scheduler, given.first_seed)
+    found = go("sbc", given, PAGE, run)
+    if isinstance(found, int):
+        return found
+    print(json_bytes(found).decode(), end="")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -22,8 +22,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from calibration.work.files import write_file
 from calibration.work.processes import begin_worker
+from rig.recording.files import write_file
 
 MOST_TRIES = 3  # deaths of a worker over one item before the item is given up
 TASKS_A_WORKER = 100  # after which a worker is replaced, so that leaks of memory stay small

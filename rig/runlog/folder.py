@@ -13,6 +13,8 @@ import time
 from pathlib import Path
 from typing import BinaryIO
 
+from rig.recording.files import write_file
+
 START, SAMPLES, EVENTS = "start.json", "samples.csv", "events.jsonl"
 WIRE, PLATEAUS, END, LOCK = "wire.jsonl", "plateaus.csv", "end.json", ".lock"
 APPENDED = (SAMPLES, EVENTS, WIRE, PLATEAUS)
@@ -110,26 +112,10 @@ def write_whole(path: Path, data: bytes) -> None:
     """
     if os.path.lexists(path):
         raise RunError(f"{path}: exists already; nothing is overwritten")
-    beside = path.with_name(f".{path.name}.writing")
     try:
-        beside.unlink(missing_ok=True)
-        with beside.open("xb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.rename(path)
-        sync_folder(path.parent)
+        write_file(path, data)
     except OSError as error:
         raise RunError(f"{path}: cannot be written ({error.strerror}); check the place and the space") from None
-
-
-def sync_folder(folder: Path) -> None:
-    """Put the folder's entries on the disk."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def read_bytes(path: Path, limit: int) -> bytes:

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from rig.readings import NS, Exchange
+from rig.recording.files import sync_folder
 from rig.runlog import plateaus, rows
 from rig.runlog.folder import (
     APPENDED,
@@ -31,7 +32,6 @@ from rig.runlog.folder import (
     make_folder,
     run_name,
     sha256_of,
-    sync_folder,
     write_whole,
 )
 from rig.runlog.schema import AmbientRecord, EndRecord, Outcome, StartRecord, dump

@@ -16,6 +16,7 @@ from rig.acquisition.opening import timing_of
 from rig.bench.bench import Bench, BenchFile, LineTable, read_bench
 from rig.clock import Clock
 from rig.readings import NS
+from rig.recording.files import write_file
 from rig.virtual.cables.bus import Bus
 from rig.virtual.cables.loop import Loop
 from rig.virtual.cables.sockets import SocketWire
@@ -149,7 +150,7 @@ class VirtualServer:
             self.loop.every(TICK_S, self._tick)
             if owner is not None:
                 self.loop.every(OWNER_LOOK_S, _OwnerWatch(owner, linger_s, self.loop))
-            _write_whole(self.folder / PORTS, json.dumps(self.ports()))
+            write_file(self.folder / PORTS, json.dumps(self.ports()).encode())
             ready()
             self.loop.run()
         finally:
@@ -224,13 +225,6 @@ def _plant(bench: Bench) -> Plant:
     trial.order(2.0)
     trial.advance(NS // 10)
     return Plant(motor, line)
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Nobody sees half of it."""
-    beside = path.with_name(f".{path.name}.new")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)
 
 
 def serve(

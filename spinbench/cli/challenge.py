@@ -87,7 +87,7 @@ def score(
 ) -> None:
     """Open the seal, count hits, misses, refusals and false alarms, and enter the campaign into the ledger."""
     from calibration.challenge.record import keeping, opening
-    from calibration.work import files
+    from rig.recording import files
 
     need("cryptography")
     if scheduler is not None:
@@ -147,14 +147,13 @@ def _tell_of_scores(scored: Scored, book: Path, page: Path | None, json_file: Pa
     from calibration.challenge.pages import page as pages
     from calibration.challenge.pages import tables
     from calibration.challenge.record.ledger import read_ledger
-    from calibration.report.model import simulation
-    from calibration.work import files
+    from rig.recording import files
 
     if page is not None:
         files.write_files(page, pages.files(scored, read_ledger(book)))
         remark(f"the page is {page / pages.PAGE}")
     grids = [tables.goals(scored.summary), tables.outcomes(scored.summary), tables.by_signal(scored.summary)]
-    deliver(simulation.json_bytes(scored.summary), [tables.as_rich(grid) for grid in grids], json_file)
+    deliver(files.json_bytes(scored.summary), [tables.as_rich(grid) for grid in grids], json_file)
 
 
 def _ledger(book: Path | None) -> Path:

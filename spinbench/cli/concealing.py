@@ -23,13 +23,13 @@ def reveal(
     """Open the seal of a concealed bench: what was concealed, and what a diagnosis of it is worth."""
     need("cryptography")
     from calibration.challenge.concealed import revealing
-    from calibration.report.model import simulation
+    from rig.recording import files
 
     check_places(None, json_file)
     found = None if diagnosis is None else revealing.read_diagnosis(diagnosis)
     contents = revealing.reveal(seal, key)
     scored = None if found is None else revealing.score(contents, found)
-    data = simulation.json_bytes({"format": "reveal/1", **contents, "score": scored})
+    data = files.json_bytes({"format": "reveal/1", **contents, "score": scored})
     if takes_output(data, json_file):
         return
     for words in (*revealing.in_words(contents), *([] if scored is None else revealing.score_in_words(scored))):

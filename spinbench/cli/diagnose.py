@@ -56,8 +56,7 @@ def diagnose(
     from calibration.diagnosis.document import as_json
     from calibration.report.diagnosis import sets as diagnosis_sets
     from calibration.report.diagnosis.page import JSON
-    from calibration.report.model import simulation
-    from calibration.work import files
+    from rig.recording import files
 
     check_places(out, json_file)
     parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
@@ -68,7 +67,7 @@ def diagnose(
     with diagnosing() as tell:
         diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1))
         found = as_json(diagnosis)
-        data = simulation.json_bytes(found)
+        data = files.json_bytes(found)
         page, table, words = _told_by(found)
         if out is not None:
             tell("report")

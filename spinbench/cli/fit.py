@@ -129,20 +129,18 @@ def _variant(asked: Asked, name: str, changed: Recording, channels: tuple[str, .
 
 def _keep_posterior(found: Fit, out: Path) -> None:
     from calibration import fit_quality
-    from calibration.report.model import simulation
-    from calibration.work import files
+    from rig.recording import files
 
-    files.write_files(out, {"posterior.json": simulation.json_bytes(fit_quality.as_json(found))})
+    files.write_files(out, {"posterior.json": files.json_bytes(fit_quality.as_json(found))})
 
 
 def _show(found: Fit, variants: list[tuple[str, Posterior]], out: Path | None, json_file: Path | None) -> None:
     from calibration import fit_quality
     from calibration.report.fit import page as fit_page
     from calibration.report.fit import words as fit_words
-    from calibration.report.model import simulation
-    from calibration.work import files
+    from rig.recording import files
 
-    encoded = simulation.json_bytes(fit_quality.as_json(found))
+    encoded = files.json_bytes(fit_quality.as_json(found))
     if out is not None:
         files.write_files(out, {"posterior.json": encoded} | fit_page.report(found, variants))
     for words in fit_words.headline(found):

@@ -53,13 +53,14 @@ def _simulate_points(
 
     from calibration.report.model import simulation, simulation_figures
     from model.operation.performance import BAR, check_pressures, operating_points
+    from rig.recording import files
 
     check_pressures(motor, [bar * BAR for bar in (start_bar, end_bar) if bar is not None])
     pressures = [start_bar] if end_bar is None else np.linspace(start_bar, end_bar, count).round(9).tolist()
     found = operating_points(motor, [bar * BAR for bar in pressures])
     limit = motor["speed_limit"].value
     table = simulation.point_table(found[0]) if end_bar is None else simulation.sweep_table(found)
-    data = simulation.json_bytes(simulation.points_data(motor, found))
+    data = files.json_bytes(simulation.points_data(motor, found))
     if out is not None:
         of_one = end_bar is None
         plot = simulation_figures.power_plot(found[0]) if of_one else simulation_figures.sweep_plot(found, limit)
@@ -74,9 +75,10 @@ def _simulate_transient(
     from calibration.report.model import simulation, simulation_figures
     from model.operation.performance import BAR
     from model.operation.runs import coast_down, spin_up
+    from rig.recording import files
 
     run = (spin_up if kind is TransientKind.SPIN_UP else coast_down)(motor, bar * BAR, duration_s)
-    data = simulation.json_bytes(simulation.transient_data(motor, kind.value, bar, run))
+    data = files.json_bytes(simulation.transient_data(motor, kind.value, bar, run))
     if out is not None:
         _keep(out, data, simulation_figures.transient_plot(run))
     deliver(data, [simulation.transient_table(run)], json_file)
@@ -84,7 +86,7 @@ def _simulate_transient(
 
 
 def _keep(out: Path, data: bytes, plot: bytes) -> None:
-    from calibration.work import files
+    from rig.recording import files
 
     files.write_files(out, {"simulation.json": data, "simulation.png": plot})
 
@@ -101,11 +103,12 @@ def sensitivity(
     from calibration.report.model import simulation
     from model.operation.performance import BAR
     from model.operation.sensitivity import sensitivities
+    from rig.recording import files
 
     chosen = _motor(motor, assignments)
     ranking = sensitivities(chosen, [bar * BAR for bar in pressure_bar_abs])
     tables = [simulation.sensitivity_table(bar, ranking, i) for i, bar in enumerate(pressure_bar_abs)]
-    deliver(simulation.json_bytes(simulation.sensitivity_data(chosen, pressure_bar_abs, ranking)), tables, json_file)
+    deliver(files.json_bytes(simulation.sensitivity_data(chosen, pressure_bar_abs, ranking)), tables, json_file)
 
 
 def reproduce(
@@ -117,9 +120,9 @@ def reproduce(
 ) -> None:
     """Compute the article's figures and results anew, and set them beside the published ones."""
     from calibration.report.model import reproduction
-    from calibration.work import files
     from model.article.reproduction import reproduce as compute
     from model.motor import read_motor
+    from rig.recording import files
     from spinbench.published import measured
 
     motor = read_motor("ptm3600")

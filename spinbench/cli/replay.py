@@ -80,9 +80,9 @@ def _played(run: Run, bench: Bench, logs: Path | None, real_time: bool) -> Repla
 def _against_model(run: Run, out: Path | None) -> None:
     """Measured against simulated speed and flow in time."""
     from calibration.report import replay_comparison
-    from calibration.work import files
     from model.motor import read_motor
     from model.operation.replayed import drive, in_room
+    from rig.recording import files
     from rig.replay.channels import STEP_S, channels_of
 
     measured = channels_of(run)

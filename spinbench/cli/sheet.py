@@ -54,8 +54,8 @@ def sheet(
 
 
 def _print(bench: Bench, out: Path) -> None:
-    from calibration.work import files
     from rig.by_hand import sheet as sheets
+    from rig.recording import files
 
     if out.suffix not in (".html", ".csv"):
         raise typer.BadParameter(f"{out}: a sheet is .html, to be printed, or .csv, to be filled in")

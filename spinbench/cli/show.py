@@ -26,7 +26,7 @@ def on_terminal(*tables: object, width: int = WIDTH) -> None:
 
 def check_places(out: Path | None, json_file: Path | None) -> None:
     """Whether results could be written, before the work that they come of."""
-    from calibration.work import files
+    from rig.recording import files
 
     files.check_places(out, None if json_file is None or str(json_file) == "-" else json_file)
 
@@ -39,7 +39,7 @@ def deliver(data: bytes, tables: Iterable[object], json_file: Path | None) -> No
 
 def takes_output(data: bytes, json_file: Path | None) -> bool:
     """Write JSON where it was asked for; whether that was standard output."""
-    from calibration.work import files
+    from rig.recording import files
 
     if json_file is not None and str(json_file) == "-":
         sys.stdout.write(data.decode())

@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from calibration.fit.sampling import Settings
-from calibration.work.files import write_file
 from model.motor import read_motor
+from rig.recording.files import write_file
 from spinbench.published import published_sweep
 
 STAGES = 15

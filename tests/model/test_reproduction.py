@@ -9,12 +9,11 @@ import pytest
 
 from calibration.report.model import reproduction
 from calibration.report.model.paper_figures import CAPTIONS
-from calibration.work import files
 from model import layout as at
 from model.article.comparison import Comparison, compare
 from model.article.reproduction import FRICTIONS, SWEEP_PA, Measured, averaged_speeds, reproduce
 from model.motor import read_motor
-from rig.recording import read_recording
+from rig.recording import files, read_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -11,9 +11,9 @@ from typing import Any
 from calibration.challenge.campaign import layout
 from calibration.challenge.campaign.layout import CAMPAIGN, HASHES, SECOND_RIG, Campaign, ChallengeError
 from calibration.challenge.campaign.sealing import is_sealed, open_seal, seal
-from calibration.work.files import write_file
 from calibration.work.many import Item, Tell, run_many
 from calibration.work.sources import scorer_sha256
+from rig.recording.files import write_file
 
 SEED_BITS = 53  # a seed that no one chose; whole in every reader of JSON
 MOST_DRAWS = 1000  # truths looked at for one of the category asked for

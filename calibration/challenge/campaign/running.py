@@ -11,9 +11,9 @@ from typing import Any
 from calibration.challenge.campaign import freezing, layout
 from calibration.challenge.campaign.layout import FROZEN, HASHES, VERDICTS, Campaign, ChallengeError
 from calibration.work import many_table
-from calibration.work.files import write_file
 from calibration.work.many import Item, Result, Task, Tell, read_results, run_many
 from calibration.work.sources import diagnosis_sha256
+from rig.recording.files import json_bytes, write_file
 
 RESULTS = "verdicts"
 HELD = ("truth_sha256", "diagnosis_sha256")  # what has to be the same from the first verdict to the last
@@ -73,7 +73,7 @@ def freeze(campaign: Campaign) -> dict[str, Any]:
     now = freezing.frozen() | {"truth_sha256": campaign.truth_sha256}
     place = campaign.folder / FROZEN
     if not place.exists():
-        write_file(place, json.dumps(now, indent=1).encode() + b"\n")
+        write_file(place, json_bytes(now))
         return now
     then: dict[str, Any] = read_frozen(campaign)
     if any(then.get(key) != now[key] for key in HELD):

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.challenge.campaign.layout import ChallengeError, canonical, sha256
-from calibration.work.files import write_file
+from rig.recording.files import write_file
 
 FOLDER, TRUTHS, KEY, HASH = "sealed", "truths.bin", "key", "hash"
 CONCEALED = "concealed/1"  # format of what the seal of a bench that conceals something holds

@@ -12,6 +12,7 @@ from calibration.challenge.pages.tables import Grid, as_markdown, cell_text
 from calibration.challenge.record import ledger
 from calibration.challenge.record.opening import Scored
 from calibration.challenge.scoring import cases
+from rig.recording.files import json_bytes
 
 PAGE, SUMMARY, CASES = "result.md", "result.json", "cases.csv"
 MOST_FAILURES = 80
@@ -28,7 +29,7 @@ def files(scored: Scored, book: Sequence[Mapping[str, Any]]) -> dict[str, bytes]
     campaigns = [one.entry | {"thresholds": one.frozen["thresholds"]} for one in scored.opened]
     campaigns = json.loads(canonical(campaigns))  # in one order, wherever they were read
     found = scored.summary | {"failures": cases.failures(scored.cases), "campaigns": campaigns}
-    data = json.dumps(found, indent=1).encode() + b"\n"
+    data = json_bytes(found)
     return {PAGE: page(scored, book).encode(), SUMMARY: data, CASES: cases.as_csv(scored.cases)} | figures.pictures(
         found
     )

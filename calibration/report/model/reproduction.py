@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from typing import Any
 
@@ -11,6 +10,7 @@ from model.article.comparison import Comparison, compare
 from model.article.reproduction import FRICTIONS, Reproduction
 from model.operation.performance import BAR
 from model.solvers.published import TIME_STEP
+from rig.recording.files import json_bytes
 
 FORMAT = "reproduction/1"
 JSON, HTML, PAGE = "reproduce.json", "reproduce.html", "reproduce.md"
@@ -31,7 +31,7 @@ def report(found: Reproduction, lap_deg: float) -> dict[str, bytes]:
     """
     files = {f"{name}.png": content for name, content in draw_all(found, lap_deg).items()}
     return files | {
-        JSON: json.dumps(tables(found), indent=1, allow_nan=False).encode() + b"\n",
+        JSON: json_bytes(tables(found)),
         HTML: _rendered("reproduction.html.j2", found, ""),
     }
 

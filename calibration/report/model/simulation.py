@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -97,11 +96,6 @@ def sensitivity_data(motor: Motor, pressures_bar: Sequence[float], ranking: Sequ
         "pressure_bar_abs": list(pressures_bar),
         "ranking": rows,
     }
-
-
-def json_bytes(data: dict[str, Any]) -> bytes:
-    """Data as JSON, never with a NaN in it."""
-    return json.dumps(data, indent=1, allow_nan=False).encode() + b"\n"
 
 
 def point_table(point: OperatingPoint) -> Table:

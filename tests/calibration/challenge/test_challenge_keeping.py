@@ -13,7 +13,7 @@ from calibration.challenge.campaign.campaign import make
 from calibration.challenge.campaign.layout import ChallengeError
 from calibration.challenge.record import keeping, opening
 from calibration.challenge.record.opening import Settings, score
-from calibration.work.files import write_files
+from rig.recording.files import write_files
 from tests import fake_rig
 
 PARTS = {"mixed": {"cases": 12, "seed": 5}, "nulls": {"cases": 3, "seed": 6, "only": "none"}}

@@ -278,7 +278,7 @@ def test_the_start_record_is_there_whole_or_not_at_all(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "rename", fail)
+    monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(RunError, match=r"start.json: cannot be written \(No space left on device\)"):
         new_writer(tmp_path)
     (folder,) = tmp_path.iterdir()
@@ -385,7 +385,7 @@ print(rows)
 
 def test_the_end_record_comes_after_everything_is_on_the_disk(tmp_path, monkeypatch):
     order = []
-    fsync, rename = os.fsync, Path.rename
+    fsync, replace = os.fsync, Path.replace
 
     def synced(handle):
         order.append(os.fstat(handle).st_ino)
@@ -393,10 +393,10 @@ def test_the_end_record_comes_after_everything_is_on_the_disk(tmp_path, monkeypa
 
     def renamed(path, target):
         order.append(Path(target).name)
-        return rename(path, target)
+        return replace(path, target)
 
     monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(Path, "rename", renamed)
+    monkeypatch.setattr(Path, "replace", renamed)
     with RunWriter.create(tmp_path, start_of(), sync_s=1000.0) as writer:
         Bench(writer).plateau(1, (2.0, 55.0, 394.8), "up")
         order.clear()

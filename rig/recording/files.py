@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
 import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 
 def check_places(folder: Path | None, file: Path | None = None) -> None:
@@ -48,6 +50,7 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
             check_places(None, place)
         for temporary, place in beside:
             temporary.replace(place)
+    sync_folder(folder)
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -59,6 +62,28 @@ def write_file(path: Path, content: bytes) -> None:
         When it cannot be written.
     """
     write_files(path.parent, {path.name: content})
+
+
+def json_bytes(data: Any) -> bytes:
+    """Data as an indented JSON file, never with a NaN in it.
+
+    Raises
+    ------
+    ValueError
+        For a number that JSON has no word for.
+    """
+    return json.dumps(data, indent=1, allow_nan=False).encode() + b"\n"
+
+
+def sync_folder(folder: Path) -> None:
+    """Put the folder's entries on the disk."""
+    if os.name != "posix":
+        return  # a folder has no handle there
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _write_beside(folder: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
