@@ -2,11 +2,11 @@
 
 Lowest first; a room imports those before it.
 
-work         processes, threads and clusters that share work; whole files; the hash of the code
+work         processes, threads and clusters that share work; the hash of the code
 unknowns     every unknown and its prior
 data         a recording's plateaus and runs as arrays in SI
-systems      what predicts the readings
 likelihood   how probable the readings are, and where they are most so
+systems      what predicts the readings
 diagnosis    which physics is missing
 fit          the posterior, by emcee
 report       pages, pictures and words

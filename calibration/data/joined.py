@@ -24,7 +24,7 @@ def together(recordings: Sequence[Recording]) -> Recording:
     if len(recordings) == 1:
         return first
     files: list[RecordingFile] = []
-    names = [one.folder.name for one in recordings]
+    names = names_of(recordings)
     start = 0.0
     for number, one in enumerate(recordings, start=1):
         for what, same in (
@@ -38,10 +38,26 @@ def together(recordings: Sequence[Recording]) -> Recording:
                     f"{one.folder}: its {what} is not that of {first.folder}; recordings that are diagnosed together "
                     "share motor, ambient and instruments; diagnose them one by one (spinbench many diagnose)"
                 )
-        name = one.folder.name if names.count(one.folder.name) == 1 else f"{one.folder.name} ({number})"
-        files += [replace(file, file=f"{name}/{file.file}", start_s=start + file.start_s) for file in one.files]
+        files += [
+            replace(file, file=f"{names[number - 1]}/{file.file}", start_s=start + file.start_s) for file in one.files
+        ]
         start += max((_end(file) for file in one.files), default=0.0) + GAP_S
     return replace(first, files=tuple(files), sha256="")
+
+
+def can_be_one(recordings: Sequence[Recording]) -> bool:
+    """Whether recordings share motor, ambient, inertia and instruments, so that they are one."""
+    try:
+        together(recordings)
+    except RecordingError:
+        return False
+    return True
+
+
+def names_of(recordings: Sequence[Recording]) -> list[str]:
+    """What recordings are called: by their folders, with a number where two folders have one name."""
+    names = [one.folder.name for one in recordings]
+    return [name if names.count(name) == 1 else f"{name} ({i})" for i, name in enumerate(names, start=1)]
 
 
 def _end(file: RecordingFile) -> float:

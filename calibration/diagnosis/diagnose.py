@@ -80,13 +80,13 @@ class _Unnamed:
 
 
 def diagnose(
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     seed: int = 0,
     tell: Tell = lambda _: None,
     hold_out: Recording | None = None,
     workers: int = 1,
 ) -> Diagnosis:
-    """Diagnose a recording.
+    """Diagnose a recording, or several of one motor: the motor and the effects are shared, the rest is each one's own.
 
     Parameters
     ----------
@@ -101,12 +101,14 @@ def diagnose(
         When `refuse_unusable` says so, the run held out is of another motor, or the motor's model gives no reading of
         the recording at all.
     """
-    refuse_unusable(recording)
+    several = [recording] if isinstance(recording, Recording) else list(recording)
+    for one in several:
+        refuse_unusable(one)
     if hold_out is not None:
-        refuse_another(recording, hold_out)
+        refuse_another(several[0], hold_out)
         refuse_unusable(hold_out)
-    of_the_motor = isinstance(recording.motor, str)
-    in_time = of_the_motor and any(file.kind == "transient" for file in recording.files)
+    of_the_motor = isinstance(several[0].motor, str)
+    in_time = of_the_motor and any(file.kind == "transient" for one in several for file in one.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
         comparison, base = fit_base(recording, clock, workers if in_time else 1)

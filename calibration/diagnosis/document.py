@@ -49,7 +49,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             }
             for place in found.places[:MOST_PLACES]
         ],
-        "set_probability": set_probability(verdict),
+        "set_probability": verdict.set_probability if found.comparison.rig else set_probability(verdict),
         "effects": _effects(found),
         "alternatives": [_with_misread(found, names) for names in verdict.alternatives],
         "term": None
@@ -118,7 +118,7 @@ def _effects(found: Diagnosis) -> list[dict[str, Any]]:
         listed.append(
             {
                 "id": name,
-                "probability": min(1.0, p) * THERE,
+                "probability": min(1.0, p) * (1.0 if found.comparison.rig else THERE),
                 "log10_bayes_factor": _factor(found.candidates, verdict.chosen, name),
                 "parameters": _parameters(found, verdict.chosen, name),
             }

@@ -98,6 +98,7 @@ def _summary(found: Diagnosis, place: int, parts: list[Part], share: float) -> d
     problem, rng = found.comparison.problem, np.random.default_rng(0)
     total = sum(weight for weight, _ in parts) or 1.0
     z = np.concatenate([draw(round(DRAWS * weight / total), rng) for weight, draw in parts])
-    x = problem.nuisances[place].value(z) * (1.0 + share * rng.standard_normal(z.size))
+    low, high = (bound[place] for bound in problem.bounds())
+    x = problem.nuisances[place].value(np.clip(z, low, high)) * (1.0 + share * rng.standard_normal(z.size))
     q05, q95 = np.quantile(x, [0.05, 0.95])
     return {"mean": float(x.mean()), "sd": float(x.std()), "q05": float(q05), "q95": float(q95)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,7 +57,9 @@ def detect_mismatch(
     return test_base(comparison, base, rng)
 
 
-def fit_base(recording: Recording, tell: Tell, workers: int = 1, motor: Motor | None = None) -> tuple[Compared, Mode]:
+def fit_base(
+    recording: Recording | Sequence[Recording], tell: Tell, workers: int = 1, motor: Motor | None = None
+) -> tuple[Compared, Mode]:
     """The recording as a vector, and the base model at its most probable point.
 
     Raises
@@ -72,8 +75,9 @@ def fit_base(recording: Recording, tell: Tell, workers: int = 1, motor: Motor | 
         except RecordingError:
             raise
         except (ArithmeticError, ValueError) as problem:  # such as a pressure that no air has, or none at all
+            folder = (recording if isinstance(recording, Recording) else recording[0]).folder
             raise RecordingError(
-                f"{recording.folder}: the model gives no reading of it ({problem}); are the pressures absolute or "
+                f"{folder}: the model gives no reading of it ({problem}); are the pressures absolute or "
                 "gauge as declared, was the gauge read in every run, and is it this motor?"
             ) from None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -64,3 +64,35 @@ class Diagnosis:
     faint: dict[tuple[str, ...], list[Faint]] = field(default_factory=dict)
     resolved: list[Resolved] = field(default_factory=list)
     not_described: str = ""
+
+
+def of_each_recording(found: Diagnosis) -> dict[str, Diagnosis]:
+    """What was found, as each of several recordings shows it, by their names; of one recording, as it is."""
+    several = found.comparison
+    if not hasattr(several, "parts"):
+        return {several.problem.recording.folder.name: found}
+    return {name: _of_one(found, k) for k, name in enumerate(several.names)}
+
+
+def _of_one(found: Diagnosis, k: int) -> Diagnosis:
+    several = found.comparison
+    at, columns = several.at[k], several.problem.at[k]
+
+    def own(one: Candidate) -> Candidate:
+        return replace(one, mode=several.of_part(k, one.mode))
+
+    correction = found.correction
+    if correction is not None:
+        z, z_sd = correction.z[columns], correction.z_sd[columns]
+        correction = replace(correction, column=correction.column[at], z=z, z_sd=z_sd)
+    chosen = found.verdict.chosen
+    return replace(
+        found,
+        comparison=several.parts[k],
+        base=several.of_part(k, found.base),
+        detection=replace(found.detection, u=found.detection.u[several.noise.places(k)]),
+        candidates=[own(one) for one in found.candidates],
+        verdict=replace(found.verdict, chosen=None if chosen is None else own(chosen)),
+        correction=correction,
+        beside=None if found.beside is None else (found.beside[0][columns], found.beside[1][columns]),
+    )

@@ -144,11 +144,17 @@ class Noise(Protocol):
     spread : ndarray, shape (k,)
         Standard deviations of u's prior [-].
     scales : slice
-        Places of the scales in u.
+        Places of the scales in u, the first ones.
+    free : ndarray of bool, shape (k,)
+        Places of u that the recording can speak of.
     """
 
     spread: np.ndarray
     scales: slice
+    free: np.ndarray
+
+    def told(self, u: np.ndarray) -> list[dict[str, Any]]:
+        """The noise of each array of readings with its label, scale and correlation; empty where that is not told."""
 
     def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
         """What is loudest and its noise in declared ones [-], where that is not believable; None where it is."""
@@ -244,8 +250,8 @@ class Compared(Protocol):
             Whether more than the scales is stepped.
         """
 
-    def draw(self, mode: Mode, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Differences of readings that a mode itself would give [SI], shape (m,)."""
+    def drawn_noise(self, predicted: Prediction, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Noise of the readings about a prediction, rounding included [SI], shape (m,)."""
 
     def free_in_test(self, mode: Mode) -> np.ndarray:
         """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,): 1, or more where a prior says less.
@@ -326,6 +332,13 @@ class Compared(Protocol):
 
     def tests(self, rivals: Sequence[Mode]) -> Iterable[Test]:
         """Tests that this rig could make, the explanations given with the most probable first."""
+
+    @property
+    def friction_unit(self) -> str:
+        """Of the viscous friction."""
+
+    def unit(self, unknown: Unknown) -> str:
+        """The unit of an effect's parameter on this machine."""
 
     def rows_used(self) -> list[dict[str, Any]]:
         """Rows used of each file, as ``files`` of diagnosis/1."""

@@ -47,8 +47,8 @@ class Force:
         Change of the readings per unit of each piece [SI].
     places : ndarray, shape (k, 2)
         Where each piece acts [own unit].
-    file : str
-        Of the run in time, where it is of one run alone.
+    file, recording : str
+        Of the run in time, where it is of one run alone; of the recording, where there are several.
     """
 
     channel: str
@@ -58,6 +58,7 @@ class Force:
     columns: np.ndarray
     places: np.ndarray
     file: str = ""
+    recording: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class Balance:
     scale: float
     values: np.ndarray
     columns: Callable[[Pieces], np.ndarray]
+    recording: str = ""
 
 
 @dataclass(frozen=True)

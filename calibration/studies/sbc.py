@@ -136,14 +136,16 @@ def run_campaign(
 
     Raises
     ------
-    ClusterError
-        When no scheduler answers, or it is lost on the way.
+    OSError
+        When no scheduler answers, or it is lost on the way; when no fit was made at all.
     """
     code = imported_sha256("calibration.studies.sbc", "calibration.fit.fit")
     items = [Item(f"fit-{seed}", seed, code) for seed in range(first_seed, first_seed + fits)]
     made = results_of(simulate_and_rank, items, out, workers, scheduler, tell)
     results = [one.value for one in made if one.value is not None]
-    found = summary(results) | {"failed": len(made) - len(results)}
+    if not results:
+        raise OSError(f"none of the {fits} fits was made; the first says: {made[0].error}")
+    found = summary(results) | {"first_seed": first_seed, "failed": len(made) - len(results)}
     write_files(out, {"sbc.json": json_bytes(found), "sbc_ranks.png": rank_plot(results)})
     return found
 
@@ -181,7 +183,6 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
             name: float(stats.kstest([r["truth"][name] for r in results], "norm").pvalue) for name in uniform
         },
         "settings": SETTINGS,
-        "first_seed": FIRST_SEED,
     }
 
 

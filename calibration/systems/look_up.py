@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from calibration.data.joined import names_of
 from calibration.likelihood.compared import Compared
 from calibration.systems.machines import comparison as machines
 from calibration.systems.machines.problem import Problem as MachineProblem
 from calibration.systems.machines.system import has_system
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.problem import Problem
+from calibration.systems.several import Several
 from model.motor import Motor
 from rig.recording import Recording, RecordingError
 
 
-def compared(recording: Recording, motor: Motor | None = None) -> Compared:
-    """A recording as its system compares it.
+def compared(recordings: Recording | Sequence[Recording], motor: Motor | None = None) -> Compared:
+    """A recording, or several of one motor, as their system compares them.
 
     Parameters
     ----------
@@ -23,8 +27,20 @@ def compared(recording: Recording, motor: Motor | None = None) -> Compared:
     Raises
     ------
     RecordingError
-        When it holds nothing that its system can compare.
+        When one holds nothing that its system can compare, or several are of machines that are written out in them.
     """
+    if not isinstance(recordings, Recording):
+        for one in recordings[1:]:
+            refuse_another(recordings[0], one)
+        machine = next((one for one in recordings if has_system(one)), None)
+        if machine is not None:
+            raise RecordingError(
+                f"{machine.folder}: its motor is written out in it, and such recordings are diagnosed one by one "
+                "(spinbench many diagnose), or together where ambient, inertia and instruments are the same"
+            )
+        parts = [Comparison(Problem(one, motor, any_turn=k > 0)) for k, one in enumerate(recordings)]
+        return Several(parts, names_of(recordings))
+    recording = recordings
     if has_system(recording):
         return machines.Comparison(MachineProblem(recording))
     return Comparison(Problem(recording, motor))
@@ -43,10 +59,14 @@ def refuse_another(seen: Recording, unseen: Recording) -> None:
     RecordingError
         When their machines differ.
     """
-    if isinstance(seen.motor, str) or isinstance(unseen.motor, str):
-        if unseen.motor != seen.motor:
-            raise RecordingError(f"{unseen.folder}: of the motor {unseen.motor}, not {seen.motor}")
-        return
-    one, other = ((table.get("kind"), "mass_kg" in table) for table in (seen.motor, unseen.motor))
+    one, other = _machine(seen), _machine(unseen)
     if one != other:
-        raise RecordingError(f"{unseen.folder}: held out is a {other[0]}, and diagnosed a {one[0]}")
+        raise RecordingError(f"{unseen.folder}: of {other}, not of {one}")
+
+
+def _machine(recording: Recording) -> str:
+    """What a recording is of, in words."""
+    motor = recording.motor
+    if isinstance(motor, str):
+        return f"the motor {motor}"
+    return f"a {motor.get('kind')}{' that slides' if 'mass_kg' in motor else ''}"

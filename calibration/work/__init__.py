@@ -4,6 +4,5 @@ many, many_table       one task over many items, resumable; their results as a t
 processes, threads     what works beside this process, or within it
 side_by_side           searches one after another or at once, with the same result
 step_clock             how long each step takes
-files                  a file is written whole or not at all
 sources                which code a result came from
 """

@@ -11,7 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 EVERYTHING = ("calibration", "model", "configs", "rig/recording")
 DIAGNOSIS = "calibration.diagnosis"
-FOUND_BY_LOOKING = ("model.effects.definitions",)  # a package whose modules nobody imports by name
+# Packages whose modules nobody imports by name.
+FOUND_BY_LOOKING = ("calibration.systems.machines", "model.effects.definitions")
 SCORER = ("calibration/challenge/", "rig/recording/")
 
 

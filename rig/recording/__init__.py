@@ -8,7 +8,9 @@ docs/recording.md tells a person how to write one.
     columns     the columns known by name: unit, limits, and the figures taken for an instrument that states none
     schema      recording.toml, key by key, the inline motors included
     header      the first line of a CSV file, and what each kind of file has to hold
-    table       the rows of a CSV file, in bounded memory
+    table       the rows of a CSV file, in bounded memory: its lines, and the cells of a column
+    mistakes    so that one error names them all
+    files       a file is written whole or not at all; JSON
     folder      which files may be opened
     read, write
 """

@@ -51,7 +51,7 @@ def diagnose(
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
-    from calibration.data.joined import together
+    from calibration.data.joined import can_be_one, together
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
     from calibration.report.diagnosis import sets as diagnosis_sets
@@ -63,7 +63,7 @@ def diagnose(
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
     _refuse_twice(parts, unseen)
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
-    read = together(parts)
+    read = together(parts) if can_be_one(parts) else parts
     with diagnosing() as tell:
         diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1))
         found = as_json(diagnosis)
@@ -71,13 +71,31 @@ def diagnose(
         page, table, words = _told_by(found)
         if out is not None:
             tell("report")
-            files.write_files(out, {JSON: data} | page.report(diagnosis, found))
+            files.write_files(out, {JSON: data} | _pages(page, diagnosis, found))
     deliver(data, [table(found)], json_file)
     print(words.sentence(found), file=sys.stderr)
     _warn_of_rows(found)
     if not found.get("rig") and (blind := diagnosis_sets.blind_in_words(diagnosis)):
         print(blind, file=sys.stderr)
+    if len(parts) > 1 and read is parts and out is not None:
+        remark(f"each of the {len(parts)} recordings has a page of its own there, report_NAME.html")
     _tell_how_it_went(unseen, found, diagnosis.seconds, out)
+
+
+def _pages(page: Any, diagnosis: Any, found: Mapping[str, Any]) -> dict[str, bytes]:
+    """The report; of several recordings a page each, the first one's as the report too."""
+    from calibration.diagnosis.result import of_each_recording
+
+    made = {name: page.report(one, found) for name, one in of_each_recording(diagnosis).items()}
+    first = next(iter(made.values()))
+    if len(made) == 1:
+        return dict(first)
+    further = {
+        file.replace("report", f"report_{name.replace('/', '_')}"): content
+        for name, written in made.items()
+        for file, content in written.items()
+    }
+    return dict(first) | further
 
 
 def _told_by(found: Mapping[str, Any]) -> tuple[Any, Any, Any]:

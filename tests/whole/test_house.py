@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -131,3 +133,21 @@ def test_this_tree_has_neither_a_circle_nor_folders_that_import_each_other() -> 
     assert len(sources) > 100
     assert circles_of(sources) == []
     assert pairs_of(sources) == []
+
+
+LISTED = re.compile(r"\s*([a-z_0-9]+(?:, [a-z_0-9]+)*)\s{2,}\S")
+
+
+@pytest.mark.parametrize("package", ["calibration", "model", "rig", "spinbench"])
+def test_a_room_lists_the_modules_that_it_has(package: str) -> None:
+    wrong = []
+    for place in sorted((ROOT / package).rglob("__init__.py")):
+        text = ast.get_docstring(ast.parse(place.read_text(encoding="utf-8"))) or ""
+        there = {one.stem for one in place.parent.glob("*.py")} - {"__init__", "__main__"}
+        there |= {one.parent.name for one in place.parent.glob("*/__init__.py")}
+        names = [match[1].split(", ") for match in map(LISTED.match, text.splitlines()[1:]) if match]
+        listed = {name for one in names for name in one}
+        if listed:
+            gone, unsaid = sorted(listed - there), sorted(there - set(re.findall(r"[a-z_0-9]+", text)))
+            wrong += [f"{place.parent.relative_to(ROOT)}: gone {gone}, not said {unsaid}"] if gone or unsaid else []
+    assert wrong == []

@@ -6,11 +6,12 @@ it does, and how far it and the article's reference figures agree.
 
 machine     the motor
 concealed, instruments  effects: their laws on the motor, and on what is read
-bench       what the instruments would read without noise
-sizes, draws, truth    what a case conceals
+bench       what the instruments would read without noise; loaded: where the line stands under load
+readout     what tachometer and gauge make of a run in time
+sizes, draws, truth    what a case conceals; equipment: the line and the instruments that are drawn
 live        motor and line carried on in a bench's time, behind the virtual bench's instruments
 sheets, recordings     recording/1, and a further test
-signatures, small_torques, separable  what a recording can tell apart
+signatures, runs_seen, small_torques, separable  what a recording can tell apart
 """
 
 from calibration.challenge.second_rig.draws import draw

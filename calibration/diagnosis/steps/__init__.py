@@ -1,6 +1,5 @@
 """The steps of a diagnosis, each from values to a value.
 
-base          the base model
 detect        whether anything is missing
 locate        where: balance, channel and coordinate; correction: the smooth curve that closes a balance
 search, name  which set of effects explains it, and how sets are weighed
@@ -9,5 +8,5 @@ confirm       whether the set predicts readings that it has not seen; unseen: th
 discover      what a mismatch looks like that no listed effect explains
 abrupt        what is otherwise from one moment on
 misread       readings that are taken for bad
-verdict       what may be said
+verdict       what may be said of a candidate, a set of effects that was weighed
 """

@@ -26,6 +26,7 @@ LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the kernel, in shares of the coordina
 SIZES = (0.03, 0.1, 0.3)  # sd, in units of a balance's own scale
 STEP = 1e-3  # of a standard normal unknown, for a derivative
 ROOT3 = math.sqrt(3.0)
+Key = tuple[str, str, str, str]
 SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
 AGAIN = "; the correction's coordinate, length and size weighed anew in each fold"
 
@@ -150,6 +151,11 @@ class Process:
     knots: np.ndarray
     hats: np.ndarray
     white: np.ndarray
+
+    @property
+    def key(self) -> Key:
+        """Channel, balance, coordinate and recording."""
+        return self.of.channel, self.of.balance, self.of.along.name, self.of.recording
 
 
 class _Fitted:

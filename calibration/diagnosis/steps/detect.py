@@ -75,7 +75,7 @@ def detect(
     null = np.empty(draws)
     for i in range(draws):
         u = noise + spread * rng.standard_normal(noise.size)
-        drawn = comparison.draw(mode, u, rng)
+        drawn = test.drawn(u, rng)
         null[i] = test(drawn, test.noise.of_a_draw(drawn, noise)).statistic
     p, beyond = rarity(real.statistic, null)
     # Beside the forces, or where they take nothing up: either way that noise is not believable.
@@ -125,7 +125,8 @@ class _Test:
         free: Sequence[Force],
     ) -> None:
         self.comparison, self.mode = comparison, mode
-        self.D = mode.D * comparison.free_in_test(mode)
+        self.free_z = comparison.free_in_test(mode)
+        self.D = mode.D * self.free_z
         good = mode.bad < GOOD
         self.good = good.astype(float)
         self.S = np.column_stack([s.column for s in found]) if found else np.zeros((good.size, 0))
@@ -163,6 +164,13 @@ class _Test:
             force_scores.append(b / np.sqrt(np.maximum(np.diag(P), 1e-12)))
         log_p += force_log_p
         return Detection(1.0, False, -min(log_p), u, scores, np.array(force_log_p), force_scores)
+
+    def drawn(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Differences of readings that the mode itself would give [SI]; nothing of what the test leaves free."""
+        z = rng.standard_normal(self.mode.z.size)
+        moved = self.mode.D @ np.where(self.free_z > 1.0, 0.0, z)
+        found: np.ndarray = moved + self.comparison.drawn_noise(self.mode.prediction, u, rng)
+        return np.where(self.comparison.known, found, 0.0)
 
     def gain(self, difference: np.ndarray, u: np.ndarray) -> float:
         """What the forces together take off the sum of squares [-]."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from calibration.diagnosis.steps.correction import Process, evidence, processes, stands_out
+from calibration.diagnosis.steps.correction import Key, Process, evidence, processes, stands_out
 from calibration.diagnosis.steps.detect import Detection, log_tail
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import Straight, freed, straight
@@ -68,8 +68,8 @@ class _Tested:
     first: bool
 
     @property
-    def key(self) -> tuple[str, str, str]:
-        return self.force.channel, self.force.balance, self.force.coordinate
+    def key(self) -> Key:
+        return self.force.channel, self.force.balance, self.force.coordinate, self.force.recording
 
 
 def locate(
@@ -83,7 +83,7 @@ def locate(
         Where the effect that explains it acts, when one does: then a flow is the instrument's or the balance's.
     """
     problem = straight(comparison, mode, detection.u)
-    smooth = {(one.of.channel, one.of.balance, one.of.along.name): one for one in processes(problem)}
+    smooth = {one.key: one for one in processes(problem)}
     tested = []
     seen = list(zip(detection.force_log_p, detection.force_scores, strict=True))
     for force, (log_p, scores) in zip(free, seen, strict=True):
@@ -105,7 +105,7 @@ def locate(
 
 
 def _ranks(
-    problem: Straight, passed: Sequence[_Tested], smooth: dict[tuple[str, str, str], Process], price: float
+    problem: Straight, passed: Sequence[_Tested], smooth: dict[Key, Process], price: float
 ) -> tuple[list[int | None], Process | None]:
     """Each tested force's rank, None for a shadow; and the smooth process of most evidence, where it has enough."""
     gains = {one.key: evidence(problem, smooth[one.key]) for one in passed if one.key in smooth}
@@ -134,7 +134,7 @@ def _said(
     problem: Straight,
     passed: Sequence[_Tested],
     ranks: Sequence[int | None],
-    smooth: dict[tuple[str, str, str], Process],
+    smooth: dict[Key, Process],
     acts_in: str,
 ) -> list[Place]:
     comparison, mode = problem.comparison, problem.mode
@@ -172,17 +172,18 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
     balance = "sensor" if acts_in == "sensor" else force.balance
     by_a_meter = "; by what is named, an instrument's error" if balance != force.balance else ""
     span = f"most between {where[0]:.3g} and {where[1]:.3g} {force.unit}"
+    of = f" of {force.recording}" if force.recording else ""
     if force.balance == "sensor" and force.coordinate == "time":
         sentence = f"The {METERS[force.channel]}'s reading departs from the model's along time, {span}."
     elif force.balance == "sensor":
         verb = "would do as well" if as_well else "is seen"
-        sentence = f"An error of the {METERS[force.channel]} along its own range {verb}, {span}."
+        sentence = f"An error of the {METERS[force.channel]}{of} along its own range {verb}, {span}."
     else:
-        along = f"along {force.coordinate}, {span}"
+        along = f"along {force.coordinate}{of}, {span}"
         if force.coordinate == "phase":
-            along = f"in {force.file}, {span} after its start"
+            along = f"in {force.file}{of}, {span} after its start"
         elif force.coordinate == "angle":
-            along = "along the shaft's angle: something comes with every turn"
+            along = f"along the shaft's angle{of}: something comes with every turn"
         sentence = f"The {NAMES[balance]} does not close {along} (seen in the {force.channel}{by_a_meter})."
     return Place(force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same)
 
@@ -230,7 +231,8 @@ def force_along(one: Balance) -> Force:
     edges = np.linspace(low, top + 1e-9 * (top - low), PIECES + 1)
 
     columns = one.columns(lambda x: hats(np.nan_to_num(x, nan=-np.inf), edges)) * one.scale
-    return Force(one.channel, one.balance, one.along.name, one.along.unit, columns, spans(edges))
+    unit = one.along.unit
+    return Force(one.channel, one.balance, one.along.name, unit, columns, spans(edges), recording=one.recording)
 
 
 def rows_as_places(bad: Sequence[tuple[str, int, str, float]]) -> list[Place]:

@@ -14,7 +14,6 @@ from calibration.diagnosis.steps.confirm import HeldOut, by_channel
 from calibration.likelihood.compared import Compared, Prediction
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
-from calibration.systems.look_up import refuse_another
 from rig.recording import Recording
 
 SCHEME = "unseen run"
@@ -35,7 +34,6 @@ def predict_unseen(seen: Compared, base: Mode, chosen: Mode, unseen: Recording) 
     RecordingError
         When it is of another motor.
     """
-    refuse_another(seen.problem.recording, unseen)
     there = seen.of(unseen)
     found = {}
     for key, mode in (("before", base), ("after", chosen)):

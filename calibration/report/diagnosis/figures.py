@@ -1,4 +1,4 @@
-"""The figures of a diagnosis's report. They draw what `diagnosis_numbers` and `diagnosis_sets` computed."""
+"""The figures of a diagnosis's report. They draw what `numbers` and `sets` computed."""
 
 from __future__ import annotations
 

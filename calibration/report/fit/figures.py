@@ -1,4 +1,4 @@
-"""The figures of a fit's report. They draw what `fit_numbers` computed."""
+"""The figures of a fit's report. They draw what `numbers` computed."""
 
 from __future__ import annotations
 

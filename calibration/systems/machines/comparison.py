@@ -123,20 +123,15 @@ class Comparison:
         """
         return self.noise.step_of(difference, u, columns, correlated)
 
-    def draw(self, mode: Mode, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Differences of readings that a mode itself would give [SI], shape (m,).
-
-        Of what nothing is known nothing is drawn: the test leaves it free.
+    def drawn_noise(self, predicted: np.ndarray, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Noise of the readings [SI], shape (m,).
 
         Parameters
         ----------
         u : ndarray, shape (2 l,)
             The noise [-].
         """
-        z = rng.standard_normal(mode.z.size)
-        z[self._unknown(mode)] = 0.0
-        found: np.ndarray = mode.D @ z + self.noise.draw(u, rng)
-        return found
+        return self.noise.draw(u, rng)
 
     def free_in_test(self, mode: Mode) -> np.ndarray:
         """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,).
@@ -183,7 +178,10 @@ class Comparison:
         there = [*other.problem.nuisances, *(one for _, one in other.problem.effect_unknowns(mode.names))]
         k, old = len(self.problem.nuisances), len(other.problem.nuisances)
         names = {one.name: i for i, one in enumerate(other.problem.nuisances)}
-        pairs = [(names[one.name], i) for i, one in enumerate(self.problem.nuisances) if one.name in names]
+        own = [self.problem.run_of(i) is not None for i in range(k)]  # a run's, whatever its file is called
+        pairs = [
+            (names[one.name], i) for i, one in enumerate(self.problem.nuisances) if one.name in names and not own[i]
+        ]
         pairs += [(old + i, k + i) for i in range(len(here) - k)]
         z, covariance, ratio = np.zeros(len(here)), np.eye(len(here)), np.ones(len(here))
         for mine, i in pairs:

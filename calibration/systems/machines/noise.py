@@ -108,6 +108,7 @@ class Noise:
         self.readings, count = readings, len(readings)
         self.spread = np.repeat([NOISE_SD, EVEN_SD], count)
         self.scales = slice(0, count)
+        self.free = np.array([True] * count + [one.serial for one in readings], dtype=bool)
 
     def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
         """None: how loud foreign readings are, who declares them seldom knows."""

@@ -155,8 +155,9 @@ class Problem:
         return 1.0
 
     def run_of(self, i: int) -> int | None:
-        """The run that a nuisance belongs to alone [-]: a prediction takes up everything at once."""
-        return None
+        """The file that a nuisance belongs to alone, as its name says; None where it is of the whole recording [-]."""
+        file = self.nuisances[i].name.rpartition(".")[0]
+        return next((k for k, one in enumerate(self.recording.files) if one.file == file), None)
 
     def predict(
         self,

@@ -30,8 +30,6 @@ class System(Protocol):
     ----------
     kind : str
         As ``kind`` of the motor table has it.
-    effects : tuple of str
-        What may be missing beside the frictions that every machine may have.
     balances : tuple of (str, str, str)
         Where a mismatch may be: channel of the readings, or all where it is empty; balance; coordinate.
     weight : float or None
@@ -43,7 +41,6 @@ class System(Protocol):
     """
 
     kind: ClassVar[str]
-    effects: ClassVar[tuple[str, ...]]
     balances: ClassVar[tuple[tuple[str, str, str], ...]]
     readings: list[Readings]
     flats: list[Flat]

@@ -26,13 +26,13 @@ from calibration.likelihood.compared import Row
 from calibration.likelihood.expected import Test
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
+from calibration.likelihood.noise_test import NoiseTest
 from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
 from calibration.systems.radial_piston import run_starts
 from calibration.systems.radial_piston.base import base_of
 from calibration.systems.radial_piston.next_tests.planned import expected_readings, planned
 from calibration.systems.radial_piston.next_tests.quantities import expected_quantity, quantities
 from calibration.systems.radial_piston.noise import Noise, Whitener
-from calibration.systems.radial_piston.noise_test import NoiseTest
 from calibration.systems.radial_piston.not_described import CHECK, not_described
 from calibration.systems.radial_piston.places.balances import balances
 from calibration.systems.radial_piston.places.coordinates import same_coordinates
@@ -46,6 +46,7 @@ from calibration.systems.radial_piston.predict.kinds import FLOW, LINE, RUN, SPE
 from calibration.systems.radial_piston.predict.problem import SI_OF, Prediction, Problem
 from calibration.systems.radial_piston.predict.wheel import rest_sd, seen
 from calibration.systems.radial_piston.valley import along_valley
+from calibration.unknowns.priors import Unknown
 from rig.recording import Recording
 
 SEGMENTS = 3  # of each run in time, held out in turn
@@ -218,8 +219,8 @@ class Comparison:
         """Another recording of the same motor; how the shaft stood in it is not known, of no run."""
         return Comparison(Problem(recording, any_turn=True))
 
-    def draw(self, mode: Mode, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Differences of readings that a mode itself would give [SI], shape (m,).
+    def drawn_noise(self, predicted: Prediction, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Noise of the readings about a prediction, rounding and pulses included [SI], shape (m,).
 
         Parameters
         ----------
@@ -227,11 +228,11 @@ class Comparison:
             The noise [-].
         """
         problem, n, end = self.problem, self.n, self.end
-        out: np.ndarray = mode.D @ rng.standard_normal(mode.z.size)
+        out = np.zeros(self.read.size)
         pressure, flow, speed = self.noise.draw_plateaus(u, rng)
         pressure += problem.resolution["pressure"] * (rng.random(n) - 0.5)
-        out[:n] += mode.prediction.flow_slope * pressure + flow + problem.resolution["flow"] * (rng.random(n) - 0.5)
-        out[n : 2 * n] += mode.prediction.speed_slope * pressure + speed
+        out[:n] += predicted.flow_slope * pressure + flow + problem.resolution["flow"] * (rng.random(n) - 0.5)
+        out[n : 2 * n] += predicted.speed_slope * pressure + speed
         out[2 * n : end] += self.noise.draw_samples(u, rng)
         out[n:end] += problem.resolution["speed"] * (rng.random(end - n) - 0.5)
         out[end:] += self.noise.beside * rng.standard_normal(out.size - end)
@@ -241,7 +242,7 @@ class Comparison:
         before = np.roll(angle, 1)
         before[first] = sd[first] * rng.standard_normal(first.size)
         out[2 * n : end] += (angle - before) / self.step
-        return np.where(self.known, out, 0.0)
+        return out
 
     def free_in_test(self, mode: Mode) -> np.ndarray:
         """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,): their priors hold."""
@@ -473,6 +474,12 @@ class Comparison:
         for one in quantities(self, rivals[0]):
             words = f"{one.words}: {one.needs}" if one.needs else one.words
             yield Test(words, one.needs, partial(expected_quantity, one, self.problem))
+
+    friction_unit = "N m s"
+
+    def unit(self, unknown: Unknown) -> str:
+        """The unit of an effect's parameter."""
+        return unknown.unit
 
     def rows_used(self) -> list[dict[str, Any]]:
         """Rows used of each file, as ``files`` of diagnosis/1."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky_banded, solve_triangular
@@ -128,6 +129,10 @@ class Noise:
         self.first = apart.copy()
         if step.size:
             self.first[np.cumsum([0, *sizes[:-1]])] = True
+
+    def told(self, u: np.ndarray) -> list[dict[str, Any]]:
+        """Nothing: the page has the noise of each instrument."""
+        return []
 
     def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
         """The loudest channel and its noise in declared ones [-], where that is not believable; None where it is.

@@ -431,13 +431,11 @@ def test_a_diagnosis_proves_what_it_names_on_an_unseen_run(tmp_path: Path) -> No
 
 
 def test_a_run_of_another_motor_is_not_predicted(tmp_path: Path) -> None:
-    comparison = Comparison(Problem(recordings.sweep(tmp_path / "seen", 6, LEAK)))
-    base, other = find(comparison, ()), replace(recordings.sweep(tmp_path / "unseen", 7, LEAK), motor="another")
-    with pytest.raises(RecordingError, match="of the motor another, not ptm3600"):
-        predict_unseen(comparison, base, base, other)
+    seen = recordings.sweep(tmp_path / "seen", 6, LEAK)
+    other = replace(recordings.sweep(tmp_path / "unseen", 7, LEAK), motor="another")
     told: list[str] = []
-    with pytest.raises(RecordingError, match="of the motor another, not ptm3600"):
-        diagnose(comparison.problem.recording, 1, told.append, hold_out=other)
+    with pytest.raises(RecordingError, match="of the motor another, not of the motor ptm3600"):
+        diagnose(seen, 1, told.append, hold_out=other)
     assert told == []  # before anything is fitted
 
 

@@ -23,6 +23,8 @@ from calibration.report.machines.words import sentence, table
 from calibration.systems.machines.comparison import Comparison
 from calibration.systems.machines.problem import Problem
 from calibration.systems.machines.readings import means, plateaus
+from calibration.systems.machines.system import systems
+from calibration.work.sources import DIAGNOSIS, imported
 from rig.exchange.importing import import_files
 from rig.exchange.mapping import read_mapping
 from rig.recording import Column, Recording, RecordingError, read_recording, write_recording
@@ -108,7 +110,7 @@ def test_an_unseen_run_is_predicted_and_said_to_be_unseen(dry_axis: Recording) -
 
 
 def test_a_run_of_another_kind_of_rig_cannot_be_held_out(dry_axis: Recording) -> None:
-    with pytest.raises(RecordingError, match="held out is a free_rotor, and diagnosed a driven_axis"):
+    with pytest.raises(RecordingError, match="of a free_rotor, not of a driven_axis"):
         said(dry_axis, rigs.rotor(draw(1)))
 
 
@@ -269,3 +271,37 @@ def test_the_seal_of_the_public_cylinder_rubs_by_its_pressure(tmp_path: Path) ->
     comparison = Comparison(Problem(read_recording(import_files(paths, mapping, tmp_path / "made"))))
     gains = {name: find(comparison, (name,)).log_evidence for name in ("load_friction", "coulomb_friction")}
     assert gains["load_friction"] > gains["coulomb_friction"] + 100.0
+
+
+def part_of(recording: Recording, first: int) -> Recording:
+    """The first coast-down of a rotor without its first rows."""
+    file = recording.files[0]
+    columns = {name: Column(one.values[first:], one.censor[first:]) for name, one in file.columns.items()}
+    return replace(recording, files=(replace(file, rows=file.rows - first, columns=columns),))
+
+
+def test_an_unseen_coast_down_begins_at_its_own_speed_whatever_its_file_is_called() -> None:
+    seen = rigs.rotor(draw(2), lambda w: 2e-5 * w**2)
+    unseen = part_of(rigs.rotor(draw(5), lambda w: 2e-5 * w**2), 12)
+    found = said(seen, unseen)
+    assert (found["verdict"], ids(found)) == ("named", ["windage"])
+    held_out = found["improvement"]["held_out"]
+    assert held_out["scheme"].startswith("unseen run")
+    assert held_out["rmse_after"]["speed_rad_s"] < held_out["rmse_before"]["speed_rad_s"] < 5.0
+
+
+def test_a_run_s_own_zero_is_not_held_against_the_machine() -> None:
+    """However far off it is, it is the run's own."""
+    recording = rigs.cylinder(draw(1))
+    file = recording.files[0]
+    force = file.columns["force_n"]
+    moved = replace(file, columns={**file.columns, "force_n": Column(force.values + 8.0, force.censor)})
+    found = diagnose(replace(recording, files=(moved, *recording.files[1:])), 1)
+    own = found.comparison.problem.place("part_1.csv.drive_offset")
+    assert found.base.z[own] > 5.0  # of its prior's deviations
+    assert found.detection.pulled == ""
+
+
+def test_the_code_of_a_diagnosis_holds_every_kind_of_machine() -> None:
+    modules = {system.__module__ for system in systems().values()}
+    assert modules <= set(imported(DIAGNOSIS))

@@ -1,16 +1,11 @@
-"""The noise of the motor's readings in the test for a mismatch: estimated beside everything that may be missing."""
+"""The noise of the readings in the test for a mismatch: estimated beside everything that may be missing."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
-from calibration.systems.radial_piston.noise import SCALES, SPREAD
-
-if TYPE_CHECKING:
-    from calibration.systems.radial_piston.comparison import Comparison
 
 PASSES = 3
 LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still
@@ -28,24 +23,25 @@ class NoiseTest:
         1, or 0 where a reading is bad [-].
     """
 
-    def __init__(self, comparison: Comparison, mode: Mode, every: np.ndarray, good: np.ndarray) -> None:
+    def __init__(self, comparison: Compared, mode: Mode, every: np.ndarray, good: np.ndarray) -> None:
         self.comparison, self.mode, self.every, self.good = comparison, mode, every, good
-        self.correlated = bool(np.any(comparison.noise.free[SCALES.stop :]))
+        self.scales = comparison.noise.scales
+        self.correlated = bool(np.any(comparison.noise.free[self.scales.stop :]))
 
     def of(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """The noise of differences that is correlated as given, its scales beside all forces [-], shape (5,).
+        """The noise of differences that is correlated as given, its scales beside all forces [-], shape (k,).
 
         Parameters
         ----------
         difference : ndarray, shape (m,)
             Readings less predictions [SI].
-        noise : ndarray, shape (5,)
+        noise : ndarray, shape (k,)
             For its correlations [-].
         """
-        u = _of_declared_size(noise)
+        u = self._of_declared_size(noise)
         for _ in range(PASSES):
             left = difference - self.every @ self._fit(self.every, difference, u)
-            u[SCALES] += self.comparison.noise_step(left, self.mode.prediction, u, self.good)[0][SCALES]
+            u[self.scales] += self.comparison.noise_step(left, self.mode.prediction, u, self.good)[0][self.scales]
         return u
 
     def of_a_draw(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
@@ -55,7 +51,7 @@ class NoiseTest:
         ----------
         difference : ndarray, shape (m,)
             Drawn [SI].
-        noise : ndarray, shape (5,)
+        noise : ndarray, shape (k,)
             That it was drawn about [-].
         """
         u = noise
@@ -66,7 +62,7 @@ class NoiseTest:
         return self.of(difference, u)
 
     def law(self, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and spread of the noise that the law is drawn with [-], shape (5,) each.
+        """Mean and spread of the noise that the law is drawn with [-], shape (k,) each.
 
         Its scales are those beside all forces, what they take up of it allowed for. A scale's law is skew: its
         logarithm's mean lies above the most probable one by the variance, as that of a chi-squared's does.
@@ -76,17 +72,19 @@ class NoiseTest:
         difference : ndarray, shape (m,)
             Readings less predictions [SI].
         """
-        u, mode = _of_declared_size(self.mode.u), self.mode
+        u, mode = self._of_declared_size(self.mode.u), self.mode
         for _ in range(LOUDNESS_PASSES):
             left = difference - self.every @ self._fit(self.every, difference, u)
-            u[SCALES] += self.comparison.noise_step(left, mode.prediction, u, self.good, self.every)[0][SCALES]
+            u[self.scales] += self.comparison.noise_step(left, mode.prediction, u, self.good, self.every)[0][
+                self.scales
+            ]
         left = difference - self.every @ self._fit(self.every, difference, u)
         of_scales = self.comparison.noise_step(left, mode.prediction, u, self.good, self.every)[1]
         left = difference - mode.D @ mode.z
         of_correlations = self.comparison.noise_step(left, mode.prediction, mode.u, self.good, mode.D)[1]
-        information = np.concatenate([np.diag(of_scales)[SCALES], np.diag(of_correlations)[SCALES.stop :]])
+        information = np.concatenate([np.diag(of_scales)[self.scales], np.diag(of_correlations)[self.scales.stop :]])
         spread = np.where(self.comparison.noise.free, 1.0 / np.sqrt(information), 0.0)
-        u[SCALES] += spread[SCALES] ** 2
+        u[self.scales] += spread[self.scales] ** 2
         return u, spread
 
     def _fit(self, columns: np.ndarray, difference: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -94,7 +92,6 @@ class NoiseTest:
         X, y = white(columns) * self.good[:, None], white(difference) * self.good
         return np.linalg.solve(X.T @ X + np.eye(X.shape[1]), X.T @ y)
 
-
-def _of_declared_size(u: np.ndarray) -> np.ndarray:
-    """A noise with its scales as declared and its own correlations."""
-    return np.where(np.arange(SPREAD.size) < SCALES.stop, 0.0, u)
+    def _of_declared_size(self, u: np.ndarray) -> np.ndarray:
+        """A noise with its scales as declared and its own correlations."""
+        return np.where(np.arange(u.size) < self.scales.stop, 0.0, u)

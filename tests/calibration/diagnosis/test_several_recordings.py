@@ -1,0 +1,127 @@
+"""Several recordings of one motor, of different days: one posterior of the motor and the effects."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tests.diagnosis_recordings as recordings
+from calibration.diagnosis import as_json, diagnose
+from calibration.systems.look_up import compared
+from calibration.systems.several import Several
+from model.motor import read_motor
+from rig.recording import Recording, read_recording
+
+ROOT = Path(__file__).resolve().parents[3]
+FRICTION = {"coulomb_friction": {"torque_nm": 0.08}}
+ROTOR = read_motor("ptm3600").si("inertia")
+ANOTHER_DAY = (
+    recordings.HEAD.replace("pressure_bar_abs = 1.01325", "pressure_bar_abs = 0.995")
+    .replace("temperature_c = 20.0", "temperature_c = 26.0")
+    .replace("noise_sd = 0.4", "noise_sd = 0.45")
+)
+
+
+def on_another_day(folder: Path, seed: int, chosen: dict, monkeypatch: pytest.MonkeyPatch, heavy: bool) -> Recording:
+    """A sweep in another ambient, with other noise figures; with a flywheel also a coast-down."""
+    flywheel = f"[rig]\nadded_inertia_kg_m2 = {3.0 * ROTOR:.6f}\n" if heavy else ""
+    with monkeypatch.context() as day:
+        day.setattr(recordings, "HEAD", ANOTHER_DAY + flywheel)
+        found = recordings.sweep(folder, seed, chosen)
+        return recordings.add_coast_down(folder, seed, chosen) if heavy else found
+
+
+def test_one_recording_among_several_is_that_recording(tmp_path: Path) -> None:
+    alone = recordings.sweep(tmp_path / "alone", 3, {"windage": {"drag_nm_s2": 2e-4}})
+    one, other = as_json(diagnose(alone, 1)), as_json(diagnose([alone], 1))
+    assert (one["verdict"], [e["id"] for e in one["effects"]]) == (
+        other["verdict"],
+        [e["id"] for e in other["effects"]],
+    )
+    assert other["f_overall_after"]["mean"] == pytest.approx(one["f_overall_after"]["mean"], rel=1e-3)
+    assert np.log(other["mismatch"]["p_value"]) == pytest.approx(np.log(one["mismatch"]["p_value"]), rel=0.05)
+
+
+def test_two_days_together_know_f_overall_better_than_each_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = recordings.sweep(tmp_path / "first", 3, {})
+    second = on_another_day(tmp_path / "second", 8, {}, monkeypatch, False)
+    both = as_json(diagnose([first, second], 1))
+    assert both["verdict"] == "consistent"
+    assert both["f_overall_after"]["q05"] < read_motor("ptm3600").si("f_overall") < both["f_overall_after"]["q95"]
+    alone = [as_json(diagnose(one, 1))["f_overall_before"]["sd"] for one in (first, second)]
+    assert both["f_overall_before"]["sd"] < min(alone)
+    assert {one["file"] for one in both["files"]} == {"first/sweep.csv", "second/sweep.csv"}
+
+
+def test_a_flywheel_run_of_another_day_shows_the_dry_friction_that_a_recording_hides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alone the recording is explained without it; the coast-down that it asks for is given back: it is listed."""
+    recordings.sweep(tmp_path / "swept", 3, FRICTION)
+    swept = recordings.add_coast_down(tmp_path / "swept", 3, FRICTION)
+    alone = as_json(diagnose(swept, 1))
+    assert alone["verdict"] == "consistent"
+    assert "flywheel" in alone["next_tests"][0]["test"]
+    heavy = on_another_day(tmp_path / "heavy", 8, FRICTION, monkeypatch, True)
+    both = as_json(diagnose([swept, heavy], 1))
+    assert both["verdict"] in ("named", "confounded")
+    listed = [[one["id"] for one in both["effects"]], *both["alternatives"]]
+    assert ["coulomb_friction"] in listed
+
+
+def test_unknowns_of_a_day_are_its_own_and_the_motor_is_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = recordings.sweep(tmp_path / "first", 3, {})
+    heavy = on_another_day(tmp_path / "heavy", 8, {}, monkeypatch, True)
+    several = compared([first, heavy])
+    assert isinstance(several, Several)
+    names = [one.name for one in several.problem.nuisances]
+    assert names.count("f_overall") == names.count("inertia") == 1
+    assert {"first: pressure_offset", "heavy: pressure_offset", "heavy: ambient_pressure"} <= set(names)
+    z = np.zeros(len(names))
+    z[names.index("inertia")] = 1.0
+    rotor = float(several.problem.nuisances[names.index("inertia")].value(np.asarray(1.0)))
+    part = several.parts[1].problem
+    place = part.place("inertia")
+    assert float(part.nuisances[place].value(several.problem.of_part(1, z)[place])) == pytest.approx(
+        rotor + 3.0 * ROTOR
+    )
+
+
+def spinbench(*words: object) -> subprocess.CompletedProcess[str]:
+    """The command line as a person runs it."""
+    command = [sys.executable, "-m", "spinbench", *map(str, words)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_the_command_takes_two_days_and_writes_a_page_for_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recordings.sweep(tmp_path / "first", 3, {})
+    on_another_day(tmp_path / "second", 8, {}, monkeypatch, False)
+    done = spinbench("diagnose", tmp_path / "first", tmp_path / "second", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))["verdict"] == "consistent"
+    for name in ("first", "second"):
+        assert name in (tmp_path / "out" / f"report_{name}.html").read_text(encoding="utf-8")
+
+
+def test_recordings_of_two_motors_are_refused_in_a_line(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path / "first", 3, {})
+    recordings.sweep(tmp_path / "second", 8, {})
+    place = tmp_path / "second" / "recording.toml"
+    text = place.read_text(encoding="utf-8").replace(
+        'motor = "ptm3600"', '[motor]\nkind = "free_rotor"\ninertia_kg_m2 = 1.0'
+    )
+    lines = text.splitlines()
+    head = [line for line in lines if not line.startswith(("[motor]", "kind = ", "inertia_kg"))]
+    place.write_text("\n".join([*head, "[motor]", 'kind = "free_rotor"', "inertia_kg_m2 = 1.0", ""]), encoding="utf-8")
+    assert isinstance(read_recording(tmp_path / "second").motor, dict)
+    done = spinbench("diagnose", tmp_path / "first", tmp_path / "second", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr and "of a free_rotor, not of the motor ptm3600" in done.stderr
+    assert not (tmp_path / "out").exists()
