@@ -4,6 +4,9 @@ A system is `calibration.systems.radial_piston`, the article's motor, or one tha
 `calibration.systems.machines.system`. The unknowns are standard normal numbers z: every nuisance first, then the
 parameters of the effects in question. The noise is a few numbers u, normal a priori with deviations ``spread``: the
 logarithms of noise scales first, then what tells how alike neighbours are.
+
+In all that obeys the protocol: m readings, n unknowns, k numbers of the noise. A point ``z`` has the shape (n,) [-], a
+noise ``u`` the shape (k,) [-], derivatives ``D`` the shape (m, n) [SI], differences of readings the shape (m,) [SI].
 """
 
 from __future__ import annotations

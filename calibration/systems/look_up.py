@@ -11,7 +11,7 @@ from calibration.systems.machines.problem import Problem as MachineProblem
 from calibration.systems.machines.system import has_system
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.problem import Problem
-from calibration.systems.several import Several
+from calibration.systems.several.comparison import Several
 from model.motor import Motor
 from rig.recording import Recording, RecordingError
 

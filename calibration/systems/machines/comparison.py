@@ -92,13 +92,7 @@ class Comparison:
         return bool(np.all(np.isfinite(predicted)))
 
     def whitener(self, predicted: np.ndarray, u: np.ndarray) -> Whitener:
-        """The map to standard normal numbers with a noise.
-
-        Parameters
-        ----------
-        u : ndarray, shape (2 l,)
-            The noise [-].
-        """
+        """The map to standard normal numbers with a noise."""
         return Whitener(self.readings, u)
 
     def noise_step(
@@ -110,27 +104,11 @@ class Comparison:
         columns: np.ndarray | None = None,
         correlated: bool = True,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The step to the noise that suits differences best, and the information that there is of it [-].
-
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
-        u : ndarray, shape (2 l,)
-            Where to step from [-].
-        columns : ndarray, shape (m, k) or None
-            Derivatives that the prediction was fitted with [SI].
-        """
+        """The step to the noise that suits differences best, and the information that there is of it [-]."""
         return self.noise.step_of(difference, u, columns, correlated)
 
     def drawn_noise(self, predicted: np.ndarray, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Noise of the readings [SI], shape (m,).
-
-        Parameters
-        ----------
-        u : ndarray, shape (2 l,)
-            The noise [-].
-        """
+        """Noise of the readings [SI], shape (m,)."""
         return self.noise.draw(u, rng)
 
     def free_in_test(self, mode: Mode) -> np.ndarray:
@@ -145,13 +123,7 @@ class Comparison:
         return np.append(self.problem.wide, np.ones(mode.z.size - self.problem.wide.size, dtype=bool))
 
     def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
-        """The noise in the test for a mismatch.
-
-        Parameters
-        ----------
-        every : ndarray, shape (m, k)
-            What all that may be missing does to the readings [SI].
-        """
+        """The noise in the test for a mismatch."""
         return NoiseTest(self.readings, mode, every)
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
@@ -200,15 +172,7 @@ class Comparison:
         return z, covariance, u
 
     def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The point itself, within its bounds, and what it predicts.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        u : ndarray, shape (2 l,)
-            The noise [-].
-        """
+        """The point itself, within its bounds, and what it predicts."""
         z = f.clip(z)
         return z, f(z)
 
@@ -221,53 +185,21 @@ class Comparison:
         return np.zeros(len(self.problem.nuisances))
 
     def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The point itself: it has no angles.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        u : ndarray, shape (2 l,)
-            The noise [-].
-        """
+        """The point itself: it has no angles."""
         return z, here
 
     def loosened(self, f: Function, z: np.ndarray, here: np.ndarray, D: np.ndarray) -> list[np.ndarray]:
-        """The point itself: nothing stands in its way.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        D : ndarray, shape (m, k)
-            Derivatives there [SI].
-        """
+        """The point itself: nothing stands in its way."""
         return [z]
 
     def along_valley(
         self, f: Function, z: np.ndarray, tried: np.ndarray, here: np.ndarray, D: np.ndarray
     ) -> np.ndarray:
-        """The straight step [-], shape (k,): there is no valley.
-
-        Parameters
-        ----------
-        z, tried : ndarray, shape (k,)
-            Where from, and the end of the straight step [-].
-        D : ndarray, shape (m, k)
-            Derivatives there [SI].
-        """
+        """The straight step [-], shape (k,): there is no valley."""
         return tried
 
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
-        """What an offset or a scale of an instrument does to the readings [SI], shape (m,); None of the rest.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        raw : ndarray, shape (m,)
-            The prediction there [SI].
-        """
+        """What an offset or a scale of an instrument does to the readings [SI], shape (m,); None of the rest."""
         unknown = self.problem.nuisances[i]
         of_a_run = unknown.name.endswith(".drive_offset")
         place, _, error = unknown.name.rpartition("." if of_a_run else "_")
@@ -351,13 +283,7 @@ class Comparison:
         return "; ".join(far)
 
     def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
-        """Tests that this rig could make.
-
-        Parameters
-        ----------
-        rivals : sequence of Mode
-            The explanations, the most probable first.
-        """
+        """Tests that this rig could make."""
         return tests(self.problem, rivals)
 
     def rows_used(self) -> list[dict[str, Any]]:

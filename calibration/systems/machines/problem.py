@@ -113,13 +113,7 @@ class Problem:
         ]
 
     def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
-        """Values of the effects' parameters.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The effects' share of the point [-].
-        """
+        """Values of the effects' parameters."""
         found: Chosen = {name: {} for name in names}
         for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
             found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
@@ -168,13 +162,7 @@ class Problem:
         smooth: bool = False,
         around: None = None,
     ) -> np.ndarray:
-        """What the instruments would read, one array after the other [SI], shape (m,).
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        """
+        """What the instruments would read, one array after the other [SI], shape (m,)."""
         return np.concatenate(self.system.predict(self.values(z), chosen))
 
     def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: np.ndarray) -> None:

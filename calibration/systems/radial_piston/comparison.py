@@ -30,6 +30,7 @@ from calibration.likelihood.noise_test import NoiseTest
 from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
 from calibration.systems.radial_piston import run_starts
 from calibration.systems.radial_piston.base import base_of
+from calibration.systems.radial_piston.derivatives import known_derivative
 from calibration.systems.radial_piston.next_tests.planned import expected_readings, planned
 from calibration.systems.radial_piston.next_tests.quantities import expected_quantity, quantities
 from calibration.systems.radial_piston.noise import Noise, Whitener
@@ -41,10 +42,9 @@ from calibration.systems.radial_piston.places.further_forces import angle_force,
 from calibration.systems.radial_piston.places.steps_in_time import steps_in_time
 from calibration.systems.radial_piston.places.terms import forms
 from calibration.systems.radial_piston.predict.carried import carried
-from calibration.systems.radial_piston.predict.in_time import follows_angle
 from calibration.systems.radial_piston.predict.kinds import FLOW, LINE, RUN, SPEED, STANDING, VENTED
-from calibration.systems.radial_piston.predict.problem import SI_OF, Prediction, Problem
-from calibration.systems.radial_piston.predict.wheel import rest_sd, seen
+from calibration.systems.radial_piston.predict.problem import Prediction, Problem
+from calibration.systems.radial_piston.predict.wheel import rest_sd
 from calibration.systems.radial_piston.valley import along_valley
 from calibration.unknowns.priors import Unknown
 from rig.recording import Recording
@@ -147,13 +147,7 @@ class Comparison:
         )
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
-        """The same comparison, with other parameters of effects given, as `Problem.giving` does.
-
-        Parameters
-        ----------
-        given : mapping
-            Values by (effect, parameter) [own unit].
-        """
+        """The same comparison, with other parameters of effects given, as `Problem.giving` does."""
         other = copy(self)
         other.problem, other._middle = self.problem.giving(given), None
         return other
@@ -175,13 +169,7 @@ class Comparison:
         return bool(np.all(np.isfinite(self.raw(predicted)[self.known])))
 
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
-        """The map at a prediction, whose slopes say what the gauge's noise does.
-
-        Parameters
-        ----------
-        u : ndarray, shape (5,)
-            The noise, as in `calibration.systems.radial_piston.noise` [-].
-        """
+        """The map at a prediction, whose slopes say what the gauge's noise does."""
         return self.noise.whitener(u, _slopes(predicted), self.angle_sd)
 
     def noise_step(
@@ -194,18 +182,6 @@ class Comparison:
         correlated: bool = True,
     ) -> tuple[np.ndarray, np.ndarray]:
         """One scoring step of the noise for given differences, and the information that there is of it [-].
-
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
-        u : ndarray, shape (5,)
-            Where to step from [-].
-        weight : ndarray, shape (m,)
-            Of each entry, below 1 where a reading is bad [-].
-        columns : ndarray, shape (m, k) or None
-            Derivatives that the prediction was fitted with [SI].
-
         Returns
         -------
         step : ndarray, shape (5,)
@@ -220,13 +196,7 @@ class Comparison:
         return Comparison(Problem(recording, any_turn=True))
 
     def drawn_noise(self, predicted: Prediction, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Noise of the readings about a prediction, rounding and pulses included [SI], shape (m,).
-
-        Parameters
-        ----------
-        u : ndarray, shape (5,)
-            The noise [-].
-        """
+        """Noise of the readings about a prediction, rounding and pulses included [SI], shape (m,)."""
         problem, n, end = self.problem, self.n, self.end
         out = np.zeros(self.read.size)
         pressure, flow, speed = self.noise.draw_plateaus(u, rng)
@@ -249,15 +219,7 @@ class Comparison:
         return np.ones(mode.z.size)
 
     def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
-        """The noise in the test for a mismatch.
-
-        Parameters
-        ----------
-        every : ndarray, shape (m, k)
-            What all that may be missing does to the readings [SI].
-        good : ndarray, shape (m,)
-            1, or 0 where a reading is bad [-].
-        """
+        """The noise in the test for a mismatch."""
         return NoiseTest(self, mode, every, good)
 
     def base(self) -> Mode:
@@ -272,82 +234,22 @@ class Comparison:
         return self._middle
 
     def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: Prediction) -> tuple[np.ndarray, Prediction]:
-        """A point with the shaft's angles at the best of a few, and the prediction there.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        u : ndarray, shape (5,)
-            The noise [-].
-        """
+        """A point with the shaft's angles at the best of a few, and the prediction there."""
         return run_starts.turned(f, self, z, u, here)
 
     def loosened(self, f: Function, z: np.ndarray, here: Prediction, D: np.ndarray) -> list[np.ndarray]:
-        """Points at which each level that was seen to turn does.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        D : ndarray, shape (m, k)
-            Derivatives there [SI].
-        """
+        """Points at which each level that was seen to turn does."""
         return run_starts.loosened(f, self, z, here, D)
 
     def along_valley(
         self, f: Function, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray
     ) -> np.ndarray:
-        """A step with f_overall set anew, so that the plateaus' speeds do on average what was to be expected of it.
-
-        Parameters
-        ----------
-        z, tried : ndarray, shape (k,)
-            Where from, and the end of the straight step [-].
-        D : ndarray, shape (m, k)
-            Derivatives there [SI].
-        """
+        """A step with f_overall set anew, so that the plateaus' speeds do on average what was to be expected of it."""
         return along_valley(f, self, z, tried, here, D)
 
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
-        """What a nuisance does to the readings [SI], shape (m,), where that needs no simulation; None elsewhere.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        raw : ndarray, shape (m,)
-            The prediction there [SI].
-        """
-        name = self.problem.nuisances[i].name
-        if name.startswith(("flow_", "speed_")):
-            return self._instrument(i, name, raw, z)
-        if name.endswith(".turn") and not follows_angle(names):
-            return np.zeros_like(raw)
-        run = self.problem.run_of(i)
-        if run is not None and ".wheel_" in name:
-            return self._wheel(i, run, name)
-        return None
-
-    def _wheel(self, i: int, run: int, name: str) -> np.ndarray:
-        """A wheel's teeth need no simulation."""
-        found = np.zeros_like(self.read)
-        used = self.problem.blocks.runs[run].used
-        column = seen(self.problem.blocks.runs[run], name.rpartition(".")[2])[used]
-        found[self.kind == RUN + run] = column * self.problem.nuisances[i].b
-        return found
-
-    def _instrument(self, i: int, name: str, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """An offset or a scale of flow or speed needs no simulation."""
-        channel, _, error = name.partition("_")
-        mine = np.isin(self.kind, (FLOW, STANDING)) if channel == "flow" else self.kind > FLOW
-        unknown = self.problem.nuisances[i]
-        if error == "offset":
-            return np.where(mine, unknown.b * SI_OF[channel], 0.0)
-        scale = 1.0 + unknown.b * z[i]
-        place = self.problem.place(f"{channel}_offset")
-        offset = 0.0 if place is None else self.problem.nuisances[place].b * z[place] * SI_OF[channel]
-        return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)
+        """What a nuisance does to the readings [SI], shape (m,), where that needs no simulation; None elsewhere."""
+        return known_derivative(self, i, z, raw, names)
 
     def carried(self, other: Comparison, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What another recording says of the motor and the effects of this one.
@@ -365,15 +267,7 @@ class Comparison:
         return z, covariance, mode.u
 
     def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Prediction]:
-        """A point with the lines and the angles of the runs where they suit the readings best, and what it predicts.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        u : ndarray, shape (5,)
-            The noise [-].
-        """
+        """A point with the lines and the angles of the runs where they suit the readings best, and what it predicts."""
         z = run_starts.with_lines(f, self, run_starts.turned(f, self, z, u, f(z))[0], u)
         self.see_pulses(z[: f.k])
         return run_starts.turned(f, self, z, u, f(z))
@@ -460,13 +354,7 @@ class Comparison:
         return not_described(self, base)
 
     def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
-        """Tests that this bench could make, then quantities that could be read; none of a recording without plateaus.
-
-        Parameters
-        ----------
-        rivals : sequence of Mode
-            The explanations, the most probable first.
-        """
+        """Tests that this bench could make, then quantities that could be read; none without plateaus."""
         if not self.n:
             return
         for plan in planned(self):

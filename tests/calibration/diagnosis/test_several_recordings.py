@@ -13,7 +13,7 @@ import pytest
 import tests.diagnosis_recordings as recordings
 from calibration.diagnosis import as_json, diagnose
 from calibration.systems.look_up import compared
-from calibration.systems.several import Several
+from calibration.systems.several.comparison import Several
 from model.motor import read_motor
 from rig.recording import Recording, read_recording
 

@@ -191,13 +191,7 @@ class Problem:
         return all_searched(names, self.given)
 
     def chosen(self, names: Sequence[str], z: np.ndarray) -> dict[str, dict[str, float]]:
-        """Values of the effects' parameters.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The effects' share of the point [-].
-        """
+        """Values of the effects' parameters."""
         found: dict[str, dict[str, float]] = {name: {} for name in names}
         for (name, parameter), value in self.given.items():
             if name in found:
@@ -215,20 +209,7 @@ class Problem:
         smooth: bool = False,
         around: Neighbourhood | None = None,
     ) -> Prediction:
-        """What the instruments would read.
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        like : Prediction or None
-            Where the rest is taken from when ``runs`` is given.
-        runs : sequence of int or None
-            Indices of the runs to simulate, and nothing else; the plateaus alone where there is none in it; everything
-            when left out [-].
-        around : Neighbourhood or None
-            Of plateaus close by, where those to first order will do; solved in full where it is not given.
-        """
+        """What the instruments would read."""
         split = self.split(z)
         parameters, errors = split[:2]
         found = tuple(
@@ -252,13 +233,7 @@ class Problem:
         return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, standing, line, state)
 
     def neighbourhood(self, z: np.ndarray, chosen: dict[str, dict[str, float]], here: Prediction) -> Neighbourhood:
-        """The plateaus close to a point.
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        """
+        """The plateaus close to a point."""
         rows, true = self._plateaus(*self.split(z)[:2], chosen)
         return Neighbourhood(here.state, rows, self._readings, true, self._gas, chosen, self.blocks.plateaus.time)
 

@@ -1,8 +1,4 @@
-"""Several recordings of one motor, each with its own day: one vector of readings, one posterior.
-
-The motor's own unknowns and the effects are shared. Of each recording alone are its ambient, the errors of its
-instruments, its supply, the angles at which its runs begin, and its noise.
-"""
+"""Several recordings of one motor as one vector of readings."""
 
 from __future__ import annotations
 
@@ -13,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.likelihood.compared import Chosen, Row, Whitener
+from calibration.likelihood.compared import Row
 from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Expected, Test
 from calibration.likelihood.function import Function
@@ -21,212 +17,10 @@ from calibration.likelihood.mode import Mode
 from calibration.likelihood.noise_test import NoiseTest
 from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
 from calibration.systems.radial_piston.comparison import OF_THE_MOTOR, Comparison
-from calibration.systems.radial_piston.predict.problem import Prediction, Problem
+from calibration.systems.several.noise import Noises, Whiteners
+from calibration.systems.several.problem import Predictions, SeveralProblem
 from calibration.unknowns.priors import Unknown
-from model.effects import Effect, EffectParameter
 from rig.recording import Recording
-
-SCALES = 3  # of a recording's noise
-
-Predictions = tuple[Prediction, ...]
-
-
-class SeveralProblem:
-    """The unknowns of several recordings.
-
-    Attributes
-    ----------
-    parts : sequence of Problem
-        Of each recording.
-    at : list of ndarray of int
-        Where each recording's nuisances stand among those of all.
-    """
-
-    friction = "f_overall"
-
-    def __init__(self, parts: Sequence[Problem], names: Sequence[str]) -> None:
-        self.parts, self.names = list(parts), list(names)
-        self.recording = parts[0].recording
-        self.nuisances: list[Unknown] = []
-        self.at: list[np.ndarray] = []
-        self._of: list[tuple[int, int]] = []  # the recording that a nuisance stands in first, and its place there
-        shared: dict[str, int] = {}
-        for k, (part, name) in enumerate(zip(parts, names, strict=True)):
-            places = []
-            for i, one in enumerate(part.nuisances):
-                if one.name in OF_THE_MOTOR and one.name in shared:
-                    places.append(shared[one.name])
-                    continue
-                places.append(len(self.nuisances))
-                if one.name in OF_THE_MOTOR:
-                    shared[one.name] = len(self.nuisances)
-                    self.nuisances.append(one)
-                else:
-                    self.nuisances.append(replace(one, name=f"{name}: {one.name}"))
-                self._of.append((k, i))
-            self.at.append(np.array(places, dtype=int))
-        self._added = [part.recording.added_inertia_kg_m2 for part in parts]
-
-    def of_part(self, k: int, z: np.ndarray) -> np.ndarray:
-        """One recording's nuisances [-]: with another flywheel the rotor keeps its own inertia.
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Of all [-].
-        """
-        found: np.ndarray = z[self.at[k]].copy()
-        place = self.parts[k].place("inertia")
-        if place is not None and self._added[k] != self._added[0]:
-            i = self.at[k][place]
-            rotor = float(self.nuisances[i].value(z[i])) - self._added[0]
-            found[place] = self.parts[k].nuisances[place].z(max(rotor, 1e-12) + self._added[k])
-        return found
-
-    def effects_that_could(self) -> list[Effect]:
-        """The effects that any of the recordings could show."""
-        found = {effect.id: effect for part in self.parts for effect in part.effects_that_could()}
-        return list(found.values())
-
-    def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
-        """Effect id and unknown of each parameter of a set, in its order."""
-        return self.parts[0].effect_unknowns(names)
-
-    def parameter(self, effect: str, name: str) -> EffectParameter:
-        """A parameter of an effect: its bounds and its scale."""
-        return self.parts[0].parameter(effect, name)
-
-    def amplitude(self, effect: str) -> EffectParameter:
-        """The parameter of an effect that says how large it is."""
-        return self.parts[0].amplitude(effect)
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the nuisances [-], each shape (n_nuisances,)."""
-        each = [part.bounds() for part in self.parts]
-        low, high = (np.array([each[k][side][i] for k, i in self._of]) for side in (0, 1))
-        return low, high
-
-    def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
-        """Values of the effects' parameters [own units], by effect.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The effects' share of the point [-].
-        """
-        return self.parts[0].chosen(names, z)
-
-    def place(self, name: str) -> int | None:
-        """Where a nuisance stands among the unknowns; None where it is none of them."""
-        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
-
-    def in_si(self, nuisance: str) -> float:
-        """What a nuisance's value is multiplied by to be SI [-]."""
-        return self.parts[0].in_si(nuisance.rpartition(": ")[2])
-
-    def run_of(self, i: int) -> int | None:
-        """The run in time that a nuisance belongs to alone, counted through all recordings [-]; else None."""
-        k, place = self._of[i]
-        run = self.parts[k].run_of(place)
-        return None if run is None else run + self._before(k)
-
-    def predict(
-        self,
-        z: np.ndarray,
-        chosen: Chosen,
-        like: Predictions | None = None,
-        runs: Sequence[int] | None = None,
-        smooth: bool = False,
-        around: Sequence[Any] | None = None,
-    ) -> Predictions:
-        """What the instruments of each recording would read.
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        """
-        found = []
-        for k, part in enumerate(self.parts):
-            before = None if like is None else like[k]
-            mine = None if runs is None else [run - self._before(k) for run in runs]
-            if mine is not None:
-                mine = [run for run in mine if 0 <= run < len(part.blocks.runs)]
-                if runs and not mine and before is not None:  # a run of another recording
-                    found.append(before)
-                    continue
-            near = None if around is None else around[k]
-            found.append(part.predict(self.of_part(k, z), chosen, before, mine, smooth, near))
-        return tuple(found)
-
-    def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: Predictions) -> list[Any]:
-        """The plateaus of each recording close to a point.
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        """
-        return [part.neighbourhood(self.of_part(k, z), chosen, here[k]) for k, part in enumerate(self.parts)]
-
-    def _before(self, k: int) -> int:
-        return sum(len(part.blocks.runs) for part in self.parts[:k])
-
-
-class _Whitener:
-    """Each recording's map, in the order of all readings."""
-
-    def __init__(self, parts: Sequence[Whitener], at: Sequence[np.ndarray], size: int) -> None:
-        self._parts, self._at, self._size = parts, at, size
-
-    def __call__(self, difference: np.ndarray) -> np.ndarray:
-        """Whitened differences, shape (m,) or (m, k)."""
-        out = np.zeros_like(difference)
-        for part, at in zip(self._parts, self._at, strict=True):
-            out[at] = part(difference[at])
-        return out
-
-    @property
-    def scale(self) -> np.ndarray:
-        """sd of each reading given those before it [SI], shape (m,)."""
-        out = np.zeros(self._size)
-        for part, at in zip(self._parts, self._at, strict=True):
-            out[at] = part.scale
-        return out
-
-    @property
-    def log_scale(self) -> float:
-        """Sum of the logarithms of the sds that hang on the noise [-]."""
-        return sum(part.log_scale for part in self._parts)
-
-
-class _Noise:
-    """The noise of each recording; the scales of all come first in u."""
-
-    def __init__(self, parts: Sequence[Comparison]) -> None:
-        self._parts = parts
-        spread, free = ([getattr(part.noise, what) for part in parts] for what in ("spread", "free"))
-        self.scales = slice(0, SCALES * len(parts))
-        self.spread, self.free = self.joined(spread), self.joined(free)
-
-    def joined(self, each: Sequence[np.ndarray]) -> np.ndarray:
-        """One vector of what each recording has in the order of its own u."""
-        return np.concatenate([*(one[:SCALES] for one in each), *(one[SCALES:] for one in each)])
-
-    def places(self, k: int) -> np.ndarray:
-        """Where a recording's u stands in that of all [-], shape (5,)."""
-        further = self._parts[0].noise.spread.size - SCALES
-        first = SCALES * len(self._parts) + further * k
-        return np.r_[SCALES * k : SCALES * (k + 1), first : first + further]
-
-    def told(self, u: np.ndarray) -> list[dict[str, Any]]:
-        """Nothing: the pages have the noise of each instrument."""
-        return []
-
-    def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
-        """The first recording's channel that is too loud to be believed; None where none is."""
-        found = (part.noise.too_loud(u[self.places(k)]) for k, part in enumerate(self._parts))
-        return next((one for one in found if one), None)
 
 
 class Several:
@@ -245,7 +39,7 @@ class Several:
     def __init__(self, parts: Sequence[Comparison], names: Sequence[str]) -> None:
         self.parts, self.names = list(parts), list(names)
         self.problem = SeveralProblem([part.problem for part in parts], names)
-        self.noise = _Noise(parts)
+        self.noise = Noises(parts)
         cuts = [(0, 2 * part.n, part.end, part.read.size) for part in parts]
         ends = np.cumsum([[cut[j + 1] - cut[j] for cut in cuts] for j in range(3)])
         begins = np.append(0, ends[:-1]).reshape(3, len(parts))
@@ -283,16 +77,10 @@ class Several:
         """Whether the predictions have a value for every reading that there is."""
         return all(part.is_told(one) for part, one in zip(self.parts, predicted, strict=True))
 
-    def whitener(self, predicted: Predictions, u: np.ndarray) -> _Whitener:
-        """The map to standard normal numbers.
-
-        Parameters
-        ----------
-        u : ndarray, shape (5 parts,)
-            The noise [-].
-        """
+    def whitener(self, predicted: Predictions, u: np.ndarray) -> Whiteners:
+        """The map to standard normal numbers."""
         each = [part.whitener(predicted[k], u[self.noise.places(k)]) for k, part in enumerate(self.parts)]
-        return _Whitener(each, self.at, self.read.size)
+        return Whiteners(each, self.at, self.read.size)
 
     def noise_step(
         self,
@@ -303,19 +91,7 @@ class Several:
         columns: np.ndarray | None = None,
         correlated: bool = True,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """One scoring step of each recording's noise, and the information that there is of it [-].
-
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
-        u : ndarray, shape (5 parts,)
-            Where to step from [-].
-        weight : ndarray, shape (m,)
-            Of each entry, below 1 where a reading is bad [-].
-        columns : ndarray, shape (m, k) or None
-            Derivatives that the prediction was fitted with [SI].
-        """
+        """One scoring step of each recording's noise, and the information that there is of it [-]."""
         step, information = np.zeros(u.size), np.zeros((u.size, u.size))
         for k, part in enumerate(self.parts):
             at, places = self.at[k], self.noise.places(k)
@@ -325,13 +101,7 @@ class Several:
         return step, information
 
     def drawn_noise(self, predicted: Predictions, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Noise of the readings about a prediction [SI], shape (m,).
-
-        Parameters
-        ----------
-        u : ndarray, shape (5 parts,)
-            The noise [-].
-        """
+        """Noise of the readings about a prediction [SI], shape (m,)."""
         each = [part.drawn_noise(predicted[k], u[self.noise.places(k)], rng) for k, part in enumerate(self.parts)]
         return self._joined(each)
 
@@ -340,15 +110,7 @@ class Several:
         return np.ones(mode.z.size)
 
     def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
-        """The noise in the test for a mismatch.
-
-        Parameters
-        ----------
-        every : ndarray, shape (m, k)
-            What all that may be missing does to the readings [SI].
-        good : ndarray, shape (m,)
-            1, or 0 where a reading is bad [-].
-        """
+        """The noise in the test for a mismatch."""
         return NoiseTest(self, mode, every, good)
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Several:
@@ -370,15 +132,7 @@ class Several:
         raise NotImplementedError("several recordings are never held out")
 
     def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Predictions]:
-        """The point itself, and what it predicts.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        u : ndarray, shape (5 parts,)
-            The noise [-].
-        """
+        """The point itself, and what it predicts."""
         return z, f(z)
 
     def base(self) -> Mode:
@@ -404,15 +158,7 @@ class Several:
         return z
 
     def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: Predictions) -> tuple[np.ndarray, Predictions]:
-        """A point with the shaft's angles at the best of a few, and the predictions there.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        u : ndarray, shape (5 parts,)
-            The noise [-].
-        """
+        """A point with the shaft's angles at the best of a few, and the predictions there."""
         found, there = z.copy(), list(here)
         for k, part in enumerate(self.parts):
             own = self._own(k, f, found)
@@ -421,29 +167,13 @@ class Several:
         return found, tuple(there)
 
     def loosened(self, f: Function, z: np.ndarray, here: Predictions, D: np.ndarray) -> list[np.ndarray]:
-        """The point itself.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        D : ndarray, shape (m, k)
-            Derivatives there [SI].
-        """
+        """The point itself."""
         return [z]
 
     def along_valley(
         self, f: Function, z: np.ndarray, tried: np.ndarray, here: Predictions, D: np.ndarray
     ) -> np.ndarray:
-        """A step along the valley of the recording with the most plateaus.
-
-        Parameters
-        ----------
-        z, tried : ndarray, shape (k,)
-            Where from, and the end of the straight step [-].
-        D : ndarray, shape (m, k)
-            Derivatives there [SI].
-        """
+        """A step along the valley of the recording with the most plateaus."""
         k = max(range(len(self.parts)), key=lambda i: self.parts[i].n)
         part, own, ahead = self.parts[k], self._own(k, f, z), self._own(k, f, tried)
         columns = D[np.ix_(self.at[k], self._columns(k, z.size))]
@@ -453,16 +183,8 @@ class Several:
         return f.clip(found)
 
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
-        """What a nuisance of one recording does to the readings [SI], shape (m,), where that needs no simulation.
-
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The point [-].
-        raw : ndarray, shape (m,)
-            The predictions there [SI].
-        """
-        k, place = self.problem._of[i]
+        """What a nuisance of one recording does to the readings [SI], shape (m,), where that needs no simulation."""
+        k, place = self.problem.owner(i)
         if self.problem.nuisances[i].name in OF_THE_MOTOR:
             return None
         n = len(self.problem.nuisances)
@@ -540,13 +262,7 @@ class Several:
         return next((f"{name}: {words}" for name, words in each if words), "")
 
     def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
-        """Tests that the bench of the last recording could make, with what all of them say.
-
-        Parameters
-        ----------
-        rivals : sequence of Mode
-            The explanations, the most probable first.
-        """
+        """Tests that the bench of the last recording could make, with what all of them say."""
         k = len(self.parts) - 1
 
         def read(test: Test, of: Sequence[Mode]) -> list[Expected]:

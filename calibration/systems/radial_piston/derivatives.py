@@ -1,0 +1,60 @@
+"""What nuisances of the motor do to the readings where that needs no simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.systems.radial_piston.predict import wheel
+from calibration.systems.radial_piston.predict.in_time import follows_angle
+from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, STANDING
+from calibration.systems.radial_piston.predict.problem import SI_OF
+
+if TYPE_CHECKING:
+    from calibration.systems.radial_piston.comparison import Comparison
+
+
+def known_derivative(
+    comparison: Comparison, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]
+) -> np.ndarray | None:
+    """What a nuisance does to the readings [SI], shape (m,); None where only a simulation tells.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n,)
+        The point [-].
+    raw : ndarray, shape (m,)
+        The prediction there [SI].
+    names : sequence of str
+        The effects of the point.
+    """
+    problem = comparison.problem
+    name = problem.nuisances[i].name
+    if name.startswith(("flow_", "speed_")):
+        return _of_an_instrument(comparison, i, raw, z)
+    if name.endswith(".turn") and not follows_angle(names):
+        return np.zeros_like(raw)
+    run = problem.run_of(i)
+    if run is None or ".wheel_" not in name:
+        return None
+    found = np.zeros_like(comparison.read)
+    one = problem.blocks.runs[run]
+    column = wheel.seen(one, name.rpartition(".")[2])[one.used]
+    found[comparison.kind == RUN + run] = column * problem.nuisances[i].b
+    return found
+
+
+def _of_an_instrument(comparison: Comparison, i: int, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Of an offset or a scale of flow or speed."""
+    problem = comparison.problem
+    unknown = problem.nuisances[i]
+    channel, _, error = unknown.name.partition("_")
+    mine = np.isin(comparison.kind, (FLOW, STANDING)) if channel == "flow" else comparison.kind > FLOW
+    if error == "offset":
+        return np.where(mine, unknown.b * SI_OF[channel], 0.0)
+    scale = 1.0 + unknown.b * z[i]
+    place = problem.place(f"{channel}_offset")
+    offset = 0.0 if place is None else problem.nuisances[place].b * z[place] * SI_OF[channel]
+    return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)

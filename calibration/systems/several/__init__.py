@@ -1,0 +1,9 @@
+"""Several recordings of one motor, each with its own day: one vector of readings, one posterior.
+
+The motor's own unknowns and the effects are shared. Of each recording alone are its ambient, the errors of its
+instruments, its supply, the angles at which its runs begin, and its noise.
+
+problem     the unknowns, and the predictions
+noise       each recording's noise, and the map that it sets
+comparison  the recordings as one vector: what the diagnosis sees
+"""

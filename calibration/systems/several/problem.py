@@ -1,0 +1,145 @@
+"""The unknowns of several recordings of one motor, and the predictions of their readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibration.likelihood.compared import Chosen
+from calibration.systems.radial_piston.comparison import OF_THE_MOTOR
+from calibration.systems.radial_piston.predict.problem import Prediction, Problem
+from calibration.unknowns.priors import Unknown
+from model.effects import Effect, EffectParameter
+
+Predictions = tuple[Prediction, ...]
+
+
+class SeveralProblem:
+    """The unknowns of several recordings.
+
+    Attributes
+    ----------
+    parts : sequence of Problem
+        Of each recording.
+    at : list of ndarray of int
+        Where each recording's nuisances stand among those of all.
+    """
+
+    friction = "f_overall"
+
+    def __init__(self, parts: Sequence[Problem], names: Sequence[str]) -> None:
+        self.parts, self.names = list(parts), list(names)
+        self.recording = parts[0].recording
+        self.nuisances: list[Unknown] = []
+        self.at: list[np.ndarray] = []
+        self._of: list[tuple[int, int]] = []  # the recording that a nuisance stands in first, and its place there
+        shared: dict[str, int] = {}
+        for k, (part, name) in enumerate(zip(parts, names, strict=True)):
+            places = []
+            for i, one in enumerate(part.nuisances):
+                if one.name in OF_THE_MOTOR and one.name in shared:
+                    places.append(shared[one.name])
+                    continue
+                places.append(len(self.nuisances))
+                if one.name in OF_THE_MOTOR:
+                    shared[one.name] = len(self.nuisances)
+                    self.nuisances.append(one)
+                else:
+                    self.nuisances.append(replace(one, name=f"{name}: {one.name}"))
+                self._of.append((k, i))
+            self.at.append(np.array(places, dtype=int))
+        self._added = [part.recording.added_inertia_kg_m2 for part in parts]
+
+    def of_part(self, k: int, z: np.ndarray) -> np.ndarray:
+        """One recording's nuisances [-]: with another flywheel the rotor keeps its own inertia.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Of all [-].
+        """
+        found: np.ndarray = z[self.at[k]].copy()
+        place = self.parts[k].place("inertia")
+        if place is not None and self._added[k] != self._added[0]:
+            i = self.at[k][place]
+            rotor = float(self.nuisances[i].value(z[i])) - self._added[0]
+            found[place] = self.parts[k].nuisances[place].z(max(rotor, 1e-12) + self._added[k])
+        return found
+
+    def effects_that_could(self) -> list[Effect]:
+        """The effects that any of the recordings could show."""
+        found = {effect.id: effect for part in self.parts for effect in part.effects_that_could()}
+        return list(found.values())
+
+    def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
+        """Effect id and unknown of each parameter of a set, in its order."""
+        return self.parts[0].effect_unknowns(names)
+
+    def parameter(self, effect: str, name: str) -> EffectParameter:
+        """A parameter of an effect: its bounds and its scale."""
+        return self.parts[0].parameter(effect, name)
+
+    def amplitude(self, effect: str) -> EffectParameter:
+        """The parameter of an effect that says how large it is."""
+        return self.parts[0].amplitude(effect)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the nuisances [-], each shape (n_nuisances,)."""
+        each = [part.bounds() for part in self.parts]
+        low, high = (np.array([each[k][side][i] for k, i in self._of]) for side in (0, 1))
+        return low, high
+
+    def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
+        """Values of the effects' parameters [own units], by effect."""
+        return self.parts[0].chosen(names, z)
+
+    def place(self, name: str) -> int | None:
+        """Where a nuisance stands among the unknowns; None where it is none of them."""
+        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
+
+    def in_si(self, nuisance: str) -> float:
+        """What a nuisance's value is multiplied by to be SI [-]."""
+        return self.parts[0].in_si(nuisance.rpartition(": ")[2])
+
+    def owner(self, i: int) -> tuple[int, int]:
+        """The recording that a nuisance stands in first, and its place there [-]."""
+        return self._of[i]
+
+    def run_of(self, i: int) -> int | None:
+        """The run in time that a nuisance belongs to alone, counted through all recordings [-]; else None."""
+        k, place = self._of[i]
+        run = self.parts[k].run_of(place)
+        return None if run is None else run + self._before(k)
+
+    def predict(
+        self,
+        z: np.ndarray,
+        chosen: Chosen,
+        like: Predictions | None = None,
+        runs: Sequence[int] | None = None,
+        smooth: bool = False,
+        around: Sequence[Any] | None = None,
+    ) -> Predictions:
+        """What the instruments of each recording would read."""
+        found = []
+        for k, part in enumerate(self.parts):
+            before = None if like is None else like[k]
+            mine = None if runs is None else [run - self._before(k) for run in runs]
+            if mine is not None:
+                mine = [run for run in mine if 0 <= run < len(part.blocks.runs)]
+                if runs and not mine and before is not None:  # a run of another recording
+                    found.append(before)
+                    continue
+            near = None if around is None else around[k]
+            found.append(part.predict(self.of_part(k, z), chosen, before, mine, smooth, near))
+        return tuple(found)
+
+    def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: Predictions) -> list[Any]:
+        """The plateaus of each recording close to a point."""
+        return [part.neighbourhood(self.of_part(k, z), chosen, here[k]) for k, part in enumerate(self.parts)]
+
+    def _before(self, k: int) -> int:
+        return sum(len(part.blocks.runs) for part in self.parts[:k])
