@@ -131,6 +131,7 @@ class BenchFile(Strict):
     title: str
     motor: str = "ptm3600"
     lubrication: str = ""
+    added_inertia_kg_m2: Annotated[float, pydantic.Field(ge=0.0, le=100.0)] = 0.0  # a flywheel on the shaft
     ambient: AmbientTable = AmbientTable()
     supply: SupplyTable = SupplyTable()
     lines: dict[str, LineTable]

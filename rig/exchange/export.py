@@ -105,6 +105,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
         sha256=_digest(run),
         supply=supply_of(SupplyTable(**{key: getattr(run.start.supply, key) for key in SupplyTable.model_fields})),
         origin=_origin(run),
+        added_inertia_kg_m2=run.start.added_inertia_kg_m2,
     )
     return Exported(recording, notes)
 

@@ -109,6 +109,7 @@ class StartRecord(Record):
     parent: Text | None = None
     motor: Text | dict[str, Any] = "ptm3600"
     lubrication: Text = ""
+    added_inertia_kg_m2: NotNegative = 0.0  # a flywheel on the shaft
     minutes_running: NotNegative | None = None
     ambient: AmbientRecord = AmbientRecord()
     supply: SupplyRecord = SupplyRecord()

@@ -76,6 +76,7 @@ def start_record(
         "parent": circumstances.parent,
         "motor": file.motor,
         "lubrication": file.lubrication if circumstances.lubrication is None else circumstances.lubrication,
+        "added_inertia_kg_m2": file.added_inertia_kg_m2,
         "minutes_running": circumstances.minutes_running,
         "ambient": circumstances.ambient or AmbientRecord(**file.ambient.model_dump()),
         "supply": SupplyRecord(**file.supply.model_dump()),

@@ -182,7 +182,9 @@ def motor_of(bench: Bench, ambient: Ambient) -> Motor:
         "inlet_temperature": ambient.temperature_c + 273.15,
         "relative_humidity": ambient.relative_humidity,
     }
-    return read_motor(bench.file.motor).with_values(values)
+    motor = read_motor(bench.file.motor)
+    values["inertia"] = motor["inertia"].value + bench.file.added_inertia_kg_m2
+    return motor.with_values(values)
 
 
 def _resolution(rate: Rate) -> str:

@@ -7,8 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from rig.recording import Recording, read_recording
 from tests import chain
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,3 +56,24 @@ def test_a_line_that_holds_air_behind_a_gauge_with_one_value_a_second_is_explain
     assert found["verdict"] == "consistent" and found["named"] == []
     for figure in (found["fit"], found["f_overall"]):
         assert abs(figure["mean"] - TRUE_F_OVERALL) < 4.0 * figure["sd"]
+
+
+@pytest.mark.slow
+def test_a_flywheel_that_the_bench_file_states_is_on_the_shaft_and_in_the_recording(tmp_path: Path) -> None:
+    text = (ROOT / "configs" / "benches" / "virtual.toml").read_text(encoding="utf-8")
+    for name, more in (("bare", ""), ("heavy", "added_inertia_kg_m2 = 0.015\n")):
+        (tmp_path / f"{name}.toml").write_text(text.replace("[ambient]", f"{more}[ambient]", 1), encoding="utf-8")
+        spinbench("capture", f"{name}.toml", "--kind", "coast-down", "--rate", "10", folder=tmp_path)
+        spinbench("runs", "export", "last", "-o", name, folder=tmp_path)
+    bare, heavy = (read_recording(tmp_path / name) for name in ("bare", "heavy"))
+    assert (bare.added_inertia_kg_m2, heavy.added_inertia_kg_m2) == (0.0, 0.015)
+    # Four times the inertia: so much longer from three quarters of the speed to a quarter.
+    assert _falls_in(heavy) == pytest.approx(4.0 * _falls_in(bare), rel=0.2)
+
+
+def _falls_in(recording: Recording) -> float:
+    """Time from three quarters of the highest speed to a quarter [s]."""
+    run = next(file for file in recording.files if file.kind == "transient")
+    time, speed = run.columns["time_s"].values, run.columns["speed_rpm"].values
+    last = [float(time[np.flatnonzero(speed > share * np.nanmax(speed))[-1]]) for share in (0.25, 0.75)]
+    return last[0] - last[1]

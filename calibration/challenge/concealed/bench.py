@@ -130,7 +130,7 @@ def plant_of(contents: Mapping[str, Any], bench: Bench) -> LivePlant:
         raise ConcealError(f"{bench.name}: virtual.truth.{refused[0]}: a bench that conceals something draws its motor")
     line = LineTruth(**{**contents["line"], **told})
     truth = Truth(**contents["truth"])
-    rig = Rig(truth.nuisances, {}, concealed.from_json(truth.effects))
+    rig = Rig(truth.nuisances, {}, concealed.from_json(truth.effects), bench.file.added_inertia_kg_m2)
     room_k = motor.si("ambient_temperature")
     trial = LivePlant(rig, line, room_k)  # compiles the march before the clock starts
     trial.order(2.0)

@@ -52,7 +52,8 @@ def propose(comparison: Compared, rivals: Sequence[Candidate]) -> list[NextTest]
     if len(weighed) < 2:
         return []
     names = ["+".join(one.names) or NOTHING for one in weighed]
-    found = [weigh(test, names, weighed) for test in comparison.tests(weighed)]
+    told = {test.words: test for test in comparison.tests(weighed)}  # of one level the middle one is the highest
+    found = [weigh(test, names, weighed) for test in told.values()]
     return ranked([one for one in found if one])
 
 
