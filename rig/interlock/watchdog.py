@@ -52,6 +52,8 @@ class Plan:
         Its line, with the port where it really is (on a virtual bench the pty or the TCP port in use).
     log : Path or None
         Where a line of JSON says what was done; usually ``watchdog.jsonl`` of the run.
+    seal : Path or None
+        A file in the log's folder; once it is there, nothing is written into the log any more.
     """
 
     bench_file: Path
@@ -59,6 +61,7 @@ class Plan:
     line: LineTable
     rate: float = 1.0
     log: Path | None = None
+    seal: Path | None = None
 
     @classmethod
     def of(
@@ -68,6 +71,7 @@ class Plan:
         clock: Clock,
         log: Path | None = None,
         where: Mapping[str, str | int] | None = None,
+        seal: Path | None = None,
     ) -> Plan:
         """The plan for a bench's regulator.
 
@@ -85,7 +89,7 @@ class Plan:
         if device is None:
             raise SafetyError("the bench has no regulator, so a watchdog has nothing to set to zero")
         table = bench.file.lines[bench.file.devices[device].line]
-        return cls(bench_file, device, table.model_copy(update=dict(where or {})), clock.rate, log)
+        return cls(bench_file, device, table.model_copy(update=dict(where or {})), clock.rate, log, seal)
 
     def to_json(self) -> bytes:
         """The plan as one line."""
@@ -95,6 +99,7 @@ class Plan:
             "line": self.line.model_dump(),
             "rate": self.rate,
             "log": None if self.log is None else str(self.log.resolve()),
+            "seal": None if self.seal is None else str(self.seal.resolve()),
         }
         return json.dumps(table).encode() + b"\n"
 
@@ -102,8 +107,8 @@ class Plan:
     def from_json(cls, text: bytes) -> Plan:
         """A plan from `to_json`."""
         table = json.loads(text)
-        log = None if table["log"] is None else Path(table["log"])
-        return cls(Path(table["bench_file"]), table["device"], LineTable(**table["line"]), table["rate"], log)
+        log, seal = (None if table[name] is None else Path(table[name]) for name in ("log", "seal"))
+        return cls(Path(table["bench_file"]), table["device"], LineTable(**table["line"]), table["rate"], log, seal)
 
 
 class Beat(threading.Thread):

@@ -17,6 +17,7 @@ from rig.bench.bench import read_bench
 from rig.clock import Clock
 from rig.interlock.watchdog import READY, RELEASE, SILENCE_S, Plan
 from rig.lines.serial import SerialPort
+from rig.recording.files import alone_in
 
 GIVE_UP_S = 10.0
 AGAIN_S = 0.1  # between attempts
@@ -131,12 +132,17 @@ def _say(text: bytes) -> None:
 
 
 def _note(plan: Plan, event: str, **details: Any) -> None:
-    """A line of JSON in one write; a full disk or a folder that is gone must not keep the regulator from zero."""
+    """A line of JSON in one write; a full disk or a folder that is gone must not keep the regulator from zero.
+
+    A run may be sealed while this process is being started: `repair` right after a kill.
+    """
     if plan.log is None:
         return
     utc = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
     text = json.dumps({"utc": utc, "event": event, "device": plan.device, **details})
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError), alone_in(plan.log.parent):
+        if plan.seal is not None and plan.seal.exists():
+            return
         file = os.open(plan.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         try:
             os.write(file, text.encode() + b"\n")

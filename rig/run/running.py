@@ -34,7 +34,7 @@ from rig.lines.keyboard import KeyboardPort
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
 from rig.runlog import Circumstances, RunError, RunWriter, StartRecord, start_record
-from rig.runlog.folder import WATCHDOG
+from rig.runlog.folder import END, WATCHDOG
 from rig.sweep.ambient import Ambient, AmbientError, Ask, Given, at_end, at_start
 from rig.sweep.capture import motor_of
 from rig.sweep.course import Course
@@ -262,7 +262,7 @@ class _Run:
         virtual = self.place.virtual
         line_name = self.bench.file.devices[self.bench.file.roles.regulator].line
         where = None if virtual is None else virtual.get(line_name)
-        plan = WatchdogPlan.of(self.bench, self.path, self.place.clock, writer.folder / WATCHDOG, where)
+        plan = WatchdogPlan.of(self.bench, self.path, self.place.clock, writer.folder / WATCHDOG, where, writer.folder / END)
         watchdog = Watchdog.start(plan, ATTENDED_S)
         self.acquisition.event("watchdog", None, pid=watchdog.pid)
         return watchdog

@@ -8,6 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 from rig.readings import NS
+from rig.recording.files import alone_in
 from rig.runlog import rows
 from rig.runlog.folder import (
     APPENDED,
@@ -149,17 +150,18 @@ def repair(folder: Path) -> list[str]:
             int(run.samples["reply_ns"].max()) if len(run.samples) else 0,
             round(run.events[-1].time_s * NS) if run.events else 0,
         )
-        present = [name for name in HASHED if (folder / name).exists()]
-        record = EndRecord(
-            outcome="failed",
-            reason=REPAIRED,
-            utc_end=rows.utc_text(run.start.clock.utc_start_ns + last_ns),
-            counts={"exchanges": int(run.samples["exchange"].iloc[-1]) if len(run.samples) else 0} | counts,
-            sha256={name: sha256_of(folder / name) for name in present},
-            vented=None,
-            repair={"dropped": dropped, "findings": findings},
-        )
-        write_whole(folder / END, dump(record))
+        with alone_in(folder):  # a watchdog may be writing its line
+            present = [name for name in HASHED if (folder / name).exists()]
+            record = EndRecord(
+                outcome="failed",
+                reason=REPAIRED,
+                utc_end=rows.utc_text(run.start.clock.utc_start_ns + last_ns),
+                counts={"exchanges": int(run.samples["exchange"].iloc[-1]) if len(run.samples) else 0} | counts,
+                sha256={name: sha256_of(folder / name) for name in present},
+                vented=None,
+                repair={"dropped": dropped, "findings": findings},
+            )
+            write_whole(folder / END, dump(record))
     finally:
         lock.release()
     return [*done, *findings, f"sealed as failed, reason '{REPAIRED}'"]

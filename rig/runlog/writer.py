@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from rig.readings import NS, Exchange
-from rig.recording.files import sync_folder
+from rig.recording.files import alone_in, sync_folder
 from rig.runlog import plateaus, rows
 from rig.runlog.folder import (
     APPENDED,
@@ -195,7 +195,7 @@ class RunWriter:
             self._closing.set()
         if self._syncer.is_alive():  # what it puts on the disk may fail yet
             self._syncer.join()
-        with self._guard:
+        with self._guard, alone_in(self.folder):  # a watchdog may be writing its line
             self._sync()
             if self._failure and self._failure not in reason:
                 reason = f"{reason}; {self._failure}".removeprefix("; ")

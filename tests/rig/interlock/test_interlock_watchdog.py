@@ -72,7 +72,7 @@ class Bench:
 
     def plan(self):
         path = self.folder / "bench.toml"
-        return Plan.of(read_bench(path), path, Clock(), self.folder / "watchdog.jsonl")
+        return Plan.of(read_bench(path), path, Clock(), self.folder / "watchdog.jsonl", seal=self.folder / "end.json")
 
     def log(self):
         path = self.folder / "watchdog.jsonl"
@@ -150,6 +150,25 @@ def test_a_controller_that_is_killed_before_the_watchdog_is_ready_is_vented_too(
     ended.append(process)
     assert process.wait(20) == -signal.SIGKILL
     assert bench.peer.wait_for_write(0, 0, 20.0) is not None  # as soon as it has read its files
+
+
+def test_a_watchdog_that_starts_late_vents_and_leaves_a_run_that_was_sealed_meanwhile_alone(bench, ended):
+    bench.registers[0] = RAISED
+    kill = """
+        plan = Plan.of(bench, folder / "bench.toml", clock, folder / "watchdog.jsonl", seal=folder / "end.json")
+        (folder / "end.json").write_text("{}")
+        Watchdog._wait_until_ready = lambda self: (print("raised", self.pid, flush=True), os.kill(os.getpid(), 9))
+    """
+    process = bench.controller(before=kill)
+    ended.append(process)
+    watchdog = raised(process)
+    assert process.wait(20) == -signal.SIGKILL
+    assert bench.peer.wait_for_write(0, 0, 20.0) is not None
+    until_s = time.monotonic() + 5.0
+    while is_running(watchdog) and time.monotonic() < until_s:
+        time.sleep(0.02)
+    assert not is_running(watchdog)
+    assert not (bench.folder / "watchdog.jsonl").exists()
 
 
 def test_a_controller_that_ends_without_a_release_is_vented(bench, ended):
