@@ -262,7 +262,8 @@ class _Run:
         virtual = self.place.virtual
         line_name = self.bench.file.devices[self.bench.file.roles.regulator].line
         where = None if virtual is None else virtual.get(line_name)
-        plan = WatchdogPlan.of(self.bench, self.path, self.place.clock, writer.folder / WATCHDOG, where, writer.folder / END)
+        log, seal = writer.folder / WATCHDOG, writer.folder / END
+        plan = WatchdogPlan.of(self.bench, self.path, self.place.clock, log, where, seal)
         watchdog = Watchdog.start(plan, ATTENDED_S)
         self.acquisition.event("watchdog", None, pid=watchdog.pid)
         return watchdog
