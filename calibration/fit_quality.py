@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -10,21 +10,27 @@ import numpy as np
 from scipy.special import bdtrc
 
 from calibration.data import rows_used
-from calibration.diagnosis.mismatch import Detected, detect_mismatch
+from calibration.data.refusals import refuse_unusable
+from calibration.diagnosis.diagnose import CERTAIN_P
+from calibration.diagnosis.mismatch import Detected, detect_mismatch, fit_base, test_base
 from calibration.diagnosis.steps.detect import MISMATCH_P, detect
 from calibration.diagnosis.steps.locate import locate
 from calibration.fit import fit as fits
 from calibration.fit import posterior
 from calibration.fit.posterior import FitQuality
+from calibration.fit.whole import WholeFit
 from calibration.likelihood.descent import find
-from calibration.likelihood.mode import BAD
+from calibration.likelihood.mode import BAD, Mode
 from calibration.likelihood.signatures import signatures
 from calibration.report.diagnosis.words import place_in_words
+from calibration.systems.radial_piston.batch.effects import refuse_effects
 from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
-from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR
+from calibration.systems.several.comparison import Several
+from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, at_ambient
 from calibration.work.step_clock import Tell
-from model.motor import Motor
-from rig.recording import Ambient, Column, Recording, RecordingFile
+from calibration.work.threads import threads
+from model.motor import Motor, read_motor, set_values
+from rig.recording import Ambient, Column, Recording, RecordingError, RecordingFile
 
 MOST_PLACES = 2  # that are told
 MOST_BAD = 0.25  # share of a channel's readings that may be taken for bad: more are no exceptions
@@ -63,7 +69,7 @@ def judge(
     if effects:
         tell("with its effects")
         found = _with_effects(found, effects, np.random.default_rng(seed))
-    p, most_bad = _of_bad_readings(found)
+    p, most_bad = _of_bad_readings(found.comparison, found.base)
     p = min(found.detection.p_value, p)
     if p >= MISMATCH_P:
         few = len(measured.steady) < FEWEST_ROWS
@@ -71,18 +77,103 @@ def judge(
     return FitQuality(p, False, _what_stands_out(found, most_bad))
 
 
-def as_json(found: fits.Fit) -> dict[str, Any]:
+def judge_whole(
+    recordings: Sequence[Recording],
+    seed: int,
+    assignments: Sequence[str] = (),
+    channels: tuple[str, ...] = fits.ALL_CHANNELS,
+    effects: Sequence[str] = (),
+    tell: Tell = lambda _: None,
+    workers: int = 1,
+) -> tuple[list[Recording], Detected, FitQuality]:
+    """The most probable point of a fit to everything in recordings of one motor, and whether its model explains them.
+
+    Parameters
+    ----------
+    assignments : sequence of str
+        ``NAME=VALUE`` changes of the motor, as on the command line.
+    channels : tuple of str
+        Channels that the likelihood sees; pressure always.
+    workers : int
+        Threads that simulate side by side; the result is the same [-].
+
+    Returns
+    -------
+    list of Recording
+        As they are used.
+    Detected
+        The model with its effects at the most probable point, and the test of it.
+    FitQuality
+        What that comes to.
+
+    Raises
+    ------
+    RecordingError
+        When one cannot be used, or the model gives no reading of it at all.
+    EffectsError
+        For an effect that there is not, or that none of them could show.
+    """
+    motor, used = None, []
+    for one in recordings:
+        if not isinstance(one.motor, str):
+            raise RecordingError(
+                f"{one.folder}/recording.toml: an inline motor of kind {one.motor.get('kind')!r} cannot be fitted yet; "
+                "name a radial piston motor of configs/motors"
+            )
+        refuse_unusable(one)
+        used.append(as_fitted(one, channels, in_time=True))
+        if assignments:
+            motor = set_values(read_motor(one.motor), list(assignments))
+            there = set_values(at_ambient(read_motor(one.motor), one), list(assignments))
+            used[-1] = replace(used[-1], ambient=_ambient_of(there, one.ambient))
+    comparison, base = fit_base(used[0] if len(used) == 1 else used, tell, workers, motor)
+    refuse_effects(effects, {effect.id for effect in comparison.problem.effects_that_could()})
+    tell("test")
+    with threads(workers):
+        found = test_base(comparison, base, np.random.default_rng(seed))
+        if effects:
+            tell("with its effects")
+            found = _with_effects(found, effects, np.random.default_rng(seed))
+    p, why, sure = found.detection.p_value, "", found.comparison.not_described(found.base)
+    for name, part, mode in _each(found):
+        bad_p, words = _of_bad_readings(part, mode)
+        p, why = (bad_p, f"{name}{words}") if bad_p < p else (p, why)
+    if sure:
+        quality = FitQuality(min(p, CERTAIN_P), False, f"The model does not describe these readings at all: {sure}")
+    elif p >= MISMATCH_P:
+        quality = FitQuality(p, True, NOISE)
+    else:
+        quality = FitQuality(p, False, _what_stands_out(found, why))
+    return used, found, quality
+
+
+def _each(found: Detected) -> Iterator[tuple[str, Any, Mode]]:
+    """Each recording by name, as it is compared, with its share of the mode."""
+    if isinstance(found.comparison, Several):
+        for k, (name, part) in enumerate(zip(found.comparison.names, found.comparison.parts, strict=True)):
+            yield f"{name}: ", part, found.comparison.of_part(k, found.base)
+    else:
+        yield "", found.comparison, found.base
+
+
+def as_json(found: fits.Fit | WholeFit) -> dict[str, Any]:
     """A fit as posterior/1."""
+    if isinstance(found, WholeFit):
+        return posterior.as_json(found.posterior, found.quality, found.comparison.rows_used())
     return posterior.as_json(found.posterior, found.quality, rows_used.by_fit(found.recording, found.measured))
 
 
-def as_fitted(recording: Recording, channels: Sequence[str], motor: Motor | None = None) -> Recording:
-    """A recording with nothing in it but what a fit uses: no runs in time, no channel left out, no held rotor.
+def as_fitted(
+    recording: Recording, channels: Sequence[str], motor: Motor | None = None, in_time: bool = False
+) -> Recording:
+    """A recording with nothing in it but what a fit uses: no channel left out; of a fit to plateaus no held rotor.
 
     Parameters
     ----------
     motor : Motor or None
         Changed by hand: the recording gets its ambient and flywheel.
+    in_time : bool
+        Whether runs in time and the held rotor stay.
     """
     if motor is not None:
         recording = replace(recording, ambient=_ambient_of(motor, recording.ambient), added_inertia_kg_m2=0.0)
@@ -91,13 +182,15 @@ def as_fitted(recording: Recording, channels: Sequence[str], motor: Motor | None
     return replace(
         recording,
         channels={name: figures for name, figures in recording.channels.items() if name not in left_out},
-        files=tuple(_rows_of(file, left_out) for file in recording.files if file.kind != "transient"),
+        files=tuple(
+            _rows_of(file, left_out, in_time) for file in recording.files if in_time or file.kind != "transient"
+        ),
     )
 
 
-def _rows_of(file: RecordingFile, left_out: set[str]) -> RecordingFile:
+def _rows_of(file: RecordingFile, left_out: set[str], with_held: bool) -> RecordingFile:
     columns = {name: column for name, column in file.columns.items() if name not in left_out}
-    if "rotor_locked" in columns and "flow_l_min" in columns:
+    if not with_held and "rotor_locked" in columns and "flow_l_min" in columns:
         flow, locked = columns["flow_l_min"], columns["rotor_locked"].values > 0.5
         columns["flow_l_min"] = Column(np.where(locked, np.nan, flow.values), flow.censor)
     return replace(file, columns=columns)
@@ -132,12 +225,11 @@ def _with_effects(first: Detected, names: Sequence[str], rng: np.random.Generato
     return Detected(first.comparison, mode, found, free, detect(first.comparison, mode, found, free, rng))
 
 
-def _of_bad_readings(found: Detected) -> tuple[float, str]:
+def _of_bad_readings(comparison: Any, mode: Mode) -> tuple[float, str]:
     """How often as many readings of a channel are bad [-], and words of it; (1, "") where they are single ones."""
-    comparison = found.comparison
     for kind, channel in ((SPEED, "speed"), (FLOW, "flow")):
         mine = (comparison.kind == kind) & comparison.known
-        n, bad = int(mine.sum()), int(np.count_nonzero(found.base.bad[mine] > 0.5))
+        n, bad = int(mine.sum()), int(np.count_nonzero(mode.bad[mine] > 0.5))
         p = 2.0 * float(bdtrc(bad - 1, n, BAD)) if bad > MOST_BAD * n else 1.0
         if p < MISMATCH_P:
             return p, f"{bad} of {n} readings of the {channel} would be bad ones."

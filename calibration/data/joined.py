@@ -45,6 +45,11 @@ def together(recordings: Sequence[Recording]) -> Recording:
     return replace(first, files=tuple(files), sha256="")
 
 
+def without_runs(recording: Recording) -> Recording:
+    """A recording without its runs in time."""
+    return replace(recording, files=tuple(file for file in recording.files if file.kind != "transient"))
+
+
 def can_be_one(recordings: Sequence[Recording]) -> bool:
     """Whether recordings share motor, ambient, inertia and instruments, so that they are one."""
     try:

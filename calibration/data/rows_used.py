@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from calibration.data.blocks import Blocks
     from calibration.data.measurement import Measurement, Rows
 
-NOT_IN_A_FIT = "runs in time do not enter the fit"
+NOT_IN_A_FIT = "runs in time do not enter a fit to the plateaus alone"
 NEVER_TURNS = "the rotor turns in no row: it did not break away"
 OUTSIDE = "outside the part of the run that is compared, or without a speed"
 HELD = "the rotor is held"

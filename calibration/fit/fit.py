@@ -16,7 +16,7 @@ from calibration.data import measurement
 from calibration.data.measurement import Measurement
 from calibration.data.refusals import refuse_mixed_units, refuse_out_of_range
 from calibration.fit import posterior, sampling
-from calibration.fit.posterior import FitQuality, Posterior
+from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
 from calibration.fit.sampling import Progress, Settings
 from calibration.systems.radial_piston.batch import effects as with_effects
 from calibration.systems.radial_piston.batch.likelihood import Likelihood
@@ -52,6 +52,21 @@ class Fit:
     settings: Settings
     effects: tuple[str, ...] = ()
     quality: FitQuality | None = None
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """What was fitted."""
+        return (self.recording,)
+
+    @property
+    def rows(self) -> int:
+        """Plateaus that were fitted [-]."""
+        return len(self.measured.steady)
+
+    @property
+    def in_time(self) -> bool:
+        """Whether runs in time were."""
+        return False
 
 
 def fit(
@@ -97,9 +112,9 @@ def fit(
         likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings, chain_folder, mark, progress
     )
     if not chain.converged:
-        raise NotConvergedError(_why_not(chain, settings, chain_folder))
-    columns = [priors.column_of(recording, channel) for channel in ALL_CHANNELS]
-    result = posterior.summarise(chain, likelihood, columns, time.monotonic() - begun)
+        raise NotConvergedError(why_not(chain, settings, chain_folder))
+    bad = suspects(chain, likelihood, recording)
+    result = posterior.summarise(chain, likelihood.unknowns, bad, time.monotonic() - begun)
     return Fit(recording, motor, measured, likelihood, result, settings, tuple(effects))
 
 
@@ -177,21 +192,21 @@ def with_gauge_class(recording: Recording, accuracy_class: float, span_bar: floa
 
 
 def variants(
-    recording: Recording, channels: tuple[str, ...], without_flow: bool, span_bar: float | None
-) -> list[tuple[str, Recording, tuple[str, ...]]]:
-    """The fits that show what f_overall hangs on: a name, the recording as changed, and the channels used.
+    recordings: Sequence[Recording], channels: tuple[str, ...], without_flow: bool, span_bar: float | None
+) -> list[tuple[str, list[Recording], tuple[str, ...]]]:
+    """The fits that show what f_overall hangs on: a name, the recordings as changed, and the channels used.
 
     Parameters
     ----------
     span_bar : float or None
         Full scale of the pressure gauge [bar]: one for each accuracy class; none when left out.
     """
-    found: list[tuple[str, Recording, tuple[str, ...]]] = []
+    found: list[tuple[str, list[Recording], tuple[str, ...]]] = []
     if without_flow and "flow" in channels:
-        found.append(("speed alone", recording, ("pressure", "speed")))
+        found.append(("speed alone", list(recordings), ("pressure", "speed")))
     if span_bar is not None:
         for accuracy in GAUGE_CLASSES:
-            changed = with_gauge_class(recording, accuracy, span_bar)
+            changed = [with_gauge_class(one, accuracy, span_bar) for one in recordings]
             found.append((f"gauge of class {accuracy:g} of {span_bar:g} bar", changed, channels))
     return found
 
@@ -216,7 +231,17 @@ def _channel_of(column: str) -> str:
     return column.partition("_")[0]
 
 
-def _why_not(chain: sampling.Chain, settings: Settings, folder: Path | None) -> str:
+def suspects(chain: sampling.Chain, likelihood: Likelihood, recording: Recording) -> list[SuspectRow]:
+    """Readings that are more probably bad than good, over draws of the chain."""
+    bad, rows = likelihood.bad_probability(posterior.thinned(chain.flat())), likelihood.measured.steady
+    columns = [priors.column_of(recording, channel) for channel in ALL_CHANNELS]
+    return [
+        SuspectRow(rows.file[r], int(rows.row[r]), str(columns[c]), float(bad[r, c]))
+        for r, c in zip(*np.nonzero(bad > posterior.SUSPECT), strict=True)
+    ]
+
+
+def why_not(chain: sampling.Chain, settings: Settings, folder: Path | None) -> str:
     """What is missing and what to do about it, in a sentence."""
     steps = chain.samples.shape[1]
     kept = f"; what is drawn is kept in {folder} and is continued" if folder else ""

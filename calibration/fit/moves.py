@@ -1,4 +1,4 @@
-"""Proposals for the ensemble sampler. Every move that a fit uses is held against a known Gaussian in the tests.
+"""Proposals for the ensemble sampler. Every move that a fit uses is held against a known distribution in the tests.
 
 They work in the straightened coordinates of `calibration.fit.transport`, where the posterior is nearly N(0, I). emcee's
 released ``DESnookerMove`` samples too narrow a posterior and is never used; docs/sampling.md has the measurements by
@@ -13,6 +13,11 @@ import emcee
 import numpy as np
 from emcee.moves import Move
 from scipy.special import logsumexp
+
+from calibration.fit.peak import BatchLogProb
+from calibration.fit.transport import TransportMap
+
+FLATTER = 1.5  # by which a stand-in's log density is divided, for proposals farther out
 
 
 class IndependenceMove(Move):
@@ -84,6 +89,83 @@ class IndependenceMove(Move):
         return state, accepted
 
 
+class DelayedAcceptance(Move):
+    """Let a cheap stand-in walk some steps, and have the true posterior accept where it ends (Christen and Fox 2005).
+
+    The stand-in's own steps are independence proposals in straightened coordinates, accepted by the stand-in: a kernel
+    that leaves the stand-in's distribution as it is and can be walked backwards, so what is sampled is the true
+    posterior, however wrong the stand-in. How wrong it is says the share that is accepted.
+
+    Parameters
+    ----------
+    stand_in : callable
+        Log density of points of shape (n, n_unknowns), returning shape (n,) [-].
+    shape : TransportMap
+        Whose independent numbers the stand-in is nearly normal in.
+    """
+
+    STEPS = 24
+
+    def __init__(self, stand_in: BatchLogProb, shape: TransportMap) -> None:
+        super().__init__()
+        self.stand_in, self.shape, self.within = stand_in, shape, IndependenceMove()
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
+        """One step of all walkers, as emcee calls it.
+
+        Parameters
+        ----------
+        state : emcee.State
+            The walkers; changed.
+
+        Returns
+        -------
+        state : emcee.State
+            After the step.
+        accepted : ndarray of bool, shape (n_walkers,)
+            Which walkers moved.
+        """
+        walkers, n = state.coords.shape
+        begin = self.stand_in(state.coords)
+        here, value = state.coords.copy(), begin.copy()
+        straight = self.shape.pull(here)
+        weight = self.shape.push(straight)[1] - self.within.log_density(straight)
+        for _ in range(self.STEPS):
+            q = self.within.draw(model.random, walkers, n)
+            z, log_volume = self.shape.push(q)
+            there, other = self.stand_in(z), log_volume - self.within.log_density(q)
+            with np.errstate(invalid="ignore"):
+                taken = np.log(model.random.rand(walkers)) < there - value + other - weight
+            here[taken], value[taken], weight[taken] = z[taken], there[taken], other[taken]
+        # Where the stand-in has no mass it cannot walk from; the other move leads out of there.
+        moved = np.isfinite(begin) & np.any(here != state.coords, axis=1)
+        accepted = np.zeros(walkers, dtype=bool)
+        draws = np.log(model.random.rand(walkers))
+        if moved.any():
+            log_prob, _ = model.compute_log_prob_fn(here[moved])
+            ratio = log_prob - state.log_prob[moved] + begin[moved] - value[moved]
+            accepted[np.flatnonzero(moved)] = draws[moved] < ratio
+            taken = accepted[moved]
+            state.log_prob[accepted] = log_prob[taken]
+        state.coords = np.where(accepted[:, None], here, state.coords)
+        return state, accepted
+
+
 def mixture() -> list[tuple[Move, float]]:
     """The moves of a fit: independent proposals, and differential evolution for what they do not reach."""
     return [(IndependenceMove(), 0.8), (emcee.moves.DEMove(), 0.2)]
+
+
+def delayed(stand_in: BatchLogProb, shape: TransportMap) -> list[tuple[Move, float]]:
+    """The moves where a stand-in proposes.
+
+    One proposal in five is of a flatter one: where the stand-in has too little mass a walker would be held for long.
+    Differential evolution is for what neither reaches.
+    """
+
+    def flatter(z: np.ndarray) -> np.ndarray:
+        found: np.ndarray = stand_in(z) / FLATTER
+        return found
+
+    own, flat = DelayedAcceptance(stand_in, shape), DelayedAcceptance(flatter, shape)
+    return [(own, 0.7), (flat, 0.2), (emcee.moves.DEMove(), 0.1)]

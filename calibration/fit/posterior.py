@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 
 from calibration.fit.sampling import Chain
-from calibration.systems.radial_piston.batch.likelihood import Likelihood
-from calibration.unknowns.priors import Unknown
+from calibration.unknowns.priors import Unknown, values_of
 
 QUANTILES = {"q05": 0.05, "q50": 0.50, "q95": 0.95}
 UNINFORMED = 0.5  # posterior sd over prior sd above which the recording says little of an unknown
 SUSPECT = 0.5  # a reading that is more probably bad than good is named
 DRAWS_FOR_ROWS = 400  # draws over which the rows' probabilities and predictions are averaged
-COLUMNS = ("pressure", "flow", "speed")
 
 
 @dataclass(frozen=True)
@@ -69,12 +67,15 @@ class Posterior:
 
     Attributes
     ----------
-    values : ndarray, shape (n_samples, n_unknowns)
-        Samples in the unknowns' units.
+    estimates : tuple of Estimate
+        Of what was sampled, then of what was integrated out.
+    z, values : ndarray, shape (n_draws, n_estimates)
+        Draws of all of them, as standard normal numbers and in the unknowns' units.
     """
 
     estimates: tuple[Estimate, ...]
     chain: Chain
+    z: np.ndarray
     values: np.ndarray
     suspect_rows: tuple[SuspectRow, ...]
     seconds: float
@@ -93,20 +94,34 @@ class Posterior:
         loose = [i for i, e in enumerate(self.estimates) if e.sd_of_prior > UNINFORMED and e.unknown.name != name]
         if not loose:
             return 0.0
-        flat = self.chain.flat()
-        target = flat[:, names.index(name)] - flat[:, names.index(name)].mean()
-        terms = flat[:, loose] - flat[:, loose].mean(axis=0)
+        target = self.z[:, names.index(name)] - self.z[:, names.index(name)].mean()
+        terms = self.z[:, loose] - self.z[:, loose].mean(axis=0)
         explained = terms @ np.linalg.lstsq(terms, target, rcond=None)[0]
         return float(explained.var() / target.var())
 
 
-def summarise(chain: Chain, likelihood: Likelihood, columns: Sequence[str | None], seconds: float) -> Posterior:
+def summarise(
+    chain: Chain,
+    unknowns: Sequence[Unknown],
+    suspects: Sequence[SuspectRow],
+    seconds: float,
+    beside: Sequence[Unknown] = (),
+    draws: np.ndarray | None = None,
+) -> Posterior:
     """Summarise a chain.
 
     Parameters
     ----------
+    unknowns : sequence of Unknown
+        That were sampled.
+    suspects : sequence of SuspectRow
+        Readings that are probably bad, in any order.
     seconds : float
         Wall time of the fit [s].
+    beside : sequence of Unknown
+        That were integrated out.
+    draws : ndarray or None, shape (n_draws, n_unknowns)
+        Draws of what was sampled and of what was integrated out; left out where nothing was [-].
 
     Returns
     -------
@@ -114,16 +129,15 @@ def summarise(chain: Chain, likelihood: Likelihood, columns: Sequence[str | None
         The summary.
     """
     flat = chain.flat()
-    values = likelihood.values(flat)
-    estimates = tuple(_estimate(unknown, values[:, i], flat[:, i]) for i, unknown in enumerate(likelihood.unknowns))
-    bad = likelihood.bad_probability(thinned(flat))
-    rows = likelihood.measured.steady
-    suspects = [
-        SuspectRow(rows.file[r], int(rows.row[r]), str(columns[c]), float(bad[r, c]))
-        for r, c in zip(*np.nonzero(bad > SUSPECT), strict=True)
-    ]
-    suspects.sort(key=lambda row: -row.probability)
-    return Posterior(estimates, chain, values, tuple(suspects), seconds)
+    values = values_of(unknowns, flat)
+    estimates = [_estimate(unknown, values[:, i], flat[:, i]) for i, unknown in enumerate(unknowns)]
+    z = flat if draws is None else draws
+    if draws is not None:
+        values = values_of([*unknowns, *beside], z)
+        of_them = range(len(unknowns), z.shape[1])
+        estimates += [_estimate(unknown, values[:, i], z[:, i]) for i, unknown in zip(of_them, beside, strict=True)]
+    worst_first = tuple(sorted(suspects, key=lambda row: -row.probability))
+    return Posterior(tuple(estimates), chain, z, values, worst_first, seconds)
 
 
 def thinned(flat: np.ndarray, most: int = DRAWS_FOR_ROWS) -> np.ndarray:

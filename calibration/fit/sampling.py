@@ -17,10 +17,11 @@ from pathlib import Path
 import emcee
 import numpy as np
 from emcee.autocorr import auto_window
+from emcee.moves import Move
 
 from calibration.fit import moves, peak
 from calibration.fit.peak import BatchLogProb
-from calibration.fit.transport import REACH, TransportMap
+from calibration.fit.transport import REACH, Plain, TransportMap
 from rig.recording.files import write_file
 
 ENSEMBLES = 4
@@ -35,9 +36,12 @@ TIMES_TAU = 50  # a chain is long enough at this many autocorrelation times
 LOOKS = 10  # a long chain is assessed when it has grown by a tenth
 DISCARD_TAU = 5  # autocorrelation times left out at the start of what the fixed moves drew
 RHAT = 1.01
+MARK = "fingerprint"  # a file beside the chain: whose it is
 CANDIDATES = 512
 
 Factors = Callable[[np.ndarray], np.ndarray]
+Moves = Callable[[], list[tuple[Move, float]]]
+Shape = TransportMap | Plain
 Progress = Callable[[int, float, str], None]  # effective samples so far, those wanted, in words
 
 
@@ -50,6 +54,8 @@ class Settings:
     warm_up_blocks : int
         Blocks that the map is fitted to, not kept. `sample` doubles them where
         the chain drawn after them forgets too slowly.
+    block : int
+        Steps between looks at convergence.
     """
 
     seed: int = 1
@@ -58,6 +64,7 @@ class Settings:
     walkers: int = WALKERS
     times_tau: float = TIMES_TAU
     warm_up_blocks: int = WARM_UP_BLOCKS
+    block: int = BLOCK
 
 
 @dataclass(frozen=True)
@@ -89,6 +96,22 @@ class Chain:
         return self.samples.reshape(-1, self.samples.shape[-1])
 
 
+@dataclass(frozen=True)
+class Begun:
+    """Where a chain begins that need not find its peak, and how it goes on.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, n_unknowns)
+        That look like the posterior; as many as there are walkers at least [-].
+    moves : callable or None
+        Moves that need no straightened coordinates, and so no warm-up.
+    """
+
+    points: np.ndarray
+    moves: Moves | None = None
+
+
 class ChainError(ValueError):
     """The chain on disk belongs to another fit, or cannot be read."""
 
@@ -101,6 +124,7 @@ def sample(
     folder: Path | None = None,
     fingerprint: str = "",
     progress: Progress | None = None,
+    begun: Begun | None = None,
 ) -> Chain:
     """Draw from a posterior until every unknown has enough effective samples, or the budget is spent.
 
@@ -115,6 +139,8 @@ def sample(
         Where the chain is kept as it grows; a chain that is there already is continued.
     fingerprint : str
         Of recording, motor and settings: a chain with another is refused.
+    begun : Begun or None
+        Where to begin; the posterior's peak when left out.
 
     Returns
     -------
@@ -130,26 +156,27 @@ def sample(
     ValueError
         When the settings leave no step to keep.
     """
-    begun = time.monotonic()
+    started = time.monotonic()
     store = _Store(folder, fingerprint)
     blocks = store.blocks()
     tell = progress or (lambda done, wanted, words: None)
     walkers = max(settings.walkers, 2 * n_unknowns + 2)
     if not blocks:
         tell(0, settings.effective_samples, "finding the peak")
-        blocks = [_start(log_prob, n_unknowns, walkers, settings.seed)]
+        blocks = [_start(log_prob, n_unknowns, walkers, settings.seed, begun.points if begun else None)]
         store.write(0, blocks[0])
     states = [_restored(blocks[-1], e) for e in range(ENSEMBLES)]
 
-    shape = _mapped(blocks[0]["population"], factors)
-    warm_up = settings.warm_up_blocks
-    most_blocks = warm_up + -(-settings.most_steps // BLOCK)
+    fixed = begun.moves if begun else None
+    shape: Shape = Plain() if fixed else _mapped(blocks[0]["population"], factors)
+    warm_up = 0 if fixed else settings.warm_up_blocks
+    most_blocks = warm_up + -(-settings.most_steps // settings.block)
     chain = None
     for number in range(1, most_blocks + 1):
-        if 1 < number <= settings.warm_up_blocks + 1 or number == warm_up + 1:
+        if not fixed and (1 < number <= settings.warm_up_blocks + 1 or number == warm_up + 1):
             shape = _adapted(blocks[:number], factors)
         if number == len(blocks):
-            states, block = _advance(log_prob, states, shape)
+            states, block = _advance(log_prob, states, shape, fixed or moves.mixture, settings.block)
             blocks.append(block)
             store.write(number, block)
         kept = number - warm_up
@@ -158,7 +185,7 @@ def sample(
             continue
         if kept % max(1, kept // LOOKS) and kept != warm_up and number < most_blocks:
             continue
-        chain = _assess(blocks[warm_up + 1 : number + 1], settings, number, time.monotonic() - begun)
+        chain = _assess(blocks[warm_up + 1 : number + 1], settings, number, time.monotonic() - started)
         if chain.converged:
             break
         if kept == warm_up and _too_slow(chain, settings) and 2 * warm_up <= LONGEST_WARM_UP * settings.warm_up_blocks:
@@ -171,6 +198,28 @@ def sample(
     return chain
 
 
+def refuse_another(folder: Path, fingerprint: str) -> None:
+    """Refuse a folder that holds the chain of another fit.
+
+    Raises
+    ------
+    ChainError
+        When it does, or nothing says whose chain it holds.
+    """
+    mark = folder / MARK
+    if mark.exists():
+        if mark.read_text(encoding="utf-8") != fingerprint:
+            raise ChainError(
+                f"{folder}: holds the chain of another recording, motor or setting; name another folder with -o, "
+                "or remove this one"
+            )
+    elif any(folder.glob("block_*.npz")):
+        raise ChainError(
+            f"{folder}: holds a chain of which nothing says whose it is; name another folder with -o, or remove "
+            "this one"
+        )
+
+
 def _too_slow(chain: Chain, settings: Settings) -> bool:
     """Whether a chain as long as its warm-up needs more than as much again: its map does not reach some of the mass.
 
@@ -179,18 +228,18 @@ def _too_slow(chain: Chain, settings: Settings) -> bool:
     return bool((settings.times_tau + DISCARD_TAU) * chain.tau.max() > 2 * chain.drawn)
 
 
-def _start(log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int) -> dict[str, np.ndarray]:
+def _start(
+    log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int, given: np.ndarray | None
+) -> dict[str, np.ndarray]:
     """Block 0: the ensembles at their start, and the scattered points that the first map is fitted to."""
-    rng = np.random.default_rng(seed)
-    top = peak.find_peak(log_prob, rng.standard_normal((CANDIDATES, n_unknowns)))
-    spread, wanted = peak.spread_at(log_prob, top), ENSEMBLES * walkers
-    points, values = np.empty((0, n_unknowns)), np.empty(0)
-    while np.isfinite(values).sum() < wanted:  # near a bound most are impossible, and no walker may stand there
-        if len(points) >= MOST_SCATTERED:
-            raise peak.NoPeakError("hardly a point about the posterior's peak is possible; check the effects' bounds")
-        more = peak.scatter(log_prob, top, spread, rng, max(SCATTERED, wanted))
-        points, values = np.concatenate([points, more]), np.concatenate([values, log_prob(more)])
+    rng, wanted = np.random.default_rng(seed), ENSEMBLES * walkers
+    if given is None:
+        points, values = _about_the_peak(log_prob, n_unknowns, wanted, rng)
+    else:
+        points, values = given, log_prob(given)
     likely = np.argsort(values)[::-1][: np.isfinite(values).sum()]
+    if likely.size < wanted:
+        raise peak.NoPeakError("hardly a point about the posterior's peak is possible; check the effects' bounds")
     chosen = likely[: max(wanted, len(points) // 2)]
     picked = rng.permutation(chosen)[:wanted].reshape(ENSEMBLES, walkers)
     states = []
@@ -201,8 +250,23 @@ def _start(log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int) -> 
     return block | {"population": points[chosen]}
 
 
+def _about_the_peak(
+    log_prob: BatchLogProb, n_unknowns: int, wanted: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points scattered about the posterior's peak and their log posterior, so many of them possible at least."""
+    top = peak.find_peak(log_prob, rng.standard_normal((CANDIDATES, n_unknowns)))
+    spread = peak.spread_at(log_prob, top)
+    points, values = np.empty((0, n_unknowns)), np.empty(0)
+    while np.isfinite(values).sum() < wanted:  # near a bound most are impossible, and no walker may stand there
+        if len(points) >= MOST_SCATTERED:
+            raise peak.NoPeakError("hardly a point about the posterior's peak is possible; check the effects' bounds")
+        more = peak.scatter(log_prob, top, spread, rng, max(SCATTERED, wanted))
+        points, values = np.concatenate([points, more]), np.concatenate([values, log_prob(more)])
+    return points, values
+
+
 def _advance(
-    log_prob: BatchLogProb, states: list[emcee.State], shape: TransportMap
+    log_prob: BatchLogProb, states: list[emcee.State], shape: Shape, chosen: Moves, steps: int
 ) -> tuple[list[emcee.State], dict[str, np.ndarray]]:
     """One block of steps of every ensemble, taken in the straightened coordinates."""
     interrupted = False
@@ -223,16 +287,16 @@ def _advance(
     after, chains, accepted = [], [], []
     for state in states:
         walkers, n = state.coords.shape
-        sampler = emcee.EnsembleSampler(walkers, n, straightened, vectorize=True, moves=moves.mixture())
+        sampler = emcee.EnsembleSampler(walkers, n, straightened, vectorize=True, moves=chosen())
         coords = shape.pull(state.coords)
         log_prob_there = state.log_prob + shape.push(coords)[1]
         begin = emcee.State(coords, log_prob=log_prob_there, random_state=state.random_state)
-        end = sampler.run_mcmc(begin, BLOCK, skip_initial_state_check=True)
+        end = sampler.run_mcmc(begin, steps, skip_initial_state_check=True)
         if interrupted:
             raise KeyboardInterrupt
         coords, log_volume = shape.push(end.coords)
         after.append(emcee.State(coords, log_prob=end.log_prob - log_volume, random_state=end.random_state))
-        chains.append(shape.push(sampler.get_chain(flat=True))[0].reshape(BLOCK, walkers, n))
+        chains.append(shape.push(sampler.get_chain(flat=True))[0].reshape(steps, walkers, n))
         accepted.append(np.mean(sampler.acceptance_fraction))
     return after, _packed(after, np.array(chains), np.array(accepted))
 
@@ -242,6 +306,12 @@ def _adapted(blocks: list[dict[str, np.ndarray]], factors: Factors) -> Transport
     drawn = np.concatenate([block["chain"] for block in blocks[1:]], axis=1)
     kept = drawn[:, drawn.shape[1] // 2 :].reshape(-1, drawn.shape[-1])
     return _mapped(kept[:: -(-len(kept) // MAP_SAMPLES)], factors)
+
+
+def mapped(chain: Chain, factors: Factors) -> TransportMap:
+    """The map fitted to a chain."""
+    flat = chain.flat()
+    return _mapped(flat[:: -(-len(flat) // MAP_SAMPLES)], factors)
 
 
 def _mapped(samples: np.ndarray, factors: Factors) -> TransportMap:
@@ -265,7 +335,7 @@ def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, number: int
         and effective.min() >= settings.effective_samples
     )
     acceptance = float(np.mean([block["acceptance"].mean() for block in blocks]))
-    return Chain(samples, tau, rhat, effective, acceptance, number * BLOCK, steps, bool(converged), seconds)
+    return Chain(samples, tau, rhat, effective, acceptance, number * settings.block, steps, bool(converged), seconds)
 
 
 def _tau(samples: np.ndarray) -> np.ndarray:
@@ -315,21 +385,10 @@ class _Store:
         self.folder = folder
         if folder is None:
             return
-        mark = folder / "fingerprint"
-        if mark.exists():
-            if mark.read_text(encoding="utf-8") != fingerprint:
-                raise ChainError(
-                    f"{folder}: holds the chain of another recording, motor or setting; name another folder with -o, "
-                    "or remove this one"
-                )
-            return
-        if any(folder.glob("block_*.npz")):
-            raise ChainError(
-                f"{folder}: holds a chain of which nothing says whose it is; name another folder with -o, or remove "
-                "this one"
-            )
+        refuse_another(folder, fingerprint)
         folder.mkdir(parents=True, exist_ok=True)
-        write_file(mark, fingerprint.encode())
+        if not (folder / MARK).exists():
+            write_file(folder / MARK, fingerprint.encode())
 
     def blocks(self) -> list[dict[str, np.ndarray]]:
         """The blocks there are, in order, up to the first that is missing."""

@@ -27,6 +27,18 @@ LOG_OF_NORMAL = -0.6352  # mean of log |N(0, 1)|
 REACH = 6.0  # prior standard deviations: nothing further out is ever proposed
 
 
+class Plain:
+    """No map: points are their own independent numbers."""
+
+    def push(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The points themselves, and a log volume of 0."""
+        return e, np.zeros(len(e))
+
+    def pull(self, points: np.ndarray) -> np.ndarray:
+        """The points themselves."""
+        return points
+
+
 class TransportMap:
     """The map, fitted to samples.
 

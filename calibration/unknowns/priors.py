@@ -76,6 +76,22 @@ class Unknown:
         return float(ndtri(np.log(value / self.a) / np.log(self.b / self.a)))
 
 
+def values_of(found: Sequence[Unknown], z: np.ndarray) -> np.ndarray:
+    """Physical values of unknowns, shape (n, n_unknowns), each in its own unit; ``z`` likewise [-]."""
+    return np.column_stack([unknown.value(z[:, i]) for i, unknown in enumerate(found)])
+
+
+def factors_at(found: Sequence[Unknown], z: np.ndarray) -> np.ndarray:
+    """What one unit of each coordinate multiplies its unknown by, near a point, shape (n_unknowns,); 1: it adds.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n_unknowns,)
+        The point [-].
+    """
+    return np.array([unknown.factor(float(at)) for unknown, at in zip(found, z, strict=True)])
+
+
 def unknowns(motor: Motor, recording: Recording) -> list[Unknown]:
     """All unknowns of a fit: the motor's parameters that carry a prior, then the errors of each instrument.
 

@@ -33,7 +33,7 @@ FEW_PRESSURES = 2  # of a line that does no more than step
 NEXT_NODE, FARTHER_NODE, MOST_NODES = 1.2, 1.35, 24  # factors from one pressure to the next at which cycles are solved
 
 _recent = Recent(32)
-_recent_cycles = Recent(64)
+_recent_cycles = Recent(16)
 
 
 def speeds(
@@ -99,13 +99,12 @@ def _speeds(
     top = _top_speed(parameters, readings, gas, float(nodes[-1]), start_rad_s)
     fine = np.linspace(0.0, top, FINE)
     coarse = top * (SLOWEST + (1.0 - SLOWEST) * 0.5 * (1.0 - np.cos(np.pi * np.arange(SPEEDS) / (SPEEDS - 1))))
-    torque, flow = np.empty((nodes.size, FINE)), np.empty((nodes.size, FINE))
-    slope, loss = np.empty((nodes.size, 2)), np.zeros((nodes.size, 2, FLOWS))
+    slope, torque, flow, load = _cycles(parameters, readings, gas, nodes, coarse, fine)
+    loss = np.zeros((nodes.size, 2, FLOWS))
     most_flow = 1e-12
     for s, P in enumerate(nodes):
-        slope[s], (torque[s], flow[s], load) = _cycle(parameters, readings, gas, float(P), coarse, fine)
         most_flow = max(most_flow, 1.5 * float(flow[s].max()))
-        state = _state(fine, flow[s], float(P), load, parameters, gas, clock)
+        state = _state(fine, flow[s], float(P), load[s], parameters, gas, clock)
         torque[s] -= parameters[at.F_OVERALL] * fine + parameters[at.EXTRA_TORQUE]
         torque[s] -= laws.sum_of_torques(those, state, np.zeros(FINE, dtype=bool))
     flows = np.linspace(0.0, most_flow, FLOWS)
@@ -159,25 +158,34 @@ def _between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarra
     return found
 
 
-def _cycle(
-    parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, coarse: np.ndarray, fine: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """`solvers.averaged.torques` at speeds between those that are solved, kept: of inertia, viscous friction and extra
-    torque it knows nothing. Slopes, then torque, flow and roller load."""
+def _cycles(
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    gas: np.ndarray,
+    nodes: np.ndarray,
+    coarse: np.ndarray,
+    fine: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`solvers.averaged.torques` at each pressure and at speeds between those that are solved, kept: of inertia,
+    viscous friction and extra torque it knows nothing. Slopes, then torque, flow and roller load."""
     needed = parameters.copy()
     needed[[at.J, at.F_OVERALL, at.EXTRA_TORQUE]] = 0.0
 
     def solved() -> np.ndarray:
-        out, found = np.empty((coarse.size, base.N_OUT)), np.zeros((4, fine.size))
-        found[0, :2] = base.torques(parameters, readings, gas, P, coarse, out)
-        told = bool(np.all(np.isfinite(out[:, base.NET])))
-        found[1] = PchipInterpolator(coarse, out[:, base.NET])(np.maximum(fine, coarse[0])) if told else np.nan
-        found[2] = np.interp(fine, np.append(0.0, coarse), np.append(0.0, out[:, base.MASS_FLOW]))
-        found[3] = np.interp(fine, coarse, out[:, base.LOAD])
+        out, found = np.empty((nodes.size, coarse.size, base.N_OUT)), np.zeros((nodes.size, 4, fine.size))
+        for s, P in enumerate(nodes):
+            found[s, 0, :2] = base.torques(parameters, readings, gas, float(P), coarse, out[s])
+            found[s, 2] = np.interp(fine, np.append(0.0, coarse), np.append(0.0, out[s, :, base.MASS_FLOW]))
+            found[s, 3] = np.interp(fine, coarse, out[s, :, base.LOAD])
+        net = out[:, :, base.NET]
+        told = np.all(np.isfinite(net), axis=1)
+        found[~told, 1] = np.nan
+        if told.any():
+            found[told, 1] = PchipInterpolator(coarse, net[told], axis=1)(np.maximum(fine, coarse[0]))
         return found
 
-    found = _recent_cycles((needed.tobytes(), readings.tobytes(), gas.tobytes(), P, coarse.tobytes()), solved)
-    return found[0, :2], found[1:]
+    found = _recent_cycles(tuple(one.tobytes() for one in (needed, readings, gas, nodes, coarse)), solved)
+    return found[:, 0, :2], found[:, 1], found[:, 2], found[:, 3]
 
 
 def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, start: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ from spinbench import readings
 from spinbench.cli.errors import kept_when_interrupted
 from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption
 from spinbench.cli.progress import diagnosing
-from spinbench.cli.show import check_places, deliver, remark
+from spinbench.cli.show import check_places, deliver, refuse_twice, remark
 
 if TYPE_CHECKING:
     from rig.recording import Recording
@@ -61,7 +61,7 @@ def diagnose(
     check_places(out, json_file)
     parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
-    _refuse_twice(parts, unseen)
+    refuse_twice(parts, unseen)
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
     read = together(parts) if can_be_one(parts) else parts
     with diagnosing() as tell:
@@ -108,27 +108,6 @@ def _told_by(found: Mapping[str, Any]) -> tuple[Any, Any, Any]:
     from calibration.report.diagnosis import page, table, words
 
     return page, table.table, words
-
-
-def _refuse_twice(parts: Sequence[Recording], unseen: Recording | None) -> None:
-    """Refuse readings that are given twice, whatever their path: they would count twice, or be predicted once seen."""
-    from rig.recording import RecordingError
-
-    def is_same(one: Recording, other: Recording) -> bool:
-        return one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256)
-
-    for i, one in enumerate(parts):
-        if unseen is not None and is_same(one, unseen):
-            also = "" if one.folder == unseen.folder else f", as {one.folder}"
-            raise RecordingError(
-                f"{unseen.folder} is to be held out and diagnosed{also}: name a run that is not among the others"
-            )
-        for other in parts[:i]:
-            if is_same(one, other):
-                these = one.folder if one.folder == other.folder else f"{one.folder}, which is {other.folder} or a copy"
-                raise RecordingError(
-                    f"a recording is given twice: {these}; its readings would count twice, so name it once"
-                )
 
 
 def _warn_of_rows(found: Mapping[str, Any]) -> None:

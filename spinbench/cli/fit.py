@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,21 +15,22 @@ from spinbench import readings
 from spinbench.cli.errors import MODEL_DOES_NOT_FIT, kept_when_interrupted
 from spinbench.cli.options import (
     LOGS,
-    EffectiveSamplesOption,
     JsonOption,
     LogsOption,
-    MaxStepsOption,
     SeedOption,
     SetOption,
 )
 from spinbench.cli.progress import sampling, waiting
-from spinbench.cli.show import check_places, deliver, remark
+from spinbench.cli.show import check_places, deliver, refuse_twice, remark
 
 if TYPE_CHECKING:
     from calibration.fit.fit import Fit
     from calibration.fit.posterior import Posterior
     from calibration.fit.sampling import Settings
+    from calibration.fit.whole import WholeFit
     from rig.recording import Recording
+
+STEADY, WHOLE = (10_000, 12_000), (2000, 400)  # effective samples and steps, where the command line leaves them out
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,12 @@ class Asked:
     assignments: list[str]
     channels: tuple[str, ...]
     effects: list[str]
+    steady_only: bool
+
+    def within(self, usual: tuple[int, int]) -> Settings:
+        """The settings, with what is usual where the command line says nothing (0)."""
+        samples, steps = self.settings.effective_samples or usual[0], self.settings.most_steps or usual[1]
+        return replace(self.settings, effective_samples=samples, most_steps=steps)
 
 
 def _kept(out: Path | None) -> str:
@@ -51,7 +60,10 @@ def _kept(out: Path | None) -> str:
 @kept_when_interrupted(_kept)
 def fit(
     recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="A recording/1 folder, or a run as RUN elsewhere.")
+        list[Path],
+        typer.Argument(
+            metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several of one motor."
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -59,9 +71,20 @@ def fit(
     ] = None,
     json_file: JsonOption = None,
     seed: SeedOption = 1,
-    effective_samples: EffectiveSamplesOption = 10_000,
-    max_steps: MaxStepsOption = 12_000,
+    effective_samples: Annotated[
+        int | None,
+        typer.Option(
+            min=200, max=1_000_000, help="Least effective sample size of every unknown: 10 000, with runs in time 2000."
+        ),
+    ] = None,
+    max_steps: Annotated[
+        int | None,
+        typer.Option(min=50, max=1_000_000, help="Budget of each ensemble: 12 000 steps, with runs in time 400."),
+    ] = None,
     assignments: SetOption = None,
+    steady_only: Annotated[
+        bool, typer.Option("--steady-only", help="Leave runs in time out: plateaus and zero readings alone.")
+    ] = False,
     speed_only: Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")] = False,
     compare: Annotated[
         bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall hangs on.")
@@ -75,19 +98,24 @@ def fit(
     ] = "",
     logs: LogsOption = LOGS,
 ) -> None:
-    """Fit f_overall and what it hangs on to a recording; exit code 3 if the sampler does not converge, 5 if the model
-    does not explain the readings.
+    """Fit f_overall and what it hangs on to recordings of one motor; exit code 3 if the sampler does not converge, 5
+    if the model does not explain the readings.
     """
+    from calibration.data.joined import can_be_one, together, without_runs
     from calibration.fit import fit as fits
     from calibration.fit.sampling import Settings
 
     check_places(out, json_file)
-    read = readings.read(readings.folder_named(recording, logs))
-    remark(*read.warnings)
-    settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
-    channels = ("pressure", "speed") if speed_only else fits.ALL_CHANNELS
+    parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
+    refuse_twice(parts)
+    remark(*(words for part in parts for words in part.warnings))
+    read = [together(parts)] if can_be_one(parts) else parts
+    if steady_only and len(read) > 1:
+        read = [without_runs(one) for one in read]
     held = [name.strip() for name in effects.split(",") if name.strip()]
-    asked = Asked(settings, assignments or [], channels, held)
+    settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
+    channels = ("pressure", "speed") if speed_only else fits.ALL_CHANNELS
+    asked = Asked(settings, assignments or [], channels, held, steady_only)
     planned = fits.variants(read, channels, compare, gauge_span_bar)
     found = _fitted(read, asked, out)
     if out is not None and planned:  # one of them may not converge
@@ -98,17 +126,27 @@ def fit(
         raise typer.Exit(MODEL_DOES_NOT_FIT)
 
 
-def _fitted(read: Recording, asked: Asked, out: Path | None) -> Fit:
+def _fitted(read: Sequence[Recording], asked: Asked, out: Path | None) -> Fit | WholeFit:
     """The fit, with whether its model explains the readings."""
+    return _fitted_whole(read, asked, out) if _is_whole(read, asked) else _fitted_steady(read[0], asked, out)
+
+
+def _is_whole(read: Sequence[Recording], asked: Asked) -> bool:
+    """Whether there is more to fit than the plateaus of one recording."""
+    return len(read) > 1 or (not asked.steady_only and any(file.kind == "transient" for file in read[0].files))
+
+
+def _fitted_steady(read: Recording, asked: Asked, out: Path | None) -> Fit:
     from calibration import fit_quality
     from calibration.fit import fit as fits
 
+    settings = asked.within(STEADY)
     with waiting("does the model explain the readings?") as tell:
-        quality = fit_quality.judge(read, asked.settings.seed, asked.assignments, asked.channels, asked.effects, tell)
+        quality = fit_quality.judge(read, settings.seed, asked.assignments, asked.channels, asked.effects, tell)
     chain = out / "chain" if out else None
     try:
         with sampling("fit") as progress:
-            found = fits.fit(read, asked.settings, asked.assignments, asked.channels, chain, progress, asked.effects)
+            found = fits.fit(read, settings, asked.assignments, asked.channels, chain, progress, asked.effects)
     except fits.NotConvergedError as error:
         if not quality.model_fits:
             error.add_note(f"nor does the model explain the readings: {quality.why}")
@@ -116,36 +154,65 @@ def _fitted(read: Recording, asked: Asked, out: Path | None) -> Fit:
     return replace(found, quality=quality)
 
 
-def _variant(asked: Asked, name: str, changed: Recording, channels: tuple[str, ...]) -> tuple[str, Posterior]:
-    """A shorter fit, of the recording as changed."""
+def _fitted_whole(read: Sequence[Recording], asked: Asked, out: Path | None) -> WholeFit:
+    from calibration import fit_quality
+    from calibration.fit import whole
+    from calibration.fit.fit import NotConvergedError
+
+    settings, workers = asked.within(WHOLE), min(2, os.cpu_count() or 1)
+    with waiting("does the model explain the readings?") as tell:
+        used, start, quality = fit_quality.judge_whole(
+            read, settings.seed, asked.assignments, asked.channels, asked.effects, tell, workers
+        )
+    chain = out / "chain" if out else None
+    try:
+        with sampling("fit") as progress:
+            found = whole.fit(used, start.comparison, start.base, settings, chain, progress, workers)
+    except NotConvergedError as error:
+        if not quality.model_fits:
+            error.add_note(f"nor does the model explain the readings: {quality.why}")
+        raise
+    return replace(found, quality=quality)
+
+
+def _variant(asked: Asked, name: str, changed: Sequence[Recording], channels: tuple[str, ...]) -> tuple[str, Posterior]:
+    """A shorter fit, of the recordings as changed; whether its model explains them is not told."""
     from calibration.fit import fit as fits
     from calibration.systems.radial_piston.batch import effects as with_effects
 
+    again = replace(asked, channels=channels, effects=with_effects.seen(asked.effects, channels))
+    if _is_whole(changed, asked):
+        return name, _fitted_whole(changed, again, None).posterior
+    settings = fits.brief(asked.within(STEADY))
     with sampling(name) as progress:
-        still = with_effects.seen(asked.effects, channels)
-        again = fits.fit(changed, fits.brief(asked.settings), asked.assignments, channels, None, progress, still)
-    return name, again.posterior
+        found = fits.fit(changed[0], settings, asked.assignments, channels, None, progress, again.effects)
+    return name, found.posterior
 
 
-def _keep_posterior(found: Fit, out: Path) -> None:
+def _keep_posterior(found: Fit | WholeFit, out: Path) -> None:
     from calibration import fit_quality
     from rig.recording import files
 
     files.write_files(out, {"posterior.json": files.json_bytes(fit_quality.as_json(found))})
 
 
-def _show(found: Fit, variants: list[tuple[str, Posterior]], out: Path | None, json_file: Path | None) -> None:
+def _show(
+    found: Fit | WholeFit, variants: list[tuple[str, Posterior]], out: Path | None, json_file: Path | None
+) -> None:
     from calibration import fit_quality
+    from calibration.fit.fit import Fit
     from calibration.report.fit import page as fit_page
+    from calibration.report.fit import whole as whole_page
     from calibration.report.fit import words as fit_words
     from rig.recording import files
 
     encoded = files.json_bytes(fit_quality.as_json(found))
     if out is not None:
-        files.write_files(out, {"posterior.json": encoded} | fit_page.report(found, variants))
+        report = fit_page.report(found, variants) if isinstance(found, Fit) else whole_page.report(found, variants)
+        files.write_files(out, {"posterior.json": encoded} | report)
     for words in fit_words.headline(found):
         print(words, file=sys.stderr)
     deliver(encoded, [fit_page.table(found)], json_file)
-    remark(*fit_page.remarks(found))
+    remark(*(fit_page.remarks(found) if isinstance(found, Fit) else whole_page.remarks(found)))
     if out is not None:
         remark(f"the report is {out / 'report.html'}")

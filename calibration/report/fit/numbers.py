@@ -205,7 +205,8 @@ def samples(posterior: Posterior, name: str) -> np.ndarray:
 
 def is_of_effect(name: str) -> bool:
     """Whether an unknown is an effect's: they are called ``effect.parameter``."""
-    return name.partition(".")[0] in effects()
+    effect, dot, _ = name.partition(".")
+    return bool(dot) and effect in effects()
 
 
 def prior_density(unknown: Unknown, values: np.ndarray) -> np.ndarray:

@@ -15,8 +15,10 @@ from calibration.report.fit import figures as fit_figures
 from calibration.report.fit import numbers
 from calibration.report.fit import words as fit_words
 from calibration.report.fit.numbers import TARGET
-from calibration.report.fit.words import figure, probability, rounded, uncertainty, with_unit
+from calibration.report.fit.words import AnyFit, figure, probability, rounded, uncertainty, with_unit
 from calibration.report.render import render
+from model.motor import Motor
+from rig.recording import Recording
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -45,7 +47,7 @@ def report(found: Fit, variants: Variants) -> dict[str, bytes]:
         Name and result of each fit that it is compared with.
     """
     shown, suspects = numbers.channels(found), numbers.suspects(found)
-    posterior, sentence = found.posterior, _on_the_picture(found)
+    posterior, sentence = found.posterior, on_the_picture(found)
     figures = {
         "fit": fit_figures.measured_against_model(found, shown, suspects),
         "density": fit_figures.density(posterior),
@@ -54,18 +56,18 @@ def report(found: Fit, variants: Variants) -> dict[str, bytes]:
     if variants:
         figures["forest"] = fit_figures.forest(posterior, variants)
     return {
-        HTML: page(context(found, variants, suspects) | {"figures": {k: _inline(v) for k, v in figures.items()}}),
+        HTML: page(context(found, variants, suspects) | {"figures": {k: inline(v) for k, v in figures.items()}}),
         PNG: fit_figures.essentials(found, shown, suspects, variants, sentence),
     }
 
 
-def _on_the_picture(found: Fit) -> str:
+def on_the_picture(found: AnyFit) -> str:
     wrong = fit_words.contradicted(found)
     words = f"{wrong} {fit_words.not_to_be_relied_on(found.posterior)}" if wrong else fit_words.verdict(found.posterior)
     return textwrap.fill(words, TITLE_WIDTH)
 
 
-def table(found: Fit) -> Table:
+def table(found: AnyFit) -> Table:
     """The unknowns, for the terminal."""
     from rich.table import Table
 
@@ -91,12 +93,25 @@ def page(filled: dict[str, Any]) -> bytes:
 
 def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> dict[str, Any]:
     """The texts and tables of the page."""
+    return common(found) | {
+        "used": _used(found),
+        "remarks": fit_words.remarks(found, suspects),
+        "suspects": _suspect_table(suspects),
+        "variants": variant_table(found, variants),
+        "notes": list(dict.fromkeys([*found.recording.warnings, *found.measured.notes])),
+        "convergence": convergence(
+            found, [("parameter sets that the solver gave up on", str(found.likelihood.not_converged))]
+        ),
+    }
+
+
+def common(found: AnyFit) -> dict[str, Any]:
+    """The texts and tables of the page of any fit."""
     pairs = numbers.trade_offs(found.posterior)
     return {
-        "name": found.recording.folder.resolve().name,
+        "name": " and ".join(one.folder.resolve().name for one in found.recordings),
         "motor": found.motor.name,
         "description": found.motor.description,
-        "used": _used(found),
         "verdict": fit_words.verdict(found.posterior),
         "explained": fit_words.explained(found),
         "contradicted": fit_words.contradicted(found),
@@ -107,17 +122,12 @@ def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> 
         "prior_says": fit_words.prior_says(found),
         "prior_dominates": fit_words.prior_dominates(found),
         "effects": fit_words.held_effects(found),
-        "remarks": fit_words.remarks(found, suspects),
-        "suspects": _suspect_table(suspects),
         "trade_offs": _trade_off_table(found.posterior, pairs),
-        "variants": _variant_table(found, variants),
         "unknowns": _unknown_table(found.posterior),
-        "convergence": _convergence(found),
-        "notes": list(dict.fromkeys([*found.recording.warnings, *found.measured.notes])),
-        "instruments": _instrument_table(found),
-        "readings": _reading_table(found),
-        "held": _held_table(found),
-        "sha256": found.recording.sha256,
+        "instruments": _instrument_table(found.recording),
+        "readings": _reading_table(found.motor),
+        "held": _held_table(found.posterior, found.motor),
+        "sha256": " and ".join(one.sha256 for one in found.recordings if one.sha256),
     }
 
 
@@ -154,7 +164,7 @@ def _trade_off_table(posterior: Posterior, pairs: list[Any]) -> Grid:
     return Grid(("unknown", f"correlation with {TARGET}", f"sd of {TARGET} if it were known, {unit}"), rows)
 
 
-def _variant_table(found: Fit, variants: Variants) -> Grid:
+def variant_table(found: AnyFit, variants: Variants) -> Grid:
     unit = found.posterior[TARGET].unknown.unit
     header = ("fit", *(f"{word}, {unit}" for word in ("mean", "sd", "5 %", "95 %")), "suspect readings")
     name = "this fit, not to be relied on" if fit_words.contradicted(found) else "this fit"
@@ -183,14 +193,14 @@ def _unknown_table(posterior: Posterior) -> Grid:
                 fit_words.prior_in_words(e.unknown),
                 *(mean, sd, low, rounded(e.quantiles["q50"], e.sd), high),
                 f"{e.sd_of_prior:.2f}",
-                f"{posterior.chain.rhat[i]:.4f}",
-                f"{posterior.chain.effective[i]:.0f}",
+                f"{posterior.chain.rhat[i]:.4f}" if i < posterior.chain.rhat.size else "",
+                f"{posterior.chain.effective[i]:.0f}" if i < posterior.chain.rhat.size else "",
             )
         )
     return Grid(header, tuple(rows), 3)
 
 
-def _convergence(found: Fit) -> Grid:
+def convergence(found: AnyFit, further: list[tuple[str, str]]) -> Grid:
     chain = found.posterior.chain
     entries = [
         ("ensembles x walkers", f"{chain.samples.shape[0]} x {chain.samples.shape[2]}"),
@@ -199,7 +209,7 @@ def _convergence(found: Fit) -> Grid:
         ("least effective sample size", f"{chain.effective.min():.0f}, of {found.settings.effective_samples} wanted"),
         ("proposals taken", f"{100 * chain.acceptance:.0f} %"),
         ("longest autocorrelation time", f"{chain.tau.max():.1f} steps"),
-        ("parameter sets that the solver gave up on", str(found.likelihood.not_converged)),
+        *further,
         ("wall time", f"{found.posterior.seconds:.1f} s"),
         ("seed", str(found.settings.seed)),
         ("versions", ", ".join([f"Python {platform.python_version()}", *map(_version, PACKAGES)])),
@@ -214,10 +224,10 @@ def _version(package: str) -> str:
         return f"{package} not installed"
 
 
-def _instrument_table(found: Fit) -> Grid:
+def _instrument_table(recording: Recording) -> Grid:
     header = ("column", "unit", "noise, 1 sd", "offset, 1 sd", "scale, 1 sd", "resolution", "taken by default")
     rows = []
-    for column, channel in found.recording.channels.items():
+    for column, channel in recording.channels.items():
         unit = numbers.UNITS.get(column.partition("_")[0], "its column's")
         figures = (channel.noise_sd, channel.bias_sd, channel.scale_sd, channel.resolution)
         texts = [figure(value) for value in figures]
@@ -226,16 +236,15 @@ def _instrument_table(found: Fit) -> Grid:
     return Grid(header, tuple(rows), 2)
 
 
-def _reading_table(found: Fit) -> Grid:
+def _reading_table(motor: Motor) -> Grid:
     words = {True: "yes", False: "no"}
-    entries = found.motor.readings.model_dump().items()
+    entries = motor.readings.model_dump().items()
     rows = tuple((name, words.get(value, str(value).replace("_", " "))) for name, value in entries)
     return Grid(("where the article can be read in two ways", "read as"), rows, 2)
 
 
-def _held_table(found: Fit) -> Grid:
-    fitted = {estimate.unknown.name for estimate in found.posterior.estimates}
-    motor = found.motor
+def _held_table(posterior: Posterior, motor: Motor) -> Grid:
+    fitted = {estimate.unknown.name for estimate in posterior.estimates}
     rows = tuple(
         (name, with_unit(figure(motor[name].value), motor[name].unit), motor[name].source)
         for name in type(motor.parameters).model_fields
@@ -244,5 +253,5 @@ def _held_table(found: Fit) -> Grid:
     return Grid(("held fixed", "value", "source"), rows, 3)
 
 
-def _inline(png: bytes) -> str:
+def inline(png: bytes) -> str:
     return f"data:image/png;base64,{base64.b64encode(png).decode()}"

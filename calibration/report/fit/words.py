@@ -11,6 +11,7 @@ import numpy as np
 from calibration.data.measurement import OBSERVED
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior
+from calibration.fit.whole import WholeFit
 from calibration.report.fit.numbers import TARGET, UNITS, Suspect, is_of_effect
 from calibration.unknowns.priors import Unknown
 from model.effects import effects
@@ -19,6 +20,8 @@ INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "spee
 FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
 LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
 WEAK = 0.25  # a correlation below it is not worth a word
+
+AnyFit = Fit | WholeFit
 
 
 def rounded(value: float, sd: float) -> str:
@@ -47,7 +50,10 @@ def probability(value: float) -> str:
 
 
 def called(name: str) -> str:
-    """An unknown's name as a person says it."""
+    """An unknown's name as a person says it, the name of its recording ahead where it is one recording's own."""
+    recording, _, own = name.rpartition(": ")
+    if recording:
+        return f"{called(own)} in {recording}"
     if is_of_effect(name):
         effect, _, parameter = name.partition(".")
         return f"{effects()[effect].title}, its {parameter}"
@@ -68,7 +74,7 @@ def prior_in_words(unknown: Unknown) -> str:
     return f"{figure(unknown.a)} to {figure(unknown.b)}, even in the logarithm"
 
 
-def held_effects(found: Fit) -> list[str]:
+def held_effects(found: AnyFit) -> list[str]:
     """Each effect that the model holds beyond the article, with the sizes that the fit gives it, in a sentence each."""
     sentences = []
     for name in found.effects:
@@ -91,7 +97,7 @@ def verdict(posterior: Posterior) -> str:
     return f"{TARGET} is {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})."
 
 
-def headline(found: Fit) -> list[str]:
+def headline(found: AnyFit) -> list[str]:
     """What comes first: f_overall where the model explains the readings, and that it does not where it does not."""
     quality = found.quality
     if quality is None:
@@ -101,7 +107,7 @@ def headline(found: Fit) -> list[str]:
     return [contradicted(found), quality.why, not_to_be_relied_on(found.posterior), f"Next: {next_command(found)}"]
 
 
-def explained(found: Fit) -> str:
+def explained(found: AnyFit) -> str:
     """That the readings do not contradict the model, in sentences; empty where that was not asked."""
     quality = found.quality
     if quality is None:
@@ -110,7 +116,7 @@ def explained(found: Fit) -> str:
     return f"The readings do not contradict the model{_with_effects(found)} ({p}). {quality.why}"
 
 
-def contradicted(found: Fit) -> str:
+def contradicted(found: AnyFit) -> str:
     """That the model does not explain the readings, in a sentence; empty where it does or that was not asked."""
     quality = found.quality
     if quality is None or quality.model_fits:
@@ -124,9 +130,9 @@ def not_to_be_relied_on(posterior: Posterior) -> str:
     return f"What it gives, not to be relied on: {verdict(posterior)}"
 
 
-def next_command(found: Fit) -> str:
+def next_command(found: AnyFit) -> str:
     """The command that looks for what the model lacks."""
-    return f"spinbench diagnose {shlex.quote(str(found.recording.folder))}"
+    return f"spinbench diagnose {' '.join(shlex.quote(str(one.folder)) for one in found.recordings)}"
 
 
 def p_in_words(p: float) -> str:
@@ -134,7 +140,7 @@ def p_in_words(p: float) -> str:
     return f"p = {p:.2g}" if p >= LEAST_P else "p < 10⁻⁶"
 
 
-def _with_effects(found: Fit) -> str:
+def _with_effects(found: AnyFit) -> str:
     return f" with {' and '.join(found.effects)}" if found.effects else ""
 
 
@@ -148,7 +154,7 @@ def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
     return f"{TARGET} trades off mostly with {listed}; correlations in brackets."
 
 
-def prior_says(found: Fit) -> str:
+def prior_says(found: AnyFit) -> str:
     """Whether f_overall comes from the recording or from the prior, in a sentence."""
     spread = f"its spread is {100 * found.posterior[TARGET].sd_of_prior:.2g} % of its prior's"
     share = f"{100 * found.posterior.share_from_priors(TARGET):.0f} % of its variance comes from other unknowns"
@@ -158,9 +164,9 @@ def prior_says(found: Fit) -> str:
     return f"The recording decides it: {spread}. {share} of which the recording says little."
 
 
-def prior_dominates(found: Fit) -> bool:
+def prior_dominates(found: AnyFit) -> bool:
     """Whether f_overall rests on priors: it is hardly narrowed, or fewer rows than a line and a check of it."""
-    return found.posterior.prior_dominates(TARGET) or len(found.measured.steady) < FEW_ROWS
+    return found.posterior.prior_dominates(TARGET) or (not found.in_time and found.rows < FEW_ROWS)
 
 
 def suspect_in_words(one: Suspect) -> str:
@@ -198,9 +204,8 @@ def _too_fast(found: Fit) -> list[str]:
     return [f"{count} above the manufacturer's {limit:g} rpm (up to {np.max(fast):g} rpm)"]
 
 
-def _rows(found: Fit) -> str:
-    count = len(found.measured.steady)
-    return "one row" if count == 1 else f"{count} rows"
+def _rows(found: AnyFit) -> str:
+    return "one row" if found.rows == 1 else f"{found.rows} rows"
 
 
 def _decimals(sd: float) -> int:

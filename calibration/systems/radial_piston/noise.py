@@ -17,7 +17,7 @@ from scipy.linalg import cholesky_banded, solve_triangular
 from scipy.linalg.lapack import dtbtrs
 
 from calibration.systems.radial_piston.predict.problem import CHANNELS, Problem
-from calibration.unknowns.priors import NOISE_SD
+from calibration.unknowns.priors import NOISE_FACTOR, NOISE_SD, Unknown
 
 CORRELATION_SD = 0.7  # of the inverse hyperbolic tangent: two in three lie within 0.6; of even correlations it is 0.9
 SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])
@@ -129,6 +129,11 @@ class Noise:
         self.first = apart.copy()
         if step.size:
             self.first[np.cumsum([0, *sizes[:-1]])] = True
+
+    def scale_unknowns(self) -> list[Unknown]:
+        """What the first numbers of u stand for: u is the prior's sd times the standard normal number of each."""
+        why = "a declared noise figure is uncertain by a factor 1.35"
+        return [Unknown(f"{channel}_noise_scale", "1", "lognormal", 1.0, NOISE_FACTOR, why) for channel in CHANNELS]
 
     def told(self, u: np.ndarray) -> list[dict[str, Any]]:
         """Nothing: the page has the noise of each instrument."""

@@ -39,7 +39,7 @@ class Several:
     def __init__(self, parts: Sequence[Comparison], names: Sequence[str]) -> None:
         self.parts, self.names = list(parts), list(names)
         self.problem = SeveralProblem([part.problem for part in parts], names)
-        self.noise = Noises(parts)
+        self.noise = Noises(parts, names)
         cuts = [(0, 2 * part.n, part.end, part.read.size) for part in parts]
         ends = np.cumsum([[cut[j + 1] - cut[j] for cut in cuts] for j in range(3)])
         begins = np.append(0, ends[:-1]).reshape(3, len(parts))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from calibration.likelihood.compared import Whitener
 from calibration.systems.radial_piston.comparison import Comparison
+from calibration.unknowns.priors import Unknown
 
 SCALES = 3  # of a recording's noise
 
@@ -43,8 +45,8 @@ class Whiteners:
 class Noises:
     """The noise of each recording; the scales of all come first in u."""
 
-    def __init__(self, parts: Sequence[Comparison]) -> None:
-        self._parts = parts
+    def __init__(self, parts: Sequence[Comparison], names: Sequence[str]) -> None:
+        self._parts, self._names = parts, names
         spread, free = ([getattr(part.noise, what) for part in parts] for what in ("spread", "free"))
         self.scales = slice(0, SCALES * len(parts))
         self.spread, self.free = self.joined(spread), self.joined(free)
@@ -52,6 +54,14 @@ class Noises:
     def joined(self, each: Sequence[np.ndarray]) -> np.ndarray:
         """One vector of what each recording has in the order of its own u."""
         return np.concatenate([*(one[:SCALES] for one in each), *(one[SCALES:] for one in each)])
+
+    def scale_unknowns(self) -> list[Unknown]:
+        """What the scales in u stand for, each with the name of its recording ahead."""
+        return [
+            replace(one, name=f"{name}: {one.name}")
+            for part, name in zip(self._parts, self._names, strict=True)
+            for one in part.noise.scale_unknowns()
+        ]
 
     def places(self, k: int) -> np.ndarray:
         """Where a recording's u stands in that of all [-], shape (5,)."""

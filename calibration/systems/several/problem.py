@@ -114,6 +114,10 @@ class SeveralProblem:
         run = self.parts[k].run_of(place)
         return None if run is None else run + self._before(k)
 
+    def is_of_a_recording(self, i: int) -> bool:
+        """Whether a nuisance is one recording's alone."""
+        return self.parts[self._of[i][0]].nuisances[self._of[i][1]].name not in OF_THE_MOTOR
+
     def predict(
         self,
         z: np.ndarray,

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.data import rows_used
 from calibration.fit import fit as fits
 from calibration.fit.sampling import Settings
 from calibration.report.fit import page as fit_page
@@ -232,7 +233,7 @@ def windy(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def wrong(windy) -> subprocess.CompletedProcess[str]:
-    return run("bench", "-o", "out", "--json", "fit.json", *BRIEF, cwd=windy)
+    return run("bench", "-o", "out", "--json", "fit.json", "--steady-only", *BRIEF, cwd=windy)
 
 
 @pytest.mark.slow
@@ -261,7 +262,7 @@ def test_its_json_says_what_stands_out_and_which_rows_were_used(wrong, windy):
     assert "balance does not close" in data["fit_quality"]["why"]
     assert data["files"] == [
         {"file": "sweep.csv", "rows": 5, "rows_used": 5, "why": ""},
-        {"file": "coast_down.csv", "rows": 60, "rows_used": 0, "why": "runs in time do not enter the fit"},
+        {"file": "coast_down.csv", "rows": 60, "rows_used": 0, "why": rows_used.NOT_IN_A_FIT},
     ]
     assert posterior(windy / "out" / "posterior.json") == data
 
@@ -277,7 +278,7 @@ def test_its_page_does_not_say_that_the_recording_decides_it(wrong, windy):
 
 @pytest.mark.slow
 def test_a_fit_that_has_not_converged_ends_with_code_3_and_tells_of_the_model_beside(windy):
-    done = run("bench", "-o", "short", "--max-steps", "50", *BRIEF, cwd=windy)
+    done = run("bench", "-o", "short", "--max-steps", "50", "--steady-only", *BRIEF, cwd=windy)
     assert done.returncode == 3
     assert "not converged in 50 steps" in done.stderr
     assert "nor does the model explain the readings" in done.stderr

@@ -53,7 +53,7 @@ def fitted(rubbing) -> fit.Fit:
     settings = Settings(seed=1, effective_samples=100, most_steps=125, walkers=40)
     motor, measured, likelihood = fit.prepare(rubbing, effects=["coulomb_friction"])
     chain = sampling.sample(likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings)
-    result = posterior.summarise(chain, likelihood, list(rubbing.channels), 1.0)
+    result = posterior.summarise(chain, likelihood.unknowns, [], 1.0)
     return fit.Fit(rubbing, motor, measured, likelihood, result, settings, ("coulomb_friction",))
 
 
@@ -113,7 +113,7 @@ def test_an_effect_that_changes_with_time_is_drawn_at_the_middle_of_the_sweep(ru
     timed = replace(rubbing, files=(replace(rubbing.files[0], columns=columns),))
     motor, measured, likelihood = fit.prepare(timed, effects=["friction_warm_up"])
     chain = sampling.sample(likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings)
-    result = posterior.summarise(chain, likelihood, list(timed.channels), 1.0)
+    result = posterior.summarise(chain, likelihood.unknowns, [], 1.0)
     found = fit.Fit(timed, motor, measured, likelihood, result, settings, ("friction_warm_up",))
     shown = {channel.name: channel for channel in fit_numbers.channels(found)}["speed"]
     rows, one = measured.steady, np.ones(1)

@@ -11,16 +11,20 @@ from scipy.stats import norm
 from calibration.fit import fit, posterior
 from calibration.fit.sampling import Chain
 from calibration.systems.radial_piston.batch.likelihood import Likelihood
-from rig.recording import read_recording
+from rig.recording import Recording, read_recording
 
 SWEEP = "pressure_bar_abs,flow_l_min,speed_rpm\n1.6,41.5,229.4\n1.8,57.2,270.0\n2.0,72.9,397.1\n"
-COLUMNS = ("pressure_bar_abs", "flow_l_min", "speed_rpm")
 
 
 @pytest.fixture
-def likelihood(put_recording) -> Likelihood:
-    """Of three plateaus of the default motor at 20 degrees Celsius; the speed of row 2 is 43 rpm too low."""
-    return fit.prepare(read_recording(put_recording(("sweep.csv", "steady", SWEEP))))[2]
+def recording(put_recording) -> Recording:
+    """Three plateaus of the default motor at 20 degrees Celsius; the speed of row 2 is 43 rpm too low."""
+    return read_recording(put_recording(("sweep.csv", "steady", SWEEP)))
+
+
+@pytest.fixture
+def likelihood(recording) -> Likelihood:
+    return fit.prepare(recording)[2]
 
 
 @pytest.fixture
@@ -38,8 +42,8 @@ def chain(likelihood) -> Chain:
 
 
 @pytest.fixture
-def found(chain, likelihood) -> posterior.Posterior:
-    return posterior.summarise(chain, likelihood, COLUMNS, 12.5)
+def found(chain, likelihood, recording) -> posterior.Posterior:
+    return posterior.summarise(chain, likelihood.unknowns, fit.suspects(chain, likelihood, recording), 12.5)
 
 
 def name_index(likelihood: Likelihood, name: str) -> int:

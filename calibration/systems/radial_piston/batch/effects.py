@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,7 +105,26 @@ def seen(names: Sequence[str], channels: Sequence[str]) -> list[str]:
     return [name for name in names if "flow" in channels or not _in_flow_alone(effects()[name])]
 
 
-def _check(name: str, names: Sequence[str], measured: Measurement) -> None:
+def refuse_effects(names: Sequence[str], could: Container[str]) -> None:
+    """Refuse effects that a fit to everything in its recordings cannot hold.
+
+    Parameters
+    ----------
+    could : container of str
+        Effects that these recordings could show.
+
+    Raises
+    ------
+    EffectsError
+        For an id that there is not (the nearest is named), or an effect that they could not show.
+    """
+    for name in names:
+        _check_name(name, names)
+        if name not in could:
+            raise EffectsError(f"{name} could not show in these recordings; leave it out")
+
+
+def _check_name(name: str, names: Sequence[str]) -> None:
     known = effects()
     if name not in known:
         close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)
@@ -114,8 +133,13 @@ def _check(name: str, names: Sequence[str], measured: Measurement) -> None:
         raise EffectsError(f"{name} is named twice; name it once")
     if name == "bad_reading":
         raise EffectsError("bad_reading: every fit looks for bad readings; leave it out")
+
+
+def _check(name: str, names: Sequence[str], measured: Measurement) -> None:
+    _check_name(name, names)
+    known = effects()
     if known[name].transient_only:
-        raise EffectsError(f"{name} shows in runs in time only, and a fit uses steady rows; leave it out")
+        raise EffectsError(f"{name} shows in runs in time only, and this fit uses steady rows; leave it out")
     if not seen([name], measured.channels):
         raise EffectsError(f"{name} acts on the flow alone, which this fit does not use; leave it out")
 

@@ -23,7 +23,7 @@ from calibration.data.measurement import Measurement, Rows
 from calibration.systems.radial_piston.batch import states as effect_states
 from calibration.systems.radial_piston.batch.effects import Effects
 from calibration.systems.radial_piston.batch.rows import BAD, add_zero_rows, bad_rows, sum_rows
-from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of
+from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of, factors_at, values_of
 from model.effects.laws import Chosen
 from model.motor import QUANTITIES, Motor
 from model.solvers import steady
@@ -84,17 +84,11 @@ class Likelihood:
 
     def values(self, z: np.ndarray) -> np.ndarray:
         """Physical values of the unknowns, shape (n, n_unknowns), each in its own unit; ``z`` likewise [-]."""
-        return np.column_stack([unknown.value(z[:, i]) for i, unknown in enumerate(self.unknowns)])
+        return values_of(self.unknowns, z)
 
     def factors(self, z: np.ndarray) -> np.ndarray:
-        """What one unit of each coordinate multiplies its unknown by, near a point, shape (n_unknowns,); 1: it adds.
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_unknowns,)
-            The point [-].
-        """
-        return np.array([unknown.factor(float(at)) for unknown, at in zip(self.unknowns, z, strict=True)])
+        """What one unit of each coordinate multiplies its unknown by, near a point; `priors.factors_at`."""
+        return factors_at(self.unknowns, z)
 
     def log_prob(self, z: np.ndarray) -> np.ndarray:
         """Log posterior density up to a constant, shape (n,) [-].

@@ -1,0 +1,219 @@
+"""A cheap stand-in for a log posterior: the readings as a quadratic function of what is sampled.
+
+The readings are expanded about the most probable point, in steps that are straight in the quantities themselves, to
+second order; the coefficients are fitted to simulations at points drawn about it. The log posterior is then a quartic
+polynomial, some hundred times as fast as simulating. It is never trusted: it proposes, and the true posterior accepts
+(`calibration.fit.moves.DelayedAcceptance`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.fit.integrated import Integrated
+from calibration.work.threads import each
+
+WIDER = 1.2  # than the curvature says: where coefficients are fitted
+POINTS_PER_TERM, FEWEST_POINTS = 4.0, 100
+ROUNDS = 2  # of fitting: about the mode first, then where the first stand-in has its mass
+START = 2000  # points about the mode that a first look at the stand-in begins with
+PENALTY = 1e-3  # on each coefficient, of a coordinate with unit spread
+FARTHEST = 9.0  # spreads from the mode; farther out polynomials go anywhere
+NODES = np.linspace(-5.0, 5.0, 41)  # prior sds of a noise scale about the mode's
+FORMS = np.array([-4.0, -1.5, 0.0, 1.5, 4.0])  # the same, where the misfit is expanded
+
+
+@dataclass(frozen=True)
+class _AlongNoise:
+    """How the misfit and the normalisation go with the noise scales.
+
+    Attributes
+    ----------
+    form : ndarray, shape (p, p)
+        The misfit as a quadratic form of `Surrogate.terms` at the mode's noise.
+    changes : list of ndarray, each of shape (FORMS.size, ..., p, p)
+        What the form changes by with the noise scales of each recording, at `FORMS` of each.
+    tables : ndarray, shape (NODES.size, k)
+        Minus the log likelihood at the mode along each scale, at `NODES`, less that at the mode's noise, and less half
+        of what the form there changes by [-].
+    """
+
+    form: np.ndarray
+    changes: list[np.ndarray]
+    tables: np.ndarray
+
+
+class Surrogate:
+    """The stand-in for a target.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n_points, n_unknowns)
+        Where the target was simulated [-].
+    readings : ndarray, shape (n_points, m)
+        What was expected there [SI].
+    """
+
+    def __init__(self, target: Integrated, points: np.ndarray, readings: np.ndarray) -> None:
+        self.target = target
+        n = target.shared.size
+        self._root = np.linalg.cholesky(target.mode.covariance[np.ix_(target.shared, target.shared)])
+        self._pairs = np.triu_indices(n)
+        terms = self.terms(points)
+        gram = terms.T @ terms + PENALTY * np.eye(terms.shape[1])
+        coefficients = np.linalg.solve(gram, terms.T @ (readings - target.raw))
+        self._along = self._expanded(coefficients)
+
+    def coordinates(self, z: np.ndarray) -> np.ndarray:
+        """Straight steps from the mode in units of its spread, shape (n_points, n_shared); ``z`` as `log_prob` [-]."""
+        target, n = self.target, self.target.shared.size
+        moved = z[:, :n] - target.mode.z[target.shared]
+        rate = target.f.log_step[target.shared]
+        curved = rate != 0.0
+        moved[:, curved] = np.expm1(np.clip(moved[:, curved] * rate[curved], -30.0, 30.0)) / rate[curved]
+        found: np.ndarray = np.linalg.solve(self._root, moved.T).T
+        return found
+
+    def terms(self, z: np.ndarray) -> np.ndarray:
+        """1, the coordinates, all their products of two and their cubes, shape (n_points, p) [-]."""
+        x = self.coordinates(z)
+        return np.hstack([np.ones((len(x), 1)), x, x[:, self._pairs[0]] * x[:, self._pairs[1]], x**3])
+
+    def log_prob(self, z: np.ndarray) -> np.ndarray:
+        """Log posterior density up to a constant, shape (n,) [-].
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, n_unknowns)
+            Points [-].
+        """
+        target, n = self.target, self.target.shared.size
+        found = np.full(len(z), -np.inf)
+        near = target.inside(z)
+        if not near.any():
+            return found
+        z = z[near]
+        terms = self.terms(z)
+        change = z[:, n:] - target.centre()[n:]
+        at_noise_of_mode = np.maximum(_squared(terms, self._along.form), 0.0)
+        misfit = at_noise_of_mode.copy()
+        normalisation = np.zeros(len(z))
+        for scales, forms in zip(target.scales_of, self._along.changes, strict=True):
+            for node, share in _shares(change[:, scales], target.spread[scales]):
+                mine = share > 0.0
+                misfit[mine] += share[mine] * _squared(terms[mine], forms[node])
+        for k in range(target.spread.size):
+            normalisation += np.interp(change[:, k], NODES, self._along.tables[:, k])
+        # No misfit falls faster than the square of the scale that grows most, nor grows faster.
+        factor = np.exp(-2.0 * change * target.spread)
+        misfit = np.clip(misfit, *(at_noise_of_mode * one for one in _fastest(factor)))
+        full = np.repeat(target.mode.z[None, :], len(z), axis=0)
+        full[:, target.shared] = z[:, :n]
+        log_prob = -0.5 * misfit - normalisation - 0.5 * (z * z).sum(axis=1) + target.tails(full)
+        log_prob[
+            (np.abs(terms[:, 1 : 1 + n]) > FARTHEST).any(axis=1) | (np.abs(change) > NODES[-1]).any(axis=1)
+        ] = -np.inf
+        found[near] = log_prob
+        return found
+
+    def _expanded(self, coefficients: np.ndarray) -> _AlongNoise:
+        form = self._form(self.target.mode.u, coefficients)
+        target, changes = self.target, []
+        tables = np.column_stack([self._at_mode(k) for k in range(target.spread.size)])
+        for scales in target.scales_of:
+            forms = np.empty((FORMS.size,) * scales.size + form.shape)
+            for node in np.ndindex(*forms.shape[: scales.size]):
+                forms[node] = self._form(self._noise(scales, FORMS[list(node)]), coefficients) - form
+            changes.append(forms)
+            for place, k in enumerate(scales):
+                along = np.zeros((NODES.size, scales.size))
+                along[:, place] = NODES
+                for node, share in _shares(along, target.spread[scales]):
+                    tables[:, k] -= 0.5 * share * forms[node][0, 0]
+        return _AlongNoise(form, changes, tables)
+
+    def _noise(self, scales: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """The mode's noise with some scales moved by prior sds [-]."""
+        target, u = self.target, self.target.mode.u.copy()
+        moved = np.zeros(target.spread.size)
+        moved[scales] = steps * target.spread[scales]
+        u[target.comparison.noise.scales] += moved
+        return u
+
+    def _at_mode(self, k: int) -> np.ndarray:
+        """Minus the log likelihood at the mode along a noise scale, shape (NODES.size,), less that at its own [-]."""
+        centre = self.target.centre()
+        place, found = self.target.shared.size + k, np.full(NODES.size, np.inf)
+        begin = self.target.at(centre)
+        for i, node in enumerate(NODES):
+            z = centre.copy()
+            z[place] += node
+            point = self.target.at(z)
+            if begin is not None and point is not None:
+                found[i] = begin.log_prob - point.log_prob - 0.5 * (z[place] ** 2 - centre[place] ** 2)
+        return found
+
+    def _form(self, u: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """What the misfit is in terms of `terms`, what is the runs' own integrated out."""
+        target, comparison = self.target, self.target.comparison
+        white = comparison.whitener(target.mode.prediction, u)
+        root = np.sqrt(target.weight)[:, None]
+        K = -white(coefficients.T) * root
+        K[:, 0] += white(comparison.read - target.raw) * root[:, 0]
+        J = white(target.D) * root
+        A = J.T @ J + np.eye(target.own.size)
+        taken = J.T @ K
+        taken[:, 0] += target.pull
+        form: np.ndarray = K.T @ K - taken.T @ np.linalg.solve(A, taken)
+        return form
+
+
+def _squared(terms: np.ndarray, form: np.ndarray) -> np.ndarray:
+    found: np.ndarray = ((terms @ form) * terms).sum(axis=1)
+    return found
+
+
+def _fastest(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the most that a misfit is multiplied by, each shape (n,), where its parts are by these or by 1."""
+    return factor.min(axis=1, initial=1.0), factor.max(axis=1, initial=1.0)
+
+
+def _shares(change: np.ndarray, spread: np.ndarray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """The nodes of `FORMS` that count where noise scales have changed by prior sds, and how much, shape (n,): straight
+    in 1 over the square of each scale."""
+    each_scale = []
+    for k, sd in enumerate(spread):
+        grid, there = np.exp(-2.0 * sd * FORMS), np.exp(-2.0 * sd * np.clip(change[:, k], FORMS[0], FORMS[-1]))
+        each_scale.append([np.interp(there, grid[::-1], unit[::-1]) for unit in np.eye(FORMS.size)])
+    for node in np.ndindex(*(FORMS.size,) * spread.size):
+        share = np.prod([shares[i] for i, shares in zip(node, each_scale, strict=True)], axis=0)
+        if share.any():
+            yield node, share
+
+
+def simulated(target: Integrated, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points at which the model gives readings, and these, shape (n, n_unknowns) [-] and (n, m) [SI]."""
+    readings = each(lambda z: target.predicted(target.whole(z)[0]), points)
+    told = [i for i, reading in enumerate(readings) if reading is not None]
+    return points[told], np.nan_to_num(np.array([readings[i] for i in told]).reshape(len(told), target.raw.size))
+
+
+def scattered(target: Integrated, rng: np.random.Generator, n: int) -> np.ndarray:
+    """Points about the mode with a wider spread than its own, within the bounds, shape (n, n_unknowns) [-]."""
+    mode, k = target.mode, target.mode.z.size
+    root = np.linalg.cholesky(mode.covariance)
+    found = np.empty((n, len(target.unknowns)))
+    noise = target.centre()[target.shared.size :]
+    for row in found:
+        z = target.f.clip(target.f.advance(mode.z, WIDER * root @ rng.standard_normal(k)))
+        row[:] = np.append(z[target.shared], noise + 0.3 * rng.standard_normal(noise.size))
+    return np.clip(found, target.low, target.high)
+
+
+def wanted(target: Integrated) -> int:
+    """Simulations that the stand-in's coefficients are fitted to, in each round [-]."""
+    n = target.shared.size
+    return max(FEWEST_POINTS, int(POINTS_PER_TERM * (1 + 2 * n + n * (n + 1) // 2) / ROUNDS))

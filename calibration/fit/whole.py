@@ -1,0 +1,209 @@
+"""The fit of everything that was measured: plateaus, runs in time, one recording or several of one motor."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.fit import moves, posterior, sampling, surrogate
+from calibration.fit.fit import NotConvergedError, why_not
+from calibration.fit.integrated import Integrated, log_prob_of
+from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
+from calibration.fit.sampling import Begun, Progress, Settings
+from calibration.fit.surrogate import Surrogate
+from calibration.likelihood.mode import Mode
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.several.comparison import Several
+from calibration.work.side_by_side import SideBySide
+from calibration.work.threads import each, threads
+from model.motor import Motor
+from rig.recording import Recording
+
+LEVELS = (0.05, 0.16, 0.50, 0.84, 0.95)  # quantiles of the 90 % and 68 % bands, and the median
+BANDS_DRAWS = 200  # of the posterior
+NOISE_DRAWS = 5  # about each
+STAND_IN = Settings(effective_samples=2000, most_steps=2000, walkers=144, times_tau=10.0, warm_up_blocks=4, block=10)
+WALKERS, BLOCK, TIMES_TAU = 16, 5, 10.0  # independent proposals forget at once: short chains tell how long is enough
+COLUMN = {"flow": "flow_l_min", "speed": "speed_rpm"}
+
+
+@dataclass(frozen=True)
+class WholeFit:
+    """Recordings, and what came out.
+
+    Attributes
+    ----------
+    bands : ndarray, shape (5, m)
+        What new readings would be at the places of the old ones, at `LEVELS` [SI].
+    accepted : float
+        Share of the stand-in's proposals and of the others that the posterior took [-].
+    """
+
+    recordings: tuple[Recording, ...]
+    comparison: Comparison | Several
+    mode: Mode
+    target: Integrated
+    posterior: Posterior
+    settings: Settings
+    effects: tuple[str, ...]
+    bands: np.ndarray
+    quality: FitQuality | None = None
+
+    @property
+    def recording(self) -> Recording:
+        """The first recording."""
+        return self.recordings[0]
+
+    @property
+    def motor(self) -> Motor:
+        """The motor, at the first recording's ambient."""
+        return next(part for _, part, _ in parts_of(self.comparison)).problem.motor
+
+    @property
+    def rows(self) -> int:
+        """Plateaus that were fitted [-]."""
+        return sum(part.n for _, part, _ in parts_of(self.comparison))
+
+    @property
+    def in_time(self) -> bool:
+        """Whether runs in time were."""
+        return self.comparison.in_time
+
+
+def parts_of(comparison: Comparison | Several) -> Iterator[tuple[str, Comparison, np.ndarray]]:
+    """Each recording with its name, empty where it is the only one, and the places of its readings among all."""
+    if isinstance(comparison, Several):
+        yield from zip(comparison.names, comparison.parts, comparison.at, strict=True)
+    else:
+        yield "", comparison, np.arange(comparison.read.size)
+
+
+def fit(
+    recordings: Sequence[Recording],
+    comparison: Comparison | Several,
+    mode: Mode,
+    settings: Settings,
+    chain_folder: Path | None = None,
+    progress: Progress | None = None,
+    workers: int = 1,
+) -> WholeFit:
+    """Sample the posterior about its most probable point.
+
+    Parameters
+    ----------
+    mode : Mode
+        The most probable point, with the effects that the model holds.
+    chain_folder : Path, optional
+        Where the chain is kept as it grows, and continued from.
+    workers : int
+        Processes; the result is the same [-].
+
+    Raises
+    ------
+    NotConvergedError
+        When the budget is spent.
+    """
+    begun = time.monotonic()
+    target = Integrated(comparison, mode)
+    mark = _fingerprint(recordings, target, settings)
+    if chain_folder is not None:
+        sampling.refuse_another(chain_folder, mark)
+    rng = np.random.default_rng(settings.seed)
+    tell = progress or (lambda done, wanted, words: None)
+    with SideBySide(workers) as side_by_side:
+        side_by_side.begin(["calibration.fit.integrated"])
+        with threads(workers):
+            stand_in, drawn = _stand_in(target, rng, settings, tell)
+        shape = sampling.mapped(drawn, target.factors)
+
+        def log_prob(z: np.ndarray) -> np.ndarray:
+            chunks = np.array_split(z, min(workers, max(len(z), 1)))
+            return np.concatenate(side_by_side(log_prob_of, [(target, chunk) for chunk in chunks]))
+
+        flat = drawn.flat()
+        begin = Begun(
+            flat[rng.choice(len(flat), _start_points(target), replace=False)],
+            lambda: moves.delayed(stand_in.log_prob, shape),
+        )
+        chosen = dataclasses.replace(
+            settings, walkers=WALKERS, block=BLOCK, times_tau=min(settings.times_tau, TIMES_TAU)
+        )
+        chain = sampling.sample(
+            log_prob, len(target.unknowns), target.factors, chosen, chain_folder, mark, progress, begin
+        )
+    if not chain.converged:
+        raise NotConvergedError(why_not(chain, chosen, chain_folder))
+    with threads(workers):
+        bands, suspects, draws = _expected(target, posterior.thinned(chain.flat(), BANDS_DRAWS), rng)
+    result = posterior.summarise(
+        chain, target.unknowns, suspects, time.monotonic() - begun, target.of_recordings, draws
+    )
+    return WholeFit(tuple(recordings), comparison, mode, target, result, chosen, mode.names, bands)
+
+
+def _start_points(target: Integrated) -> int:
+    return 2 * sampling.ENSEMBLES * max(WALKERS, 2 * len(target.unknowns) + 2)
+
+
+def _stand_in(
+    target: Integrated, rng: np.random.Generator, settings: Settings, tell: Progress
+) -> tuple[Surrogate, sampling.Chain]:
+    """The stand-in that proposes, and draws of it: fitted about the mode first, then where it has its mass."""
+    chosen = dataclasses.replace(STAND_IN, seed=settings.seed)
+    points = np.empty((0, len(target.unknowns)))
+    readings = np.empty((0, target.raw.size))
+    start = surrogate.scattered(target, rng, surrogate.START)
+    begin = start
+    for number in range(surrogate.ROUNDS):
+        tell(0, settings.effective_samples, f"simulating about the peak, {number + 1} of {surrogate.ROUNDS}")
+        there = begin[rng.choice(len(begin), surrogate.wanted(target), replace=False)]
+        more, read = surrogate.simulated(target, there)
+        points, readings = np.vstack([points, more]), np.vstack([readings, read])
+        stand_in = Surrogate(target, points, readings)
+        drawn = sampling.sample(stand_in.log_prob, len(target.unknowns), target.factors, chosen, begun=Begun(begin))
+        begin = drawn.flat()
+    return stand_in, drawn
+
+
+def _expected(
+    target: Integrated, draws: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, list[SuspectRow], np.ndarray | None]:
+    """Bands of new readings at the places of the old ones, shape (5, m) [SI]; readings that are probably bad; and draws
+    of what was sampled with what is the recordings' own, where that was integrated out."""
+    comparison = target.comparison
+    points, readings, with_own = [], [], []
+    for z, point in zip(draws, each(target.at, draws), strict=True):
+        if point is None:
+            continue
+        points.append(point)
+        for _ in range(NOISE_DRAWS):
+            moved = point.root @ rng.standard_normal(target.own.size)
+            readings.append(point.raw + target.D @ moved + comparison.drawn_noise(point.prediction, point.u, rng))
+            with_own.append(np.append(z, (point.z[target.own] + moved)[target.told]))
+    bands = np.quantile(np.array(readings), LEVELS, axis=0)
+    bad = np.mean([point.bad for point in points], axis=0)
+    suspects = [
+        SuspectRow(row.file, row.row, COLUMN[row.channel], float(bad[i]))
+        for i, row in enumerate(comparison.rows)
+        if bad[i] > posterior.SUSPECT
+    ]
+    return bands, suspects, np.array(with_own) if target.told.size else None
+
+
+def _fingerprint(recordings: Sequence[Recording], target: Integrated, settings: Settings) -> str:
+    """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target."""
+    parts = [
+        [one.sha256 for one in recordings],
+        [dataclasses.astuple(one)[:5] for one in target.unknowns],
+        list(target.mode.names),
+        target.comparison.read.size,
+        settings.seed,
+    ]
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,144 @@
+"""The report of a fit to everything that was measured: its pictures and what its page has beside that of any fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from calibration.fit.whole import WholeFit, parts_of
+from calibration.report import style
+from calibration.report.fit import figures as fit_figures
+from calibration.report.fit import page
+from calibration.report.fit import words as fit_words
+from calibration.report.fit.figures import BANDS
+from calibration.report.fit.words import rounded, uncertainty
+from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, SPEED
+from calibration.unknowns.priors import PASCAL_PER_BAR
+from model.layout import L_MIN, RPM
+
+CHANNELS = (("speed", SPEED, RPM, "rpm"), ("flow", FLOW, L_MIN, "L/min"))
+MARKS = ("o", "s", "^", "D", "v", "P")
+MEAN_APART, SD_APART = 0.2, 0.1  # of a posterior's sd, from which Laplace's approximation is said to be off
+NORMAL = 20_000  # draws of Laplace's normal law, for an unknown that is no straight function of its number
+
+
+def report(found: WholeFit, variants: page.Variants) -> dict[str, bytes]:
+    """Files of the report by name: ``report.html``, ``report.png``."""
+    pictures = {
+        "fit": plateaus(found),
+        "density": fit_figures.density(found.posterior),
+        "ridge": fit_figures.ridge(found.posterior),
+    }
+    if variants:
+        pictures["forest"] = fit_figures.forest(found.posterior, variants)
+    filled = _context(found, variants) | {"figures": {name: page.inline(png) for name, png in pictures.items()}}
+    return {page.HTML: page.page(filled), page.PNG: pictures["fit"]}
+
+
+def plateaus(found: WholeFit) -> bytes:
+    """Speed and flow of the plateaus against pressure, with what new readings would be, and the residuals."""
+    with style.drawing(2, 2, height_in=4.7, sharex=True, squeeze=False, height_ratios=(3, 2)) as (figure, axes):
+        for column, (name, kind, factor, unit) in enumerate(CHANNELS):
+            for k, (recording, part, at) in enumerate(parts_of(found.comparison)):
+                mine = np.flatnonzero((part.kind == kind) & part.known)
+                pressure = part.problem.blocks.plateaus.pressure[part.index[mine]] / PASCAL_PER_BAR
+                bands, read = found.bands[:, at[mine]] * factor, part.read[mine] * factor
+                look = style.MEASURED | {"marker": MARKS[k % len(MARKS)], "markersize": 4.5}
+                for panel, less in ((axes[0, column], 0.0), (axes[1, column], bands[2])):
+                    for (low, high, colour, _), width in zip(BANDS, (1.5, 5.0), strict=True):
+                        panel.vlines(pressure, bands[low] - less, bands[high] - less, color=colour, linewidth=width)
+                    panel.plot(pressure, read - less, **look, label=recording[:40] or "measured")
+            style.name_axes(axes[0, column], ("", "1"), (name, unit))
+            style.name_axes(axes[1, column], ("pressure reading", "bar"), ("residual", unit))
+            axes[1, column].axhline(0.0, color=style.COLOURS[0], linewidth=1.0)
+        axes[0, 0].legend(loc="upper left", fontsize=7.5)
+        figure.suptitle(page.on_the_picture(found), x=0.01, ha="left", fontsize=10, fontweight="bold", parse_math=False)
+        return style.png(figure)
+
+
+def run_in_time(found: WholeFit, part: Comparison, at: np.ndarray, i: int) -> bytes:
+    """A run: speed against time, with bands of new readings, and the residuals."""
+    run, mine = part.problem.blocks.runs[i], np.flatnonzero((part.kind == RUN + i) & part.known)
+    time, read, bands = run.time[part.index[mine]], part.read[mine] * RPM, found.bands[:, at[mine]] * RPM
+    with style.drawing(2, 1, height_in=3.6, sharex=True, height_ratios=(3, 2)) as (figure, axes):
+        for panel, less in ((axes[0], 0.0), (axes[1], bands[2])):
+            for low, high, colour, name in BANDS:
+                panel.fill_between(
+                    time,
+                    bands[low] - less,
+                    bands[high] - less,
+                    color=colour,
+                    linewidth=0.0,
+                    label=f"{name} of new readings",
+                )
+            panel.plot(time, read - less, **style.MEASURED | {"markersize": 2.5}, label="measured")
+        axes[0].plot(time, bands[2], color=style.COLOURS[0], linewidth=1.0, label="model, median")
+        axes[0].legend(loc="best", fontsize=7.5)
+        style.name_axes(axes[0], ("", "1"), ("speed", "rpm"))
+        style.name_axes(axes[1], ("time", "s"), ("residual", "rpm"))
+        return style.png(figure)
+
+
+def remarks(found: WholeFit) -> list[str]:
+    """What a person should know beside the table, in sentences."""
+    suspects = found.posterior.suspect_rows
+    if suspects and fit_words.contradicted(found):
+        return [f"{len(suspects)} readings look bad by this model, which does not explain the rest either"]
+    return [
+        f"{one.file}: row {one.row}: {one.channel} is probably a bad reading (probability "
+        f"{fit_words.probability(one.probability)}); the fit gives it little weight"
+        for one in suspects
+    ]
+
+
+def _context(found: WholeFit, variants: page.Variants) -> dict[str, Any]:
+    parts = list(parts_of(found.comparison))
+    runs = [
+        {"name": f"{name}: {run.file}" if name else run.file, "picture": page.inline(run_in_time(found, part, at, i))}
+        for name, part, at in parts
+        for i, run in enumerate(part.problem.blocks.runs)
+    ]
+    rows = tuple(
+        (one.file, one.channel, str(one.row), fit_words.probability(one.probability))
+        for one in found.posterior.suspect_rows
+    )
+    count = f"{found.rows} plateau{'s' * (found.rows != 1)}"
+    return page.common(found) | {
+        "used": f"{count} and {len(runs)} run{'s' * (len(runs) != 1)} in time",
+        "remarks": remarks(found),
+        "suspects": page.Grid(("file", "column", "row", "probability of being bad"), rows, 2),
+        "variants": page.variant_table(found, variants),
+        "notes": list(dict.fromkeys(words for one in found.recordings for words in one.warnings)),
+        "convergence": page.convergence(
+            found, [("what is a run's own", f"{found.target.own.size} unknowns, integrated out")]
+        ),
+        "runs": runs,
+        "laplace": _laplace(found),
+    }
+
+
+def _laplace(found: WholeFit) -> page.Grid:
+    """Each sampled unknown of motor and effects beside Laplace's approximation of it."""
+    target, mode, rng = found.target, found.mode, np.random.default_rng(0)
+    rows = []
+    for place, e in zip(target.shared, found.posterior.estimates, strict=False):
+        z = mode.z[place] + np.sqrt(mode.covariance[place, place]) * rng.standard_normal(NORMAL)
+        values = e.unknown.value(np.clip(z, target.f.low[place], target.f.high[place]))
+        mean, sd = float(values.mean()), float(values.std())
+        apart, ratio = abs(mean - e.mean) / e.sd, sd / e.sd
+        off = apart > MEAN_APART or abs(ratio - 1.0) > SD_APART
+        rows.append(
+            (
+                e.unknown.name,
+                e.unknown.unit,
+                f"{rounded(e.mean, e.sd)} ± {uncertainty(e.sd)}",
+                f"{rounded(mean, sd)} ± {uncertainty(sd)}",
+                f"{apart:.2f}",
+                f"{ratio:.2f}",
+                "differs" if off else "",
+            )
+        )
+    header = ("unknown", "unit", "sampled", "Laplace", "means apart, sd", "ratio of sds", "")
+    return page.Grid(header, tuple(rows), 2)

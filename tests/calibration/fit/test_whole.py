@@ -1,0 +1,216 @@
+"""The fit of everything measured: plateaus, runs in time, several recordings; by commands and in its parts."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from calibration import fit_quality
+from calibration.fit import moves
+from calibration.fit.integrated import Integrated
+from calibration.fit.sampling import Begun, Settings, sample
+from calibration.fit.surrogate import Surrogate, scattered, simulated, wanted
+from calibration.fit.transport import TransportMap
+from calibration.likelihood.mode import minus_log_posterior
+from model.motor import read_motor
+from rig.recording import read_recording
+from tests.diagnosis_recordings import add_coast_down, sweep
+
+SPINBENCH = Path(sys.executable).with_name("spinbench")
+BRIEF = ("--effective-samples", "400")
+KEPT = {"one": 3, "two": 5}  # every so many rows of its sweep
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory) -> Path:
+    """Two days of the default motor, nothing concealed: `one` with a coast-down, `two` in another room."""
+    folder = tmp_path_factory.mktemp("bench")
+    for seed, (name, every) in enumerate(KEPT.items(), 21):
+        sweep(folder / name, seed, {})
+        header, *rows = (folder / name / "sweep.csv").read_text().splitlines()
+        (folder / name / "sweep.csv").write_text("\n".join([header, *rows[:13:every]]) + "\n")
+    add_coast_down(folder / "one", 21, {})
+    toml = folder / "two" / "recording.toml"
+    toml.write_text(toml.read_text().replace("pressure_bar_abs = 1.01325", "pressure_bar_abs = 1.009"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fitted(bench) -> subprocess.CompletedProcess[str]:
+    command = [SPINBENCH, "fit", "one", "two", "-o", "out", "--json", "fit.json", *BRIEF]
+    return subprocess.run(command, cwd=bench, capture_output=True, text=True, timeout=600, check=False)
+
+
+@pytest.fixture(scope="module")
+def found(fitted, bench) -> dict:
+    assert fitted.returncode == 0, fitted.stderr
+    return json.loads((bench / "fit.json").read_text())
+
+
+# Two days and a run in time
+
+
+@pytest.mark.slow
+def test_f_overall_holds_the_truth_and_the_run_narrows_it(found, bench, spinbench_here):
+    true = read_motor("ptm3600")["f_overall"].value
+    one = found["parameters"]["f_overall"]
+    assert one["q05"] < true < one["q95"]
+    done = spinbench_here("fit", "one", "--steady-only", "--json", "steady.json", *BRIEF, cwd=bench)
+    assert done.returncode == 0, done.stderr
+    alone = json.loads((bench / "steady.json").read_text())
+    assert one["sd"] < alone["parameters"]["f_overall"]["sd"]
+    used = {file["file"]: file["rows_used"] for file in alone["files"]}
+    assert used["coast_down.csv"] == 0 and used["sweep.csv"] == 5
+
+
+@pytest.mark.slow
+def test_what_is_of_a_day_has_its_name_and_what_is_shared_has_none(found):
+    names = set(found["parameters"])
+    assert {"f_overall", "port_lap", "roller_friction"} <= names
+    assert {"one: ambient_pressure", "two: ambient_pressure", "one: pressure_offset", "two: pressure_offset"} <= names
+    assert "ambient_pressure" not in names
+    assert found["parameters"]["one: ambient_pressure"]["q50"] > found["parameters"]["two: ambient_pressure"]["q50"]
+
+
+@pytest.mark.slow
+def test_its_json_is_posterior_1_with_every_file(found):
+    assert found["format"] == "posterior/1"
+    assert found["convergence"]["rhat_max"] <= 1.01 and found["convergence"]["ess_min"] >= 400
+    assert found["fit_quality"]["model_fits"] is True
+    files = {file["file"]: file["rows_used"] for file in found["files"]}
+    assert files["one/coast_down.csv"] > 20 and files["one/sweep.csv"] == 5 and files["two/sweep.csv"] == 3
+
+
+@pytest.mark.slow
+def test_its_report_shows_the_run_in_time_and_holds_sampling_against_laplace(fitted, found, bench):
+    page = (bench / "out" / "report.html").read_text()
+    assert "coast_down.csv" in page
+    assert page.count("data:image/png") >= 3
+    assert "Laplace" in page
+    assert "Traceback" not in fitted.stderr
+
+
+@pytest.mark.slow
+def test_a_fit_that_is_killed_goes_on_to_the_same_posterior(found, bench, spinbench_here):
+    arguments = ["fit", "one", "two", "-o", "again", "--json", "again.json", *BRIEF]
+    process = subprocess.Popen([SPINBENCH, *arguments], cwd=bench, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    give_up = time.monotonic() + 300.0
+    while not (bench / "again" / "chain" / "block_00001.npz").exists():
+        assert process.poll() is None and time.monotonic() < give_up
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert not (bench / "again.json").exists()
+    assert spinbench_here(*arguments, cwd=bench).returncode == 0
+    again = json.loads((bench / "again.json").read_text())
+    assert again["parameters"] == found["parameters"]
+
+
+@pytest.mark.slow
+def test_another_set_of_recordings_is_another_fit(found, bench, spinbench_here):
+    done = spinbench_here("fit", "one", "-o", "out", *BRIEF, cwd=bench)
+    assert done.returncode == 2
+    assert "holds the chain of another recording, motor or setting" in done.stderr.splitlines()[-1]
+
+
+# Refusals
+
+REFUSED = {
+    "twice": (("one", "one"), "given twice"),
+    "effect_unknown": (("one", "two", "--effects", "widnage"), "the nearest is windage"),
+    "effect_unseen": (("two", "two/../one", "--effects", "tachometer_lag", "--steady-only"), "tachometer_lag"),
+    "missing": (("one", "gone"), "gone"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_bad_input_is_refused_in_words_and_nothing_is_written(bench, spinbench_here, name):
+    arguments, words = REFUSED[name]
+    done = spinbench_here("fit", *arguments, "-o", "refused", "--json", "refused.json", cwd=bench)
+    assert done.returncode == 2, done.stderr
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (bench / "refused").exists() and not (bench / "refused.json").exists()
+
+
+# The parts
+
+
+def banana(z: np.ndarray) -> np.ndarray:
+    """z0 ~ N(0, 1), z1 ~ N(z0^2 / 2, 0.3): means 0 and 1/2, variances 1 and 0.59."""
+    found: np.ndarray = norm.logpdf(z[:, 0]) + norm.logpdf(z[:, 1], z[:, 0] ** 2 / 2, 0.3)
+    return found
+
+
+def test_a_stand_in_that_is_wrong_changes_nothing_of_what_is_sampled():
+    def wrong(z: np.ndarray) -> np.ndarray:
+        found: np.ndarray = norm.logpdf(z[:, 0], 0.3, 1.2) + norm.logpdf(z[:, 1], 0.4 * z[:, 0] ** 2, 0.4)
+        return found
+
+    rng = np.random.default_rng(5)
+    first = 0.3 + 1.2 * rng.standard_normal(2000)
+    known = np.column_stack([first, 0.4 * first**2 + 0.4 * rng.standard_normal(2000)])
+    shape = TransportMap(known, np.ones(2))
+    settings = Settings(seed=4, effective_samples=8000, most_steps=3000, walkers=24)
+    begun = Begun(known, lambda: moves.delayed(wrong, shape))
+    chain = sample(banana, 2, np.ones_like, settings, begun=begun)
+    assert chain.converged and 0.1 < chain.acceptance < 0.95
+    flat = chain.flat()
+    np.testing.assert_allclose(flat.mean(axis=0), [0.0, 0.5], atol=0.04)
+    np.testing.assert_allclose(flat.var(axis=0), [1.0, 0.59], rtol=0.06)
+
+
+@pytest.fixture(scope="module")
+def target(bench) -> Integrated:
+    used, start, quality = fit_quality.judge_whole([read_recording(bench / "one")], 1)
+    assert quality.model_fits and len(used) == 1
+    return Integrated(start.comparison, start.base)
+
+
+def least_cost(target: Integrated, z: np.ndarray) -> float:
+    """Minus the log posterior of a sampled point, what is the run's own found by steps of the full model."""
+    comparison, (full, u) = target.comparison, target.whole(z)
+    for _ in range(6):
+        prediction = target.f(full)
+        white = comparison.whitener(prediction, u)
+        r, J = white(comparison.read - comparison.raw(prediction)), white(target.D)
+        found = minus_log_posterior(r, white.log_scale, full, u, comparison, found=True)
+        A = J.T @ J + np.eye(target.own.size)
+        moved = full[target.own] - target.mode.z[target.own]
+        integrated = found + 0.5 * np.linalg.slogdet(A)[1] - (target.pull + target.mode.z[target.own]) @ moved
+        full[target.own] += np.linalg.solve(A, J.T @ r - moved + target.pull)
+    return integrated
+
+
+@pytest.mark.slow
+def test_what_is_integrated_out_in_first_order_is_as_likely_as_the_full_model_finds_it(target):
+    mode, n = target.mode, target.shared.size
+    root = np.linalg.cholesky(mode.covariance[np.ix_(target.shared, target.shared)])
+    top = target.centre()
+    for k, sds in itertools.product(range(n), (-0.5, 0.5)):
+        z = top.copy()
+        z[:n] += sds * root[:, k]
+        fallen = target.at(top).log_prob - target.at(z).log_prob
+        assert fallen == pytest.approx(least_cost(target, z) - least_cost(target, top), abs=0.1 + 0.1 * abs(fallen))
+
+
+@pytest.mark.slow
+def test_the_stand_in_follows_the_posterior_where_it_was_not_fitted(target):
+    rng = np.random.default_rng(2)
+    cloud = scattered(target, rng, 2 * wanted(target) + 100)
+    stand_in = Surrogate(target, *simulated(target, cloud[:-100]))
+    held = cloud[-100:]
+    true = target.log_prob(held)
+    near = true > target.log_prob(target.centre()[None, :])[0] - 12.0
+    off = true[near] - stand_in.log_prob(held[near])
+    assert near.sum() > 30
+    assert np.std(off) < 0.5
