@@ -112,10 +112,13 @@ def blocks_of(recording: Recording) -> Blocks:
     RecordingError
         When it has neither plateaus nor runs in time that can be used.
     """
-    measured = gather(recording)
+    in_time = any(file.kind == "transient" for file in recording.files)
+    measured = gather(recording, needs_plateaus=not in_time)
     every = (run_of(file, recording) for file in recording.files if file.kind == "transient" and turns(recording, file))
     plateaus = _plateaus(recording, measured)
     runs = tuple(_told(run, plateaus) for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
+    if not runs and not len(measured.steady):
+        gather(recording)  # says what is missing
     return Blocks(plateaus, runs, _vented(recording), _standing(recording), measured)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.data.refusals import refuse_unlike
 from rig.recording import Recording, RecordingError, RecordingFile
 
 GAP_S = 3600.0  # between two recordings on the common clock
@@ -59,9 +60,44 @@ def can_be_one(recordings: Sequence[Recording]) -> bool:
     return True
 
 
+def by_flywheel(recording: Recording) -> list[Recording]:
+    """A recording as one for each flywheel that its files had on the shaft; usually it is one.
+
+    Zero rows go with the first: no rotor turns in them.
+    """
+    added = list(dict.fromkeys(file.added_inertia_kg_m2 for file in recording.files if file.kind != "zero")) or [0.0]
+    return [
+        replace(
+            recording,
+            files=tuple(
+                replace(file, added_inertia_kg_m2=0.0)
+                for file in recording.files
+                if (added[0] if file.kind == "zero" else file.added_inertia_kg_m2) == one
+            ),
+            added_inertia_kg_m2=recording.added_inertia_kg_m2 + one,
+        )
+        for one in added
+    ]
+
+
+def as_given(recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings that are diagnosed or fitted together: one wherever they can be one.
+
+    Raises
+    ------
+    RecordingError
+        When they cannot go together.
+    """
+    refuse_unlike(recordings)
+    parts = [part for one in recordings for part in by_flywheel(one)]
+    return [together(parts)] if can_be_one(parts) else parts
+
+
 def names_of(recordings: Sequence[Recording]) -> list[str]:
-    """What recordings are called: by their folders, with a number where two folders have one name."""
+    """What recordings are called: by their folders, with the flywheel or a number where two have one name."""
     names = [one.folder.name for one in recordings]
+    if len({one.folder for one in recordings}) < len(recordings):
+        names = [f"{one.folder.name} with {one.added_inertia_kg_m2:g} kg m2" for one in recordings]
     return [name if names.count(name) == 1 else f"{name} ({i})" for i, name in enumerate(names, start=1)]
 
 

@@ -70,13 +70,17 @@ class Measurement:
     notes: tuple[str, ...] = field(default=())
 
 
-def gather(recording: Recording, channels: tuple[str, ...] = ("pressure", "flow", "speed")) -> Measurement:
+def gather(
+    recording: Recording, channels: tuple[str, ...] = ("pressure", "flow", "speed"), needs_plateaus: bool = True
+) -> Measurement:
     """Collect the rows that a fit uses.
 
     Parameters
     ----------
     channels : tuple of str
         Channels to use; flow or speed may be left out.
+    needs_plateaus : bool
+        Whether a recording without any is refused.
 
     Returns
     -------
@@ -105,7 +109,7 @@ def gather(recording: Recording, channels: tuple[str, ...] = ("pressure", "flow"
             )
         blocks[file.kind].append(rows)
     steady_rows, zero_rows = (_at_rest(recording, _joined(blocks[kind])) for kind in ("steady", "zero"))
-    if not len(steady_rows):
+    if needs_plateaus and not len(steady_rows):
         raise RecordingError(
             f"{recording.folder}: no steady row with a pressure and a speed or flow; the fit needs at least one plateau"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -256,3 +257,62 @@ def refuse_at_rest(recording: Recording) -> None:
             f"{recording.folder}: column speed_rpm shows a rotor at rest in every row, so there is no speed to compare "
             "with the model; record plateaus at which the rotor turns, or a spin-up or coast-down"
         )
+
+
+def refuse_unlike(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings that are not of one motor, or give one serial number to different instruments.
+
+    Raises
+    ------
+    RecordingError
+        With both folders.
+    """
+    for one in recordings[1:]:
+        refuse_another(recordings[0], one)
+    _refuse_unlike_serials(recordings)
+
+
+def _refuse_unlike_serials(recordings: Sequence[Recording]) -> None:
+    """Refuse a serial number where what it measures in one has nothing in common with what it measures in another."""
+    seen: dict[str, tuple[Recording, set[str]]] = {}
+    for one in recordings:
+        mine: dict[str, set[str]] = {}
+        for column, figures in one.channels.items():
+            if figures.serial:
+                mine.setdefault(figures.serial, set()).add(column)
+        for serial, columns in mine.items():
+            other, theirs = seen.setdefault(serial, (one, columns))
+            if not columns & theirs:
+                raise RecordingError(
+                    f"{one.folder}: serial {serial} is of the instrument of {', '.join(sorted(columns))}, but of "
+                    f"{', '.join(sorted(theirs))} in {other.folder}; put right [channels.*] serial in one of them"
+                )
+
+
+def refuse_another(seen: Recording, unseen: Recording) -> None:
+    """Refuse a run of another machine, of which nothing can be predicted.
+
+    Parameters
+    ----------
+    seen, unseen : Recording
+        The recording that is diagnosed, and the run held out.
+
+    Raises
+    ------
+    RecordingError
+        When their machines differ.
+    """
+    one, other = _machine(seen), _machine(unseen)
+    serials = [recording.origin.get("motor_serial", "") for recording in (seen, unseen)]
+    if one == other and all(serials):
+        one, other = (f"{machine} no. {serial}" for machine, serial in zip((one, other), serials, strict=True))
+    if one != other:
+        raise RecordingError(f"{unseen.folder}: of {other}, not of {one}")
+
+
+def _machine(recording: Recording) -> str:
+    """What a recording is of, in words."""
+    motor = recording.motor
+    if isinstance(motor, str):
+        return f"the motor {motor}"
+    return f"a {motor.get('kind')}{' that slides' if 'mass_kg' in motor else ''}"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.data.refusals import refuse_unusable
+from calibration.data.refusals import refuse_another, refuse_unusable
 from calibration.diagnosis.mismatch import Detected, fit_base, test_base
 from calibration.diagnosis.next_test.recommend import NextTest, propose
 from calibration.diagnosis.result import Diagnosis
@@ -31,7 +31,7 @@ from calibration.diagnosis.steps.verdict import ERRORS, MISMATCH_P, RESIDUAL_P, 
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import Mode
-from calibration.systems.look_up import compared, refuse_another
+from calibration.systems.look_up import compared
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import StepClock, Tell
 from model.effects import effects

@@ -1,6 +1,9 @@
 """The posterior of a recording's unknowns, sampled by emcee.
 
-fit                from a recording to a posterior
+fit                from the plateaus of a recording to a posterior
+whole              from everything that recordings hold, runs in time too
+integrated         its target: what is a run's own is integrated out
+surrogate          its stand-in, which proposes
 peak               where the walkers start
 transport, moves   how they walk
 sampling           how long

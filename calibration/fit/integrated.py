@@ -76,9 +76,9 @@ class Integrated:
         Which of them each recording has.
     low, high : ndarray, shape (n_unknowns,)
         Bounds [-].
-    pull : ndarray, shape (own.size,)
-        Minus the slope of the log likelihood at the mode, along what is integrated out: taken off everywhere, so that
-        these stay at the mode where nothing else moves.
+    off : ndarray, shape (own.size,)
+        How far from the mode the derivatives put the most probable point of what is integrated out: at a kink they know
+        one side. Taken off everywhere, so that the mode stays where it was found [-].
     """
 
     def __init__(self, comparison: Comparison | Several, mode: Mode) -> None:
@@ -90,7 +90,7 @@ class Integrated:
         is_of_run = np.array([i < self.f.k and problem.run_of(i) is not None for i in range(len(everything))])
         is_own = is_of_run.copy()
         if isinstance(problem, SeveralProblem):
-            is_own[: self.f.k] = [problem.is_of_a_recording(i) for i in range(self.f.k)]
+            is_own[: self.f.k] = [not problem.is_of_the_motor(i) for i in range(self.f.k)]
         self.shared, self.own = np.flatnonzero(~is_own), np.flatnonzero(is_own)
         self.told = np.flatnonzero(~is_of_run[self.own])
         self.of_recordings = [everything[i] for i in self.own[self.told]]
@@ -106,10 +106,11 @@ class Integrated:
         self.D = mode.D[:, self.own]
         self.weight = robust_weights(mode.r, comparison, found=True)[0]
         self.raw = comparison.raw(mode.prediction)
-        # The mode is the most probable point whatever its derivatives say: at a kink they leave a slope.
         white = comparison.whitener(mode.prediction, mode.u)
-        weighed = white(self.D) * self.weight[:, None]
-        self.pull: np.ndarray = -weighed.T @ white(comparison.read - self.raw)
+        J = white(self.D)
+        weighed = J * self.weight[:, None]
+        slope = weighed.T @ white(comparison.read - self.raw) - mode.z[self.own]
+        self.off: np.ndarray = np.linalg.solve(weighed.T @ J + np.eye(self.own.size), slope)
 
     def values(self, z: np.ndarray) -> np.ndarray:
         """Physical values of the unknowns, shape (n, n_unknowns), each in its own unit; ``z`` likewise [-]."""
@@ -175,11 +176,10 @@ class Integrated:
         r, J = white(comparison.read - raw), white(self.D)
         weighed = J * self.weight[:, None]
         A = weighed.T @ J + np.eye(self.own.size)
-        delta = np.linalg.solve(A, weighed.T @ r + self.pull)
+        delta = np.linalg.solve(A, weighed.T @ r - full[self.own]) - self.off
         full[self.own] += delta
         left = r - J @ delta
         cost = minus_log_posterior(left, white.log_scale, full, u, comparison, found=True)
-        cost -= float((self.pull + self.mode.z[self.own]) @ delta)
         log_prob = -cost - 0.5 * float(np.linalg.slogdet(A)[1]) + float(self.tails(full))
         if not np.isfinite(log_prob):
             return None

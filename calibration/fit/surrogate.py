@@ -166,8 +166,9 @@ class Surrogate:
         J = white(target.D) * root
         A = J.T @ J + np.eye(target.own.size)
         taken = J.T @ K
-        taken[:, 0] += target.pull
+        taken[:, 0] -= target.mode.z[target.own]
         form: np.ndarray = K.T @ K - taken.T @ np.linalg.solve(A, taken)
+        form[0, 0] += target.off @ A @ target.off
         return form
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from calibration.data.joined import names_of
+from calibration.data.joined import by_flywheel, names_of
+from calibration.data.measurement import gather
+from calibration.data.refusals import refuse_unlike
 from calibration.likelihood.compared import Compared
 from calibration.systems.machines import comparison as machines
 from calibration.systems.machines.problem import Problem as MachineProblem
@@ -29,44 +31,22 @@ def compared(recordings: Recording | Sequence[Recording], motor: Motor | None = 
     RecordingError
         When one holds nothing that its system can compare, or several are of machines that are written out in them.
     """
-    if not isinstance(recordings, Recording):
-        for one in recordings[1:]:
-            refuse_another(recordings[0], one)
-        machine = next((one for one in recordings if has_system(one)), None)
+    given = [recordings] if isinstance(recordings, Recording) else recordings
+    parts = [part for one in given for part in by_flywheel(one)]
+    if not isinstance(recordings, Recording) or len(parts) > 1:
+        refuse_unlike(parts)
+        machine = next((one for one in parts if has_system(one)), None)
         if machine is not None:
             raise RecordingError(
                 f"{machine.folder}: its motor is written out in it, and such recordings are diagnosed one by one "
                 "(spinbench many diagnose), or together where ambient, inertia and instruments are the same"
             )
-        parts = [Comparison(Problem(one, motor, any_turn=k > 0)) for k, one in enumerate(recordings)]
-        return Several(parts, names_of(recordings))
-    recording = recordings
+        each = [Comparison(Problem(one, motor, any_turn=k > 0)) for k, one in enumerate(parts)]
+        if not any(one.n for one in each):
+            gather(parts[0])  # says that a plateau is missing
+        return Several(each, names_of(parts))
+    recording = parts[0]
     if has_system(recording):
         return machines.Comparison(MachineProblem(recording))
+    gather(recording)
     return Comparison(Problem(recording, motor))
-
-
-def refuse_another(seen: Recording, unseen: Recording) -> None:
-    """Refuse a run of another machine, of which nothing can be predicted.
-
-    Parameters
-    ----------
-    seen, unseen : Recording
-        The recording that is diagnosed, and the run held out.
-
-    Raises
-    ------
-    RecordingError
-        When their machines differ.
-    """
-    one, other = _machine(seen), _machine(unseen)
-    if one != other:
-        raise RecordingError(f"{unseen.folder}: of {other}, not of {one}")
-
-
-def _machine(recording: Recording) -> str:
-    """What a recording is of, in words."""
-    motor = recording.motor
-    if isinstance(motor, str):
-        return f"the motor {motor}"
-    return f"a {motor.get('kind')}{' that slides' if 'mass_kg' in motor else ''}"

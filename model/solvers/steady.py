@@ -209,7 +209,8 @@ def gas_table(motor: Motor, pressures: ArrayLike) -> np.ndarray:
         Absolute inlet pressures [Pa].
     """
     parameters, readings = motor.vector(), motor.readings.vector()
-    return np.array([gas_state(parameters, float(P), readings) for P in np.atleast_1d(pressures)])
+    each = [gas_state(parameters, float(P), readings) for P in np.atleast_1d(pressures)]
+    return np.array(each).reshape(len(each), at.N_GAS)
 
 
 def steady(motor: Motor, pressures: ArrayLike, slopes: bool = False) -> Steady:

@@ -132,6 +132,8 @@ class RecordingFile:
         "up", "down" or "" where not noted.
     extra : mapping of str to ndarray of object, shape (rows,)
         Columns that this tool does not know, as text; empty for a file above `table.EXTRA_BYTES`.
+    added_inertia_kg_m2 : float
+        Of a flywheel that was mounted for this file alone, beside what the recording says.
     """
 
     file: str
@@ -142,6 +144,7 @@ class RecordingFile:
     columns: Mapping[str, Column]
     direction: NDArray[np.str_] | None = None
     extra: Mapping[str, NDArray[np.object_]] = field(default_factory=dict)
+    added_inertia_kg_m2: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

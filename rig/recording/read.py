@@ -176,6 +176,7 @@ def _assembled(folder: Path, table: RecordingTable, tables: list[Table], sha256:
                 columns=found.columns,
                 direction=found.direction,
                 extra=found.extra,
+                added_inertia_kg_m2=entry.added_inertia_kg_m2,
             )
         )
     return Recording(

@@ -107,6 +107,7 @@ class FileTable(Strict):
     kind: Kind
     start_s: Annotated[float, Field(ge=-1e12, le=1e12)] = 0.0
     noise_scale: Positive = 1.0
+    added_inertia_kg_m2: NotNegative = 0.0
 
 
 class RigTable(Strict):

@@ -149,7 +149,7 @@ def _toml(recording: Recording) -> str:
     for name, table in tables:
         text += _table(f"[{name}]", table)
     for entry in recording.files:
-        keys = ("file", "kind", "start_s", "noise_scale")
+        keys = ("file", "kind", "start_s", "noise_scale", *["added_inertia_kg_m2"] * (entry.added_inertia_kg_m2 > 0.0))
         text += _table("[[files]]", {key: getattr(entry, key) for key in keys})
     return text
 

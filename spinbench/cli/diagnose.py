@@ -51,7 +51,7 @@ def diagnose(
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
-    from calibration.data.joined import can_be_one, together
+    from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
     from calibration.report.diagnosis import sets as diagnosis_sets
@@ -63,7 +63,8 @@ def diagnose(
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
     refuse_twice(parts, unseen)
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
-    read = together(parts) if can_be_one(parts) else parts
+    given = as_given(parts)
+    read = given[0] if len(given) == 1 else given
     with diagnosing() as tell:
         diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1))
         found = as_json(diagnosis)
@@ -77,8 +78,8 @@ def diagnose(
     _warn_of_rows(found)
     if not found.get("rig") and (blind := diagnosis_sets.blind_in_words(diagnosis)):
         print(blind, file=sys.stderr)
-    if len(parts) > 1 and read is parts and out is not None:
-        remark(f"each of the {len(parts)} recordings has a page of its own there, report_NAME.html")
+    if len(given) > 1 and out is not None:
+        remark(f"each of the {len(given)} recordings has a page of its own there, report_NAME.html")
     _tell_how_it_went(unseen, found, diagnosis.seconds, out)
 
 

@@ -101,7 +101,7 @@ def fit(
     """Fit f_overall and what it hangs on to recordings of one motor; exit code 3 if the sampler does not converge, 5
     if the model does not explain the readings.
     """
-    from calibration.data.joined import can_be_one, together, without_runs
+    from calibration.data.joined import as_given, without_runs
     from calibration.fit import fit as fits
     from calibration.fit.sampling import Settings
 
@@ -109,9 +109,9 @@ def fit(
     parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
     refuse_twice(parts)
     remark(*(words for part in parts for words in part.warnings))
-    read = [together(parts)] if can_be_one(parts) else parts
-    if steady_only and len(read) > 1:
-        read = [without_runs(one) for one in read]
+    if steady_only and len(parts) > 1:
+        parts = [without_runs(one) for one in parts]
+    read = parts if steady_only and len(parts) == 1 else as_given(parts)
     held = [name.strip() for name in effects.split(",") if name.strip()]
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     channels = ("pressure", "speed") if speed_only else fits.ALL_CHANNELS

@@ -62,6 +62,7 @@ def report(found: Fit, variants: Variants) -> dict[str, bytes]:
 
 
 def on_the_picture(found: AnyFit) -> str:
+    """What stands over the first picture: f_overall, or that it is not to be relied on."""
     wrong = fit_words.contradicted(found)
     words = f"{wrong} {fit_words.not_to_be_relied_on(found.posterior)}" if wrong else fit_words.verdict(found.posterior)
     return textwrap.fill(words, TITLE_WIDTH)
@@ -165,6 +166,7 @@ def _trade_off_table(posterior: Posterior, pairs: list[Any]) -> Grid:
 
 
 def variant_table(found: AnyFit, variants: Variants) -> Grid:
+    """f_overall of the fit and of its variants."""
     unit = found.posterior[TARGET].unknown.unit
     header = ("fit", *(f"{word}, {unit}" for word in ("mean", "sd", "5 %", "95 %")), "suspect readings")
     name = "this fit, not to be relied on" if fit_words.contradicted(found) else "this fit"
@@ -201,6 +203,7 @@ def _unknown_table(posterior: Posterior) -> Grid:
 
 
 def convergence(found: AnyFit, further: list[tuple[str, str]]) -> Grid:
+    """How long the chain is and how good; ``further`` pairs of what and figure are added."""
     chain = found.posterior.chain
     entries = [
         ("ensembles x walkers", f"{chain.samples.shape[0]} x {chain.samples.shape[2]}"),
@@ -254,4 +257,5 @@ def _held_table(posterior: Posterior, motor: Motor) -> Grid:
 
 
 def inline(png: bytes) -> str:
+    """A picture as the address of itself."""
     return f"data:image/png;base64,{base64.b64encode(png).decode()}"

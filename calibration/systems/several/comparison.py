@@ -16,7 +16,7 @@ from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.noise_test import NoiseTest
 from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
-from calibration.systems.radial_piston.comparison import OF_THE_MOTOR, Comparison
+from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.noise import Noises, Whiteners
 from calibration.systems.several.problem import Predictions, SeveralProblem
 from calibration.unknowns.priors import Unknown
@@ -183,14 +183,18 @@ class Several:
         return f.clip(found)
 
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
-        """What a nuisance of one recording does to the readings [SI], shape (m,), where that needs no simulation."""
-        k, place = self.problem.owner(i)
-        if self.problem.nuisances[i].name in OF_THE_MOTOR:
+        """What a nuisance of recordings does to their readings [SI], shape (m,), where that needs no simulation."""
+        if self.problem.is_of_the_motor(i):
             return None
-        n = len(self.problem.nuisances)
-        own = np.append(self.problem.of_part(k, z[:n]), z[n:])
-        column = self.parts[k].known_derivative(place, own, raw[self.at[k]], names)
-        return None if column is None else self._lifted(k, column)
+        n, found = len(self.problem.nuisances), np.zeros(self.read.size)
+        for k, part in enumerate(self.parts):
+            for place in np.flatnonzero(self.problem.at[k] == i):
+                own = np.append(self.problem.of_part(k, z[:n]), z[n:])
+                column = part.known_derivative(int(place), own, raw[self.at[k]], names)
+                if column is None:
+                    return None
+                found[self.at[k]] = column
+        return found
 
     def channels(self) -> dict[str, np.ndarray]:
         """Which readings are flows and which speeds: masks of shape (m,)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from calibration.likelihood.compared import Chosen
 from calibration.systems.radial_piston.comparison import OF_THE_MOTOR
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
-from calibration.unknowns.priors import Unknown
+from calibration.unknowns.priors import Unknown, column_of
 from model.effects import Effect, EffectParameter
 
 Predictions = tuple[Prediction, ...]
@@ -36,21 +36,22 @@ class SeveralProblem:
         self.nuisances: list[Unknown] = []
         self.at: list[np.ndarray] = []
         self._of: list[tuple[int, int]] = []  # the recording that a nuisance stands in first, and its place there
-        shared: dict[str, int] = {}
+        shared: dict[Hashable, int] = {}
+        # What was read from one folder was taken with the same instruments on one day, whatever was on the shaft.
+        places = [(str(part.recording.folder), part.recording.sha256) for part in parts]
+        is_whole = [bool(place[1]) and places.count(place) > 1 for place in places]
         for k, (part, name) in enumerate(zip(parts, names, strict=True)):
-            places = []
+            mine = []
             for i, one in enumerate(part.nuisances):
-                if one.name in OF_THE_MOTOR and one.name in shared:
-                    places.append(shared[one.name])
+                key, of = _whose(part, i, name, is_whole[k])
+                if key in shared:
+                    mine.append(shared[key])
                     continue
-                places.append(len(self.nuisances))
-                if one.name in OF_THE_MOTOR:
-                    shared[one.name] = len(self.nuisances)
-                    self.nuisances.append(one)
-                else:
-                    self.nuisances.append(replace(one, name=f"{name}: {one.name}"))
+                shared[key] = len(self.nuisances)
+                mine.append(len(self.nuisances))
+                self.nuisances.append(replace(one, name=f"{of}: {one.name}") if of else one)
                 self._of.append((k, i))
-            self.at.append(np.array(places, dtype=int))
+            self.at.append(np.array(mine, dtype=int))
         self._added = [part.recording.added_inertia_kg_m2 for part in parts]
 
     def of_part(self, k: int, z: np.ndarray) -> np.ndarray:
@@ -104,19 +105,15 @@ class SeveralProblem:
         """What a nuisance's value is multiplied by to be SI [-]."""
         return self.parts[0].in_si(nuisance.rpartition(": ")[2])
 
-    def owner(self, i: int) -> tuple[int, int]:
-        """The recording that a nuisance stands in first, and its place there [-]."""
-        return self._of[i]
-
     def run_of(self, i: int) -> int | None:
         """The run in time that a nuisance belongs to alone, counted through all recordings [-]; else None."""
         k, place = self._of[i]
         run = self.parts[k].run_of(place)
         return None if run is None else run + self._before(k)
 
-    def is_of_a_recording(self, i: int) -> bool:
-        """Whether a nuisance is one recording's alone."""
-        return self.parts[self._of[i][0]].nuisances[self._of[i][1]].name not in OF_THE_MOTOR
+    def is_of_the_motor(self, i: int) -> bool:
+        """Whether a nuisance is a parameter of the motor."""
+        return self.nuisances[i].name in OF_THE_MOTOR
 
     def predict(
         self,
@@ -147,3 +144,21 @@ class SeveralProblem:
 
     def _before(self, k: int) -> int:
         return sum(len(part.blocks.runs) for part in self.parts[:k])
+
+
+def _whose(part: Problem, i: int, name: str, is_whole: bool) -> tuple[Hashable, str]:
+    """What an unknown is shared by, and what stands ahead of its name: nothing, a serial number or a recording.
+
+    The motor's parameters are shared by all recordings; an instrument's errors by those that give the same serial
+    number, calibration and figure; whatever no run has for itself by the parts of one recording.
+    """
+    one, recording = part.nuisances[i], part.recording
+    if one.name in OF_THE_MOTOR:
+        return one.name, ""
+    column = column_of(recording, one.name.partition("_")[0]) if one.name.endswith(("_offset", "_scale")) else None
+    figures = recording.channels[column] if column is not None else None
+    if figures is not None and figures.serial and part.run_of(i) is None:
+        return (figures.serial, figures.calibrated, one.name, one.b), figures.serial
+    if is_whole and part.run_of(i) is None:
+        return (str(recording.folder), one.name), recording.folder.name
+    return (name, one.name), name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from calibration.diagnosis import as_json, diagnose
 from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
 from model.motor import read_motor
-from rig.recording import Recording, read_recording
+from rig.recording import Recording, read_recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[3]
 FRICTION = {"coulomb_friction": {"torque_nm": 0.08}}
@@ -94,6 +95,72 @@ def test_unknowns_of_a_day_are_its_own_and_the_motor_is_shared(tmp_path: Path, m
     )
 
 
+def with_a_flywheel_in_the_coast_down_alone(folder: Path, seed: int) -> Recording:
+    """A sweep, and a coast-down with a flywheel that stands at its file."""
+    recordings.sweep(folder, seed, {})
+    place = folder / "recording.toml"
+    plain = place.read_text(encoding="utf-8")
+    flywheel = f"added_inertia_kg_m2 = {2.0 * ROTOR:.6f}"
+    place.write_text(f"{plain}[rig]\n{flywheel}\n", encoding="utf-8")
+    recordings.add_coast_down(folder, seed, {})
+    text = place.read_text(encoding="utf-8").replace(f"[rig]\n{flywheel}\n", "")
+    place.write_text(text.replace("noise_scale = 2.0 }", f"noise_scale = 2.0, {flywheel} }}"), encoding="utf-8")
+    return read_recording(folder)
+
+
+def test_a_flywheel_at_a_file_is_on_the_shaft_in_that_run_alone(tmp_path: Path) -> None:
+    seen = with_a_flywheel_in_the_coast_down_alone(tmp_path / "bench", 3)
+    several = compared(seen)
+    assert isinstance(several, Several)
+    assert [part.recording.added_inertia_kg_m2 for part in several.problem.parts] == pytest.approx(
+        [0.0, 2.0 * ROTOR], rel=1e-3
+    )
+    names = [one.name for one in several.problem.nuisances]
+    assert names.count("bench: pressure_offset") == names.count("bench: ambient_pressure") == 1
+    told = as_json(diagnose(seen, 1))
+    assert told["verdict"] == "consistent"
+    assert told["f_overall_after"]["q05"] < read_motor("ptm3600").si("f_overall") < told["f_overall_after"]["q95"]
+    files = tuple(replace(file, added_inertia_kg_m2=0.0) for file in seen.files)
+    forgotten = as_json(diagnose(replace(seen, files=files), 1))
+    assert forgotten["verdict"] != "consistent"
+
+
+def test_a_flywheel_at_a_file_is_written_and_read_again(tmp_path: Path) -> None:
+    seen = with_a_flywheel_in_the_coast_down_alone(tmp_path / "bench", 3)
+    write_recording(seen, tmp_path / "again")
+    again = read_recording(tmp_path / "again")
+    assert [file.added_inertia_kg_m2 for file in again.files] == [file.added_inertia_kg_m2 for file in seen.files]
+    assert again.files[1].added_inertia_kg_m2 > 0.0
+
+
+def named_by_serial(folder: Path, column: str, serial: str) -> None:
+    """Give an instrument of a recording its serial number."""
+    place = folder / "recording.toml"
+    head = f"[channels.{column}]\n"
+    text = place.read_text(encoding="utf-8").replace(head, f'{head}serial = "{serial}"\n')
+    place.write_text(text, encoding="utf-8")
+
+
+def test_one_instrument_in_two_recordings_has_its_errors_once(tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        recordings.sweep(tmp_path / name, 3, {})
+    apart = compared([read_recording(tmp_path / name) for name in ("first", "second")])
+    for name in ("first", "second"):
+        named_by_serial(tmp_path / name, "flow_l_min", "FM-7")
+    several = compared([read_recording(tmp_path / name) for name in ("first", "second")])
+    names = [one.name for one in several.problem.nuisances]
+    assert names.count("FM-7: flow_scale") == names.count("FM-7: flow_offset") == 1
+    assert {"first: pressure_offset", "second: pressure_offset"} <= set(names)
+    base, loose = several.base(), apart.base()
+    column = base.D[:, names.index("FM-7: flow_scale")]
+    assert all(np.any(column[at] != 0.0) for at in several.at)
+    of_f = [
+        mode.covariance[k, k]
+        for mode, k in ((base, names.index("f_overall")), (loose, apart.problem.place("f_overall")))
+    ]
+    assert of_f[0] >= 0.99 * of_f[1]  # two meters would average their errors out, one does not
+
+
 def spinbench(*words: object) -> subprocess.CompletedProcess[str]:
     """The command line as a person runs it."""
     command = [sys.executable, "-m", "spinbench", *map(str, words)]
@@ -108,6 +175,39 @@ def test_the_command_takes_two_days_and_writes_a_page_for_each(tmp_path: Path, m
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))["verdict"] == "consistent"
     for name in ("first", "second"):
         assert name in (tmp_path / "out" / f"report_{name}.html").read_text(encoding="utf-8")
+
+
+BAD = {
+    "serial_of_two_kinds": ("serial P-1 is of the instrument of speed_rpm, but of pressure_bar_abs in"),
+    "flywheel_lighter_than_nothing": "added_inertia_kg_m2",
+    "two_motors_of_a_kind": "of the motor ptm3600 no. B2, not of the motor ptm3600 no. A1",
+    "the_same_twice": "given twice",
+}
+
+
+@pytest.mark.parametrize("command", ["diagnose", "fit"])
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, name: str, command: str) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    for folder, seed, serial in ((one, 3, "A1"), (other, 8, "B2" if name == "two_motors_of_a_kind" else "A1")):
+        recordings.sweep(folder, seed, {})
+        with (folder / "recording.toml").open("a", encoding="utf-8") as file:
+            file.write(f'[origin]\nmotor_serial = "{serial}"\n')
+    if name == "serial_of_two_kinds":
+        named_by_serial(one, "pressure_bar_abs", "P-1")
+        named_by_serial(other, "speed_rpm", "P-1")
+    if name == "flywheel_lighter_than_nothing":
+        place = other / "recording.toml"
+        text = place.read_text(encoding="utf-8")
+        place.write_text(
+            text.replace('kind = "steady"', 'kind = "steady", added_inertia_kg_m2 = -0.01'), encoding="utf-8"
+        )
+    second = one / ".." / "one" if name == "the_same_twice" else other
+    done = spinbench(command, one, second, "-o", tmp_path / "out", "--json", tmp_path / "out.json")
+    assert done.returncode == 2, done.stderr
+    assert BAD[name] in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists() and not (tmp_path / "out.json").exists()
 
 
 def test_recordings_of_two_motors_are_refused_in_a_line(tmp_path: Path) -> None:

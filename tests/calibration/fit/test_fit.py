@@ -400,6 +400,12 @@ BAD = {
         TOML.replace('"steady"', '"transient"'),
         "time_s,pressure_bar_abs,speed_rpm\n0,2,0\n1,2,9\n",
         (),
+        "no speed to compare with the model",
+    ),
+    "only_a_transient_for_plateaus": (
+        TOML.replace('"steady"', '"transient"'),
+        "time_s,pressure_bar_abs,speed_rpm\n0,2,0\n1,2,9\n",
+        ("--steady-only",),
         "no steady row",
     ),
     "misspelt_key": (TOML.replace("noise_sd", "nois_sd"), SWEEP, (), "noise_sd"),

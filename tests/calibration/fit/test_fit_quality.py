@@ -114,7 +114,7 @@ def test_a_fit_lists_the_rows_of_each_file_that_it_used(mixed):
     assert rows_used.by_fit(mixed, measured) == [
         {"file": "sweep.csv", "rows": 6, "rows_used": 3, "why": f"2 rows: the rotor is held; {unread}"},
         {"file": "zero.csv", "rows": 2, "rows_used": 1, "why": rows_used.NOTHING_AT_ZERO},
-        {"file": "run.csv", "rows": 2, "rows_used": 0, "why": "runs in time do not enter the fit"},
+        {"file": "run.csv", "rows": 2, "rows_used": 0, "why": rows_used.NOT_IN_A_FIT},
     ]
 
 

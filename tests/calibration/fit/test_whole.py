@@ -185,9 +185,8 @@ def least_cost(target: Integrated, z: np.ndarray) -> float:
         r, J = white(comparison.read - comparison.raw(prediction)), white(target.D)
         found = minus_log_posterior(r, white.log_scale, full, u, comparison, found=True)
         A = J.T @ J + np.eye(target.own.size)
-        moved = full[target.own] - target.mode.z[target.own]
-        integrated = found + 0.5 * np.linalg.slogdet(A)[1] - (target.pull + target.mode.z[target.own]) @ moved
-        full[target.own] += np.linalg.solve(A, J.T @ r - moved + target.pull)
+        integrated = found + 0.5 * np.linalg.slogdet(A)[1]
+        full[target.own] += np.linalg.solve(A, J.T @ r - full[target.own]) - target.off
     return integrated
 
 
