@@ -95,7 +95,9 @@ def verdict(kind, said, alternatives=None, f=0.06, probability=0.97, located=Non
         "improvement": {"held_out": {"elpd_gain": 9.0}},
         "f_overall_before": interval,
         "f_overall_after": interval,
-        "next_tests": [{"test": "coast-down", "separates": ["windage", "leakage"], "information_nats": 5.0}],
+        "next_tests": [
+            {"test": "coast-down", "separates": ["windage", "leakage"], "information_nats": 5.0, "command": ""}
+        ],
         "why": "",
         "seed": seed,
     }

@@ -205,6 +205,7 @@ def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
             "information_nats": t.information_nats,
             "repeats": t.repeats,
             "needs": t.needs,
+            "command": t.command,
         }
         for t in tests
     ]

@@ -43,6 +43,8 @@ class Test:
         The instrument that it needs and the bench may not have; empty otherwise.
     expected : callable
         From modes, one an explanation, to what it would read under each; an ArithmeticError where it has no reading.
+    command : str
+        That takes it, with BENCH for the bench file; empty where there is none.
     """
 
     __test__ = False  # no test of pytest's
@@ -50,3 +52,4 @@ class Test:
     words: str
     needs: str
     expected: Callable[[Sequence[Mode]], list[Expected]]
+    command: str = ""

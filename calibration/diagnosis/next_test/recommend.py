@@ -37,6 +37,8 @@ class NextTest:
         That bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
     needs : str
         The instrument that it needs and the bench may not have; empty otherwise.
+    command : str
+        That takes it, with BENCH for the bench file; empty where there is none.
     """
 
     test: str
@@ -44,6 +46,7 @@ class NextTest:
     information_nats: float
     repeats: int | None = None
     needs: str = ""
+    command: str = ""
 
 
 def propose(comparison: Compared, rivals: Sequence[Candidate]) -> list[NextTest]:
@@ -80,7 +83,7 @@ def weigh(test: Test, names: Sequence[str], rivals: Sequence[Mode]) -> NextTest 
         return min(expected_nats(read[i], read[j], repeats) for i, j in told)
 
     mean = round(sum(nats.values()) / len(nats), 2)
-    return NextTest(test.words, separates, mean, repeats_needed(least) if told else None, test.needs)
+    return NextTest(test.words, separates, mean, repeats_needed(least) if told else None, test.needs, test.command)
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:

@@ -258,7 +258,7 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
     """Tests with what they would tell and the repeats that they take; those that need another instrument apart."""
     rows = tuple(
         (
-            test.test,
+            f"{test.test}: {test.command}" if test.command else test.test,
             in_a_row([name.split("+") for name in test.separates], "and"),
             f"{test.information_nats:.1f}",
             "never: at least one pair stays open" if test.repeats is None else str(test.repeats),

@@ -43,6 +43,8 @@ def table(found: Mapping[str, Any]) -> Table:
             made.add_row(said, words.quantity(found[key]["mean"], found[key]["sd"], "N m s"))
     for test in found["next_tests"][: words.MOST_ROWS]:
         made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
+        if test["command"]:
+            made.add_row("", escape(test["command"]))
     return made
 
 

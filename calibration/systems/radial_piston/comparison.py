@@ -358,7 +358,7 @@ class Comparison:
         if not self.n:
             return
         for plan in planned(self):
-            yield Test(plan.words, "", partial(expected_readings, plan, self))
+            yield Test(plan.words, "", partial(expected_readings, plan, self), plan.command)
         for one in quantities(self, rivals[0]):
             words = f"{one.words}: {one.needs}" if one.needs else one.words
             yield Test(words, one.needs, partial(expected_quantity, one, self.problem))

@@ -266,8 +266,8 @@ class Several:
         return next((f"{name}: {words}" for name, words in each if words), "")
 
     def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
-        """Tests that the bench of the last recording could make, with what all of them say."""
-        k = len(self.parts) - 1
+        """Tests that the bench of the last recording with plateaus could make, with what all of them say."""
+        k = max((k for k, part in enumerate(self.parts) if part.n), default=0)
 
         def read(test: Test, of: Sequence[Mode]) -> list[Expected]:
             return test.expected([self.of_part(k, mode) for mode in of])

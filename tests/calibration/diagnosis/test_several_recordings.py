@@ -16,7 +16,7 @@ from calibration.diagnosis import as_json, diagnose
 from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
 from model.motor import read_motor
-from rig.recording import Recording, read_recording, write_recording
+from rig.recording import Recording, RecordingError, read_recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[3]
 FRICTION = {"coulomb_friction": {"torque_nm": 0.08}}
@@ -69,12 +69,34 @@ def test_a_flywheel_run_of_another_day_shows_the_dry_friction_that_a_recording_h
     swept = recordings.add_coast_down(tmp_path / "swept", 3, FRICTION)
     alone = as_json(diagnose(swept, 1))
     assert alone["verdict"] == "consistent"
-    assert "flywheel" in alone["next_tests"][0]["test"]
+    first = alone["next_tests"][0]
+    assert "flywheel" in first["test"]
+    assert first["command"].startswith("spinbench capture BENCH --kind coast-down --level-bar-abs 1.")
+    assert "added_inertia_kg_m2 = 0.015 in BENCH" in first["command"]
     heavy = on_another_day(tmp_path / "heavy", 8, FRICTION, monkeypatch, True)
     both = as_json(diagnose([swept, heavy], 1))
     assert both["verdict"] in ("named", "confounded")
     listed = [[one["id"] for one in both["effects"]], *both["alternatives"]]
     assert ["coulomb_friction"] in listed
+
+
+def test_the_run_that_was_asked_for_is_enough_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A capture has no plateau: beside the recording that asked for it it needs none."""
+    recordings.sweep(tmp_path / "swept", 3, FRICTION)
+    swept = recordings.add_coast_down(tmp_path / "swept", 3, FRICTION)
+    heavy = on_another_day(tmp_path / "heavy", 8, FRICTION, monkeypatch, True)
+    heavy = replace(
+        heavy,
+        files=heavy.files[1:],
+        channels={name: one for name, one in heavy.channels.items() if name != "flow_l_min"},
+    )
+    both = as_json(diagnose([swept, heavy], 1))
+    assert ["coulomb_friction"] in [[one["id"] for one in both["effects"]], *both["alternatives"]]
+    assert all(
+        test["command"].startswith("spinbench capture BENCH") for test in both["next_tests"] if "down" in test["test"]
+    )
+    with pytest.raises(RecordingError, match="no steady row"):
+        diagnose(heavy, 1)
 
 
 def test_unknowns_of_a_day_are_its_own_and_the_motor_is_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

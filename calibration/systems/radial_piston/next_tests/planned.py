@@ -45,10 +45,13 @@ class Planned:
     ----------
     recording : Recording
         What it would be read as; speeds and flows are placeholders.
+    command : str
+        That takes it, with BENCH for the bench file; empty where there is none.
     """
 
     words: str
     recording: Recording
+    command: str = ""
 
 
 def planned(comparison: Comparison) -> list[Planned]:
@@ -61,12 +64,12 @@ def planned(comparison: Comparison) -> list[Planned]:
     found = []
     if bench.columns["speed"]:
         found += [
-            bench.plan(f"coast-down from {pressure:.1f} {unit}", bench.run(pressure, False))
+            bench.plan(f"coast-down from {pressure:.1f} {unit}", bench.run(pressure, False), pressure_bar=pressure)
             for pressure in (middle, top)
         ]
         heavy = f"coast-down from {middle:.1f} {unit} with a flywheel of three times the inertia"
-        found.append(bench.plan(heavy, bench.run(middle, False, 1.0 + FLYWHEEL), FLYWHEEL))
-        found.append(bench.plan(f"spin-up to {top:.1f} {unit}", bench.run(top, True)))
+        found.append(bench.plan(heavy, bench.run(middle, False, 1.0 + FLYWHEEL), FLYWHEEL, middle))
+        found.append(bench.plan(f"spin-up to {top:.1f} {unit}", bench.run(top, True), pressure_bar=top))
     later, cold, warm = bench.end + LATER_S, 0.0, bench.end + AN_HOUR_S
     more = bench.higher()
     for words, pressure, start in (
@@ -92,7 +95,8 @@ class _Bench:
         plateaus, runs = comparison.problem.blocks.plateaus, comparison.problem.blocks.runs
         self.columns = {channel: column_of(self.seen, channel) for channel in ("pressure", "flow", "speed")}
         self.is_gauge = "gauge" in str(self.columns["pressure"])
-        self.ambient = 0.0 if self.is_gauge else comparison.problem.motor.si("ambient_pressure") / PASCAL_PER_BAR
+        self.room = comparison.problem.motor.si("ambient_pressure") / PASCAL_PER_BAR
+        self.ambient = 0.0 if self.is_gauge else self.room
         groups = levels(plateaus)
         self.levels = [float(np.mean(plateaus.pressure[group])) / PASCAL_PER_BAR for group in groups]
         self.low, self.top = min(self.levels), max(self.levels)
@@ -121,10 +125,20 @@ class _Bench:
         allowed = self.allowed()
         return min(HIGHER * self.top, allowed) if math.isfinite(allowed) else self.top
 
-    def plan(self, words: str, file: RecordingFile, flywheel: float = 0.0) -> Planned:
+    def plan(
+        self, words: str, file: RecordingFile, flywheel: float = 0.0, pressure_bar: float | None = None
+    ) -> Planned:
+        """A test; ``flywheel`` as a share of the rotor's inertia, ``pressure_bar`` of a run as the gauge shows it."""
         anchor = replace(self.steady(np.array([self.top]), 0.0), file=ANCHOR)
         added = self.seen.added_inertia_kg_m2 + flywheel * self.inertia
-        return Planned(words, replace(self.seen, files=(anchor, file), added_inertia_kg_m2=added))
+        command = "spinbench capture BENCH --kind zero" if file.kind == "zero" else ""
+        if pressure_bar is not None:
+            kind = "spin-up" if file.columns["supply_open"].values[-1] > 0.5 else "coast-down"
+            level = math.floor(100.0 * (pressure_bar + (self.room if self.is_gauge else 0.0))) / 100.0
+            command = f"spinbench capture BENCH --kind {kind} --level-bar-abs {level:g}"
+            # What is on the shaft stands in the bench file.
+            command += f"  # with added_inertia_kg_m2 = {added:.2g} in BENCH" if flywheel else ""
+        return Planned(words, replace(self.seen, files=(anchor, file), added_inertia_kg_m2=added), command)
 
     def steady(self, pressure: np.ndarray, start: float, pause: float | None = None) -> RecordingFile:
         values = {"time_s": (pause or self.pause) * np.arange(pressure.size)} | self._read(pressure)
