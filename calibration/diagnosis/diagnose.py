@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.data.joined import by_flywheel
 from calibration.data.refusals import refuse_another, refuse_unusable
 from calibration.diagnosis.mismatch import Detected, fit_base, test_base
 from calibration.diagnosis.next_test.recommend import NextTest, propose
@@ -35,7 +36,7 @@ from calibration.systems.look_up import compared
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import StepClock, Tell
 from model.effects import effects
-from rig.recording import Recording, read_recording
+from rig.recording import Recording, RecordingError, read_recording
 
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
 CERTAIN_P = 1e-9  # of a mismatch so gross that no test need see it
@@ -107,6 +108,7 @@ def diagnose(
     if hold_out is not None:
         refuse_another(several[0], hold_out)
         refuse_unusable(hold_out)
+        (hold_out,) = _one_each(several, hold_out)
     of_the_motor = isinstance(several[0].motor, str)
     in_time = of_the_motor and any(file.kind == "transient" for one in several for file in one.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
@@ -116,6 +118,16 @@ def diagnose(
         side_by_side.begin(["calibration.diagnosis.diagnose"])  # the base model's threads had all cores to themselves
         first = test_base(comparison, base, rng)
         return _explain(first, rng, clock, hold_out, side_by_side)
+
+
+def _one_each(several: Sequence[Recording], hold_out: Recording) -> list[Recording]:
+    """The run held out, with its flywheel; one run is predicted from one recording."""
+    for what, all_of_it in (("predicted from", several), ("held out of", [hold_out])):
+        if sum(len(by_flywheel(one)) for one in all_of_it) > 1:
+            raise RecordingError(
+                f"{hold_out.folder}: a run is {what} one recording with one flywheel, and these are several; name one"
+            )
+    return by_flywheel(hold_out)
 
 
 def _explain(

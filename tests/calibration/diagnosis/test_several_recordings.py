@@ -232,6 +232,18 @@ def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, name: str,
     assert not (tmp_path / "out").exists() and not (tmp_path / "out.json").exists()
 
 
+def test_a_run_is_not_predicted_from_several_recordings_of_different_days(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recordings.sweep(tmp_path / "first", 3, {})
+    on_another_day(tmp_path / "second", 8, {}, monkeypatch, False)
+    recordings.sweep(tmp_path / "unseen", 9, {})
+    done = spinbench("diagnose", tmp_path / "first", tmp_path / "second", "--hold-out", tmp_path / "unseen")
+    assert done.returncode == 2, done.stderr
+    assert "a run is predicted from one recording" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
 def test_recordings_of_two_motors_are_refused_in_a_line(tmp_path: Path) -> None:
     recordings.sweep(tmp_path / "first", 3, {})
     recordings.sweep(tmp_path / "second", 8, {})
