@@ -5,6 +5,7 @@ blocks        plateaus, runs in time, standing and vented readings, as the diagn
 runs_in_time  where a run begins, and which of its readings are bad
 rows_used     how many rows were used, and why not the rest
 clock         when each row was read
+left_out      what the user leaves out
 refusals      recordings of which nothing can be said
 joined        several recordings of one motor as one
 """

@@ -20,6 +20,7 @@ OUTSIDE = "outside the part of the run that is compared, or without a speed"
 HELD = "the rotor is held"
 NOTHING_READ = "no pressure, or neither a flow nor a turning speed on the instrument's scale"
 NOTHING_AT_ZERO = "nothing was read"
+LEFT_OUT = "left out by --without"
 
 
 def by_fit(recording: Recording, measured: Measurement) -> list[dict[str, Any]]:
@@ -65,10 +66,11 @@ def _files(recording: Recording, used: Mapping[str, set[int]], in_time: str) -> 
 def _why(recording: Recording, file: RecordingFile, left: np.ndarray, in_time: str) -> str:
     if file.kind == "transient":
         return in_time if turns(recording, file) else NEVER_TURNS
+    asked = np.isin(left + 1, file.left_out)
     if file.kind == "zero":
-        return NOTHING_AT_ZERO
-    held = int(_held(file)[left].sum())
-    reasons = {HELD: held, NOTHING_READ: left.size - held}
+        return LEFT_OUT if asked.any() else NOTHING_AT_ZERO
+    held = int(_held(file)[left[~asked]].sum())
+    reasons = {LEFT_OUT: int(asked.sum()), HELD: held, NOTHING_READ: left.size - int(asked.sum()) - held}
     return "; ".join(f"{_rows(count)}: {words}" for words, count in reasons.items() if count)
 
 

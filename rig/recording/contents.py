@@ -134,6 +134,8 @@ class RecordingFile:
         Columns that this tool does not know, as text; empty for a file above `table.EXTRA_BYTES`.
     added_inertia_kg_m2 : float
         Of a flywheel that was mounted for this file alone, beside what the recording says.
+    left_out : tuple of int
+        Rows that the user leaves out, 1 the first; nothing is read in them.
     """
 
     file: str
@@ -145,6 +147,7 @@ class RecordingFile:
     direction: NDArray[np.str_] | None = None
     extra: Mapping[str, NDArray[np.object_]] = field(default_factory=dict)
     added_inertia_kg_m2: float = 0.0
+    left_out: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

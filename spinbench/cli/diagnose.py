@@ -12,7 +12,7 @@ import typer
 
 from spinbench import readings
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption
+from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption, WithoutOption
 from spinbench.cli.progress import diagnosing
 from spinbench.cli.show import check_places, deliver, refuse_twice, remark
 
@@ -48,10 +48,12 @@ def diagnose(
             help="Processes, of no influence on the result; when left out two, if there are as many cores.",
         ),
     ] = None,
+    left_out: WithoutOption = None,
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
     from calibration.data.joined import as_given
+    from calibration.data.left_out import without
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
     from calibration.report.diagnosis import sets as diagnosis_sets
@@ -62,6 +64,7 @@ def diagnose(
     parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
     refuse_twice(parts, unseen)
+    parts = without(parts, left_out or [])
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
     given = as_given(parts)
     read = given[0] if len(given) == 1 else given

@@ -19,6 +19,7 @@ from spinbench.cli.options import (
     LogsOption,
     SeedOption,
     SetOption,
+    WithoutOption,
 )
 from spinbench.cli.progress import sampling, waiting
 from spinbench.cli.show import check_places, deliver, refuse_twice, remark
@@ -96,18 +97,21 @@ def fit(
     effects: Annotated[
         str, typer.Option(metavar="ID,ID", help="Effects that the model holds too; their sizes become unknowns.")
     ] = "",
+    left_out: WithoutOption = None,
     logs: LogsOption = LOGS,
 ) -> None:
     """Fit f_overall and what it hangs on to recordings of one motor; exit code 3 if the sampler does not converge, 5
     if the model does not explain the readings.
     """
     from calibration.data.joined import as_given, without_runs
+    from calibration.data.left_out import without
     from calibration.fit import fit as fits
     from calibration.fit.sampling import Settings
 
     check_places(out, json_file)
     parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
     refuse_twice(parts)
+    parts = without(parts, left_out or [])
     remark(*(words for part in parts for words in part.warnings))
     if steady_only and len(parts) > 1:
         parts = [without_runs(one) for one in parts]

@@ -17,6 +17,14 @@ SetOption = Annotated[
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for standard output.")
 ]
+WithoutOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--without",
+        metavar="FILE[:ROWS]",
+        help="Leave a file out, or rows of it: sweep.csv:3,7-9. Of several recordings as NAME/FILE.",
+    ),
+]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed; the same seed gives the same result to the bit.")]
 EffectiveSamplesOption = Annotated[
     int, typer.Option(min=200, max=1_000_000, help="Least effective sample size of every unknown.")

@@ -1,0 +1,92 @@
+"""Rows and files that the user leaves out of a recording: they are told of, and count nowhere."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.data.joined import names_of
+from rig.recording import Column, Recording, RecordingError, RecordingFile
+from rig.recording.columns import MEASURED
+
+_ROWS = re.compile(r"(\d+)(?:-(\d+))?")
+
+
+def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Recording]:
+    """Recordings without what is left out of them.
+
+    Parameters
+    ----------
+    left_out : sequence of str
+        ``FILE`` or ``FILE:ROWS``, rows as in ``3``, ``3-7`` or ``2,5-6``, 1 the first under the header. Of several
+        recordings a file's name has the recording's ahead, ``NAME/FILE``.
+
+    Raises
+    ------
+    RecordingError
+        When there is no such file or row, or rows of a run in time are named.
+    """
+    found = list(recordings)
+    for asked in left_out:
+        k, file, rows = _place(found, asked)
+        kept = found[k]
+        if rows is None:
+            files = tuple(one for one in kept.files if one is not file)
+        else:
+            files = tuple(_blank(one, rows) if one is file else one for one in kept.files)
+        if not files:
+            raise RecordingError(f"--without {asked}: nothing of {kept.folder} is left")
+        digest = hashlib.sha256(f"{kept.sha256} without {asked}".encode()).hexdigest() if kept.sha256 else ""
+        said = f"{asked}: left out (--without)"
+        found[k] = replace(kept, files=files, sha256=digest, warnings=(*kept.warnings, said))
+    return found
+
+
+def _place(recordings: Sequence[Recording], asked: str) -> tuple[int, RecordingFile, list[int] | None]:
+    """The recording, the file, and the rows of it, none for all of it."""
+    names = names_of(recordings)
+    there = {
+        (f"{name}/{file.file}" if len(recordings) > 1 else file.file): (k, file)
+        for k, (name, one) in enumerate(zip(names, recordings, strict=True))
+        for file in one.files
+    }
+    name, colon, rows = asked.rpartition(":")
+    if asked in there:
+        return (*there[asked], None)
+    if not colon or name not in there:
+        raise RecordingError(f"--without {asked}: there is no such file; there are {', '.join(there)}")
+    k, file = there[name]
+    if file.kind == "transient":
+        raise RecordingError(
+            f"--without {asked}: a speed of a run in time is the mean since the one before, so single rows of it "
+            "cannot be left out; name the file alone"
+        )
+    return k, file, sorted(set(_numbers(asked, rows, file.rows)))
+
+
+def _numbers(asked: str, rows: str, most: int) -> Iterator[int]:
+    for part in rows.split(","):
+        match = _ROWS.fullmatch(part.strip())
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
+        if not 1 <= first <= last <= most:
+            raise RecordingError(
+                f"--without {asked}: '{part}' is no row of it; name rows as 3, 3-7 or 2,5-6, from 1 to {most}"
+            )
+        yield from range(first, last + 1)
+
+
+def _blank(file: RecordingFile, rows: Sequence[int]) -> RecordingFile:
+    """A file with nothing read in some rows; the others keep their numbers."""
+    at = np.array(rows) - 1
+
+    def blank(column: Column) -> Column:
+        values, censor = column.values.copy(), column.censor.copy()
+        values[at], censor[at] = np.nan, 0
+        return Column(values, censor)
+
+    columns = {name: blank(one) if name in MEASURED else one for name, one in file.columns.items()}
+    return replace(file, columns=columns, left_out=(*file.left_out, *rows))
