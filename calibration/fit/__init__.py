@@ -7,5 +7,6 @@ surrogate          its stand-in, which proposes
 peak               where the walkers start
 transport, moves   how they walk
 sampling           how long
+store              the chain on disk
 posterior          what the chain says, in the words of posterior/1
 """

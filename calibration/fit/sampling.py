@@ -7,9 +7,7 @@ rename), each with the state of the random numbers: a fit that is killed goes on
 
 from __future__ import annotations
 
-import io
 import time
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +19,8 @@ from emcee.moves import Move
 
 from calibration.fit import moves, peak
 from calibration.fit.peak import BatchLogProb
+from calibration.fit.store import Store
 from calibration.fit.transport import REACH, Plain, TransportMap
-from rig.recording.files import write_file
 
 ENSEMBLES = 4
 WALKERS = 48
@@ -36,7 +34,6 @@ TIMES_TAU = 50  # a chain is long enough at this many autocorrelation times
 LOOKS = 10  # a long chain is assessed when it has grown by a tenth
 DISCARD_TAU = 5  # autocorrelation times left out at the start of what the fixed moves drew
 RHAT = 1.01
-MARK = "fingerprint"  # a file beside the chain: whose it is
 CANDIDATES = 512
 
 Factors = Callable[[np.ndarray], np.ndarray]
@@ -112,10 +109,6 @@ class Begun:
     moves: Moves | None = None
 
 
-class ChainError(ValueError):
-    """The chain on disk belongs to another fit, or cannot be read."""
-
-
 def sample(
     log_prob: BatchLogProb,
     n_unknowns: int,
@@ -157,7 +150,7 @@ def sample(
         When the settings leave no step to keep.
     """
     started = time.monotonic()
-    store = _Store(folder, fingerprint)
+    store = Store(folder, fingerprint)
     blocks = store.blocks()
     tell = progress or (lambda done, wanted, words: None)
     walkers = max(settings.walkers, 2 * n_unknowns + 2)
@@ -196,28 +189,6 @@ def sample(
     if chain is None:
         raise ValueError(f"a budget of {settings.most_steps} steps after the warm-up keeps nothing")
     return chain
-
-
-def refuse_another(folder: Path, fingerprint: str) -> None:
-    """Refuse a folder that holds the chain of another fit.
-
-    Raises
-    ------
-    ChainError
-        When it does, or nothing says whose chain it holds.
-    """
-    mark = folder / MARK
-    if mark.exists():
-        if mark.read_text(encoding="utf-8") != fingerprint:
-            raise ChainError(
-                f"{folder}: holds the chain of another recording, motor or setting; name another folder with -o, "
-                "or remove this one"
-            )
-    elif any(folder.glob("block_*.npz")):
-        raise ChainError(
-            f"{folder}: holds a chain of which nothing says whose it is; name another folder with -o, or remove "
-            "this one"
-        )
 
 
 def _too_slow(chain: Chain, settings: Settings) -> bool:
@@ -376,36 +347,3 @@ def _restored(block: dict[str, np.ndarray], e: int) -> emcee.State:
     position, has_gauss = (int(value) for value in block["position"][e])
     random_state = ("MT19937", block["key"][e], position, has_gauss, float(block["gauss"][e]))
     return emcee.State(block["coords"][e], log_prob=block["log_prob"][e], random_state=random_state)
-
-
-class _Store:
-    """Blocks of a chain in a folder; nothing is kept when there is no folder."""
-
-    def __init__(self, folder: Path | None, fingerprint: str) -> None:
-        self.folder = folder
-        if folder is None:
-            return
-        refuse_another(folder, fingerprint)
-        folder.mkdir(parents=True, exist_ok=True)
-        if not (folder / MARK).exists():
-            write_file(folder / MARK, fingerprint.encode())
-
-    def blocks(self) -> list[dict[str, np.ndarray]]:
-        """The blocks there are, in order, up to the first that is missing."""
-        found: list[dict[str, np.ndarray]] = []
-        while self.folder is not None and (path := self.folder / f"block_{len(found):05d}.npz").exists():
-            try:
-                with np.load(path, allow_pickle=False) as stored:
-                    found.append({name: stored[name] for name in stored.files})
-            except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
-                raise ChainError(f"{path}: cannot be read ({error}); remove {self.folder} to start afresh") from None
-        return found
-
-    def write(self, number: int, block: dict[str, np.ndarray]) -> None:
-        """Write one block whole or not at all."""
-        if self.folder is None:
-            return
-        path = self.folder / f"block_{number:05d}.npz"
-        stream = io.BytesIO()
-        np.savez(stream, **block)  # type: ignore[arg-type]
-        write_file(path, stream.getvalue())

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.fit import moves, posterior, sampling, surrogate
+from calibration.fit import moves, posterior, sampling, store, surrogate
 from calibration.fit.fit import NotConvergedError, why_not
 from calibration.fit.integrated import Integrated, log_prob_of
 from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
@@ -114,7 +114,7 @@ def fit(
     target = Integrated(comparison, mode)
     mark = _fingerprint(recordings, target, settings)
     if chain_folder is not None:
-        sampling.refuse_another(chain_folder, mark)
+        store.refuse_another(chain_folder, mark)
     rng = np.random.default_rng(settings.seed)
     tell = progress or (lambda done, wanted, words: None)
     with SideBySide(workers) as side_by_side:

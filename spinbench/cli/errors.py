@@ -22,7 +22,7 @@ EXIT_CODES = {
     "calibration.challenge.campaign.layout.ChallengeError": UNUSABLE_INPUT,
     "calibration.fit.fit.NotConvergedError": NOT_CONVERGED,
     "calibration.fit.peak.NoPeakError": UNUSABLE_INPUT,
-    "calibration.fit.sampling.ChainError": UNUSABLE_INPUT,
+    "calibration.fit.store.ChainError": UNUSABLE_INPUT,
     "calibration.systems.radial_piston.batch.effects.EffectsError": UNUSABLE_INPUT,
     "configs.ConfigError": UNUSABLE_INPUT,
     "model.operation.performance.OperatingPointError": UNUSABLE_INPUT,

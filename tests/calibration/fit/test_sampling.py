@@ -11,7 +11,8 @@ import pytest
 from scipy.stats import norm
 
 from calibration.fit import moves, peak, sampling
-from calibration.fit.sampling import ChainError, Settings, sample
+from calibration.fit.sampling import Settings, sample
+from calibration.fit.store import ChainError
 from calibration.fit.transport import TransportMap
 
 QUICK = Settings(seed=3, effective_samples=500, most_steps=1000, walkers=16)
