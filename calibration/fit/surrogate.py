@@ -1,8 +1,8 @@
-"""A cheap stand-in for a log posterior: the readings as a quadratic function of what is sampled.
+"""A cheap stand-in for a log posterior: the readings as polynomials of what is sampled.
 
 The readings are expanded about the most probable point, in steps that are straight in the quantities themselves, to
-second order; the coefficients are fitted to simulations at points drawn about it. The log posterior is then a quartic
-polynomial, some hundred times as fast as simulating. It is never trusted: it proposes, and the true posterior accepts
+second order and with the cube of each step; the coefficients are fitted to simulations at points drawn about it. The
+log posterior is then a polynomial too, some hundred times as fast as simulating. It is never trusted: it proposes, and the true posterior accepts
 (`calibration.fit.moves.DelayedAcceptance`).
 """
 

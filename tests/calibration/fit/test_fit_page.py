@@ -213,3 +213,9 @@ def test_a_value_is_rounded_to_what_is_known_of_it(value, sd, text):
 
 def test_the_page_opens_in_a_browser(files, tmp_path):
     assert browser.has_print(browser.shown(files["report.html"], tmp_path))
+
+
+def test_an_instruments_error_is_not_called_by_the_effect_of_the_same_name():
+    assert fit_words.called("flow_scale") == "the flow meter's scale"
+    assert fit_words.called("monday: flow_scale") == "the flow meter's scale in monday"
+    assert fit_words.called("flow_scale.scale").endswith(", its scale")
