@@ -2,8 +2,8 @@
 
 The readings are expanded about the most probable point, in steps that are straight in the quantities themselves, to
 second order and with the cube of each step; the coefficients are fitted to simulations at points drawn about it. The
-log posterior is then a polynomial too, some hundred times as fast as simulating. It is never trusted: it proposes, and the true posterior accepts
-(`calibration.fit.moves.DelayedAcceptance`).
+log posterior is then a polynomial too, some hundred times as fast as simulating. It is never trusted: it proposes, and
+the true posterior accepts (`calibration.fit.moves.DelayedAcceptance`).
 """
 
 from __future__ import annotations
