@@ -42,8 +42,6 @@ class WholeFit:
     ----------
     bands : ndarray, shape (5, m)
         What new readings would be at the places of the old ones, at `LEVELS` [SI].
-    accepted : float
-        Share of the stand-in's proposals and of the others that the posterior took [-].
     """
 
     recordings: tuple[Recording, ...]

@@ -33,7 +33,8 @@ def compared(recordings: Recording | Sequence[Recording], motor: Motor | None = 
     """
     given = [recordings] if isinstance(recordings, Recording) else recordings
     parts = [part for one in given for part in by_flywheel(one)]
-    if not isinstance(recordings, Recording) or len(parts) > 1:
+    is_one = isinstance(recordings, Recording) and len(parts) == 1
+    if not is_one:
         refuse_unlike(parts)
         machine = next((one for one in parts if has_system(one)), None)
         if machine is not None:
@@ -41,12 +42,9 @@ def compared(recordings: Recording | Sequence[Recording], motor: Motor | None = 
                 f"{machine.folder}: its motor is written out in it, and such recordings are diagnosed one by one "
                 "(spinbench many diagnose), or together where ambient, inertia and instruments are the same"
             )
-        each = [Comparison(Problem(one, motor, any_turn=k > 0)) for k, one in enumerate(parts)]
-        if not any(one.n for one in each):
-            gather(parts[0])  # says that a plateau is missing
-        return Several(each, names_of(parts))
-    recording = parts[0]
-    if has_system(recording):
-        return machines.Comparison(MachineProblem(recording))
-    gather(recording)
-    return Comparison(Problem(recording, motor))
+    elif has_system(parts[0]):
+        return machines.Comparison(MachineProblem(parts[0]))
+    each = [Comparison(Problem(one, motor, any_turn=k > 0)) for k, one in enumerate(parts)]
+    if not any(one.n for one in each):
+        gather(parts[0])  # says that a plateau is missing
+    return each[0] if is_one else Several(each, names_of(parts))

@@ -92,9 +92,8 @@ def test_the_run_that_was_asked_for_is_enough_by_itself(tmp_path: Path, monkeypa
     )
     both = as_json(diagnose([swept, heavy], 1))
     assert ["coulomb_friction"] in [[one["id"] for one in both["effects"]], *both["alternatives"]]
-    assert all(
-        test["command"].startswith("spinbench capture BENCH") for test in both["next_tests"] if "down" in test["test"]
-    )
+    captures = [test["command"] for test in both["next_tests"] if test["test"].startswith(("coast-down", "spin-up"))]
+    assert captures and all(command.startswith("spinbench capture BENCH --kind ") for command in captures)
     with pytest.raises(RecordingError, match="no steady row"):
         diagnose(heavy, 1)
 
