@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +11,8 @@ import numpy as np
 from calibration.data.joined import by_flywheel
 from calibration.data.refusals import refuse_another, refuse_unusable
 from calibration.diagnosis.mismatch import Detected, fit_base, test_base
-from calibration.diagnosis.next_test.recommend import NextTest, propose
+from calibration.diagnosis.next_test.promised import Promise, kept
+from calibration.diagnosis.next_test.recommend import MOST_RIVALS, NextTest, propose
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.sizes.not_excluded import Faint, faint
 from calibration.diagnosis.sizes.resolves import resolved
@@ -86,6 +87,7 @@ def diagnose(
     tell: Tell = lambda _: None,
     hold_out: Recording | None = None,
     workers: int = 1,
+    promises: Sequence[Promise] = (),
 ) -> Diagnosis:
     """Diagnose a recording, or several of one motor: the motor and the effects are shared, the rest is each one's own.
 
@@ -95,6 +97,8 @@ def diagnose(
         A run that nothing here has seen, to be predicted once a set is named or listed.
     workers : int
         Processes that refit sets side by side, of a recording with runs in time; the result is the same [-].
+    promises : sequence of Promise
+        Of tests that an earlier diagnosis asked for and that are among the recordings now.
 
     Raises
     ------
@@ -117,7 +121,7 @@ def diagnose(
         clock("detect")
         side_by_side.begin(["calibration.diagnosis.diagnose"])  # the base model's threads had all cores to themselves
         first = test_base(comparison, base, rng)
-        return _explain(first, rng, clock, hold_out, side_by_side)
+        return _explain(first, rng, clock, hold_out, side_by_side, promises)
 
 
 def _one_each(several: Sequence[Recording], hold_out: Recording) -> list[Recording]:
@@ -131,14 +135,19 @@ def _one_each(several: Sequence[Recording], hold_out: Recording) -> list[Recordi
 
 
 def _explain(
-    first: Detected, rng: np.random.Generator, clock: StepClock, hold_out: Recording | None, side_by_side: SideBySide
+    first: Detected,
+    rng: np.random.Generator,
+    clock: StepClock,
+    hold_out: Recording | None,
+    side_by_side: SideBySide,
+    promises: Sequence[Promise] = (),
 ) -> Diagnosis:
     comparison = first.comparison
     if off := comparison.not_described(first.base):
         return _of_something_else(first, off, clock)
     search = Search(comparison, first.base, side_by_side, clock.tell)
     residuals = Residuals(comparison, rng, side_by_side)
-    searched = _search(first, search, residuals, clock)
+    searched = _search(first, search, residuals, clock, {names for one in promises for names in one.log_evidence})
     base, candidates = searched.base, searched.candidates
     verdict, held_out = _judge(searched, comparison, residuals, clock)
     unseen_run = None
@@ -157,7 +166,8 @@ def _explain(
     if verdict.kind == "unresolved":
         unnamed = _without_a_name(comparison, base, said, unseen_run, rng, clock)
         verdict, held_out = replace(verdict, why=unnamed.why), unnamed.held_out
-    tests = _next_tests(comparison, _rivals(candidates, verdict), clock)
+    rivals = _rivals(candidates, verdict)[:MOST_RIVALS]
+    tests = _next_tests(comparison, rivals, clock)
     clock("weigh f_overall")
     chosen = verdict.chosen.names if verdict.chosen else ()
     averaged = [] if verdict.kind == "unresolved" else [chosen, *verdict.alternatives]
@@ -184,6 +194,8 @@ def _explain(
         said.misread,
         unseen,
         resolved(comparison, first.base, first.detection.u, first.found),
+        rivals=rivals if tests else [],
+        promised=[one for promise in promises if (one := kept(promise, candidates))],
     )
 
 
@@ -212,13 +224,16 @@ def _alone(base: Mode) -> Candidate:
     return Candidate((), base, base.log_evidence, 1.0)
 
 
-def _search(first: Detected, search: Search, residuals: Residuals, clock: StepClock) -> _Searched:
-    """Sets of effects refitted and weighed, and what they leave tested."""
+def _search(
+    first: Detected, search: Search, residuals: Residuals, clock: StepClock, asked: Collection[tuple[str, ...]] = ()
+) -> _Searched:
+    """Sets of effects refitted and weighed, those asked for among them, and what they leave tested."""
     found, detection = _Searched(first.base, first.detection, [_alone(first.base)]), first.detection
     if detection.p_value >= MISMATCH_P:
         # What is too small to be seen may still be there, and f_overall with it would be another.
         clock("look farther")
         search.singles(first.found, detection.u, FARTHER)
+        search.also(asked)
         # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
         in_time = first.comparison.in_time
         elsewhere = min(1.0, TESTS * evidence_p(first.comparison, search.modes)) if in_time else 1.0
@@ -238,6 +253,7 @@ def _search(first: Detected, search: Search, residuals: Residuals, clock: StepCl
     residuals.test([one for one in search.weighed() if one.names and not one.refused][:1])
     clock("name")
     search.pairs(next((names for names, p in residuals.weighed().items() if names and p >= RESIDUAL_P), None))
+    search.also(asked)
     candidates = search.weighed()
     clock("test what is left")
     residuals.test_all_that_matter(candidates)

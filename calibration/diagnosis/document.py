@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,9 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "f_overall_before": None if found.not_described else f_overall_before(found),
         "f_overall_after": None if found.not_described else f_overall_after(found),
         "next_tests": next_tests_as_json(found.next_tests),
+        # What a test that is given back was to tell apart, and how it stood before.
+        "rivals": [{"effects": list(c.names), "log_evidence": c.log_evidence} for c in found.rivals],
+        "promised": [asdict(one) for one in found.promised],
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
         ],
@@ -205,7 +209,8 @@ def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
             "information_nats": t.information_nats,
             "repeats": t.repeats,
             "needs": t.needs,
-            "command": t.command,
+            "command": t.capture.command if t.capture else "",
+            "capture": asdict(t.capture) if t.capture else None,
         }
         for t in tests
     ]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.next_test.promised import Kept
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.sizes.not_excluded import Faint
 from calibration.diagnosis.sizes.resolves import Resolved
@@ -43,6 +44,10 @@ class Diagnosis:
         For each set that f_overall is averaged over, the further effects that may be there unseen.
     not_described : str
         How far the base model is off where it does not describe the readings at all, and nothing was looked for.
+    rivals : list of Candidate
+        The sets that the next tests are to tell apart.
+    promised : list of Kept
+        What tests that were asked for before have given.
     """
 
     comparison: Any  # a Compared; the report of a system knows its own better
@@ -64,6 +69,8 @@ class Diagnosis:
     faint: dict[tuple[str, ...], list[Faint]] = field(default_factory=dict)
     resolved: list[Resolved] = field(default_factory=list)
     not_described: str = ""
+    rivals: list[Candidate] = field(default_factory=list)
+    promised: list[Kept] = field(default_factory=list)
 
 
 def of_each_recording(found: Diagnosis) -> dict[str, Diagnosis]:

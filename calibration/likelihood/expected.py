@@ -32,6 +32,33 @@ class Expected:
 
 
 @dataclass(frozen=True)
+class Capture:
+    """What is taken in a test, where the bench can take it by itself.
+
+    Attributes
+    ----------
+    kind : str
+        ``coast-down``, ``spin-up``, ``plateaus`` or ``zero``, as `spinbench capture` calls it.
+    level_bar_abs : float or None
+        Absolute pressure before or after the valve turns, or of the plateaus [bar]; None of a zero.
+    added_inertia_kg_m2 : float
+        Of a flywheel on the shaft [kg m2].
+    """
+
+    kind: str
+    level_bar_abs: float | None = None
+    added_inertia_kg_m2: float = 0.0
+
+    @property
+    def command(self) -> str:
+        """The command that takes it, with BENCH for the bench file."""
+        words = f"spinbench capture BENCH --kind {self.kind}"
+        if self.level_bar_abs is not None:
+            words += f" --level-bar-abs {self.level_bar_abs:g}"
+        return f"{words} --added-inertia-kg-m2 {self.added_inertia_kg_m2:g}" if self.added_inertia_kg_m2 else words
+
+
+@dataclass(frozen=True)
 class Test:
     """A test.
 
@@ -43,8 +70,8 @@ class Test:
         The instrument that it needs and the bench may not have; empty otherwise.
     expected : callable
         From modes, one an explanation, to what it would read under each; an ArithmeticError where it has no reading.
-    command : str
-        That takes it, with BENCH for the bench file; empty where there is none.
+    capture : Capture or None
+        What is taken; None where the bench cannot take it by itself.
     """
 
     __test__ = False  # no test of pytest's
@@ -52,4 +79,4 @@ class Test:
     words: str
     needs: str
     expected: Callable[[Sequence[Mode]], list[Expected]]
-    command: str = ""
+    capture: Capture | None = None

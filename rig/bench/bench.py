@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -172,6 +172,13 @@ class Bench:
         module = importlib.import_module(f"rig.instruments.{settings.family}")
         built: Instrument = module.build(device, settings, Place(table, self.file.lines[table.line]))
         return built
+
+    def with_flywheel(self, added_inertia_kg_m2: float | None) -> Bench:
+        """The bench with another flywheel on the shaft; with that of its file where None is given."""
+        if added_inertia_kg_m2 is None:
+            return self
+        table = self.file.model_dump() | {"added_inertia_kg_m2": added_inertia_kg_m2}
+        return replace(self, file=configs.validate(BenchFile, table, f"{self.name} with another flywheel"))
 
     def channel(self, role: str) -> tuple[str, ChannelFile]:
         """The full name and the figures of the channel that plays a role."""

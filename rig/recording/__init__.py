@@ -16,6 +16,7 @@ docs/recording.md tells a person how to write one.
 """
 
 from rig.recording.contents import (
+    LEAST_IN_A_RUN,
     Ambient,
     Channel,
     Column,
@@ -28,6 +29,7 @@ from rig.recording.read import read_recording
 from rig.recording.write import write_recording
 
 __all__ = [
+    "LEAST_IN_A_RUN",
     "Ambient",
     "Channel",
     "Column",

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+LEAST_IN_A_RUN = 20  # readings of the speed while a run in time goes on; fewer do not show its course
 Kind = Literal["steady", "transient", "zero"]
 
 

@@ -66,7 +66,8 @@ def bench_of_run(run: Run) -> Bench:
     sources = {name: source.text.encode() for name, source in run.start.sources.items()}
     if BENCH_SOURCE not in sources:
         raise RunError(f"{run.folder}: its start record holds no bench file, so there is nothing to replay it with")
-    return bench_of(run.start.bench, sources, f"{run.folder.name}: {BENCH_SOURCE}")
+    kept = bench_of(run.start.bench, sources, f"{run.folder.name}: {BENCH_SOURCE}")
+    return kept.with_flywheel(run.start.added_inertia_kg_m2)
 
 
 def replay(

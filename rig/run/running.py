@@ -69,7 +69,9 @@ class Wanted:
     Attributes
     ----------
     kind : str
-        ``sweep``, ``coast-down``, ``spin-up`` or ``zero``; a sweep of a manual bench is logged as ``manual``.
+        ``sweep`` or a capture's; a sweep of a manual bench is logged as ``manual``.
+    added_inertia_kg_m2 : float or None
+        Of a flywheel on the shaft [kg m2]; the file's when left out.
     rate : float or None
         Seconds of a virtual bench in one of the wall [-]; the file's when left out.
     server : tuple of str or None
@@ -87,6 +89,7 @@ class Wanted:
     wire: bool = True
     rate: float | None = None
     server: tuple[str, ...] | None = None
+    added_inertia_kg_m2: float | None = None
     progress: Progress = field(default_factory=Silent)
     ask: Ask | None = None
     on_plateau: Callable[[Plateau], None] = nobody
@@ -104,7 +107,11 @@ class Place:
 
 @contextlib.contextmanager
 def place_of(
-    bench: Bench, path: Path, rate: float | None = None, server: tuple[str, ...] | None = None
+    bench: Bench,
+    path: Path,
+    rate: float | None = None,
+    server: tuple[str, ...] | None = None,
+    added_inertia_kg_m2: float | None = None,
 ) -> Iterator[Place]:
     """The bench as it stands, or a virtual one that is started and ended here.
 
@@ -114,6 +121,8 @@ def place_of(
         Seconds of a virtual bench in one of the wall [-]; the file's when left out.
     server : tuple of str or None
         Module and options of the process that serves a virtual bench; its own when left out.
+    added_inertia_kg_m2 : float or None
+        Of a flywheel on the shaft of a virtual bench [kg m2]; the file's when left out.
 
     Raises
     ------
@@ -125,7 +134,8 @@ def place_of(
         return
     from rig.virtual.launch import SERVER, launch
 
-    with launch(path, rate, server=server or SERVER) as virtual:
+    flywheel = () if added_inertia_kg_m2 is None else ("--added-inertia", str(added_inertia_kg_m2))
+    with launch(path, rate, server=(*(server or SERVER), *flywheel)) as virtual:
         yield Place(virtual.clock, virtual.port_for, virtual.ports["lines"])
 
 
@@ -161,11 +171,14 @@ def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Ou
         When the run log cannot be written; the regulator is at zero.
     """
     path = bench_path(path)
-    bench = read_bench(path)
+    bench = read_bench(path).with_flywheel(wanted.added_inertia_kg_m2)
     by_hand = bench.file.roles.regulator is None
     # Before the operator's stop is listened to: at a question, Ctrl-C ends the program, and there is no run yet.
     ambient = None if by_hand else at_start(bench, given, wanted.ask)
-    with Stop(_tell_stop) as stop, place_of(bench, path, wanted.rate, wanted.server) as place:
+    with (
+        Stop(_tell_stop) as stop,
+        place_of(bench, path, wanted.rate, wanted.server, wanted.added_inertia_kg_m2) as place,
+    ):
         conversation = None
         if by_hand:
             conversation = Conversation(KeyboardPort(place.clock), place.clock, lambda: stop.asked)

@@ -16,7 +16,7 @@ from rig.runlog.folder import RunError
 
 FORMAT = "run/1"
 MAX_SHOWN = 20  # mistakes
-Kind = Literal["sweep", "coast-down", "spin-up", "zero", "manual", "import", "replay"]
+Kind = Literal["sweep", "coast-down", "spin-up", "zero", "plateaus", "manual", "import", "replay"]
 Outcome = Literal["finished", "aborted", "failed"]
 Text = Annotated[str, Field(max_length=20_000)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e12)]

@@ -16,16 +16,16 @@ from model.operation import runs
 from model.operation.performance import NotSettledError, OperatingPointError
 from rig.bench.bench import Bench
 from rig.plateaus.plan import SweepError
+from rig.recording import LEAST_IN_A_RUN
 from rig.sweep.ambient import Ambient
 from rig.sweep.capturing import CaptureTask
 
-LEAST_SAMPLES = 20
 DOWN_TO = 0.1  # of the speed before: where a coast-down counts as over
 UP_TO = 0.9  # of the speed it reaches: where a spin-up does
 FIRST_LOOK_S, LONGEST_S = 1.0, 64.0
 SAMPLE_S = 1e-3
 BAR = 1e5
-KINDS = ("coast-down", "spin-up", "zero")
+KINDS = ("coast-down", "spin-up", "zero", "plateaus")
 
 
 class CaptureError(SweepError):
@@ -138,14 +138,14 @@ def check(expected: Expected, rate: Rate) -> int:
         When there would be fewer; the text says what would do.
     """
     count = rate.samples(expected)
-    if count >= LEAST_SAMPLES:
+    if count >= LEAST_IN_A_RUN:
         return count
     down = expected.kind == "coast-down"
     speeds = f"{expected.speed_rpm:.0f} rpm to {DOWN_TO:.0%}" if down else f"rest to {UP_TO:.0%} of its speed"
     raise CaptureError(
         f"{expected.kind} at {expected.level_bar_abs:g} bar abs: from {speeds} takes {expected.duration_s:.2g} s and "
         f"{expected.turns:.2g} turns by the model; {_resolution(rate)}, so that {count} samples would fall in it, and "
-        f"{LEAST_SAMPLES} are needed. {_remedy(expected, rate)}"
+        f"{LEAST_IN_A_RUN} are needed. {_remedy(expected, rate)}"
     )
 
 
@@ -197,10 +197,10 @@ def _resolution(rate: Rate) -> str:
 
 def _remedy(expected: Expected, rate: Rate) -> str:
     """What would do: more teeth, a shorter period, or another instrument."""
-    teeth = math.ceil(LEAST_SAMPLES / expected.turns)
+    teeth = math.ceil(LEAST_IN_A_RUN / expected.turns)
     if rate.teeth is not None:
         return f"What would do: a wheel with {teeth} teeth or more, or a higher level"
-    period_s = math.floor(1e4 * expected.duration_s / LEAST_SAMPLES) / 1e4
+    period_s = math.floor(1e4 * expected.duration_s / LEAST_IN_A_RUN) / 1e4
     counter = f"an edge counter on a wheel with {teeth} teeth or more"
     if rate.update_s > period_s:
         return f"What would do: {counter}; this instrument's own update of {rate.update_s:g} s is too slow"

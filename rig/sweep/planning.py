@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from rig.bench.bench import Bench
-from rig.plateaus.plan import Step, SweepError, plan
+from rig.plateaus.plan import UP, Step, SweepError, plan
 from rig.plateaus.plateau import Plateau
 from rig.sweep import capture
 from rig.sweep.ambient import Ambient
@@ -51,11 +51,15 @@ def sweep_course(
     return replace(_course(bench, ambient, steps, captures, ("start", "end")), known=tuple(known)), remarks
 
 
-def capture_course(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: float | None = None) -> Course:
-    """What a single run in time goes through.
+def capture_course(
+    bench: Bench, ambient: Ambient, kind: str, level_bar_abs: float | None = None, plateaus: int = 10
+) -> Course:
+    """What a capture goes through: a single run in time, plateaus at one level, or the vented zero.
 
     Parameters
     ----------
+    plateaus : int
+        How often the level is read, where plateaus are asked for [-].
     level_bar_abs : float or None
         Absolute pressure [bar]; the bench file's capture level, or its highest level, when left out.
 
@@ -70,6 +74,9 @@ def capture_course(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: flo
         return _course(bench, ambient, [], [], ("start",))
     level = capture.level_of(bench) if level_bar_abs is None else level_bar_abs
     check_levels(bench, ambient, [level])
+    if kind == "plateaus":
+        steps = [Step(level, UP, repeat) for repeat in range(1, plateaus + 1)]
+        return _course(bench, ambient, steps, [], ("start", "end"))
     return _course(bench, ambient, [], [capture.capture_task(bench, ambient, kind, level)], ("start", "end"))
 
 

@@ -5,6 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rig.bench.bench import Bench
 
 
 def options_of(program: str, words: str) -> argparse.ArgumentParser:
@@ -15,8 +19,16 @@ def options_of(program: str, words: str) -> argparse.ArgumentParser:
     parser.add_argument("--rate", type=float, help="seconds of the bench in one of the wall; the file's when left out")
     parser.add_argument("--owner", type=int, metavar="PID", help="end some time after this process")
     parser.add_argument("--linger", type=float, default=10.0, metavar="S", help="how long after it, in real seconds")
+    parser.add_argument("--added-inertia", type=float, metavar="KG_M2", help="of a flywheel; the file's when left out")
     parser.add_argument("--seed", type=int, help="of noise, errors and faults; the file's when left out")
     return parser
+
+
+def bench_of(options: argparse.Namespace) -> Bench:
+    """The bench that the options name."""
+    from rig.bench.bench import read_bench
+
+    return read_bench(options.bench).with_flywheel(options.added_inertia)
 
 
 def main() -> int:
@@ -26,7 +38,7 @@ def main() -> int:
     from rig.virtual.serve import serve
 
     try:
-        serve(options.bench, options.state, options.rate, options.owner, options.seed, options.linger)
+        serve(bench_of(options), options.state, options.rate, options.owner, options.seed, options.linger)
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2

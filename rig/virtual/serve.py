@@ -13,7 +13,7 @@ from typing import Any
 from configs import ConfigError
 from model.motor import Motor, read_motor
 from rig.acquisition.opening import timing_of
-from rig.bench.bench import Bench, BenchFile, LineTable, read_bench
+from rig.bench.bench import Bench, BenchFile, LineTable
 from rig.clock import Clock
 from rig.readings import NS
 from rig.recording.files import write_file
@@ -229,7 +229,7 @@ def _plant(bench: Bench) -> Plant:
 
 
 def serve(
-    path: Path,
+    bench: Bench,
     folder: Path,
     rate: float | None = None,
     owner: int | None = None,
@@ -238,12 +238,10 @@ def serve(
     plant_of: PlantOf | None = None,
     ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Read a bench file and serve it.
+    """Serve a bench until told to stop.
 
     Parameters
     ----------
-    path : Path
-        The bench file, or the name of one in configs/benches.
     rate : float or None
         Seconds of the bench in one of the wall [-].
     linger_s : float
@@ -252,7 +250,7 @@ def serve(
         Makes line and motor of the bench file; the project's own model when left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    server = VirtualServer(read_bench(path), folder.resolve(), rate, seed, plant_of)
+    server = VirtualServer(bench, folder.resolve(), rate, seed, plant_of)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.loop.stop())
     server.run(owner, linger_s, ready)

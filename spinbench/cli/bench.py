@@ -50,18 +50,19 @@ def virtual(
     key: SealKeyOption = None,
 ) -> None:
     """Serve a virtual bench until Ctrl-C, for another program; a sweep on a virtual bench starts its own."""
-    from rig.bench.bench import bench_path
+    from rig.bench.bench import bench_path, read_bench
     from rig.virtual.serve import serve
 
     server_of(conceal, conceal_seed, only, key)
+    read = read_bench(bench_path(bench))
     state.mkdir(parents=True, exist_ok=True)
 
     def ready() -> None:
         print(f"serving {bench} until Ctrl-C; {state / 'ports.json'} tells the ports", file=sys.stderr, flush=True)
 
     if conceal is None:
-        serve(bench_path(bench), state, rate, None, seed, ready=ready)
+        serve(read, state, rate, None, seed, ready=ready)
         return
     from calibration.challenge.concealed.bench import serve_concealed
 
-    serve_concealed(bench_path(bench), state, conceal, key, conceal_seed, only, rate, None, seed, ready=ready)
+    serve_concealed(read, state, conceal, key, conceal_seed, only, rate, None, seed, ready=ready)

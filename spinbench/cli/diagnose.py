@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from spinbench import readings
+from spinbench.cli.earlier import RECORDINGS, made_of, read_earlier
 from spinbench.cli.errors import kept_when_interrupted
 from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption, WithoutOption
 from spinbench.cli.progress import diagnosing
@@ -49,6 +50,12 @@ def diagnose(
         ),
     ] = None,
     left_out: WithoutOption = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            "--continue", metavar="OUT", help="Go on with the diagnosis in this folder: what it took, and more."
+        ),
+    ] = None,
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
@@ -61,16 +68,24 @@ def diagnose(
     from rig.recording import files
 
     check_places(out, json_file)
-    parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
+    earlier = None if resume is None else read_earlier(resume)
+    new = [readings.read(readings.folder_named(named, logs)) for named in recording]
+    parts = [*(earlier.recordings if earlier else []), *new]
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
     refuse_twice(parts, unseen)
+    promise = earlier.promise(new) if earlier else None
+    if earlier and promise is None:
+        remark(f"nothing given now is a test that {resume} asks for, so nothing was promised of it")
     parts = without(parts, left_out or [])
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
     given = as_given(parts)
     read = given[0] if len(given) == 1 else given
     with diagnosing() as tell:
-        diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1))
+        processes = workers or min(2, os.cpu_count() or 1)
+        diagnosis = look(read, seed, tell, unseen, processes, [promise] if promise else [])
         found = as_json(diagnosis)
+        found["promised"] = [*(earlier.promised if earlier else []), *found["promised"]]
+        found[RECORDINGS] = made_of(earlier, new, left_out or [], out)
         data = files.json_bytes(found)
         page, table, words = _told_by(found)
         if out is not None:

@@ -43,11 +43,12 @@ if TYPE_CHECKING:
 
 
 class CaptureKind(StrEnum):
-    """Single runs in time, and the vented zero."""
+    """Single runs in time, the vented zero, and plateaus at one level."""
 
     COAST_DOWN = "coast-down"
     SPIN_UP = "spin-up"
     ZERO = "zero"
+    PLATEAUS = "plateaus"
 
 
 def sweep(
@@ -97,6 +98,10 @@ def capture(
     level_bar_abs: Annotated[
         float | None, typer.Option(help="Pressure, absolute [bar]; the bench file's if left out.")
     ] = None,
+    plateaus: Annotated[int, typer.Option(min=1, max=1000, help="How many plateaus, of that kind.")] = 10,
+    added_inertia_kg_m2: Annotated[
+        float | None, typer.Option(help="Of a flywheel on the shaft [kg m2]; the bench file's if left out.")
+    ] = None,
     logs: LogsOption = LOGS,
     operator: OperatorOption = "",
     rate: RateOption = None,
@@ -110,7 +115,10 @@ def capture(
     only: OnlyOption = "",
     key: SealKeyOption = None,
 ) -> None:
-    """Take a coast-down, a spin-up or a vented zero at the highest rate; refused where the bench cannot resolve it."""
+    """Take one thing alone: a coast-down, a spin-up, plateaus at one level or a vented zero.
+
+    A run in time is taken at the highest rate, and refused where the bench cannot resolve it.
+    """
     from rig.run.running import Wanted
     from rig.sweep.ambient import Given
 
@@ -119,10 +127,11 @@ def capture(
     def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
         from rig.sweep.planning import capture_course
 
-        return capture_course(read, ambient, kind.value, level_bar_abs), []
+        return capture_course(read, ambient, kind.value, level_bar_abs, plateaus), []
 
     server = server_of(conceal, conceal_seed, only, key)
-    _take(bench, given, course, Wanted(kind.value, logs, operator, rate=rate, server=server))
+    wanted = Wanted(kind.value, logs, operator, rate=rate, server=server, added_inertia_kg_m2=added_inertia_kg_m2)
+    _take(bench, given, course, wanted)
 
 
 def _take(

@@ -29,7 +29,7 @@ from calibration.challenge.second_rig.machine.slots import BAR, DEFAULTS
 from calibration.challenge.second_rig.sizes import SWEEP_S
 from calibration.challenge.second_rig.truth import Truth, generator
 from rig.bench.bench import Bench
-from rig.virtual.__main__ import options_of
+from rig.virtual.__main__ import bench_of, options_of
 from rig.virtual.devices.sensors import ZERO_C
 from rig.virtual.plant.truth import LINE_TRUTH, LineTruth, read_truth
 from rig.virtual.serve import motor_in_room, serve
@@ -167,7 +167,7 @@ def opened_or_drawn(bench: Bench, seal: Path, key: Path, seed: int | None, only:
 
 
 def serve_concealed(
-    path: Path,
+    bench: Bench,
     state: Path,
     seal: Path,
     key: Path | None = None,
@@ -183,8 +183,6 @@ def serve_concealed(
 
     Parameters
     ----------
-    path : Path
-        The bench file, or the name of one in configs/benches.
     key : Path or None
         Its key; `sealing.default_key` when left out.
     conceal_seed : int or None
@@ -200,7 +198,7 @@ def serve_concealed(
     def made(bench: Bench) -> LivePlant:
         return plant_of(opened_or_drawn(bench, seal, key or sealing.default_key(), conceal_seed, only), bench)
 
-    serve(path, state, rate, owner, seed, linger_s, made, ready)
+    serve(bench, state, rate, owner, seed, linger_s, made, ready)
 
 
 def _here(truth: Truth, bench: Bench) -> Truth:
@@ -254,7 +252,7 @@ def main() -> int:
     o = parser.parse_args()
     try:
         serve_concealed(
-            o.bench, o.state, o.seal, o.key, o.conceal_seed, o.only, o.rate, o.owner, o.seed, o.linger
+            bench_of(o), o.state, o.seal, o.key, o.conceal_seed, o.only, o.rate, o.owner, o.seed, o.linger
         )  # fmt: skip
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)

@@ -17,7 +17,7 @@ import numpy as np
 from calibration.diagnosis.next_test.information import expected_nats, repeats_needed
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Compared
-from calibration.likelihood.expected import Test
+from calibration.likelihood.expected import Capture, Test
 from calibration.likelihood.mode import Mode
 
 MOST = 4
@@ -37,8 +37,8 @@ class NextTest:
         That bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
     needs : str
         The instrument that it needs and the bench may not have; empty otherwise.
-    command : str
-        That takes it, with BENCH for the bench file; empty where there is none.
+    capture : Capture or None
+        What is taken; None where the bench cannot take it by itself.
     """
 
     test: str
@@ -46,7 +46,7 @@ class NextTest:
     information_nats: float
     repeats: int | None = None
     needs: str = ""
-    command: str = ""
+    capture: Capture | None = None
 
 
 def propose(comparison: Compared, rivals: Sequence[Candidate]) -> list[NextTest]:
@@ -83,7 +83,7 @@ def weigh(test: Test, names: Sequence[str], rivals: Sequence[Mode]) -> NextTest 
         return min(expected_nats(read[i], read[j], repeats) for i, j in told)
 
     mean = round(sum(nats.values()) / len(nats), 2)
-    return NextTest(test.words, separates, mean, repeats_needed(least) if told else None, test.needs, test.command)
+    return NextTest(test.words, separates, mean, repeats_needed(least) if told else None, test.needs, test.capture)
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -107,6 +107,11 @@ class Search:
                     self.modes[()] = max(base, again, key=lambda mode: mode.log_evidence)
                 if self.modes[()] is not base:
                     del self._signatures[()]
+
+    def also(self, sets: Iterable[Names]) -> None:
+        """Refit sets that were asked for, as far as they were not."""
+        base, in_time = self.modes[()], self.comparison.in_time
+        self._refit([_Job(names, base, in_time) for names in sets if names not in self.modes])
 
     def pairs(self, closed: Names | None) -> None:
         """Refit pairs grown from the best single effects, then what may stand in the best set's place."""

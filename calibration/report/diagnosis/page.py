@@ -87,6 +87,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "resolves": _resolve_table(found),
         "tests": _test_table(found, False),
         "apart": _test_table(found, True),
+        "promised": _promise_table(document),
         "notes": [*few_used(document.get("files", [])), *_notes(found)],
         "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
         "instruments": _instrument_table(found),
@@ -258,7 +259,7 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
     """Tests with what they would tell and the repeats that they take; those that need another instrument apart."""
     rows = tuple(
         (
-            f"{test.test}: {test.command}" if test.command else test.test,
+            f"{test.test}: {test.capture.command}" if test.capture else test.test,
             in_a_row([name.split("+") for name in test.separates], "and"),
             f"{test.information_nats:.1f}",
             "never: at least one pair stays open" if test.repeats is None else str(test.repeats),
@@ -267,6 +268,15 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
         if bool(test.needs) == apart
     )
     return Grid(("test", "tells apart", "nats", "repeats"), rows, 2)
+
+
+def _promise_table(document: Mapping[str, Any]) -> Grid:
+    """Tests that were asked for and taken: what each promised and what it gave."""
+    rows = tuple(
+        (one["test"], f"{one['information_nats']:.1f}", f"{one['delivered_nats']:.1f}")
+        for one in document.get("promised", [])
+    )
+    return Grid(("test", "promised, nats", "given, nats"), rows, 1)
 
 
 def _instrument_table(found: Diagnosis) -> Grid:

@@ -41,6 +41,9 @@ def table(found: Mapping[str, Any]) -> Table:
     ):
         if found[key]:
             made.add_row(said, words.quantity(found[key]["mean"], found[key]["sd"], "N m s"))
+    for one in found.get("promised", []):
+        told = f"promised {one['information_nats']:.1f} nats, gave {one['delivered_nats']:.1f}"
+        made.add_row("test taken", f"{one['test']}: {told}")
     for test in found["next_tests"][: words.MOST_ROWS]:
         made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
         if test["command"]:

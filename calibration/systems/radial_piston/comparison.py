@@ -41,7 +41,7 @@ from calibration.systems.radial_piston.places.forces import forces
 from calibration.systems.radial_piston.places.further_forces import angle_force, not_observable
 from calibration.systems.radial_piston.places.steps_in_time import steps_in_time
 from calibration.systems.radial_piston.places.terms import forms
-from calibration.systems.radial_piston.predict.carried import carried
+from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR, carried
 from calibration.systems.radial_piston.predict.kinds import FLOW, LINE, RUN, SPEED, STANDING, VENTED
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from calibration.systems.radial_piston.predict.wheel import rest_sd
@@ -53,7 +53,6 @@ SEGMENTS = 3  # of each run in time, held out in turn
 SEVERAL = 3  # runs in time from which on each is held out whole
 MOST_LEVELS = 6  # folds of plateaus
 DRAWN_SEGMENTS = 6  # of each run in time, drawn like the pressure levels
-OF_THE_MOTOR = ("port_lap", "roller_friction", "f_overall", "inertia")
 
 
 class Comparison:
@@ -358,7 +357,7 @@ class Comparison:
         if not self.n:
             return
         for plan in planned(self):
-            yield Test(plan.words, "", partial(expected_readings, plan, self), plan.command)
+            yield Test(plan.words, "", partial(expected_readings, plan, self), plan.capture)
         for one in quantities(self, rivals[0]):
             words = f"{one.words}: {one.needs}" if one.needs else one.words
             yield Test(words, one.needs, partial(expected_quantity, one, self.problem))

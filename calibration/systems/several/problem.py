@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.likelihood.compared import Chosen
-from calibration.systems.radial_piston.comparison import OF_THE_MOTOR
+from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from calibration.unknowns.priors import Unknown, column_of
 from model.effects import Effect, EffectParameter

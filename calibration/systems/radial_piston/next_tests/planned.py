@@ -1,4 +1,4 @@
-"""Tests that this bench could make, each as a recording that nobody has taken yet."""
+"""Tests that this bench could make, each as a recording of another day that nobody has taken yet."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import numpy as np
 from calibration.data.blocks import levels
 from calibration.data.runs import RunInTime
 from calibration.data.runs_in_time import placeholders
-from calibration.likelihood.expected import MODEL_SD, Expected
+from calibration.likelihood.expected import MODEL_SD, Capture, Expected
 from calibration.likelihood.function import Function, Predicts
 from calibration.likelihood.mode import Mode
-from calibration.systems.radial_piston.predict.carried import carried
+from calibration.systems.radial_piston.predict.carried import carried, of_any_day
 from calibration.systems.radial_piston.predict.kinds import RUN
 from calibration.unknowns.priors import PASCAL_PER_BAR, column_of
 from model.layout import RPM
-from rig.recording import Column, Recording, RecordingFile
+from rig.recording import LEAST_IN_A_RUN, Column, Recording, RecordingFile
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
@@ -30,9 +30,9 @@ NOISIER = 2.0  # a sample than a plateau, where the recording does not say
 SPIN_UP, COAST_DOWN = (10, 200), (20, 240)  # samples before the valve turns, and in all
 HIGHER, LEAST_HIGHER = 1.3, 1.05  # than the highest level so far; where the motor's speed allows less, so much at least
 OF_THE_LIMIT = 0.95  # of the highest speed that the motor is made for
-PLATEAUS = 10
+PLATEAUS, PLATEAU_S = 10, 4.0  # one right after the other
+IN_TIME = ("coast-down", "spin-up")
 FLYWHEEL = 3.0  # times the rotor's inertia
-LATER_S = 100.0  # after the recording's last reading
 AN_HOUR_S = 3600.0
 ANCHOR = "anchor.csv"  # one plateau, which a recording must have; it is not looked at
 
@@ -45,13 +45,13 @@ class Planned:
     ----------
     recording : Recording
         What it would be read as; speeds and flows are placeholders.
-    command : str
-        That takes it, with BENCH for the bench file; empty where there is none.
+    capture : Capture or None
+        What is taken; None where the bench cannot take it by itself.
     """
 
     words: str
     recording: Recording
-    command: str = ""
+    capture: Capture | None = None
 
 
 def planned(comparison: Comparison) -> list[Planned]:
@@ -64,26 +64,26 @@ def planned(comparison: Comparison) -> list[Planned]:
     found = []
     if bench.columns["speed"]:
         found += [
-            bench.plan(f"coast-down from {pressure:.1f} {unit}", bench.run(pressure, False), pressure_bar=pressure)
+            bench.plan(f"coast-down from {pressure:.1f} {unit}", bench.run(pressure, False), "coast-down", pressure)
             for pressure in (middle, top)
         ]
         heavy = f"coast-down from {middle:.1f} {unit} with a flywheel of three times the inertia"
-        found.append(bench.plan(heavy, bench.run(middle, False, 1.0 + FLYWHEEL), FLYWHEEL, middle))
-        found.append(bench.plan(f"spin-up to {top:.1f} {unit}", bench.run(top, True), pressure_bar=top))
-    later, cold, warm = bench.end + LATER_S, 0.0, bench.end + AN_HOUR_S
+        found.append(bench.plan(heavy, bench.run(middle, False, 1.0 + FLYWHEEL), "coast-down", middle, FLYWHEEL))
+        found.append(bench.plan(f"spin-up to {top:.1f} {unit}", bench.run(top, True), "spin-up", top))
     more = bench.higher()
-    for words, pressure, start in (
-        *([(f"ten plateaus at {more:.1f} {unit}", more, later)] if more >= LEAST_HIGHER * top else []),
-        (f"ten plateaus at {low:.2f} {unit}", low, later),
-        (f"ten plateaus at {middle:.1f} {unit}, cold", middle, cold),
-        (f"ten plateaus at {middle:.1f} {unit}, after an hour's running", middle, warm),
-    ):
-        found.append(bench.plan(words, bench.steady(np.full(PLATEAUS, pressure), start, 4.0)))
+    found += [
+        bench.plan(
+            f"ten plateaus at {level:{digits}} {unit}", bench.steady(np.full(PLATEAUS, level)), "plateaus", level
+        )
+        for level, digits in (*([(more, ".1f")] if more >= LEAST_HIGHER * top else []), (low, ".2f"), (middle, ".1f"))
+    ]
+    warm = bench.steady(np.full(PLATEAUS, middle), AN_HOUR_S)
+    found.append(bench.plan(f"ten plateaus at {middle:.1f} {unit}, after an hour's running", warm))
     steps = np.array([level for level in bench.levels if level <= top])
     if steps.size > 2:
         reversed_ = np.concatenate([steps[::-1], steps])
-        found.append(bench.plan("reversed sweep, from the highest level down and up", bench.steady(reversed_, later)))
-    found.append(bench.plan("zero: read the gauge with the line vented", bench.zero()))
+        found.append(bench.plan("reversed sweep, from the highest level down and up", bench.steady(reversed_)))
+    found.append(bench.plan("zero: read the gauge with the line vented", bench.zero(), "zero"))
     return found
 
 
@@ -102,9 +102,9 @@ class _Bench:
         self.low, self.top = min(self.levels), max(self.levels)
         self.speeds, self.speed_limit = plateaus.speed, comparison.problem.motor.si("speed_limit")
         self.pressures = plateaus.pressure / PASCAL_PER_BAR
-        self.end = float(np.nanmax([plateaus.time.max(), *(run.start_s + run.time[-1] for run in runs)]))
         self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
-        self.sample = float(np.median(np.diff(runs[0].time))) if runs else SAMPLE_S
+        shown_every = self.seen.channels[str(self.columns["speed"])].window_s if self.columns["speed"] else None
+        self.sample = float(np.median(np.diff(runs[0].time))) if runs else max(SAMPLE_S, shown_every or 0.0)
         self.noisier = float(np.max(runs[0].noise_scale)) if runs else NOISIER
         self.inertia = comparison.problem.motor.si("inertia") - self.seen.added_inertia_kg_m2
 
@@ -126,22 +126,21 @@ class _Bench:
         return min(HIGHER * self.top, allowed) if math.isfinite(allowed) else self.top
 
     def plan(
-        self, words: str, file: RecordingFile, flywheel: float = 0.0, pressure_bar: float | None = None
+        self, words: str, file: RecordingFile, kind: str = "", pressure_bar: float | None = None, flywheel: float = 0.0
     ) -> Planned:
-        """A test; ``flywheel`` as a share of the rotor's inertia, ``pressure_bar`` of a run as the gauge shows it."""
-        anchor = replace(self.steady(np.array([self.top]), 0.0), file=ANCHOR)
+        """A test; ``kind`` as it is captured, ``pressure_bar`` as the gauge shows it, ``flywheel`` in rotors."""
+        anchor = replace(self.steady(np.array([self.top])), file=ANCHOR)
         added = self.seen.added_inertia_kg_m2 + flywheel * self.inertia
-        command = "spinbench capture BENCH --kind zero" if file.kind == "zero" else ""
+        added = float(f"{added:.2g}") if flywheel else added
+        level = None
         if pressure_bar is not None:
-            kind = "spin-up" if file.columns["supply_open"].values[-1] > 0.5 else "coast-down"
             level = math.floor(100.0 * (pressure_bar + (self.room if self.is_gauge else 0.0))) / 100.0
-            command = f"spinbench capture BENCH --kind {kind} --level-bar-abs {level:g}"
-            # What is on the shaft stands in the bench file.
-            command += f"  # with added_inertia_kg_m2 = {added:.2g} in BENCH" if flywheel else ""
-        return Planned(words, replace(self.seen, files=(anchor, file), added_inertia_kg_m2=added), command)
+        capture = Capture(kind, level, added if kind in IN_TIME else 0.0) if kind else None
+        return Planned(words, replace(self.seen, files=(anchor, file), added_inertia_kg_m2=added), capture)
 
-    def steady(self, pressure: np.ndarray, start: float, pause: float | None = None) -> RecordingFile:
-        values = {"time_s": (pause or self.pause) * np.arange(pressure.size)} | self._read(pressure)
+    def steady(self, pressure: np.ndarray, start: float = 0.0) -> RecordingFile:
+        pause = self.pause if np.ptp(pressure) > 0.0 else PLATEAU_S
+        values = {"time_s": pause * np.arange(pressure.size)} | self._read(pressure)
         highest = int(np.argmin(pressure)) if pressure.size > PLATEAUS else pressure.size
         way = np.where(np.arange(pressure.size) < highest, "down", "up") if pressure.size > PLATEAUS else None
         return _file("planned.csv", "steady", start, 1.0, values, way)
@@ -155,11 +154,11 @@ class _Bench:
         values |= self._read(line)
         values[str(self.columns["speed"])] = np.where(opened | (not from_rest), 100.0, 0.0)
         values.pop(str(self.columns["flow"]), None)
-        return _file("planned.csv", "transient", self.end + LATER_S, self.noisier, values)
+        return _file("planned.csv", "transient", 0.0, self.noisier, values)
 
     def zero(self) -> RecordingFile:
         values = {str(self.columns["pressure"]): np.full(PLATEAUS, self.ambient)}
-        return _file("planned.csv", "zero", self.end + LATER_S, 1.0, values)
+        return _file("planned.csv", "zero", 0.0, 1.0, values)
 
     def _read(self, pressure: np.ndarray) -> dict[str, np.ndarray]:
         """Placeholders of speed and flow: that there is a reading is all that counts."""
@@ -181,18 +180,25 @@ def _file(
 def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -> list[Expected]:
     """What a test would read under each rival, with all that the recording leaves open of it.
 
-    Instruments' offsets and scales, the motor and the effects are known as well as the recording tells; what is new in
-    each test, such as the shaft's angle, is anybody's guess.
+    The motor, the effects and the errors of instruments that have a serial number are known as well as the recording
+    tells; what is new on another day, such as the room or the shaft's angle, is anybody's guess.
+
+    Raises
+    ------
+    ArithmeticError
+        When the bench's tachometer gives too few readings of a run in time.
     """
     there = seen.of(plan.recording)
-    first = carried(seen.problem, rivals[0], there.problem)[0]
+    stays = of_any_day(seen.problem)
+    first = carried(seen.problem, rivals[0], there.problem, stays)[0]
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
         likely = _mean(there, rivals[0].names)(first)
         there = seen.of(_with_speeds(plan.recording, there.problem.blocks.runs[0], likely.runs[0]))
+        _refuse_too_few(plan.recording, there.problem.blocks.runs[0])
     common = None
     found = []
     for one in rivals:
-        z, covariance, new = carried(seen.problem, one, there.problem)
+        z, covariance, new = carried(seen.problem, one, there.problem, stays)
         mean = _mean(there, one.names)
         here = mean(z)
         f = Function(there, one.names)
@@ -208,6 +214,18 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
         own = J[:, new] @ covariance[np.ix_(new, new)] @ J[:, new].T + np.eye(int(looked_at.sum()))
         found.append(Expected(common(np.nan_to_num(raw))[looked_at], shared, own))
     return found
+
+
+def _refuse_too_few(planned: Recording, run: RunInTime) -> None:
+    """A tachometer of few pulses, or of a slow display, sees too little of a short run."""
+    pulses = planned.channels[str(column_of(planned, "speed"))].pulses_per_rev
+    seconds = np.where(run.used, run.time - run.begin, 0.0)
+    if pulses:
+        readings = float(run.speed @ seconds) / (2.0 * np.pi) * pulses
+    else:
+        readings = float(seconds.sum() / np.median(np.diff(planned.files[1].columns["time_s"].values)))
+    if readings < LEAST_IN_A_RUN:
+        raise FloatingPointError(f"{readings:.0f} readings of the speed where {LEAST_IN_A_RUN} are needed")
 
 
 def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:

@@ -1,0 +1,124 @@
+"""What a test promised, held against what it gave."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.diagnosis.steps.candidate import Candidate
+from calibration.likelihood.expected import Capture
+from rig.recording import Recording, RecordingFile
+
+LEVEL, INERTIA = 0.1, 0.2  # shares by which what was taken may be off what was asked for
+BESIDE = "; "  # between tests that were taken together
+
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a test was expected to tell before it was taken.
+
+    Attributes
+    ----------
+    log_evidence : mapping
+        Of each set of effects that it was to tell apart, by the recordings before it [-].
+    """
+
+    test: str
+    information_nats: float
+    log_evidence: Mapping[Names, float]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A promise, and the odds that the test moved."""
+
+    test: str
+    information_nats: float
+    delivered_nats: float
+
+
+def kept(promise: Promise, candidates: Sequence[Candidate]) -> Kept | None:
+    """What a test gave: how far it moved the log odds of two sets for the likelier of them, the mean over their pairs.
+
+    That is what was promised, with the likelier set in the place of the true one. Negative where the test speaks for
+    the other. None where fewer than two of the sets were weighed again.
+    """
+    now = {one.names: one.log_evidence for one in candidates}
+    pairs = itertools.combinations([names for names in promise.log_evidence if names in now], 2)
+    moved = []
+    for one, other in pairs:
+        after = now[one] - now[other]
+        before = promise.log_evidence[one] - promise.log_evidence[other]
+        moved.append((after - before) * (1.0 if after >= 0.0 else -1.0))
+    if not moved:
+        return None
+    return Kept(promise.test, promise.information_nats, round(float(np.mean(moved)), 2))
+
+
+def asked_for(
+    tests: Sequence[tuple[str, float, Capture]], rivals: Mapping[Names, float], taken: Sequence[Recording]
+) -> Promise | None:
+    """The promise of the tests that new recordings hold; of several that were taken together the largest.
+
+    Parameters
+    ----------
+    tests : sequence of (str, float, Capture)
+        What was asked for, the nats promised [-], and what is to be taken.
+    rivals : mapping
+        Log evidence of each set that they were to tell apart [-].
+    """
+    held = [capture for one in taken for capture in captures_of(one)]
+    found = [(words, nats) for words, nats, wanted in tests if any(_is_like(wanted, one) for one in held)]
+    if not found:
+        return None
+    return Promise(BESIDE.join(words for words, _ in found), max(nats for _, nats in found), rivals)
+
+
+def captures_of(recording: Recording) -> list[Capture]:
+    """What a recording holds, as it would be asked for: runs in time, a zero, plateaus at one level."""
+    room = recording.ambient.pressure_bar_abs or 0.0
+    found = []
+    for file in recording.files:
+        if file.kind == "zero":
+            found.append(Capture("zero"))
+            continue
+        levels = _levels(file, room)
+        if not levels.size:
+            continue
+        added = recording.added_inertia_kg_m2 + file.added_inertia_kg_m2
+        if file.kind == "transient":
+            opened = file.columns["supply_open"].values[-1] > 0.5
+            found.append(Capture("spin-up" if opened else "coast-down", float(np.median(levels)), added))
+        elif np.ptp(levels) <= LEVEL * (np.median(levels) - room):
+            found.append(Capture("plateaus", float(np.median(levels)), added))
+    return found
+
+
+def _levels(file: RecordingFile, room_bar: float) -> np.ndarray:
+    """Absolute pressures of plateaus, or of a run while the supply is open [bar]."""
+    name = next((name for name in file.columns if name.startswith("pressure_bar_")), None)
+    if name is None:
+        return np.empty(0)
+    values = file.columns[name].values + (room_bar if name.endswith("_gauge") else 0.0)
+    if file.kind == "transient":
+        if "supply_open" not in file.columns:
+            return np.empty(0)
+        values = values[file.columns["supply_open"].values > 0.5]
+    found: np.ndarray = values[np.isfinite(values)]
+    return found
+
+
+def _is_like(wanted: Capture, taken: Capture) -> bool:
+    if wanted.kind != taken.kind:
+        return False
+    if wanted.level_bar_abs is None or taken.level_bar_abs is None:
+        return True
+    is_level = abs(taken.level_bar_abs - wanted.level_bar_abs) <= LEVEL * wanted.level_bar_abs
+    least, most = sorted((wanted.added_inertia_kg_m2, taken.added_inertia_kg_m2))
+    turns = wanted.kind != "plateaus"  # at a steady speed a flywheel does nothing
+    return is_level and (not turns or most - least <= INERTIA * most)

@@ -1,0 +1,107 @@
+"""`diagnose --continue`: the recordings of an earlier diagnosis once more, and what its next tests promised."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spinbench import readings
+
+if TYPE_CHECKING:
+    from calibration.diagnosis.next_test.promised import Promise
+    from rig.recording import Recording
+
+RECORDINGS, FOLDER, SHA256, WITHOUT = "recordings", "folder", "sha256", "without"
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """A diagnosis that is gone on with.
+
+    Attributes
+    ----------
+    recordings : list of Recording
+        That it was made of, without what was left out of them.
+    sources : list of dict
+        Those, as its document names them.
+    document : mapping
+        The diagnosis.
+    """
+
+    recordings: list[Recording]
+    sources: list[dict[str, Any]]
+    document: Mapping[str, Any]
+
+    @property
+    def promised(self) -> list[dict[str, Any]]:
+        """What tests before it gave."""
+        return list(self.document.get("promised", []))
+
+    def promise(self, taken: Sequence[Recording]) -> Promise | None:
+        """What it promised of new recordings; None where they hold no test that it asked for."""
+        from calibration.diagnosis.next_test.promised import asked_for
+        from calibration.likelihood.expected import Capture
+
+        tests = [
+            (one["test"], one["information_nats"], Capture(**one["capture"]))
+            for one in self.document["next_tests"]
+            if one.get("capture")
+        ]
+        rivals = {tuple(one["effects"]): one["log_evidence"] for one in self.document.get("rivals", [])}
+        return asked_for(tests, rivals, taken)
+
+
+def read_earlier(out: Path) -> Earlier:
+    """A diagnosis from the folder that its report was written to.
+
+    Raises
+    ------
+    RecordingError
+        When there is none, it does not say what it was made of, or that is not as it was.
+    """
+    from calibration.data.left_out import without
+    from calibration.diagnosis.document import FORMAT
+    from calibration.report.diagnosis.page import JSON
+    from rig.recording import RecordingError
+
+    file = out / JSON
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{file}: no diagnosis to go on with ({error}); name what `diagnose -o` wrote") from None
+    if not isinstance(found, dict) or found.get("format") != FORMAT or not found.get(RECORDINGS):
+        raise RecordingError(f"{file}: it does not say what was diagnosed; name what `spinbench diagnose -o` wrote")
+    parts, sources = [], []
+    for one in found[RECORDINGS]:
+        folder = Path(os.path.normpath(out / one[FOLDER]))
+        if not folder.is_dir():
+            raise RecordingError(f"{folder} is not there any more, and {file} was made of it; name all the recordings")
+        read = readings.read(folder)
+        if read.sha256 != one[SHA256]:
+            raise RecordingError(f"{folder} is not what {file} was made of: it was changed; diagnose it anew")
+        parts += without([read], one[WITHOUT])
+        sources.append(one | {FOLDER: str(folder)})
+    return Earlier(parts, sources, found)
+
+
+def made_of(
+    earlier: Earlier | None, new: Sequence[Recording], left_out: Sequence[str], out: Path | None
+) -> list[dict[str, Any]]:
+    """What a diagnosis was made of, for its document; folders as seen from the one that it is written to."""
+    from calibration.data.joined import names_of
+
+    sources = list(earlier.sources) if earlier else []
+    sources += [{FOLDER: str(one.folder), SHA256: one.sha256, WITHOUT: []} for one in new]
+    names = names_of([*(earlier.recordings if earlier else []), *new])
+    start = (Path.cwd() if out is None else out).resolve()
+    found = []
+    for source, name in zip(sources, names, strict=True):
+        ahead = f"{name}/" if len(names) > 1 else ""
+        also = [asked.removeprefix(ahead) for asked in left_out if asked.startswith(ahead)]
+        folder = os.path.relpath(Path(source[FOLDER]).resolve(), start)
+        found.append(source | {FOLDER: folder, WITHOUT: [*source[WITHOUT], *also]})
+    return found
