@@ -88,25 +88,33 @@ def sweep(
     return read_recording(folder)
 
 
-def add_coast_down(folder: Path, seed: int, chosen: dict[str, dict[str, float]], late: float = 0.0) -> Recording:
-    """A coast-down from 2.0 bar beside the sweep of a folder: 60 samples at 5 ms, of the effects' own solver.
+def add_coast_down(
+    folder: Path,
+    seed: int,
+    chosen: dict[str, dict[str, float]],
+    late: float = 0.0,
+    level_bar: float = 2.0,
+    samples: int = 60,
+) -> Recording:
+    """A coast-down from a level beside the sweep of a folder: samples at 5 ms, of the effects' own solver.
 
     The line is empty later than the samples say, by so many seconds.
     """
     rng = np.random.default_rng(seed)
     motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
     parameters, readings = motor.vector(), motor.readings.vector()
-    line = np.array([2.0e5])
+    line = np.array([level_bar * 1e5])
     start = rest_state(motor, float(rng.random()))
     start[OMEGA] = effect_steady.solve(
         parameters[None, :], readings, line, gas_table(motor, line), chosen, np.zeros(1)
     ).speed[0]
-    time = 0.005 * np.arange(1, 61)
-    supply = [Supply(-0.6, 2.0e5, True), Supply(0.1 + late, 2.0e5, False)]
+    time = 0.005 * np.arange(1, samples + 1)
+    supply = [Supply(-0.6, float(line[0]), True), Supply(0.1 + late, float(line[0]), False)]
     run = effect_transient.simulate(
         parameters, readings, supply, np.concatenate([[-0.6], np.arange(-0.5, 0.0, 0.02), [0.0], time]), start, chosen
     )
-    return _added(folder, "coast_down.csv", 1100.0, run.reading[-time.size :], time, time <= 0.1 + 1e-9, rng)
+    shown = np.where(time <= 0.1 + 1e-9, level_bar, motor.si("ambient_pressure") / 1e5)
+    return _added(folder, "coast_down.csv", 1100.0, run.reading[-time.size :], time, time <= 0.1 + 1e-9, rng, shown)
 
 
 def add_spin_up(folder: Path, seed: int, chosen: dict[str, dict[str, float]], late: float = 0.0) -> Recording:
@@ -122,7 +130,8 @@ def add_spin_up(folder: Path, seed: int, chosen: dict[str, dict[str, float]], la
     run = effect_transient.simulate(motor.vector(), motor.readings.vector(), supply, begun, start, chosen)
     gauge, _, tachometer = _errors(seed, folder)
     reading = run.reading[1:] * (1 + 0.0005 * tachometer[0]) + 0.1 * tachometer[1] / RPM
-    return _added(folder, "spin_up.csv", 1200.0, reading, time, time > 0.05 + 1e-9, rng, gauge)
+    shown = np.where(time > 0.05 + 1e-9, 2.0, 1.01325) * (1 + 0.002 * gauge[0]) + 0.005 * gauge[1]
+    return _added(folder, "spin_up.csv", 1200.0, reading, time, time > 0.05 + 1e-9, rng, shown)
 
 
 def add_held_rotor(folder: Path, seed: int, leak_kg_s: float) -> Recording:
@@ -161,11 +170,10 @@ def _added(
     time: np.ndarray,
     opened: np.ndarray,
     rng: np.random.Generator,
-    gauge: np.ndarray | tuple[float, float] = (0.0, 0.0),
+    line: np.ndarray,
 ) -> Recording:
-    """A folder with one run more, of true speeds [rad/s], their noise added."""
+    """A folder with one run more, of true speeds [rad/s] and the line's pressures [bar], their noise added."""
     speed = np.maximum(reading * RPM + 0.8 * rng.normal(size=time.size), 0.0)
-    line = np.where(opened, 2.0, 1.01325) * (1 + 0.002 * gauge[0]) + 0.005 * gauge[1]
     pressure = line + 0.003 * rng.normal(size=time.size)
     rows = zip(time, opened.astype(int), pressure, speed, strict=True)
     (folder / file).write_text(

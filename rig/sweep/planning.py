@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from rig.bench.bench import Bench
-from rig.plateaus.plan import UP, Step, SweepError, plan
+from rig.plateaus.plan import DOWN, UP, Step, SweepError, plan
 from rig.plateaus.plateau import Plateau
 from rig.sweep import capture
 from rig.sweep.ambient import Ambient
@@ -75,7 +75,10 @@ def capture_course(
     level = capture.level_of(bench) if level_bar_abs is None else level_bar_abs
     check_levels(bench, ambient, [level])
     if kind == "plateaus":
-        steps = [Step(level, UP, repeat) for repeat in range(1, plateaus + 1)]
+        # A low level starts no rotor: it is approached from above, with the rotor turning.
+        higher = capture.level_of(bench)
+        first = [Step(higher, UP, 1)] if level < higher else []
+        steps = first + [Step(level, DOWN if first else UP, repeat) for repeat in range(1, plateaus + 1)]
         return _course(bench, ambient, steps, [], ("start", "end"))
     return _course(bench, ambient, [], [capture.capture_task(bench, ambient, kind, level)], ("start", "end"))
 

@@ -541,6 +541,30 @@ def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_p
     assert (tmp_path / "out" / "replay.png").is_file()
 
 
+def test_plateaus_at_one_level_and_a_flywheel_of_the_command_line_are_in_the_recording(bench, tmp_path):
+    """The flywheel turns on the virtual shaft too: a run in time with it takes longer."""
+    logs = ("--logs", tmp_path / "logs", *DAY)
+    taken = run("capture", bench, "--kind", "plateaus", "--level-bar-abs", "1.25", "--plateaus", "3", *logs)
+    assert taken.returncode == 0, taken.stderr
+    assert run("runs", "export", "last", *logs[:2], "-o", tmp_path / "plateaus").returncode == 0
+    rows = list(csv.DictReader((tmp_path / "plateaus" / "sweep.csv").read_text().splitlines()))
+    assert [float(row["pressure_bar_abs"]) for row in rows][-3:] == pytest.approx([1.25] * 3, abs=0.01)
+    assert all(float(row["speed_rpm"]) > 10.0 for row in rows)
+    asked = ("capture", bench, "--kind", "coast-down", "--level-bar-abs", "1.25", "--added-inertia-kg-m2")
+    assert run(*asked, "0.05", *logs).returncode == 0
+    assert run("runs", "export", "last", *logs[:2], "-o", tmp_path / "heavy").returncode == 0
+    assert "added_inertia_kg_m2 = 0.05\n" in (tmp_path / "heavy" / "recording.toml").read_text()
+    coasted = list(csv.DictReader((tmp_path / "heavy" / "coast_down.csv").read_text().splitlines()))
+    turning = [
+        float(row["time_s"]) for row in coasted if row["supply_open"] == "0" and float(row["speed_rpm"] or 0) > 9
+    ]
+    assert max(turning) - min(turning) > 0.8  # 0.15 s without it
+    refused = run(*asked, "-1", "--logs", tmp_path / "none", *DAY)
+    assert refused.returncode == 2
+    assert "added_inertia_kg_m2" in refused.stderr and "Traceback" not in refused.stderr
+    assert not (tmp_path / "none").exists()
+
+
 def test_a_log_that_cannot_be_written_ends_with_what_is_known_of_the_line(bench, tmp_path):
     """The kernel's limit on a file's size stands in for a full disk."""
     limit = 60_000

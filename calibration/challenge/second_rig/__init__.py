@@ -15,8 +15,8 @@ signatures, runs_seen, small_torques, separable  what a recording can tell apart
 """
 
 from calibration.challenge.second_rig.draws import draw
-from calibration.challenge.second_rig.recordings import follow_up, make_recording
+from calibration.challenge.second_rig.recordings import another_day, follow_up, make_recording
 from calibration.challenge.second_rig.separable import separable
 from calibration.challenge.second_rig.truth import Truth
 
-__all__ = ["Truth", "draw", "follow_up", "make_recording", "separable"]
+__all__ = ["Truth", "another_day", "draw", "follow_up", "make_recording", "separable"]

@@ -32,6 +32,7 @@ HALF_STAMP_S = 5e-7
 LATER_S = 1200.0  # when a further test begins
 FLYWHEEL_KG_M2 = 0.015  # three times the rotor's inertia
 PLATEAUS = 10  # of a further test at one level
+ROOM_SD_BAR = 0.01  # from day to day
 LIMITS_BAR = (1.12, 3.5)  # of the bench
 
 
@@ -66,6 +67,30 @@ def follow_up(truth: Truth, test: str | Mapping[str, Any], folder: Path) -> None
     files = _files(truth, inertia, "with a flywheel" if inertia else "")
     files.append(_further(truth, words, inertia))
     _write(truth, folder, files, inertia)
+
+
+def another_day(truth: Truth, capture: Mapping[str, Any], day: int, folder: Path) -> None:
+    """Write a recording of the test that was asked for alone, taken with the same instruments in another room.
+
+    Parameters
+    ----------
+    capture : mapping
+        ``kind``, ``level_bar_abs`` and ``added_inertia_kg_m2``, as in ``next_tests`` of a diagnosis.
+    day : int
+        Draws the room and the noise [-].
+    """
+    kind, inertia = str(capture["kind"]), float(capture["added_inertia_kg_m2"])
+    level = float(np.clip(capture["level_bar_abs"] or RUN_BAR, *LIMITS_BAR))
+    purpose = f"day {day}|{kind} {level:g}"
+    higher_bar = round(float(truth.rng(f"{purpose}|room").normal(0.0, ROOM_SD_BAR)), 4)
+    there = replace(truth, nuisances=truth.nuisances | {"ambient_pa": truth.nuisances["ambient_pa"] + higher_bar * BAR})
+    if kind == "zero":
+        file = _zero(there, inertia, purpose)
+    elif kind == "plateaus":
+        file = _steady(there, np.full(PLATEAUS, level), 0.0, inertia, purpose, "plateaus.csv", False)
+    else:
+        file = _run(there, level, kind == "spin-up", 0.0, inertia, purpose, f"{kind.replace('-', '_')}.csv")
+    _write(there, folder, [file], inertia, higher_bar)
 
 
 def _files(truth: Truth, inertia: float, session: str) -> list[File]:
@@ -205,8 +230,8 @@ def before(truth: Truth, up: bool) -> int:
     return max(SPIN_UP_FROM if up else COAST_DOWN_FROM, round(max(spans) / bench.SAMPLE_S))
 
 
-def _write(truth: Truth, folder: Path, files: list[File], inertia: float) -> None:
+def _write(truth: Truth, folder: Path, files: list[File], inertia: float, higher_bar: float = 0.0) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for file in files:
         sheets.write_file(folder, file)
-    (folder / "recording.toml").write_text(sheets.head(files, inertia, truth.told()), encoding="utf-8")
+    (folder / "recording.toml").write_text(sheets.head(files, inertia, truth.told(), higher_bar), encoding="utf-8")

@@ -139,20 +139,29 @@ def write_file(folder: Path, file: File) -> None:
     (folder / file.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def head(files: list[File], added_inertia: float, told: Mapping[str, Any]) -> str:
+def head(files: list[File], added_inertia: float, told: Mapping[str, Any], higher_bar: float = 0.0) -> str:
     """recording.toml: every case declares the same noise and errors; how a speed is made, and the line, as it has them.
 
     Parameters
     ----------
     added_inertia : float
         Of a flywheel [kg m2].
+    higher_bar : float
+        By which the room's pressure is another day's [bar].
     """
     lines = ['format = "recording/1"', 'motor = "ptm3600"', "files = ["]
     for file in files:
         start = "" if file.start_s is None else f", start_s = {file.start_s:.1f}"
         noise = "" if file.noise_scale == 1.0 else f", noise_scale = {file.noise_scale:.1f}"
         lines.append(f'    {{ file = "{file.name}", kind = "{file.kind}"{start}{noise} }},')
-    lines += ["]", "", "[ambient]", "pressure_bar_abs = 1.01325", "pressure_sd_bar = 0.0015", "temperature_c = 20.0"]
+    lines += [
+        "]",
+        "",
+        "[ambient]",
+        f"pressure_bar_abs = {1.01325 + higher_bar:.5f}",
+        "pressure_sd_bar = 0.0015",
+        "temperature_c = 20.0",
+    ]
     lines += ["relative_humidity = 0.0"]
     for channel, column in COLUMN.items():
         lines += ["", f"[channels.{column}]", f"noise_sd = {NOISE[channel]}", f"bias_sd = {BIAS[channel]}"]

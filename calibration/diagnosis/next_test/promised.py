@@ -80,7 +80,7 @@ def asked_for(
 
 
 def captures_of(recording: Recording) -> list[Capture]:
-    """What a recording holds, as it would be asked for: runs in time, a zero, plateaus at one level."""
+    """What a recording holds, as it would be asked for: runs in time, a zero, plateaus mostly at one level."""
     room = recording.ambient.pressure_bar_abs or 0.0
     found = []
     for file in recording.files:
@@ -94,7 +94,7 @@ def captures_of(recording: Recording) -> list[Capture]:
         if file.kind == "transient":
             opened = file.columns["supply_open"].values[-1] > 0.5
             found.append(Capture("spin-up" if opened else "coast-down", float(np.median(levels)), added))
-        elif np.ptp(levels) <= LEVEL * (np.median(levels) - room):
+        elif np.mean(np.abs(levels - np.median(levels)) <= LEVEL * (np.median(levels) - room)) > 0.5:
             found.append(Capture("plateaus", float(np.median(levels)), added))
     return found
 

@@ -28,13 +28,15 @@ ANOTHER_DAY = (
 )
 
 
-def on_another_day(folder: Path, seed: int, chosen: dict, monkeypatch: pytest.MonkeyPatch, heavy: bool) -> Recording:
+def on_another_day(
+    folder: Path, seed: int, chosen: dict, monkeypatch: pytest.MonkeyPatch, heavy: bool, **run: float
+) -> Recording:
     """A sweep in another ambient, with other noise figures; with a flywheel also a coast-down."""
     flywheel = f"[rig]\nadded_inertia_kg_m2 = {3.0 * ROTOR:.6f}\n" if heavy else ""
     with monkeypatch.context() as day:
         day.setattr(recordings, "HEAD", ANOTHER_DAY + flywheel)
         found = recordings.sweep(folder, seed, chosen)
-        return recordings.add_coast_down(folder, seed, chosen) if heavy else found
+        return recordings.add_coast_down(folder, seed, chosen, **run) if heavy else found
 
 
 def test_one_recording_among_several_is_that_recording(tmp_path: Path) -> None:
@@ -72,7 +74,7 @@ def test_a_flywheel_run_of_another_day_shows_the_dry_friction_that_a_recording_h
     first = alone["next_tests"][0]
     assert "flywheel" in first["test"]
     assert first["command"].startswith("spinbench capture BENCH --kind coast-down --level-bar-abs 1.")
-    assert "added_inertia_kg_m2 = 0.015 in BENCH" in first["command"]
+    assert first["command"].endswith(" --added-inertia-kg-m2 0.015")
     heavy = on_another_day(tmp_path / "heavy", 8, FRICTION, monkeypatch, True)
     both = as_json(diagnose([swept, heavy], 1))
     assert both["verdict"] in ("named", "confounded")

@@ -1,0 +1,231 @@
+"""What a test that a diagnosis asks for promised, against what it gave, on cases of the second rig.
+
+Each case is diagnosed. Where more than one explanation stays open, the first test that this bench can take is simulated
+as a recording of another day and given back; then once more. What is drawn is the challenge's make-up, nulls included.
+
+    python -m calibration.studies.follow_ups -o out/follow_ups     # resumable: a case that is there is not made again
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.studies.campaigns import OtherCodeError, add_options, go, results_of, whole_number
+from calibration.work.many import Item, Result, Tell
+from calibration.work.sources import DIAGNOSIS, imported_sha256
+from rig.recording.files import json_bytes, write_files
+
+FAMILY = "development"
+FIRST_SEED, CASES = 300_000, 100
+SEED = 1  # of each diagnosis
+DAYS = 2  # tests that are taken, at most
+TOLD_APART = 10.0  # nats promised, above which a promise is held against what came of it
+PAGE = ("follow_ups.json", "follow_ups.md", "follow_ups.png")
+
+
+def code_of_a_case() -> str:
+    """The hash of what a case hangs on: the second rig, and the diagnosis."""
+    return imported_sha256("calibration.challenge.second_rig", DIAGNOSIS)
+
+
+def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
+    """One case: its diagnosis, and those with a test of another day in them.
+
+    Parameters
+    ----------
+    argument : mapping
+        ``seed`` of the draw, and ``code``, the hash of the sources that the campaign began with.
+
+    Returns
+    -------
+    dict
+        ``ids`` concealed, and ``steps``: of each diagnosis its verdict, what it is worth, and the test that was given
+        back before it with the nats promised and delivered.
+    """
+    from calibration.challenge.second_rig import another_day, draw, make_recording
+    from calibration.data.joined import as_given
+    from calibration.diagnosis.diagnose import diagnose
+    from calibration.diagnosis.next_test.promised import Promise
+    from rig.recording import read_recording
+
+    if code_of_a_case() != argument["code"]:
+        raise OtherCodeError("this worker has other code than the campaign")
+    truth = draw(FAMILY, argument["seed"], "follow-ups")
+    with tempfile.TemporaryDirectory() as place:
+        folders = [Path(place) / "first"]
+        make_recording(truth, folders[0])
+        found = diagnose(read_recording(folders[0]), SEED)
+        steps = [_step(truth, found)]
+        for day in range(1, DAYS + 1):
+            test = next((one for one in found.next_tests if one.capture), None)
+            if test is None or test.capture is None:
+                break
+            promise = Promise(test.test, test.information_nats, {one.names: one.log_evidence for one in found.rivals})
+            folders.append(Path(place) / f"day_{day}")
+            another_day(truth, asdict(test.capture), day, folders[-1])
+            found = diagnose(as_given([read_recording(one) for one in folders]), SEED, promises=[promise])
+            steps.append(_step(truth, found))
+    return {"ids": truth.ids, "category": truth.category, "steps": steps}
+
+
+def _step(truth: Any, found: Any) -> dict[str, Any]:
+    from calibration.challenge.scoring.judging import outcome
+    from calibration.diagnosis.document import as_json
+
+    document = as_json(found)
+    concealed = frozenset() if truth.category in ("none", "not_in_library") else frozenset(truth.ids)
+    rivals = [sorted(one.names) for one in found.rivals]
+    return {
+        "verdict": document["verdict"],
+        "outcome": outcome(truth.category, concealed, document),
+        "sets": [[one["id"] for one in document["effects"]], *document["alternatives"]],
+        "rivals": rivals,
+        "is_rival": sorted(concealed) in rivals,
+        "promised": document["promised"],
+    }
+
+
+def run_campaign(
+    cases: int,
+    out: Path,
+    workers: int,
+    scheduler: str | None = None,
+    first_seed: int = FIRST_SEED,
+    tell: Tell = lambda done, total, name: None,
+) -> dict[str, Any]:
+    """Make the cases that are not there yet, and write what all of them say: ``follow_ups.json``, ``.md``, ``.png``.
+
+    Raises
+    ------
+    ClusterError
+        When no scheduler answers, or it is lost on the way.
+    """
+    code = code_of_a_case()
+    items = [Item(f"case-{seed}", {"seed": seed, "code": code}, code) for seed in range(first_seed, first_seed + cases)]
+    results = results_of(followed, items, out, workers, scheduler, tell)
+    found = summary(results, code)
+    files = {"follow_ups.json": json_bytes(found), "follow_ups.md": page(found).encode()}
+    write_files(out, files | {"follow_ups.png": picture(found)})
+    return found
+
+
+def summary(results: Sequence[Result], code: str) -> dict[str, Any]:
+    """What the cases come to."""
+    done = [one.value for one in results if one.value]
+    open_ = [one for one in done if len(one["steps"]) > 1]
+    given = [
+        {"ids": one["ids"], **promised} for one in open_ for step in one["steps"][1:] for promised in step["promised"]
+    ]
+    ratios = [one["delivered_nats"] / one["information_nats"] for one in given if one["information_nats"] > TOLD_APART]
+    apart = [one for one in open_ if one["ids"] and _told_apart(one)]
+    return {
+        "code": code,
+        "cases": len(done),
+        "failed": [f"{one.name}: {one.error}" for one in results if not one.value],
+        "open": len(open_),
+        "promises": given,
+        "ratio_median": float(np.median(ratios)) if ratios else None,
+        "ratio_quartiles": np.quantile(ratios, [0.25, 0.75]).tolist() if ratios else None,
+        "ratios": len(ratios),
+        "told_apart": len(apart),
+        "named_after": [sum(_is_named(one, day) for one in apart) for day in range(1, DAYS + 1)],
+        "wrong_before": sum(one["steps"][0]["outcome"] in WRONG for one in done),
+        "wrong_after": sum(one["steps"][-1]["outcome"] in WRONG for one in open_),
+        "rows": [
+            {
+                "ids": one["ids"],
+                "outcomes": [step["outcome"] for step in one["steps"]],
+                "tests": [promised["test"] for step in one["steps"] for promised in step["promised"]],
+            }
+            for one in open_
+        ],
+    }
+
+
+WRONG = ("wrong name", "false alarm")
+
+
+def _told_apart(one: Mapping[str, Any]) -> bool:
+    """Whether the truth was among what a test was to tell apart, and certainty was promised."""
+    pairs = zip(one["steps"][:-1], one["steps"][1:], strict=True)
+    return any(
+        before["is_rival"] and promised["information_nats"] > TOLD_APART
+        for before, after in pairs
+        for promised in after["promised"]
+    )
+
+
+def _is_named(one: Mapping[str, Any], day: int) -> bool:
+    return any(step["outcome"] == "right" for step in one["steps"][1 : day + 1])
+
+
+def page(found: Mapping[str, Any]) -> str:
+    """The result in words and a table."""
+    quartiles = found["ratio_quartiles"]
+    lines = [
+        "# What tests promised, and what they gave",
+        "",
+        f"{found['cases']} cases of the second rig; {found['open']} stayed open between explanations. Of those the",
+        "first test that the bench can take was simulated as a recording of another day and given back, at most twice.",
+        "",
+        f"- Promises above {TOLD_APART:g} nats: {found['ratios']}. Delivered over promised: median "
+        + (f"{found['ratio_median']:.2f}, quartiles {quartiles[0]:.2f} and {quartiles[1]:.2f}." if quartiles else "-."),
+        f"- The truth among what such a test was to tell apart: {found['told_apart']} cases. Named after one test: "
+        f"{found['named_after'][0]}, after two: {found['named_after'][1]}.",
+        f"- Wrong names and false alarms: {found['wrong_before']} of {found['cases']} before, "
+        f"{found['wrong_after']} of {found['open']} after.",
+        f"- Failed: {len(found['failed'])}.",
+        "",
+        "![promised against delivered](follow_ups.png)",
+        "",
+        "| concealed | what the diagnoses were worth | tests |",
+        "|---|---|---|",
+    ]
+    lines += [
+        f"| {' + '.join(one['ids']) or 'nothing'} | {', then '.join(one['outcomes'])} | {'; '.join(one['tests'])} |"
+        for one in found["rows"]
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def picture(found: Mapping[str, Any]) -> bytes:
+    """Promised against delivered nats, as a PNG."""
+    from calibration.report.style import FAINT, MEASURED, drawing, name_axes, png
+
+    given = found["promises"]
+    with drawing() as (figure, axes):
+        axes.axline((0.0, 0.0), (1.0, 1.0), color=FAINT, linewidth=0.8)
+        axes.plot(*([one[key] for one in given] for key in ("information_nats", "delivered_nats")), **MEASURED)
+        axes.set_xscale("symlog", linthresh=1.0)
+        axes.set_yscale("symlog", linthresh=1.0)
+        name_axes(axes, ("promised", "nats"), ("delivered", "nats"))
+        return png(figure)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the campaign of a command line, print its page, and return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m calibration.studies.follow_ups", description=__doc__.splitlines()[0] if __doc__ else ""
+    )
+    parser.add_argument("--cases", type=whole_number, default=CASES, help="cases that are drawn (%(default)s)")
+    add_options(parser, FIRST_SEED, "of the cases", PAGE)
+    given = parser.parse_args(arguments)
+    run = partial(run_campaign, given.cases, given.out, given.workers, given.scheduler, given.first_seed)
+    found = go("follow_ups", given, PAGE, run)
+    if isinstance(found, int):
+        return found
+    print(page(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,96 @@
+"""The test that a diagnosis asks for is taken and given back to it, by the command line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tests.diagnosis_recordings as recordings
+from calibration.diagnosis.next_test.promised import Kept, Promise, captures_of, kept
+from calibration.diagnosis.steps.candidate import Candidate
+from rig.recording import read_recording, write_recording
+from tests.calibration.diagnosis.test_several_recordings import FRICTION, on_another_day
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory) -> Path:
+    """A recording that hides dry friction, and the run with a flywheel that its diagnosis asks for, of another day."""
+    folder = tmp_path_factory.mktemp("asked")
+    recordings.sweep(folder / "swept", 3, FRICTION)
+    recordings.add_coast_down(folder / "swept", 3, FRICTION)
+    with pytest.MonkeyPatch.context() as day:
+        heavy = on_another_day(folder / "whole", 8, FRICTION, day, True, level_bar=1.7, samples=240)
+    channels = {name: one for name, one in heavy.channels.items() if name != "flow_l_min"}
+    write_recording(replace(heavy, files=heavy.files[1:], channels=channels), folder / "flywheel")
+    return folder
+
+
+def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_here):
+    done = spinbench_here("diagnose", "swept", "-o", "first", cwd=asked)
+    assert done.returncode == 0, done.stderr
+    first = json.loads((asked / "first" / "diagnosis.json").read_text())
+    wanted = first["next_tests"][0]
+    assert "flywheel" in wanted["test"] and wanted["information_nats"] > 5.0
+    assert {"effects": ["coulomb_friction"]}.items() <= first["rivals"][1].items()
+
+    done = spinbench_here("diagnose", "--continue", "first", "flywheel", "-o", "second", cwd=asked)
+    assert done.returncode == 0, done.stderr
+    second = json.loads((asked / "second" / "diagnosis.json").read_text())
+    assert [one["folder"] for one in second["recordings"]] == ["../swept", "../flywheel"]
+    assert ["coulomb_friction"] in [[one["id"] for one in second["effects"]], *second["alternatives"]]
+    assert len(second["promised"]) == 1, done.stderr
+    promised = second["promised"][0]
+    assert promised["test"] == wanted["test"]
+    assert promised["information_nats"] == wanted["information_nats"]
+    assert 0.2 < promised["delivered_nats"] / promised["information_nats"] < 5.0
+    assert f"gave {promised['delivered_nats']:.1f}" in done.stdout
+    page = next((asked / "second").glob("report.html")).read_text()
+    assert "What the tests that were asked for have given" in page
+    assert f"<td>{promised['delivered_nats']:.1f}</td>" in page
+
+    moved = asked / "elsewhere"
+    shutil.copytree(asked / "first", moved / "first")
+    refused = spinbench_here("diagnose", "--continue", "elsewhere/first", "flywheel", "-o", "third", cwd=asked)
+    assert refused.returncode == 2
+    assert "elsewhere/swept is not there any more" in refused.stderr
+    shutil.copytree(asked / "swept", moved / "swept")
+    sheet = moved / "swept" / "sweep.csv"
+    sheet.write_text(sheet.read_text().replace("up", "down", 1))
+    refused = spinbench_here("diagnose", "--continue", "elsewhere/first", "flywheel", "-o", "third", cwd=asked)
+    assert refused.returncode == 2
+    assert "it was changed" in refused.stderr
+    assert not (asked / "third").exists()
+
+
+@pytest.mark.parametrize("content", [None, "{", '{"format": "diagnosis/1"}'])
+def test_what_is_no_diagnosis_is_not_gone_on_with(content, asked, tmp_path, spinbench_here):
+    if content is not None:
+        (tmp_path / "diagnosis.json").write_text(content)
+    done = spinbench_here("diagnose", "--continue", tmp_path, "flywheel", "-o", tmp_path / "out", cwd=asked)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr and str(tmp_path / "diagnosis.json") in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_recording_holds_is_told_as_it_is_asked_for(asked):
+    (run,) = captures_of(read_recording(asked / "flywheel"))
+    assert run.kind == "coast-down"
+    assert run.added_inertia_kg_m2 == pytest.approx(0.015, rel=0.05)
+    sweep = captures_of(read_recording(asked / "swept"))
+    assert [one.kind for one in sweep] == ["coast-down"]  # a sweep of many levels is none that is asked for
+
+
+def test_what_a_test_gave_is_what_it_moved_the_odds_of_the_likelier_by():
+    def candidate(names: tuple[str, ...], log_evidence: float) -> Candidate:
+        return Candidate(names, None, log_evidence, 0.5)
+
+    promise = Promise("a test", 12.0, {(): -10.0, ("windage",): -12.0, ("leakage",): -11.0})
+    now = [candidate((), -60.0), candidate(("windage",), -50.0), candidate(("leakage",), -60.5)]
+    moved = [10.0 + 2.0, 0.5 - 1.0, 10.5 + 1.0]  # windage and nothing, nothing and leakage, windage and leakage
+    assert kept(promise, now) == Kept("a test", 12.0, round(float(np.mean(moved)), 2))
+    assert kept(promise, now[:1]) is None
