@@ -550,7 +550,7 @@ def test_plateaus_at_one_level_and_a_flywheel_of_the_command_line_are_in_the_rec
     rows = list(csv.DictReader((tmp_path / "plateaus" / "sweep.csv").read_text().splitlines()))
     assert [float(row["pressure_bar_abs"]) for row in rows][-3:] == pytest.approx([1.25] * 3, abs=0.01)
     assert all(float(row["speed_rpm"]) > 10.0 for row in rows)
-    asked = ("capture", bench, "--kind", "coast-down", "--level-bar-abs", "1.25", "--added-inertia-kg-m2")
+    asked = ("capture", bench, "--kind", "coast-down", "--level-bar-abs", "1.5", "--added-inertia-kg-m2")
     assert run(*asked, "0.05", *logs).returncode == 0
     assert run("runs", "export", "last", *logs[:2], "-o", tmp_path / "heavy").returncode == 0
     assert "added_inertia_kg_m2 = 0.05\n" in (tmp_path / "heavy" / "recording.toml").read_text()
