@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test quick quick-tests lint kernels bench chain sbc nulls evidence kills docs-commands challenge record demonstration figures house lock \
+.PHONY: help setup demo demo-sweep test quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills docs-commands challenge record demonstration figures house lock \
   clean clean-cache
 
 help:
@@ -32,6 +32,7 @@ help:
 	@echo "make chain   from bytes to a verdict on benches of many kinds, and on benches that conceal something (hours)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
+	@echo "make follow-ups   what recommended tests promise against what they give, on 100 cases (hours, resumable)"
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
 	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (long, resumable)"
 	@echo "make record  the full blind record, in parts, and its page (hours, resumable)"
@@ -109,6 +110,10 @@ chain: $(STAMP)
 
 sbc: $(STAMP)
 	$(ONE_THREAD) $(BIN)/python -m calibration.studies.sbc -o $(OUT)/sbc --page docs/figures
+
+# PAGE=docs/follow_ups also writes the page there.
+follow-ups: $(STAMP)
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.follow_ups -o $(OUT)/follow_ups $(if $(PAGE),--page $(PAGE))
 
 # PAGE=docs/nulls also writes the page there.
 nulls: $(STAMP)
