@@ -234,23 +234,16 @@ def curve(parameters: np.ndarray, c: np.ndarray) -> None:
 def place(psi: float, c: np.ndarray) -> tuple[float, float, float, float]:
     """Everything that follows from the angle of one cylinder.
 
+    Returns `L4`: motor centre to roller centre [m]; `sin_phi`: sine of phi [-], negative in the first half (the piston
+    is pushed in), positive in the second; `cos_phi`: cosine of phi [-]; `r`: motor centre to the touch point of roller
+    and curve [m].
+
     Parameters
     ----------
     psi : float
         Cylinder angle within a lobe, 0..pi/2 [rad].
     c : ndarray, shape (8,)
         The curve, of `curve`.
-
-    Returns
-    -------
-    L4 : float
-        Motor centre to roller centre [m].
-    sin_phi : float
-        Sine of phi [-], negative in the first half (the piston is pushed in), positive in the second.
-    cos_phi : float
-        Cosine of phi [-].
-    r : float
-        Motor centre to the touch point of roller and curve [m].
     """
     if psi <= 0.25 * math.pi:
         th = psi
@@ -287,17 +280,14 @@ def lowest_volume(parameters: np.ndarray) -> float:
 def table(parameters: np.ndarray, psi: np.ndarray) -> dict[str, np.ndarray]:
     """The geometry over the angle, as Fig. 5 of the article shows it.
 
+    Returns dict of ndarray, shape (n,): ``L4_m``, ``phi_rad``, ``r_m``, ``V_m3`` and ``dL4_dpsi_m`` (= L4 tan phi).
+
     Parameters
     ----------
     parameters : ndarray, shape (24,)
         One parameter set [SI].
     psi : ndarray, shape (n,)
         Angles of one cylinder [rad]; any turn.
-
-    Returns
-    -------
-    dict of ndarray, shape (n,)
-        ``L4_m``, ``phi_rad``, ``r_m``, ``V_m3`` and ``dL4_dpsi_m`` (= L4 tan phi).
     """
     c = np.empty(at.N_CURVE)
     curve(parameters, c)

@@ -106,7 +106,7 @@ class Reproduction:
 
 
 def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
-    """Compute what the article shows.
+    """Compute what the article shows. Returns figures and tables as arrays.
 
     Parameters
     ----------
@@ -114,11 +114,6 @@ def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
         The published motor.
     measured : Measured, optional
         Table 3; without it nothing is compared with measurements.
-
-    Returns
-    -------
-    Reproduction
-        Figures and tables as arrays.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
     run = march(motor, PRESSURE_SHOWN)
@@ -150,7 +145,7 @@ def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
 
 
 def averaged_speeds(motor: Motor, pressures: np.ndarray, **values: float) -> np.ndarray:
-    """Averaged speed of the published algorithm.
+    """Averaged speed of the published algorithm. Returns an array, shape (n,): speeds [rpm].
 
     Parameters
     ----------
@@ -160,11 +155,6 @@ def averaged_speeds(motor: Motor, pressures: np.ndarray, **values: float) -> np.
         Absolute inlet pressures [Pa].
     **values : float
         Parameters to change, each in its own unit.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Speeds [rpm].
     """
     changed = motor.with_values(values)
     return np.array([march(changed, float(P)).mean_speed_rpm for P in pressures])

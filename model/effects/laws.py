@@ -63,15 +63,12 @@ def rows_of(chosen: Chosen, which: np.ndarray) -> dict[str, Values]:
 def members(chosen: Chosen) -> Members:
     """The effects of a set with their values, in alphabetical order whatever the set's: composing has one result.
 
+    Raises KeyError when no effect has that id.
+
     Parameters
     ----------
     chosen : mapping of str to mapping
         Effect id to the values of its parameters.
-
-    Raises
-    ------
-    KeyError
-        When no effect has that id.
     """
     return [(effects()[name], chosen[name]) for name in sorted(chosen)]
 
@@ -79,17 +76,14 @@ def members(chosen: Chosen) -> Members:
 def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
     """Parameters with the factors of a set on them.
 
+    Returns a copy where there is a factor; the same array where there is none.
+
     Parameters
     ----------
     parameters : ndarray, shape (..., 24)
         Parameter sets [SI].
     chosen : mapping
         The set.
-
-    Returns
-    -------
-    ndarray
-        A copy where there is a factor; the same array where there is none.
     """
     for effect, values in members(chosen):
         for name, factor in effect.factors.items():
@@ -152,6 +146,9 @@ def leak(chosen: Chosen, state: State) -> np.ndarray:
 def tangent(here: float, faster: float, loaded: float, speed: float, load: float) -> tuple[float, float, float]:
     """A torque as a share of f_overall, a constant, and a share of the roller factor.
 
+    Returns `slope`: share of f_overall [N m s]; `constant`: opposing torque [N m]; `roller`: share of the roller factor
+    [-].
+
     Parameters
     ----------
     here, faster, loaded : float
@@ -160,15 +157,6 @@ def tangent(here: float, faster: float, loaded: float, speed: float, load: float
         Size of the speed [rad/s].
     load : float
         Roller torque per unit of f_r [N m].
-
-    Returns
-    -------
-    slope : float
-        Share of f_overall [N m s].
-    constant : float
-        Opposing torque [N m].
-    roller : float
-        Share of the roller factor [-].
     """
     roller = (loaded - here) / LOAD_STEP
     rest = here - roller * load
@@ -214,6 +202,8 @@ def _add_torques(rows: np.ndarray, torques: np.ndarray, speed: np.ndarray, load:
 def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_friction: float = -np.inf) -> np.ndarray:
     """Parameters of each row with the set's torques and pressure losses in them, at the state as it stands.
 
+    Returns an array, shape (n, 24): a copy.
+
     Parameters
     ----------
     parameters : ndarray, shape (n, 24)
@@ -224,11 +214,6 @@ def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_f
         Operating state, arrays of shape (n,).
     least_friction : float
         Share of f_overall that is left where a torque falls with speed [-]; unbounded when left out.
-
-    Returns
-    -------
-    ndarray, shape (n, 24)
-        A copy.
     """
     changed = parameters.copy()
     those = members(chosen)

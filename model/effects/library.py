@@ -13,10 +13,7 @@ from model.effects.effect import Effect
 def effects() -> dict[str, Effect]:
     """Every effect by its id, in alphabetical order.
 
-    Raises
-    ------
-    ValueError
-        When a module's effect has another id than the module's name.
+    Raises ValueError when a module's effect has another id than the module's name.
     """
     room = importlib.import_module("model.effects.definitions")
     found = {}

@@ -57,6 +57,8 @@ def solve(
 ) -> Points:
     """Operating points of rows that each have a pressure and parameters of their own.
 
+    Returns where the passes do not agree, ``running`` is False.
+
     Parameters
     ----------
     parameters : ndarray, shape (n, 24)
@@ -73,11 +75,6 @@ def solve(
         Of each row on the recording's clock [s].
     slopes : bool
         Derivatives with pressure too, to 1 %; an effect's share in them is left aside.
-
-    Returns
-    -------
-    Points
-        Where the passes do not agree, ``running`` is False.
     """
     chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
@@ -160,6 +157,8 @@ def one_pass(
 ) -> tuple[np.ndarray, State]:
     """The effects at a state, and the base solver with them. A state that this leads back to is a solution.
 
+    Returns `out`, shape (n, 9): of the base solver; `state`: at which it arrives.
+
     Parameters
     ----------
     parameters : ndarray, shape (n, 24)
@@ -170,13 +169,6 @@ def one_pass(
         At which the laws are taken.
     solver : callable
         From rows of parameters to the base solver's array.
-
-    Returns
-    -------
-    out : ndarray, shape (n, 9)
-        Of the base solver.
-    state : State
-        At which it arrives.
     """
     changed = laws.row_parameters(parameters, chosen, state, laws.LEAST_FRICTION)
     out = solver(changed)

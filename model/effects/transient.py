@@ -69,6 +69,8 @@ def simulate(
 ) -> Run:
     """Simulate from the first to the last sample.
 
+    Returns the samples. Raises ArithmeticError when the integration fails.
+
     Parameters
     ----------
     parameters : ndarray, shape (24,)
@@ -87,16 +89,6 @@ def simulate(
         Time of the recording's clock at time 0 of the run [s].
     stride : int
         Samples from one look at the laws to the next [-].
-
-    Returns
-    -------
-    Run
-        The samples.
-
-    Raises
-    ------
-    ArithmeticError
-        When the integration fails.
     """
     chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)

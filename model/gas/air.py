@@ -55,20 +55,12 @@ def _evaluate(
 def saturation_vapour_pressure(T: ArrayLike) -> Any:
     """Pressure of saturated water vapour without air, over ice below 273.16 K.
 
+    Returns pressure [Pa]. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     T : float or array
         Temperature [K], 230-400.
-
-    Returns
-    -------
-    float or array
-        Pressure [Pa].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -80,22 +72,14 @@ def saturation_vapour_pressure(T: ArrayLike) -> Any:
 def enhancement_factor(T: ArrayLike, P: ArrayLike) -> Any:
     """Factor by which air raises the pressure of saturated water vapour.
 
+    Returns factor [-]; 1 where the water boils. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     T : float or array
         Temperature [K], 230-400.
     P : float or array
         Absolute pressure [Pa], 0.5e5-8e5.
-
-    Returns
-    -------
-    float or array
-        Factor [-]; 1 where the water boils.
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -107,6 +91,9 @@ def enhancement_factor(T: ArrayLike, P: ArrayLike) -> Any:
 def water_fraction(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
     """Mole fraction of water at a relative humidity, x_w = humidity f p_sv/P.
 
+    Returns mole fraction [mol/mol]. Raises ValueError where an argument is outside its range, or the result exceeds
+    0.35: mostly steam, not moist air.
+
     Parameters
     ----------
     T : float or array
@@ -115,16 +102,6 @@ def water_fraction(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
         Absolute pressure [Pa], 0.5e5-8e5.
     humidity : float or array
         Relative humidity [fraction of saturation], 0-1; over ice below 273.16 K.
-
-    Returns
-    -------
-    float or array
-        Mole fraction [mol/mol].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range, or the result exceeds 0.35: mostly steam, not moist air.
 
     Notes
     -----
@@ -136,20 +113,12 @@ def water_fraction(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
 def molar_mass(x_w: ArrayLike) -> Any:
     """Molar mass of moist air, dry air counted with 400 ppm of CO2.
 
+    Returns molar mass [kg/mol]. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Molar mass [kg/mol].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -161,20 +130,12 @@ def molar_mass(x_w: ArrayLike) -> Any:
 def gas_constant(x_w: ArrayLike) -> Any:
     """Specific gas constant of moist air.
 
+    Returns gas constant [J/(kg K)]; 287.05 for dry air. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Gas constant [J/(kg K)]; 287.05 for dry air.
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -186,6 +147,8 @@ def gas_constant(x_w: ArrayLike) -> Any:
 def compressibility(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
     """Compressibility factor Z = P v/(R T).
 
+    Returns factor [-]. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     T : float or array
@@ -194,16 +157,6 @@ def compressibility(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
         Absolute pressure [Pa], 0.5e5-8e5.
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Factor [-].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -215,6 +168,8 @@ def compressibility(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 def density(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
     """Density of moist air over the whole range.
 
+    Returns density [kg/m3]. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     T : float or array
@@ -223,16 +178,6 @@ def density(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
         Absolute pressure [Pa], 0.5e5-8e5.
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Density [kg/m3].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -244,6 +189,9 @@ def density(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 def density_cipm2007(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
     """Density by CIPM-2007, in the range that formula is stated for.
 
+    Returns density [kg/m3]; relative standard uncertainty of the formula 2.2e-5. Raises ValueError where an argument is
+    outside its range.
+
     Parameters
     ----------
     T : float or array
@@ -252,16 +200,6 @@ def density_cipm2007(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
         Absolute pressure [Pa], 0.6e5-1.1e5.
     humidity : float or array
         Relative humidity [fraction of saturation], 0-1.
-
-    Returns
-    -------
-    float or array
-        Density [kg/m3]; relative standard uncertainty of the formula 2.2e-5.
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -273,6 +211,8 @@ def density_cipm2007(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
 def heat_capacity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
     """Isobaric heat capacity cp of the real gas.
 
+    Returns heat capacity [J/(kg K)]. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     T : float or array
@@ -281,16 +221,6 @@ def heat_capacity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
         Absolute pressure [Pa], 0.5e5-8e5.
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Heat capacity [J/(kg K)].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -302,22 +232,14 @@ def heat_capacity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 def ideal_heat_capacity(T: ArrayLike, x_w: ArrayLike) -> Any:
     """Isobaric heat capacity cp0 of the ideal gas: cp at zero pressure.
 
+    Returns heat capacity [J/(kg K)]. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     T : float or array
         Temperature [K], 230-400.
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Heat capacity [J/(kg K)].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -327,7 +249,7 @@ def ideal_heat_capacity(T: ArrayLike, x_w: ArrayLike) -> Any:
 
 
 def heat_capacity_ratio(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Ratio gamma = cp/cv of the real gas.
+    """Ratio gamma = cp/cv of the real gas. Returns ratio [-]. Raises ValueError where an argument is outside its range.
 
     Parameters
     ----------
@@ -337,16 +259,6 @@ def heat_capacity_ratio(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
         Absolute pressure [Pa], 0.5e5-8e5.
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Ratio [-].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -356,7 +268,7 @@ def heat_capacity_ratio(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 
 
 def viscosity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Dynamic viscosity.
+    """Dynamic viscosity. Returns viscosity [Pa s]. Raises ValueError where an argument is outside its range.
 
     Parameters
     ----------
@@ -366,16 +278,6 @@ def viscosity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
         Absolute pressure [Pa], 0.5e5-8e5.
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Viscosity [Pa s].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -385,7 +287,7 @@ def viscosity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 
 
 def conductivity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Thermal conductivity.
+    """Thermal conductivity. Returns conductivity [W/(m K)]. Raises ValueError where an argument is outside its range.
 
     Parameters
     ----------
@@ -395,16 +297,6 @@ def conductivity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
         Absolute pressure [Pa], 0.5e5-8e5.
     x_w : float or array
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Conductivity [W/(m K)].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----
@@ -417,24 +309,15 @@ def conductivity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 def transport_polynomials(P: float, x_w: float) -> tuple[Array, Array]:
     """Quartics in temperature for viscosity and conductivity at one pressure and water content.
 
+    Returns `mu`, shape (5,): coefficients of the viscosity [Pa s] in T [K], lowest order first, for `polynomial`; `k`,
+    shape (5,): coefficients of the conductivity [W/(m K)]. Raises ValueError where an argument is outside its range.
+
     Parameters
     ----------
     P : float
         Absolute pressure [Pa], 0.5e5-8e5.
     x_w : float
         Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    mu : array, shape (5,)
-        Coefficients of the viscosity [Pa s] in T [K], lowest order first, for `polynomial`.
-    k : array, shape (5,)
-        Coefficients of the conductivity [W/(m K)].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
 
     Notes
     -----

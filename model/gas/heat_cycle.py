@@ -46,6 +46,8 @@ def place_nodes(
 ) -> tuple[float, float]:
     """Everything at the collocation points that hangs on the geometry, the lap and gamma alone.
 
+    Returns `V_low, V_high`: volumes at the port edges [m3], piston in and piston out.
+
     Parameters
     ----------
     parameters : ndarray, shape (24,)
@@ -58,11 +60,6 @@ def place_nodes(
         The curve.
     node : ndarray, shape (24, 11)
         Filled.
-
-    Returns
-    -------
-    V_low, V_high : float
-        Volumes at the port edges [m3], piston in and piston out.
     """
     A_p, lap, half = c[at.A_P], parameters[at.LAP], 0.25 * math.pi
     virtual_work = readings[at.VIRTUAL_WORK] > 0.0
@@ -157,6 +154,9 @@ def pass_cycle(
 ) -> tuple[float, float, float]:
     """One pass over the cycle, from the opening of the outlet.
 
+    Returns `T`: the same temperature a cycle later [K]; `m_in`: mass taken from the inlet [kg]; `gas_work`: what heat
+    adds to the gas's work in a cycle [J], before roller friction.
+
     Parameters
     ----------
     T : float
@@ -176,15 +176,6 @@ def pass_cycle(
         Taken from the pass before, and renewed.
     work : ndarray, shape (24,)
         Filled with what heat adds to the work of a cycle at each point, less roller friction [J].
-
-    Returns
-    -------
-    T : float
-        The same temperature a cycle later [K].
-    m_in : float
-        Mass taken from the inlet [kg].
-    gas_work : float
-        What heat adds to the gas's work in a cycle [J], before roller friction.
     """
     R, cp, T_in = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_IN]
     heated = readings[at.HEAT_TRANSFER] > 0.0

@@ -90,17 +90,14 @@ class OperatingPoint:
 def check_pressures(motor: Motor, pressures: Sequence[float]) -> None:
     """Refuse pressures that the model does not reach.
 
+    Raises OperatingPointError: outside 0.5-8 bar, where the air properties end, or below the ambient.
+
     Parameters
     ----------
     motor : Motor
         For its ambient.
     pressures : sequence of float
         Absolute inlet pressures [Pa].
-
-    Raises
-    ------
-    OperatingPointError
-        Outside 0.5-8 bar, where the air properties end, or below the ambient.
     """
     P_a = motor.si("ambient_pressure")
     for P in pressures:
@@ -118,24 +115,15 @@ def check_pressures(motor: Motor, pressures: Sequence[float]) -> None:
 def operating_points(motor: Motor, pressures: Sequence[float]) -> list[OperatingPoint]:
     """Steady operating points.
 
+    Returns one a pressure, in the order given. Raises OperatingPointError when a pressure or the gas is out of the
+    model's reach, NotSettledError when no periodic state was found.
+
     Parameters
     ----------
     motor : Motor
         The motor.
     pressures : sequence of float
         Absolute inlet pressures [Pa].
-
-    Returns
-    -------
-    list of OperatingPoint
-        One a pressure, in the order given.
-
-    Raises
-    ------
-    OperatingPointError
-        When a pressure or the gas is out of the model's reach.
-    NotSettledError
-        When no periodic state was found.
     """
     check_pressures(motor, pressures)
     try:

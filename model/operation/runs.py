@@ -15,6 +15,8 @@ LEAD_S = 0.1  # at speed before the supply is shut, so that a record shows where
 def spin_up(motor: Motor, P_in: float, duration_s: float, sample_s: float = SAMPLE_S) -> Transient:
     """From rest at angle 0, the supply opened at time 0.
 
+    Returns samples from time 0 on. Raises OperatingPointError when the pressure is out of the model's reach.
+
     Parameters
     ----------
     motor : Motor
@@ -23,16 +25,6 @@ def spin_up(motor: Motor, P_in: float, duration_s: float, sample_s: float = SAMP
         Absolute inlet pressure [Pa].
     duration_s, sample_s : float
         Length of the run and distance of its samples [s].
-
-    Returns
-    -------
-    Transient
-        Samples from time 0 on.
-
-    Raises
-    ------
-    OperatingPointError
-        When the pressure is out of the model's reach.
     """
     check_pressures(motor, [P_in])
     return simulate(motor, [Supply(0.0, P_in)], _times(0.0, duration_s, sample_s))
@@ -40,6 +32,10 @@ def spin_up(motor: Motor, P_in: float, duration_s: float, sample_s: float = SAMP
 
 def coast_down(motor: Motor, P_in: float, duration_s: float, sample_s: float = SAMPLE_S) -> Transient:
     """From the steady state at a pressure, the supply shut and the line vented at time 0.
+
+    Returns samples from 0.1 s before the supply is shut (there at angle 0) on. Raises OperatingPointError when the
+    pressure is out of the model's reach or the motor does not run at it, NotSettledError when the speed before does not
+    settle.
 
     Parameters
     ----------
@@ -49,18 +45,6 @@ def coast_down(motor: Motor, P_in: float, duration_s: float, sample_s: float = S
         Absolute inlet pressure before [Pa].
     duration_s, sample_s : float
         Length of the run after the supply is shut, and distance of the samples [s].
-
-    Returns
-    -------
-    Transient
-        Samples from 0.1 s before the supply is shut (there at angle 0) on.
-
-    Raises
-    ------
-    OperatingPointError
-        When the pressure is out of the model's reach or the motor does not run at it.
-    NotSettledError
-        When the speed before does not settle.
     """
     check_pressures(motor, [P_in])
     try:

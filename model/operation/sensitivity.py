@@ -51,22 +51,15 @@ class Sensitivity:
 def sensitivities(motor: Motor, pressures: Sequence[float]) -> list[Sensitivity]:
     """The effect of every parameter that enters an equation, the strongest on speed per 1 % first.
 
+    Returns ranked by the largest change of speed per 1 % at any of the pressures. Raises OperatingPointError when a
+    pressure is out of reach or the motor stalls at one.
+
     Parameters
     ----------
     motor : Motor
         The motor.
     pressures : sequence of float
         Absolute inlet pressures [Pa].
-
-    Returns
-    -------
-    list of Sensitivity
-        Ranked by the largest change of speed per 1 % at any of the pressures.
-
-    Raises
-    ------
-    OperatingPointError
-        When a pressure is out of reach or the motor stalls at one.
     """
     check_pressures(motor, pressures)
     names = list(QUANTITIES)[: at.N_SOLVER_PARAMETERS]

@@ -28,6 +28,9 @@ def torques(
 ) -> tuple[float, float]:
     """Mean torque and flow at speeds that are held.
 
+    Returns `in_slope, out_slope`: what the torque gains per pressure in the cylinders' suction and in their discharge
+    [N m/Pa].
+
     Parameters
     ----------
     parameters : ndarray, shape (24,)
@@ -43,11 +46,6 @@ def torques(
     out : ndarray, shape (n, 3)
         Filled: torque of the gas less roller friction [N m], mass flow through the inlet [kg/s], and roller torque per
         unit of f_r [N m]. Viscous friction and the extra torque are not in it.
-
-    Returns
-    -------
-    in_slope, out_slope : float
-        What the torque gains per pressure in the cylinders' suction and in their discharge [N m/Pa].
     """
     c = np.empty(at.N_CURVE)
     table = np.empty((pulse.N_STEPS, pulse.N_TABLE))

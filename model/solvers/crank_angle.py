@@ -63,6 +63,8 @@ def rates(
 ) -> float:
     """Rate of the whole state, Eq. 12-25, with the ports as they stand.
 
+    Returns what friction holds: the rollers', and what a left-out effect adds to it [N m].
+
     Parameters
     ----------
     y, dy : ndarray, shape (23,)
@@ -75,11 +77,6 @@ def rates(
         Temperature behind outlet and inlet [K].
     parameters, c, gas, readings : ndarray, shapes (24,), (8,), (12,) and (5,)
         Parameter set, curve, gas and readings, as elsewhere.
-
-    Returns
-    -------
-    float
-        What friction holds: the rollers', and what a left-out effect adds to it [N m].
     """
     R, cp = gas[at.GAS_R], gas[at.GAS_CP]
     gamma = cp / (cp - R)
@@ -180,6 +177,8 @@ def angle_step(
 ) -> float:
     """One step of fourth order with the angle as the independent variable: it ends on the edge without a search.
 
+    Returns time taken [s]; -1 when the speed changes too much for this variable, and ``work[4]`` means nothing.
+
     Parameters
     ----------
     y : ndarray, shape (23,)
@@ -190,11 +189,6 @@ def angle_step(
         As in `runge_kutta`: ``work[0]`` holds the rate at the start, ``work[4]`` receives the state at the end.
     port, sense, T_port, parameters, c, gas, readings
         As in `rates`.
-
-    Returns
-    -------
-    float
-        Time taken [s]; -1 when the speed changes too much for this variable, and ``work[4]`` means nothing.
     """
     trial, new = work[5], work[4]
     span = target - y[THETA]

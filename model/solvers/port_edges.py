@@ -43,6 +43,8 @@ def locate(
 ) -> tuple[float, int]:
     """Step until the angle ``target``, the time ``h_most`` or standstill, whichever comes first.
 
+    Returns `h`: the step taken [s]; `event`: ON_THE_WAY (time is up), AT_EDGE or STOPPED.
+
     Parameters
     ----------
     y : ndarray, shape (23,)
@@ -55,13 +57,6 @@ def locate(
         As in `runge_kutta`; ``work[4]`` receives the state at the end.
     port, sense, T_port, parameters, c, gas, readings
         As in `rates`.
-
-    Returns
-    -------
-    h : float
-        The step taken [s].
-    event : int
-        ON_THE_WAY (time is up), AT_EDGE or STOPPED.
     """
     low, high = 0.0, math.inf
     event = ON_THE_WAY

@@ -168,6 +168,8 @@ def march_kernel(
 def march(motor: Motor, P_in: float, steps: int = STEPS, dt: float = TIME_STEP) -> March:
     """Run the published algorithm from rest.
 
+    Returns histories and the averaged speed. Raises ValueError when ``steps`` is below 2 or ``dt`` is not positive.
+
     Parameters
     ----------
     motor : Motor
@@ -178,16 +180,6 @@ def march(motor: Motor, P_in: float, steps: int = STEPS, dt: float = TIME_STEP) 
         Number of steps [-].
     dt : float
         Time step [s].
-
-    Returns
-    -------
-    March
-        Histories and the averaged speed.
-
-    Raises
-    ------
-    ValueError
-        When ``steps`` is below 2 or ``dt`` is not positive.
     """
     if steps < 2 or not dt > 0.0:
         raise ValueError(f"march: needs at least 2 steps of positive length, got {steps} of {dt:g} s")

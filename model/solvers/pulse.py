@@ -100,6 +100,8 @@ def torque_steps(
 ) -> tuple[float, float]:
     """Adiabatic torque at given pressures.
 
+    Returns `net, gas`: mean torque less roller friction, and of the gas alone [N m].
+
     Parameters
     ----------
     P_s, P_d, P_a : float
@@ -112,11 +114,6 @@ def torque_steps(
         Of `tabulate`.
     step_work : ndarray, shape (n_steps,)
         Filled with gas torque less roller friction, integrated over each step [J].
-
-    Returns
-    -------
-    net, gas : float
-        Mean torque less roller friction, and of the gas alone [N m].
     """
     net = 0.0
     gas = 0.0
@@ -156,6 +153,9 @@ def ripple(
 
     The torque's integral over a step is exact; friction takes the mean of the speeds at both ends (second order).
 
+    Returns `w`: speed at the start of the pulse [rad/s]; -1 when the rotor cannot pass; `mean`: mean speed in time
+    [rad/s]; `peak_to_peak`: ripple [rad/s].
+
     Parameters
     ----------
     w : float
@@ -170,15 +170,6 @@ def ripple(
         Steps of the table taken as one: 1, or 2 for the coarse solution that `rippled_mean` extrapolates from.
     speed : ndarray, shape (n_steps + 1,)
         Filled with the speed at the ends of the steps taken [rad/s].
-
-    Returns
-    -------
-    w : float
-        Speed at the start of the pulse [rad/s]; -1 when the rotor cannot pass.
-    mean : float
-        Mean speed in time [rad/s].
-    peak_to_peak : float
-        Ripple [rad/s].
     """
     failed = 0
     for _ in range(200):
@@ -231,17 +222,14 @@ def rippled_mean(
 ) -> tuple[float, float, float]:
     """`ripple`, its mean speed extrapolated from two step widths (Richardson): the error falls to fourth order.
 
+    Returns `w, mean, peak_to_peak`: as in `ripple` [rad/s].
+
     Parameters
     ----------
     w, step_work, table, f, J, speed
         As in `ripple`.
     coarse_speed : ndarray, shape (n_steps + 1,)
         Scratch [rad/s].
-
-    Returns
-    -------
-    w, mean, peak_to_peak : float
-        As in `ripple` [rad/s].
     """
     w, fine, peak_to_peak = ripple(w, step_work, table, f, J, 1, speed)
     if w < 0.0:

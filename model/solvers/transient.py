@@ -97,6 +97,8 @@ def integrate(
 ) -> tuple[int, int, int]:
     """Integrate from ``t_start`` to the last sample time.
 
+    Returns `status`: DONE, TOO_MANY_STEPS or NOT_FINITE; `steps`: steps taken; `pulses`: entries of ``pulse_t`` filled.
+
     Parameters
     ----------
     y : ndarray, shape (23,)
@@ -115,15 +117,6 @@ def integrate(
         Parameter set, gas and readings.
     refine : int
         Steps between two edges [-].
-
-    Returns
-    -------
-    status : int
-        DONE, TOO_MANY_STEPS or NOT_FINITE.
-    steps : int
-        Steps taken.
-    pulses : int
-        Entries of ``pulse_t`` filled.
     """
     c = np.empty(at.N_CURVE)
     geometry.curve(parameters, c)
@@ -283,17 +276,14 @@ def integrate(
 def rest_state(motor: Motor, angle_rad: float = 0.0) -> np.ndarray:
     """The motor at rest with the line vented: every cylinder at P_d and T_a.
 
+    Returns an array, shape (23,): state for `simulate`.
+
     Parameters
     ----------
     motor : Motor
         The motor.
     angle_rad : float
         Rotor angle [rad].
-
-    Returns
-    -------
-    ndarray, shape (23,)
-        State for `simulate`.
     """
     y = np.zeros(N_STATE)
     y[THETA] = angle_rad
@@ -311,6 +301,9 @@ def simulate(
 ) -> Transient:
     """Simulate the motor from the first to the last sample time.
 
+    Returns samples and the final state. Raises ValueError when the times do not increase, ArithmeticError when the
+    integration fails.
+
     Parameters
     ----------
     motor : Motor
@@ -323,18 +316,6 @@ def simulate(
         State at the start; at rest at angle 0 when left out.
     refine : int
         Steps between two neighbouring edges [-]; more for smaller errors.
-
-    Returns
-    -------
-    Transient
-        Samples and the final state.
-
-    Raises
-    ------
-    ValueError
-        When the times do not increase.
-    ArithmeticError
-        When the integration fails.
     """
     time_s = np.asarray(time_s, dtype=np.float64)
     if time_s.ndim != 1 or time_s.size < 2 or not np.all(np.diff(time_s) > 0):
@@ -353,6 +334,9 @@ def periodic_state(
 ) -> tuple[np.ndarray, float]:
     """Run at constant pressure until the speed repeats.
 
+    Returns `state`, shape (23,): state at angle 0, with nothing passed yet; `mean_speed`: mean speed in time [rad/s]; 0
+    when the motor stalls. Raises ArithmeticError when the speed does not settle.
+
     Parameters
     ----------
     motor : Motor
@@ -365,18 +349,6 @@ def periodic_state(
         Speed that the rotor is given [rad/s]: near its lowest pressure a motor runs on but does not start.
     most_turns : int
         Turns after which to give up [-].
-
-    Returns
-    -------
-    state : ndarray, shape (23,)
-        State at angle 0, with nothing passed yet.
-    mean_speed : float
-        Mean speed in time [rad/s]; 0 when the motor stalls.
-
-    Raises
-    ------
-    ArithmeticError
-        When the speed does not settle.
     """
     y = rest_state(motor)
     y[OMEGA] = start_rad_s

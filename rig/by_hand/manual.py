@@ -32,13 +32,7 @@ MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
 
 
 class ManualSweep:
-    """Goes through the steps with a person.
-
-    Parameters
-    ----------
-    course : Course
-        Its steps and its table; captures are not made by hand.
-    """
+    """Goes through the steps with a person. `course`: its steps and its table; captures are not made by hand."""
 
     def __init__(
         self,
@@ -63,13 +57,7 @@ class ManualSweep:
         conversation.log = self._event
 
     def run(self) -> Outcome:
-        """Take the zero, every level, and the zero again.
-
-        Returns
-        -------
-        Outcome
-            ``vented`` is what the person said.
-        """
+        """Take the zero, every level, and the zero again. Returns ``vented`` is what the person said."""
         self.person.say("Type help for what can be typed.")
         while True:
             outcome, reason = self._levels()
@@ -310,11 +298,7 @@ def run_manual(
 ) -> Outcome:
     """Go through a course with a person who reads the instruments.
 
-    Parameters
-    ----------
-    acquisition : Acquisition
-        Started, with ``conversation.ports``; it is not stopped here.
-    hooks : Hooks or None
-        Guard and limits; none when left out.
+    `acquisition`: started, with ``conversation.ports``; it is not stopped here.
+    `hooks`: guard and limits; none when left out.
     """
     return ManualSweep(acquisition, sink, bench, course, conversation, hooks or Hooks()).run()

@@ -24,10 +24,7 @@ class View(Protocol):
 class Limits:
     """The trip rules of a bench. It remembers when each signal was last heard, and nothing else.
 
-    Parameters
-    ----------
-    ambient_bar_abs : float
-        Of the room, for a gauge that counts from it [bar].
+    `ambient_bar_abs`: of the room, for a gauge that counts from it [bar].
     """
 
     def __init__(
@@ -41,12 +38,8 @@ class Limits:
     def trip(self, view: View, now_ns: int, pressurised: bool) -> str | None:
         """Why the line must be vented now; None when nothing is wrong. To be asked several times a second.
 
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-        pressurised : bool
-            Whether the regulator is, or is being, set above zero: only then must the signals be there.
+        `now_ns`: time of the bench [ns].
+        `pressurised`: whether the regulator is, or is being, set above zero: only then must the signals be there.
         """
         speed, pressure = view.last(self.roles.speed), view.last(self.roles.pressure)
         if pressurised and not self._pressurised:  # what was silent before has not been silent under pressure

@@ -21,14 +21,9 @@ STEP_S = 0.05  # of what the model gives to be set beside it
 class Measured:
     """What a run measured, usable readings only.
 
-    Attributes
-    ----------
-    pressure_time_s, pressure_pa : ndarray, shape (m,)
-        Absolute line pressure [s], [Pa].
-    speed_time_s, speed_rad_s : ndarray, shape (n,)
-        Speed [s], [rad/s].
-    flow_time_s, flow_m3_s : ndarray, shape (k,)
-        Flow at the inlet [s], [m3/s].
+    `pressure_time_s`, `pressure_pa`, shape (m,): absolute line pressure [s], [Pa].
+    `speed_time_s`, `speed_rad_s`, shape (n,): speed [s], [rad/s].
+    `flow_time_s`, `flow_m3_s`, shape (k,): flow at the inlet [s], [m3/s].
     """
 
     pressure_time_s: np.ndarray
@@ -42,10 +37,7 @@ class Measured:
 def channels_of(run: Run) -> Measured:
     """The channels of a run's roles.
 
-    Raises
-    ------
-    RunError
-        When it has no pressure or no speed, or too short a record of the pressure.
+    Raises RunError when it has no pressure or no speed, or too short a record of the pressure.
     """
     names = quantity_channels(run)
     pressure = next((name for name in ("pressure_bar_abs", "pressure_bar_gauge") if name in names), None)

@@ -31,12 +31,8 @@ class Listener(Protocol):
 class Replayed:
     """What a replay gave.
 
-    Attributes
-    ----------
-    different : int
-        Rows that are not the same to the bit, those missing on either side included [-].
-    tail : int
-        Rows more than the log has, of a run that was killed between its two files [-].
+    `different`: rows that are not the same to the bit, those missing on either side included [-].
+    `tail`: rows more than the log has, of a run that was killed between its two files [-].
     """
 
     exchanges: int
@@ -56,12 +52,7 @@ class Replayed:
 def bench_of_run(run: Run) -> Bench:
     """The bench as it was, from the texts that the run kept.
 
-    Raises
-    ------
-    RunError
-        When it kept none.
-    ConfigError
-        When today's program does not take them any more.
+    Raises RunError when it kept none, ConfigError when today's program does not take them any more.
     """
     sources = {name: source.text.encode() for name, source in run.start.sources.items()}
     if BENCH_SOURCE not in sources:
@@ -78,26 +69,11 @@ def replay(
 ) -> Replayed:
     """Play a run back through today's drivers and compare the samples.
 
-    Parameters
-    ----------
-    run : Run
-        The run; with its bytes.
-    bench : Bench or None
-        With mended instrument files; those that the run kept when left out.
-    writer : RunWriter or None
-        Gets the exchanges and events of the replay, where it is kept as a run of its own.
-    real_time : bool
-        Whether to wait as long between two exchanges as it took then.
-
-    Returns
-    -------
-    Replayed
-        The comparison.
-
-    Raises
-    ------
-    RunError
-        When the run kept no bytes, or is damaged.
+    `run`: the run; with its bytes.
+    `bench`: with mended instrument files; those that the run kept when left out.
+    `writer`: gets the exchanges and events of the replay, where it is kept as a run of its own.
+    `real_time`: whether to wait as long between two exchanges as it took then.
+    Returns the comparison. Raises RunError when the run kept no bytes, or is damaged.
     """
     if not run.has_wire:
         raise RunError(f"{run.folder}: the bytes on the wire were not kept, so there is nothing to replay")

@@ -48,13 +48,7 @@ VENT_AGAIN_S = 1.0  # the order to vent is repeated until the gauge says so
 
 
 class SweepMachine:
-    """Goes through a course.
-
-    Parameters
-    ----------
-    trip : callable
-        Asked at every advance: a reason to vent now, or None.
-    """
+    """Goes through a course. `trip`: asked at every advance: a reason to vent now, or None."""
 
     def __init__(self, course: Course, predict: Predict, trip: Trip) -> None:
         self.course, self.table = course, course.table
@@ -99,18 +93,7 @@ class SweepMachine:
         return len(self._tasks) + (self._task is not None)
 
     def advance(self, now_ns: int, view: View) -> list[Order]:
-        """Go on.
-
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-
-        Returns
-        -------
-        list of Order
-            To be carried out in order; none once it has ended.
-        """
+        """Go on. `now_ns`: time of the bench [ns]. Returns to be carried out in order; none once it has ended."""
         if self.ended:
             return []
         if not self._begun:
@@ -127,22 +110,13 @@ class SweepMachine:
         return self._work[self.state](now_ns, view)
 
     def abort(self, now_ns: int, reason: str) -> list[Order]:
-        """Vent, and end the run as aborted.
-
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-        """
+        """Vent, and end the run as aborted. `now_ns`: time of the bench [ns]."""
         return self._leave(now_ns, ABORTED, reason)
 
     def fail(self, now_ns: int, reason: str) -> list[Order]:
         """Vent, and end the run as failed: something of the bench or of this program does not work.
 
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
+        `now_ns`: time of the bench [ns].
         """
         return self._leave(now_ns, FAILED, reason)
 

@@ -55,10 +55,7 @@ class PlateauSink(Protocol):
 class Outcome:
     """How a run ended.
 
-    Attributes
-    ----------
-    vented : bool
-        Whether the gauge, or the person, said at the end that the line is without pressure.
+    `vented`: whether the gauge, or the person, said at the end that the line is without pressure.
     """
 
     outcome: str
@@ -78,13 +75,7 @@ class BenchView:
         self.set_ns: int | None = None
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
-        """The usable readings between two times.
-
-        Parameters
-        ----------
-        start_ns, end_ns : int
-            Bench times [ns].
-        """
+        """The usable readings between two times. `start_ns`, `end_ns`: bench times [ns]."""
         return self._acquisition.between(channel, start_ns, end_ns)
 
     def last(self, channel: str) -> Reading | None:
@@ -115,10 +106,7 @@ class Runner:
     def run(self) -> Outcome:
         """Go through the course.
 
-        Returns
-        -------
-        Outcome
-            Also when it failed; what is not the bench's fault is raised once the regulator is at zero.
+        Returns also when it failed; what is not the bench's fault is raised once the regulator is at zero.
         """
         try:
             while self.finish is None:
@@ -251,17 +239,9 @@ def run_course(
 ) -> Outcome:
     """Go through a course on a bench whose acquisition runs.
 
-    Parameters
-    ----------
-    acquisition : Acquisition
-        Started; it is not stopped here.
-    hooks : Hooks or None
-        Guard, limits, operator and audience; none of them when left out.
-
-    Returns
-    -------
-    Outcome
-        Finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
+    `acquisition`: started; it is not stopped here.
+    `hooks`: guard, limits, operator and audience; none of them when left out.
+    Returns finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
     """
     return Runner(acquisition, sink, bench, course, hooks or Hooks()).run()
 

@@ -13,15 +13,8 @@ from rig.sweep.orders import VENTED
 def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:
     """From an absolute pressure [bar] to the regulator's set-point, as a function.
 
-    Parameters
-    ----------
-    ambient_bar : float
-        The room's pressure [bar].
-
-    Raises
-    ------
-    SweepError
-        When the regulator's unit is not known here.
+    `ambient_bar`: the room's pressure [bar].
+    Raises SweepError when the regulator's unit is not known here.
     """
     device = bench.file.roles.regulator
     if device is None:

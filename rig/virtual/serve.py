@@ -44,14 +44,9 @@ def virtual_lines(file: BenchFile) -> dict[str, LineTable]:
 class VirtualServer:
     """A bench being served; everything happens in the thread that calls `run`.
 
-    Parameters
-    ----------
-    rate : float or None
-        Seconds of the bench in one of the wall [-]; the file's when left out.
-    seed : int or None
-        Of everything that is left to chance [-]; the file's when left out.
-    plant_of : callable or None
-        Makes line and motor of the bench file; the project's own model when left out.
+    `rate`: seconds of the bench in one of the wall [-]; the file's when left out.
+    `seed`: of everything that is left to chance [-]; the file's when left out.
+    `plant_of`: makes line and motor of the bench file; the project's own model when left out.
     """
 
     def __init__(
@@ -119,13 +114,7 @@ class VirtualServer:
             wire.plug()
 
     def power_cycle(self, device: str, span_s: float) -> None:
-        """Take a device's power for some time.
-
-        Parameters
-        ----------
-        span_s : float
-            How long [s].
-        """
+        """Take a device's power for some time. `span_s`: how long [s]."""
         bus = next(bus for name, bus in self.buses.items() if device in self.place.devices_of[name])
         switch_off = getattr(self.served[device], "switch_off", None)
         if switch_off is not None:
@@ -138,10 +127,7 @@ class VirtualServer:
     ) -> None:
         """Serve until the loop is told to stop.
 
-        Parameters
-        ----------
-        linger_s : float
-            How long after that process this one ends, on the wall's clock [s].
+        `linger_s`: how long after that process this one ends, on the wall's clock [s].
         """
         try:
             for bus in self.buses.values():
@@ -240,16 +226,10 @@ def serve(
 ) -> None:
     """Read a bench file and serve it.
 
-    Parameters
-    ----------
-    path : Path
-        The bench file, or the name of one in configs/benches.
-    rate : float or None
-        Seconds of the bench in one of the wall [-].
-    linger_s : float
-        How long after the owner this process ends, on the wall's clock [s].
-    plant_of : callable or None
-        Makes line and motor of the bench file; the project's own model when left out.
+    `path`: the bench file, or the name of one in configs/benches.
+    `rate`: seconds of the bench in one of the wall [-].
+    `linger_s`: how long after the owner this process ends, on the wall's clock [s].
+    `plant_of`: makes line and motor of the bench file; the project's own model when left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     server = VirtualServer(read_bench(path), folder.resolve(), rate, seed, plant_of)

@@ -32,13 +32,7 @@ LOCATED_WORDS = {
 
 @dataclass(frozen=True)
 class Grid:
-    """A table.
-
-    Attributes
-    ----------
-    header : tuple of str
-        Of its columns; the first holds words, the others figures.
-    """
+    """A table. `header`: of its columns; the first holds words, the others figures."""
 
     title: str
     header: tuple[str, ...]

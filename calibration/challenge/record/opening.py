@@ -28,14 +28,9 @@ Oracle = Callable[[Path, Sequence[str]], float]
 class Settings:
     """How a campaign is scored.
 
-    Attributes
-    ----------
-    key : Path or None
-        The key's file; beside the seal when None.
-    follow_ups : bool
-        Whether the tests recommended for confounded verdicts are simulated and diagnosed.
-    oracle : bool
-        Whether the held-out gain of the true set is computed.
+    `key`: the key's file; beside the seal when None.
+    `follow_ups`: whether the tests recommended for confounded verdicts are simulated and diagnosed.
+    `oracle`: whether the held-out gain of the true set is computed.
     """
 
     key: Path | None = None
@@ -50,10 +45,7 @@ class Settings:
 class Opened:
     """One campaign with its truths open.
 
-    Attributes
-    ----------
-    frozen : dict
-        What was frozen before the first verdict: commit, hashes, thresholds, versions.
+    `frozen`: what was frozen before the first verdict: commit, hashes, thresholds, versions.
     """
 
     entry: dict[str, Any]
@@ -96,15 +88,8 @@ def score(
 ) -> Scored:
     """Score campaigns; each enters the ledger by itself, the summary is of all their cases together.
 
-    Parameters
-    ----------
-    tell : callable
-        Given a step's name, it gives what is told of the step's progress.
-
-    Raises
-    ------
-    ChallengeError
-        When verdicts are missing, or the truths are not those that were committed to.
+    `tell`: given a step's name, it gives what is told of the step's progress.
+    Raises ChallengeError when verdicts are missing, or the truths are not those that were committed to.
     """
     ledger.read_ledger(book)  # a broken chain is refused before anything is opened
     campaigns = [layout.read_campaign(folder) for folder in folders]
@@ -313,10 +298,7 @@ def result_of(cases: Sequence[Case]) -> dict[str, Any]:
 def refuse_twice(entry: Mapping[str, Any], others: Sequence[Mapping[str, Any]], place: Path) -> None:
     """Refuse a campaign some of whose cases others have: a case counts once.
 
-    Raises
-    ------
-    ChallengeError
-        When another has its truths, or truths drawn from the same seed that may be the same.
+    Raises ChallengeError when another has its truths, or truths drawn from the same seed that may be the same.
     """
     for other in others:
         if entry["truth_sha256"] == other["truth_sha256"]:

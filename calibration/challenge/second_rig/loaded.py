@@ -19,10 +19,7 @@ KNOTS_PA = np.array([1.3, 1.6, 2.0, 2.5, 3.6]) * BAR  # the volume flow is nearl
 def under_load(p: np.ndarray, supply: Supply, target: float, locked: bool = False) -> tuple[float, float]:
     """Pressures of line and regulator [Pa] where the motor takes what they let through.
 
-    Parameters
-    ----------
-    target : float
-        What the regulator is set to [Pa].
+    `target`: what the regulator is set to [Pa].
     """
     figures, at = supply.figures(), target
     found = (target, target)
@@ -38,22 +35,13 @@ def under_load(p: np.ndarray, supply: Supply, target: float, locked: bool = Fals
 def set_for(p: np.ndarray, supply: Supply, pressure: float) -> float:
     """What the regulator is set to where the line stands at a pressure under the motor's draught [Pa].
 
-    Parameters
-    ----------
-    pressure : float
-        Of the line [Pa].
+    `pressure`: of the line [Pa].
     """
     return line.needed(p, supply.figures(), pressure, draught(p, pressure))
 
 
 def draught(p: np.ndarray, feed: float) -> float:
-    """Mass flow that the motor takes at a pressure [kg/s].
-
-    Parameters
-    ----------
-    feed : float
-        Pressure of the line [Pa].
-    """
+    """Mass flow that the motor takes at a pressure [kg/s]. `feed`: pressure of the line [Pa]."""
     place = min(int(np.searchsorted(KNOTS_PA, feed)), KNOTS_PA.size - 1)
     low_pa, low = p[motor.PA], 0.0
     if place > 0:

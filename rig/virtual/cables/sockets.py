@@ -45,12 +45,8 @@ class SocketWire:
     def send(self, caller: int, data: bytes, from_ns: int = 0) -> bool:
         """Send in one piece.
 
-        Parameters
-        ----------
-        caller : int
-            Number of the connection; 0 for all [-].
-        from_ns : int
-            When; now, when that is past [ns].
+        `caller`: number of the connection; 0 for all [-].
+        `from_ns`: when; now, when that is past [ns].
         """
         if from_ns > self.loop.clock.now_ns():
 

@@ -24,13 +24,7 @@ PRINTABLE = "".join(map(chr, range(32, 127)))
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> TextDevice:
-    """A device after its file.
-
-    Raises
-    ------
-    ValueError
-        When no line can be made of the pattern.
-    """
+    """A device after its file. Raises ValueError when no line can be made of the pattern."""
     return TextDevice(device, settings, place.table.serial_number or SERIAL, world)
 
 
@@ -54,45 +48,21 @@ class TextDevice:
         self._line(0)  # refuses a pattern at the start, not at the first question
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back. `time_ns`: time of the bench [ns]."""
         self._next_ns = time_ns + self.period_ns
 
     def tick(self, time_ns: int) -> None:
-        """Nothing to look at.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Nothing to look at. `time_ns`: time of the bench [ns]."""
 
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """The line of values, or who it is.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """The line of values, or who it is. `time_ns`: time of the bench [ns]."""
         asked = line + self.terminator
         if self.identity and asked == self.identity:
             return self._who + self.end
         return self._line(time_ns) + self.end if self.query and asked == self.query else None
 
     def stream(self, time_ns: int) -> list[bytes]:
-        """A line, when it is time for one.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """A line, when it is time for one. `time_ns`: time of the bench [ns]."""
         if time_ns < self._next_ns:
             return []
         self._next_ns = time_ns + self.period_ns
@@ -121,20 +91,8 @@ def _texts(value: float, channel: Any) -> list[str]:
 def line_of(pattern: str, values: Mapping[str, Sequence[str]]) -> bytes:
     """A line that fits a pattern.
 
-    Parameters
-    ----------
-    values : mapping of str to sequence of str
-        For each named group the texts to try in its place, best first.
-
-    Returns
-    -------
-    bytes
-        Without an end of line.
-
-    Raises
-    ------
-    ValueError
-        When none fits.
+    `values`: for each named group the texts to try in its place, best first.
+    Returns without an end of line. Raises ValueError when none fits.
     """
     tree = parser.parse(pattern)
     names = {number: name for name, number in tree.state.groupdict.items()}

@@ -29,13 +29,7 @@ class World:
     rate: float = 1.0
 
     def sensor(self, device: str, channel: str, figures: ChannelFile, update_s: float = 0.0) -> Sensor:
-        """A channel with errors of its own.
-
-        Parameters
-        ----------
-        update_s : float
-            How often it has a new value [s].
-        """
+        """A channel with errors of its own. `update_s`: how often it has a new value [s]."""
         truth = truth_of(self.plant, channel, figures.reference)
         return Sensor(device, channel, figures, truth, self.faults, self.seed, update_s)
 
@@ -43,32 +37,17 @@ class World:
 class Served(Protocol):
     """A simulated instrument. Line and motor have been carried on to the time of every call.
 
-    Attributes
-    ----------
-    speaks : str
-        ``modbus``, ``text`` (lines, each with an answer or none), or ``stream`` (unasked; hears lines).
+    `speaks`: ``modbus``, ``text`` (lines, each with an answer or none), or ``stream`` (unasked; hears lines).
     """
 
     device: str
     speaks: str
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back: everything as from the factory.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back: everything as from the factory. `time_ns`: time of the bench [ns]."""
 
     def tick(self, time_ns: int) -> None:
-        """Time has passed; watchdogs look at it.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Time has passed; watchdogs look at it. `time_ns`: time of the bench [ns]."""
 
 
 class TextServed(Served, Protocol):
@@ -77,27 +56,13 @@ class TextServed(Served, Protocol):
     terminator: bytes
 
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """The whole answer, or None: not its address, or nothing to say.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """The whole answer, or None: not its address, or nothing to say. `time_ns`: time of the bench [ns]."""
 
 
 def serve_bench(bench: Bench, world: World, devices: list[str]) -> dict[str, Any]:
     """The simulated instruments of a bench.
 
-    Returns
-    -------
-    dict of str to Served
-        By name.
-
-    Raises
-    ------
-    ConfigError
-        All devices that cannot be simulated, a line each.
+    Returns by name. Raises ConfigError: all devices that cannot be simulated, a line each.
     """
     served, mistakes = {}, []
     for device in devices:

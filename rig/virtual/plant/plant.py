@@ -92,13 +92,7 @@ class Plant:
         return self.target_bar <= self.ambient_bar
 
     def order(self, pressure_bar_abs: float) -> None:
-        """Order a pressure, now.
-
-        Parameters
-        ----------
-        pressure_bar_abs : float
-            Absolute [bar]; the ambient's or less opens the dump valve.
-        """
+        """Order a pressure, now. `pressure_bar_abs`: absolute [bar]; the ambient's or less opens the dump valve."""
         gauge = max(0.0, pressure_bar_abs - self.ambient_bar) * self.line.regulator_gain
         target = self.ambient_bar + gauge
         if abs(target - self.target_bar) > SETTLED_BAR:
@@ -109,24 +103,14 @@ class Plant:
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
         """The present mass flow as a volume flow at a state.
 
-        Parameters
-        ----------
-        pressure_bar_abs : float
-            Absolute pressure of the state [bar].
-        temperature_k : float
-            Its temperature [K].
+        `pressure_bar_abs`: absolute pressure of the state [bar].
+        `temperature_k`: its temperature [K].
         """
         density = pressure_bar_abs * BAR / (self.gas_constant * temperature_k)
         return self.flow_kg_s / density * 60e3
 
     def advance(self, to_ns: int) -> None:
-        """Carry line and motor on to a time; an earlier one changes nothing.
-
-        Parameters
-        ----------
-        to_ns : int
-            Time of the bench [ns].
-        """
+        """Carry line and motor on to a time; an earlier one changes nothing. `to_ns`: time of the bench [ns]."""
         while self.time_ns < to_ns:
             self._carry_on(min(to_ns, self.time_ns + CHUNK_NS))
 

@@ -29,12 +29,8 @@ def drag(p: np.ndarray, omega: float, line_gauge: float) -> tuple[float, float]:
     turbulent one; a seal that the line's pressure loads. A torque in a band of speeds and one above a speed are made
     up: they are to resemble nothing in a library.
 
-    Parameters
-    ----------
-    omega : float
-        Speed [rad/s].
-    line_gauge : float
-        Pressure of the line above the ambient's [Pa].
+    `omega`: speed [rad/s].
+    `line_gauge`: pressure of the line above the ambient's [Pa].
     """
     speed = abs(omega)
     viscous, dry = p[F], p[EXTRA] + p[SEAL] * max(line_gauge, 0.0)
@@ -64,9 +60,6 @@ def drag(p: np.ndarray, omega: float, line_gauge: float) -> tuple[float, float]:
 def swing(p: np.ndarray, theta: float) -> float:
     """Torque fixed to the shaft's angle, as of an unbalanced rotor [N m], positive where it opposes turning forward.
 
-    Parameters
-    ----------
-    theta : float
-        Shaft angle [rad].
+    `theta`: shaft angle [rad].
     """
     return p[SINE] * math.sin(theta) + p[COSINE] * math.cos(theta) + p[SECOND] * math.sin(2.0 * theta)

@@ -59,10 +59,7 @@ FR, J, LAP, PORT = AT["roller_factor"], AT["inertia"], AT["lap"], AT["port_area_
 def look_up(table: np.ndarray, psi: float, column: int) -> float:
     """A column of the guide curve at an angle, linear between its cells [unit of the column].
 
-    Parameters
-    ----------
-    psi : float
-        Angle within the lobe [rad].
+    `psi`: angle within the lobe [rad].
     """
     place = psi * (CELLS / LOBE)
     cell = min(int(place), CELLS - 1)
@@ -74,14 +71,9 @@ def look_up(table: np.ndarray, psi: float, column: int) -> float:
 def rest(p: np.ndarray, table: np.ndarray, theta: float, line: float, is_open: bool) -> np.ndarray:
     """A motor at rest whose cylinders hold the pressure of the port that they see, and a mean where they see none.
 
-    Parameters
-    ----------
-    theta : float
-        Shaft angle [rad].
-    line : float
-        Pressure of the line [Pa].
-    is_open : bool
-        Whether the supply is open; the line is vented otherwise.
+    `theta`: shaft angle [rad].
+    `line`: pressure of the line [Pa].
+    `is_open`: whether the supply is open; the line is vented otherwise.
     """
     y = np.zeros(SIZE)
     y[THETA] = theta
@@ -104,12 +96,8 @@ def opened(p: np.ndarray, start: float, end: float, half: float) -> float:
 
     Simpson's rule over start, middle and end.
 
-    Parameters
-    ----------
-    start, end : float
-        Angles within the lobe [rad].
-    half : float
-        Where the port's half of the lobe begins [rad].
+    `start`, `end`: angles within the lobe [rad].
+    `half`: where the port's half of the lobe begins [rad].
     """
     opens, closes = half + p[LAP], half + 0.5 * LOBE - p[LAP]
     return (
@@ -123,10 +111,7 @@ def opened(p: np.ndarray, start: float, end: float, half: float) -> float:
 def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Gas torque and size of the roller friction's [N m]: forces of Eq. 22 at the article's arms, Eq. 23-25.
 
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of this module.
+    `y`: state of the motor, laid out as at the top of this module.
     """
     gas = roller = 0.0
     for i in range(CYLINDERS):
@@ -142,14 +127,9 @@ def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, flo
 def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt: float) -> None:
     """Change the speed over one step, Eq. 21; dry friction may hold the rotor, and never drives it.
 
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of this module; changed.
-    line_gauge : float
-        Pressure of the line above the ambient's [Pa].
-    dt : float
-        Step [s].
+    `y`: state of the motor, laid out as at the top of this module; changed.
+    `line_gauge`: pressure of the line above the ambient's [Pa].
+    `dt`: step [s].
     """
     gas, roller = torques(p, table, y)
     viscous, dry = drag(p, y[OMEGA], line_gauge)
@@ -165,16 +145,10 @@ def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt:
 def step(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, is_open: bool, dt: float) -> None:
     """One step of the whole motor, in place.
 
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of this module; changed.
-    line : float
-        Pressure of the line [Pa].
-    is_open : bool
-        Whether the supply is open; both ports stand at the exhaust's pressure otherwise.
-    dt : float
-        Step [s].
+    `y`: state of the motor, laid out as at the top of this module; changed.
+    `line`: pressure of the line [Pa].
+    `is_open`: whether the supply is open; both ports stand at the exhaust's pressure otherwise.
+    `dt`: step [s].
     """
     kick(p, table, y, line - p[PA] if is_open else 0.0, dt)
     turned = dt * y[OMEGA]
