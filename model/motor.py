@@ -189,8 +189,7 @@ class Motor(Strict):
     def with_values(self, values: Mapping[str, float]) -> Motor:
         """A motor with some values changed.
 
-        Returns the changed motor, validated again. Raises ConfigError when a value is outside its bounds or the
-        geometry is impossible.
+        It is validated again. Raises ConfigError when a value is outside its bounds or the geometry is impossible.
 
         Parameters
         ----------
@@ -212,7 +211,7 @@ class Motor(Strict):
 def read_motor(path: Path | str) -> Motor:
     """Read a motor file.
 
-    Returns the validated motor. Raises ConfigError: every mistake of the file in one line each, with its place.
+    Raises ConfigError: every mistake of the file in one line each, with its place.
 
     Parameters
     ----------
@@ -229,8 +228,7 @@ def read_motor(path: Path | str) -> Motor:
 def set_values(motor: Motor, assignments: list[str]) -> Motor:
     """Apply ``NAME=VALUE`` overrides as the command line takes them.
 
-    Returns the changed motor. Raises ConfigError for an unknown name (the nearest is suggested), a value that is no
-    number, or one out of bounds.
+    Raises ConfigError for an unknown name (the nearest is suggested), a value that is no number, or one out of bounds.
 
     Parameters
     ----------

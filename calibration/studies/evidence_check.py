@@ -52,8 +52,8 @@ def run_campaign(
     `out`: gets a result a case in ``results/``, ``evidence.parquet``, ``evidence.json``, ``evidence.md`` and
         ``evidence.png``.
     `workers`: processes; 0 works in this one [-].
-    Returns of `evidence_page.summary`. Raises OtherCodeError when the sources changed on the way; ClusterError when no
-    scheduler answers, or it is lost on the way.
+    Returns what `evidence_page.summary` gives. Raises OtherCodeError when the sources changed on the way; ClusterError
+    when no scheduler answers, or it is lost on the way.
     """
     items = items_of(cases, first_seed, nested_every)
     results = results_of(check_case, items, out, workers, scheduler, tell)
@@ -85,10 +85,7 @@ def row_of(item: Item, result: Result) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print what it comes to, and return the exit code.
-
-    `arguments`: the process's own when left out.
-    """
+    """Run the campaign of a command line, print what it comes to, and return the exit code."""
     given = _parser().parse_args(arguments)
     if not given.cases:
         return refuse("evidence", "nothing to do: --cases is 0")

@@ -39,9 +39,9 @@ Rows = Sequence[Row]
 def numbers(value: Mapping[str, Any]) -> dict[str, float | None]:
     """The figures of a case.
 
-    Returns by NUMBERS. ``laplace``, ``nested`` and ``importance`` are ln Bayes factors, of the effect over the base
-    model; ``laplace_noise`` is Laplace's with the noise scales integrated too; ``base_off`` and ``effect_off`` are by
-    how much each model's ln Z is higher by that than by importance sampling. ``effective`` is the smaller sample.
+    By the names of NUMBERS. ``laplace``, ``nested`` and ``importance`` are ln Bayes factors, of the effect over the
+    base model; ``laplace_noise`` is Laplace's with the noise scales integrated too; ``base_off`` and ``effect_off`` are
+    by how much each model's ln Z is higher by that than by importance sampling. ``effective`` is the smaller sample.
     """
     base, full = value["base"], value["with_effect"]
 

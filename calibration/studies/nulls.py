@@ -104,8 +104,8 @@ def run_campaign(
 
     `out`: gets a result a null in ``results/``, ``nulls.parquet``, ``nulls.json``, ``nulls.md`` and ``nulls.png``.
     `workers`: processes; 0 works in this one [-].
-    Returns of `nulls_table.summary`. Raises OtherCodeError when the sources changed on the way; ClusterError when no
-    scheduler answers, or it is lost on the way.
+    Returns what `nulls_table.summary` gives. Raises OtherCodeError when the sources changed on the way; ClusterError
+    when no scheduler answers, or it is lost on the way.
     """
     items = items_of(kinds, first_seed)
     results = results_of(p_of_null, items, out, workers, scheduler, tell)
@@ -142,10 +142,7 @@ def documents(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> di
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print its table, and return the exit code.
-
-    `arguments`: the process's own when left out.
-    """
+    """Run the campaign of a command line, print its table, and return the exit code."""
     given = _parser().parse_args(arguments)
     kinds = {Kind(noise): given.sweeps for noise in given.noise if given.sweeps}
     kinds |= {Kind(noise, True): given.with_runs for noise in given.noise if given.with_runs}

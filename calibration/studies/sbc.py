@@ -117,8 +117,8 @@ def run_campaign(
 
     `out`: gets a result a fit in ``results/``, ``sbc.json`` and ``sbc_ranks.png``.
     `workers`: processes; 0 works in this one [-].
-    Returns of `summary`. Raises OSError when no scheduler answers, or it is lost on the way; when no fit was made at
-    all.
+    Returns what `summary` gives. Raises OSError when no scheduler answers, or it is lost on the way; when no fit was
+    made at all.
     """
     code = imported_sha256("calibration.studies.sbc", "calibration.fit.fit")
     items = [Item(f"fit-{seed}", seed, code) for seed in range(first_seed, first_seed + fits)]
@@ -188,10 +188,7 @@ def rank_plot(results: list[dict[str, Any]]) -> bytes:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print what it comes to, and return the exit code.
-
-    `arguments`: the process's own when left out.
-    """
+    """Run the campaign of a command line, print what it comes to, and return the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m calibration.studies.sbc", description=__doc__.splitlines()[0] if __doc__ else ""
     )

@@ -40,7 +40,7 @@ class Comparison:
 
 
 def compare(found: Reproduction) -> tuple[Comparison, ...]:
-    """Every result that the article prints in words, beside ours. Returns in the article's order.
+    """Every result that the article prints in words, beside ours, in the article's order.
 
     Parameters
     ----------

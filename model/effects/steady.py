@@ -57,7 +57,7 @@ def solve(
 ) -> Points:
     """Operating points of rows that each have a pressure and parameters of their own.
 
-    Returns where the passes do not agree, ``running`` is False.
+    Where the passes do not agree, ``running`` is False.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def simulate(
 ) -> Run:
     """Simulate from the first to the last sample.
 
-    Returns the samples. Raises ArithmeticError when the integration fails.
+    Raises ArithmeticError when the integration fails.
 
     Parameters
     ----------

@@ -249,7 +249,7 @@ def ideal_heat_capacity(T: ArrayLike, x_w: ArrayLike) -> Any:
 
 
 def heat_capacity_ratio(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Ratio gamma = cp/cv of the real gas. Returns ratio [-]. Raises ValueError where an argument is outside its range.
+    """Ratio gamma = cp/cv of the real gas [-]. Raises ValueError where an argument is outside its range.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ def heat_capacity_ratio(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 
 
 def viscosity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Dynamic viscosity. Returns viscosity [Pa s]. Raises ValueError where an argument is outside its range.
+    """Dynamic viscosity [Pa s]. Raises ValueError where an argument is outside its range.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def viscosity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 
 
 def conductivity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Thermal conductivity. Returns conductivity [W/(m K)]. Raises ValueError where an argument is outside its range.
+    """Thermal conductivity [W/(m K)]. Raises ValueError where an argument is outside its range.
 
     Parameters
     ----------

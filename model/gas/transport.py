@@ -29,9 +29,7 @@ def polynomial(c: Array, T: Any) -> Any:
 
 @njit(cache=True)
 def sutherland_viscosity(T: Any) -> Any:
-    """Viscosity of dry air by Sutherland's law, as the reference figures have it; compiled, unchecked.
-
-    Returns viscosity [Pa s].
+    """Viscosity of dry air by Sutherland's law [Pa s], as the reference figures have it; compiled, unchecked.
 
     Parameters
     ----------
@@ -48,9 +46,7 @@ def sutherland_viscosity(T: Any) -> Any:
 
 @njit(cache=True)
 def sutherland_conductivity(T: Any) -> Any:
-    """Conductivity of dry air by Sutherland's law, as the reference figures have it; compiled, unchecked.
-
-    Returns conductivity [W/(m K)].
+    """Conductivity of dry air by Sutherland's law [W/(m K)], as the reference figures have it; compiled, unchecked.
 
     Parameters
     ----------

@@ -115,8 +115,8 @@ def check_pressures(motor: Motor, pressures: Sequence[float]) -> None:
 def operating_points(motor: Motor, pressures: Sequence[float]) -> list[OperatingPoint]:
     """Steady operating points.
 
-    Returns one a pressure, in the order given. Raises OperatingPointError when a pressure or the gas is out of the
-    model's reach, NotSettledError when no periodic state was found.
+    Returns a point for each pressure, in the order given. Raises OperatingPointError when a pressure or the gas is out
+    of the model's reach, NotSettledError when no periodic state was found.
 
     Parameters
     ----------

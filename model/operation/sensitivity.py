@@ -51,7 +51,7 @@ class Sensitivity:
 def sensitivities(motor: Motor, pressures: Sequence[float]) -> list[Sensitivity]:
     """The effect of every parameter that enters an equation, the strongest on speed per 1 % first.
 
-    Returns ranked by the largest change of speed per 1 % at any of the pressures. Raises OperatingPointError when a
+    They are ranked by the largest change of speed per 1 % at any of the pressures. Raises OperatingPointError when a
     pressure is out of reach or the motor stalls at one.
 
     Parameters

@@ -145,7 +145,7 @@ class Acquisition:
         return self.channels.window(self._name(channel), self.clock.now_ns() - int(span_s * NS))
 
     def between(self, channel: str, start_ns: int, end_ns: int) -> Window:
-        """The usable readings of a channel between two times. `start_ns`, `end_ns`: bench times [ns]."""
+        """The usable readings of a channel between two times."""
         return self.channels.window(self._name(channel), start_ns, end_ns)
 
     def last(self, channel: str) -> Reading | None:

@@ -29,7 +29,7 @@ class Sink(Protocol):
         """Write an exchange and its readings."""
 
     def event(self, kind: str, time_ns: int, **details: Any) -> None:
-        """Write an event. `time_ns`: when, on the bench's clock [ns]."""
+        """Write an event."""
 
 
 class Recorder(threading.Thread):
@@ -64,10 +64,7 @@ class Recorder(threading.Thread):
         self._put(exchange)
 
     def note(self, kind: str, time_ns: int, **details: Any) -> None:
-        """Hand over an event, to be written in its place among the exchanges.
-
-        `time_ns`: when, on the bench's clock [ns].
-        """
+        """Hand over an event, to be written in its place among the exchanges."""
         self._put((kind, time_ns, details))
 
     def run(self) -> None:

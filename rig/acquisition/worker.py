@@ -133,7 +133,7 @@ class Worker(threading.Thread):
         """Have something done on the line, before the next poll.
 
         `argument`: set-point of a write [own unit].
-        Returns of the exchange, or of the fault.
+        The future is of the exchange, or of the fault.
         """
         done: Future[Exchange] = Future()
         if not self.is_alive():

@@ -181,8 +181,8 @@ def read_bench(path: Path) -> Bench:
     """Read a bench file and the files of its instruments.
 
     `path`: the bench file, or the name of one in configs/benches.
-    Returns checked: every device's line and instrument exist, every role is a channel. Raises ConfigError: all
-    mistakes, a line each.
+    It is checked: every device's line and instrument exist, every role is a channel. Raises ConfigError: all mistakes,
+    a line each.
     """
     path = bench_path(path)
     source = configs.read_source(path)
@@ -212,8 +212,8 @@ def instrument_source(instrument: str) -> str:
 def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
     """A bench from the texts of its files: those on disk, or those that a run has kept.
 
-    Returns checked: every device's line and instrument exist, every role is a channel. Raises ConfigError: all
-    mistakes, a line each.
+    It is checked: every device's line and instrument exist, every role is a channel. Raises ConfigError: all mistakes,
+    a line each.
     """
     file = configs.validate(BenchFile, configs.parse_toml(sources[BENCH_SOURCE], place), place)
     mistakes = _line_mistakes(file) + _address_mistakes(file)

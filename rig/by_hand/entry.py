@@ -87,7 +87,6 @@ def doubt_of_speed(value: Value | None, expected: tuple[float, float] | None, li
 
     `value`: as typed; None when it is not typed.
     `expected`: the lowest and the highest speed to be believed [rpm].
-    `limit_rpm`: of the bench [rpm].
     """
     if value is None or value.value is None or value.censored < 0:
         return ""

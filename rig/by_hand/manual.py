@@ -57,7 +57,7 @@ class ManualSweep:
         conversation.log = self._event
 
     def run(self) -> Outcome:
-        """Take the zero, every level, and the zero again. Returns ``vented`` is what the person said."""
+        """Take the zero, every level, and the zero again. ``vented`` is what the person said."""
         self.person.say("Type help for what can be typed.")
         while True:
             outcome, reason = self._levels()

@@ -75,8 +75,8 @@ def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
     """Read a filled-in sheet.
 
     `text`: CSV with the columns of `sheet_columns`; the times are of the clock (``14:05``) or seconds.
-    Returns rows with an empty time and no reading are levels that were not taken, and are left out. Raises SheetError:
-    a line for each mistake, with row and column.
+    Rows with an empty time and no reading are levels that were not taken, and are left out. Raises SheetError: a line
+    for each mistake, with row and column.
     """
     if len(text) > MOST_BYTES:
         raise SheetError(f"longer than {MOST_BYTES} characters; this is no sheet")

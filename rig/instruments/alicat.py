@@ -113,7 +113,7 @@ def judge(
 
     `numbers`: channel to its number [own unit].
     `flags`: all that were set; each goes into the detail of every channel.
-    Returns by channel, limits not yet looked at.
+    By channel, limits not yet looked at.
     """
     detail = joined(" ".join(flags), note)
     faulty = any(flag not in (*OVER_RANGE, *NOTES) for flag in flags)
@@ -175,7 +175,7 @@ class AlicatController(Alicat):
         self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
 
     def write(self, line: Line, value: float) -> float:
-        """Order a set-point and return the one that the next frame shows. `value`: the set-point [own unit]."""
+        """Order a set-point and return the one that the next frame shows."""
         table = self.setpoint
 
         def order() -> None:

@@ -80,7 +80,7 @@ def flags_of(status: int) -> list[str]:
 
 
 def decode(words: Sequence[int], channels: dict[str, ScaledChannel]) -> dict[str, Value]:
-    """The values of the block. Returns by channel, limits not yet looked at."""
+    """The values of the block. By channel, limits not yet looked at."""
     raw, numbers = {}, {}
     for name, channel in channels.items():
         first = QUANTITIES[cast(str, _quantity(name))]
@@ -124,7 +124,7 @@ class AlicatModbusController(AlicatModbus):
         self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
 
     def write(self, line: Line, value: float) -> float:
-        """Order a set-point and return what its registers hold then. `value`: the set-point [own unit]."""
+        """Order a set-point and return what its registers hold then."""
         table, timing, first = self.setpoint, timing_of(self.settings, line), SETPOINT - self._less
 
         def order() -> None:

@@ -73,8 +73,7 @@ class Settings(PolledFile):
 def decode(line: bytes, pattern: re.Pattern[str], channels: Mapping[str, TextChannel]) -> dict[str, Value]:
     """The values of a line of text.
 
-    Returns by channel, limits not yet looked at. Raises BadReplyError when the line is not of the pattern, or a number
-    is none.
+    By channel, limits not yet looked at. Raises BadReplyError when the line is not of the pattern, or a number is none.
     """
     text = line.decode("ascii", errors="replace")
     match = pattern.fullmatch(text)
@@ -97,7 +96,7 @@ def _value(text: str, channel: TextChannel) -> Value:
 
 
 def ends_with(terminator: bytes, most_bytes: int) -> Complete:
-    """What tells where a reply in text ends. Returns of the form that `Line.ask` takes."""
+    """What tells where a reply in text ends. It has the form that `Line.ask` takes."""
 
     def complete(buffer: bytes) -> int | None:
         end = buffer.find(terminator)

@@ -150,7 +150,7 @@ class Polled(abc.ABC):
 def repeated(ask: Callable[[], Found], retries: int) -> Found:
     """Ask, and ask again after a timeout or a damaged reply; a refusal is an answer and is not repeated.
 
-    Returns what was asked for. Raises LineError: the last failure.
+    Raises LineError: the last failure.
     """
     for _ in range(retries):
         try:

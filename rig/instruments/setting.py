@@ -25,8 +25,8 @@ def set_and_read_back(
     `limits`: lowest and highest set-point [own unit].
     `read_back`: asks what the device holds now; asked again once when the answer fails.
     `tolerance`: how far the two may differ, by the device's resolution [own unit].
-    Returns as read back [own unit]. Raises InstrumentError when the value is outside the limits, the device refuses it,
-    or holds another one; LineError when nobody answers.
+    Returns what is read back [own unit]. Raises InstrumentError when the value is outside the limits, the device
+    refuses it, or holds another one; LineError when nobody answers.
     """
     lowest, highest = limits
     if not lowest <= value <= highest:

@@ -98,7 +98,6 @@ class Guard:
     def predict(self, level_pa_abs: float, points: Sequence[Point]) -> Prediction:
         """The speed at a level.
 
-        `level_pa_abs`: absolute pressure [Pa].
         `points`: the plateaus so far; none: what the priors say.
         Raises SafetyError when the level or a point is no pressure at all, or beyond the model's reach.
         """
@@ -118,7 +117,7 @@ class Guard:
         return Prediction(mean, upper, lower, text)
 
     def verdict(self, level: float, points: Sequence[Point]) -> Verdict:
-        """Whether a level may be ordered next. `level`: absolute pressure [Pa]."""
+        """Whether a level may be ordered next."""
         stuck = self._stuck(level, points)
         if stuck:
             return Verdict(False, stuck, self._ambient_pa)
@@ -140,10 +139,7 @@ class Guard:
         return Verdict(False, text, highest)
 
     def highest_pa(self, points: Sequence[Point]) -> float:
-        """The highest pressure whose upper 99 % is within the limit, to 200 Pa below.
-
-        Returns absolute pressure [Pa].
-        """
+        """The highest pressure whose upper 99 % is within the limit, to 200 Pa below. It is absolute [Pa]."""
         low, high = self._ambient_pa, HIGHEST_PA
         while high - low > 200.0:
             middle = 0.5 * (low + high)

@@ -22,10 +22,7 @@ class View(Protocol):
 
 
 class Limits:
-    """The trip rules of a bench. It remembers when each signal was last heard, and nothing else.
-
-    `ambient_bar_abs`: of the room, for a gauge that counts from it [bar].
-    """
+    """The trip rules of a bench. It remembers when each signal was last heard, and nothing else."""
 
     def __init__(
         self, safety: SafetyTable, roles: RolesTable, ambient_bar_abs: float = 1.01325, rate: float = 1.0
@@ -38,7 +35,6 @@ class Limits:
     def trip(self, view: View, now_ns: int, pressurised: bool) -> str | None:
         """Why the line must be vented now; None when nothing is wrong. To be asked several times a second.
 
-        `now_ns`: time of the bench [ns].
         `pressurised`: whether the regulator is, or is being, set above zero: only then must the signals be there.
         """
         speed, pressure = view.last(self.roles.speed), view.last(self.roles.pressure)

@@ -69,7 +69,7 @@ class KeyboardPort:
         return time_ns
 
     def read(self, until_ns: int) -> tuple[int, bytes]:
-        """Wait for what is typed; a terminal gives whole lines. `until_ns`: when to give up [ns]."""
+        """Wait for what is typed; a terminal gives whole lines."""
         self._check()
         if self._fed:
             _, typed_ns, data = self._fed.popleft()

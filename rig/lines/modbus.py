@@ -62,7 +62,7 @@ class Request:
 
 
 def encode(request: Request, framing: str, transaction: int) -> bytes:
-    """The bytes of a question. Returns a whole frame."""
+    """The bytes of a question, a whole frame."""
     pdu: ModbusPDU
     if request.function == READ_COILS:
         pdu = ReadCoilsRequest(address=request.address, count=request.count, dev_id=request.unit)
@@ -84,7 +84,7 @@ def encode(request: Request, framing: str, transaction: int) -> bytes:
 def length_of(request: Request, framing: str) -> Complete:
     """What tells how long the answer to a question is.
 
-    Returns bytes so far to the length of the frame; None while more are needed.
+    It takes the bytes so far and gives the length of the frame, or None while more are needed.
     """
     if framing == "tcp":
         return _tcp_length

@@ -50,7 +50,7 @@ class TcpPort:
         return time_ns
 
     def read(self, until_ns: int) -> tuple[int, bytes]:
-        """Wait for bytes. `until_ns`: when to give up [ns]."""
+        """Wait for bytes."""
         connection = self._connected()
         wait_s = max(0.0, self.clock.real_s((until_ns - self.clock.now_ns()) / NS))
         try:

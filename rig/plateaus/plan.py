@@ -21,7 +21,6 @@ class SweepError(ValueError):
 class Step:
     """One plateau to be taken.
 
-    `level_bar_abs`: absolute pressure [bar].
     `direction`: ``up`` or ``down``: from which side the level is approached, or for the first of a falling leg, the
         leg.
     `by_way_of_bar_abs`: a higher pressure to go to first [bar]: a level of a falling leg is never approached from
@@ -52,7 +51,7 @@ def plan(
     `order`: ``up``, ``down``, ``up-down`` (the top level is the last of the rising leg and the first of the falling
         one), ``down-up`` (likewise with the lowest), or ``random``: each repeat in its own order.
     `finished`: what an earlier run of this sweep has taken; left out here.
-    Returns in order. Raises SweepError when there is no level, or an order of another name.
+    They are in order. Raises SweepError when there is no level, or an order of another name.
     """
     rising = sorted({round(level, 9) for level in levels_bar_abs})
     if not rising:
@@ -73,7 +72,7 @@ def stepping_stone(level_bar_abs: float, highest_bar_abs: float, taken_bar_abs: 
     `level_bar_abs`: refused [bar].
     `highest_bar_abs`: the highest that would be allowed now [bar].
     `taken_bar_abs`: levels of the plateaus so far, or the room's pressure [bar].
-    Returns in hundredths of a bar; None where it would be no step worth the time.
+    In hundredths of a bar; None where it would be no step worth the time.
     """
     stone = math.floor(highest_bar_abs / STONE_GRID_BAR + 1e-6) * STONE_GRID_BAR
     if stone >= level_bar_abs or stone < max(taken_bar_abs) + LEAST_STONE_BAR:

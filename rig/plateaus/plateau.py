@@ -59,8 +59,8 @@ def mean_of(
 
     `time_s`, `value`, shape (n,): times [s] and values [own unit], oldest first.
     `censored`, shape (n,), or None: -1 and 1 where a reading was below or above the scale [-].
-    Returns with the limits of off-scale readings in place of their values, a mean is a bound of the true one; where
-    more than a tenth were off, it is given as that.
+    With the limits of off-scale readings in place of their values, a mean is a bound of the true one; where more than a
+    tenth were off, it is given as that.
     """
     n = int(value.size)
     qualities = dict(Counter(str(one) for one in quality))

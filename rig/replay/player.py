@@ -35,7 +35,7 @@ class Player:
         """What the drivers make of an exchange now.
 
         `exchange`: as logged; its readings are not used.
-        Returns with the same bytes, and the readings and outcome of today's drivers.
+        Returns it with the same bytes, and the readings and outcome of today's drivers.
         """
         self._check(exchange)
         line, port = self.lines[exchange.line], self.ports[exchange.line]

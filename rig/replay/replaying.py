@@ -73,7 +73,7 @@ def replay(
     `bench`: with mended instrument files; those that the run kept when left out.
     `writer`: gets the exchanges and events of the replay, where it is kept as a run of its own.
     `real_time`: whether to wait as long between two exchanges as it took then.
-    Returns the comparison. Raises RunError when the run kept no bytes, or is damaged.
+    Raises RunError when the run kept no bytes, or is damaged.
     """
     if not run.has_wire:
         raise RunError(f"{run.folder}: the bytes on the wire were not kept, so there is nothing to replay")

@@ -36,7 +36,6 @@ class CaptureError(SweepError):
 class Expected:
     """A run in time, by the model.
 
-    `level_bar_abs`: absolute pressure [bar].
     `duration_s`: from the valve's move to 10 % of the speed before, or to 90 % of the speed it reaches [s].
     `speed_rpm`: the speed before, or that it reaches [rpm].
     """
@@ -110,7 +109,7 @@ def rate_of(bench: Bench) -> Rate:
 def check(expected: Expected, rate: Rate) -> int:
     """How many samples would fall in the event.
 
-    Returns at least 20 [-]. Raises CaptureError when there would be fewer; the text says what would do.
+    They are at least 20 [-]. Raises CaptureError when there would be fewer; the text says what would do.
     """
     count = rate.samples(expected)
     if count >= LEAST_SAMPLES:

@@ -30,7 +30,7 @@ class CaptureTask:
 
 
 class Capturing:
-    """Goes through one capture. `ambient_bar`: the room's pressure [bar]. `now_ns`: time of the bench [ns]."""
+    """Goes through one capture."""
 
     def __init__(self, task: CaptureTask, ambient_bar: float, now_ns: int, by_hand: bool = False) -> None:
         self.task = task
@@ -47,7 +47,7 @@ class Capturing:
         return max(LONGER * self.task.expected_s, LEAST_S)
 
     def advance(self, now_ns: int, view: View) -> list[Order]:
-        """Go on. `now_ns`: time of the bench [ns]."""
+        """Go on."""
         if self._start_ns is None:
             return self._in_rest(now_ns, view)
         if self._event_ns is None:
@@ -82,7 +82,7 @@ class Capturing:
         return [Ask(f"{words}, and press Enter")]
 
     def cut_short(self, now_ns: int) -> list[Order]:
-        """End the recording now. `now_ns`: time of the bench [ns]."""
+        """End the recording now."""
         self.over = True
         if self._start_ns is None:
             return []

@@ -34,7 +34,6 @@ ENDED = frozenset({State.DONE, State.ABORTED, State.FAILED})
 class Course:
     """What the machine goes through.
 
-    `ambient_bar`: the room's pressure [bar].
     `zero_channels`: full names; read with the line vented.
     `known`: of the runs that this one continues, oldest first: the guard learns from them too.
     """

@@ -63,12 +63,12 @@ Expect = Callable[[float, Sequence[Plateau]], tuple[float, float] | None]
 
 
 def expect_anything(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
-    """Any speed is believed. `bar_abs`: the pressure [bar]."""
+    """Any speed is believed."""
     return None
 
 
 def never_trip(view: View, now_ns: int, pressurised: bool) -> str | None:
-    """Limits that nothing passes. `now_ns`: time of the bench [ns]."""
+    """Limits that nothing passes."""
     return None
 
 
@@ -103,13 +103,12 @@ class Guarding(Protocol):
     """`rig.interlock.guard.Guard`."""
 
     def verdict(self, level: float, points: Sequence[Point]) -> Verdict:
-        """Whether a level may be ordered next. `level`: absolute pressure [Pa]."""
+        """Whether a level may be ordered next."""
 
 
 def guarded(guard: Guarding, ambient_bar: float, is_gauge: bool, pressure_sd_bar: float = 0.0) -> Predict:
     """The guard as the machine asks it.
 
-    `ambient_bar`: the room's pressure [bar].
     `pressure_sd_bar`: what a mean pressure may be off by beyond its scatter [bar].
     """
 
@@ -124,14 +123,11 @@ class Expecting(Protocol):
     """`rig.interlock.guard.Guard`."""
 
     def predict(self, level_pa_abs: float, points: Sequence[Point]) -> Prediction:
-        """The speed at a level. `level_pa_abs`: absolute pressure [Pa]."""
+        """The speed at a level."""
 
 
 def expecting(guard: Expecting, ambient_bar: float, is_gauge: bool) -> Expect:
-    """The speeds that the guard holds for possible, for readings that a person types.
-
-    `ambient_bar`: the room's pressure [bar].
-    """
+    """The speeds that the guard holds for possible, for readings that a person types."""
 
     def expect(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
         try:

@@ -93,7 +93,7 @@ class SweepMachine:
         return len(self._tasks) + (self._task is not None)
 
     def advance(self, now_ns: int, view: View) -> list[Order]:
-        """Go on. `now_ns`: time of the bench [ns]. Returns to be carried out in order; none once it has ended."""
+        """Go on. Its orders are to be carried out in order; none once it has ended."""
         if self.ended:
             return []
         if not self._begun:
@@ -110,14 +110,11 @@ class SweepMachine:
         return self._work[self.state](now_ns, view)
 
     def abort(self, now_ns: int, reason: str) -> list[Order]:
-        """Vent, and end the run as aborted. `now_ns`: time of the bench [ns]."""
+        """Vent, and end the run as aborted."""
         return self._leave(now_ns, ABORTED, reason)
 
     def fail(self, now_ns: int, reason: str) -> list[Order]:
-        """Vent, and end the run as failed: something of the bench or of this program does not work.
-
-        `now_ns`: time of the bench [ns].
-        """
+        """Vent, and end the run as failed: something of the bench or of this program does not work."""
         return self._leave(now_ns, FAILED, reason)
 
     # What ends it.

@@ -61,7 +61,6 @@ def capture_course(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: flo
 def check_levels(bench: Bench, ambient: Ambient, levels_bar_abs: Collection[float]) -> None:
     """Refuse levels that are none.
 
-    `levels_bar_abs`: absolute pressures [bar].
     Raises SweepError: above the limit, beyond the regulator's span, or not above the room's pressure.
     """
     highest = bench.file.safety.highest_pressure_bar_abs

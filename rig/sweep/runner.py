@@ -75,7 +75,7 @@ class BenchView:
         self.set_ns: int | None = None
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
-        """The usable readings between two times. `start_ns`, `end_ns`: bench times [ns]."""
+        """The usable readings between two times."""
         return self._acquisition.between(channel, start_ns, end_ns)
 
     def last(self, channel: str) -> Reading | None:
@@ -106,7 +106,7 @@ class Runner:
     def run(self) -> Outcome:
         """Go through the course.
 
-        Returns also when it failed; what is not the bench's fault is raised once the regulator is at zero.
+        It returns also when it failed; what is not the bench's fault is raised once the regulator is at zero.
         """
         try:
             while self.finish is None:
@@ -241,7 +241,7 @@ def run_course(
 
     `acquisition`: started; it is not stopped here.
     `hooks`: guard, limits, operator and audience; none of them when left out.
-    Returns finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
+    The run is finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
     """
     return Runner(acquisition, sink, bench, course, hooks or Hooks()).run()
 

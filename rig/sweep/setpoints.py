@@ -13,7 +13,6 @@ from rig.sweep.orders import VENTED
 def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:
     """From an absolute pressure [bar] to the regulator's set-point, as a function.
 
-    `ambient_bar`: the room's pressure [bar].
     Raises SweepError when the regulator's unit is not known here.
     """
     device = bench.file.roles.regulator

@@ -52,7 +52,7 @@ class VirtualBench:
     def control(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Ask the bench something, or order it; docs/virtual-bench.md lists what.
 
-        Returns what it tells. Raises VirtualBenchError when it refuses, or is gone.
+        Raises VirtualBenchError when it refuses, or is gone.
         """
         return ask(self.ports, request)
 
@@ -75,10 +75,7 @@ class VirtualBench:
 
 
 def ask(ports: Mapping[str, Any], request: Mapping[str, Any]) -> dict[str, Any]:
-    """Ask a bench that another process started.
-
-    Returns what it tells. Raises VirtualBenchError when it refuses, or is gone.
-    """
+    """Ask a bench that another process started. Raises VirtualBenchError when it refuses, or is gone."""
     where = (ports["control"]["host"], ports["control"]["tcp_port"])
     try:
         with socket.create_connection(where, timeout=ANSWER_S) as connection, connection.makefile("rb") as answers:

@@ -47,7 +47,7 @@ def reveal(seal: Path, key: Path | None = None) -> dict[str, Any]:
     """Open a seal.
 
     `key`: its key; the user's when left out.
-    Returns of concealed/1, with its ``truth_sha256``. Raises SealError when the key does not open it, or it is no
+    The JSON of concealed/1, with its ``truth_sha256``. Raises SealError when the key does not open it, or it is no
     concealed bench's.
     """
     contents, digest = open_seal(seal, key or default_key())

@@ -12,6 +12,12 @@ sizes, draws, truth    what a case conceals; equipment: the line and the instrum
 live        motor and line carried on in a bench's time, behind the virtual bench's instruments
 sheets, recordings     recording/1, and a further test
 signatures, runs_seen, small_torques, separable  what a recording can tell apart
+
+What stands in many signatures: `p` figures of the motor as `slots` lays them out, `rows`, shape (n, k), of a motor a
+row; `y` its state as `motor` lays it out, changed in place, and `table` of `curve`; `line` and `lines` pressure at the
+gauge [Pa]; `figures`, shape (6,), of `line.Supply`, and `s`, shape (5,), the state of the line, changed in place;
+`target` what the regulator is set to [Pa]; `less` how much less than the line's pressure the motor gets [Pa]; `clock`
+the recording's [s]; `cell` duration of a cell and `dt` (largest) step [s].
 """
 
 from calibration.challenge.second_rig.draws import draw

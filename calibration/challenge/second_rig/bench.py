@@ -24,11 +24,7 @@ Steady = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Plateaus:
-    """Steady rows that are to be measured, arrays of shape (n,).
-
-    `lines`: pressure at the gauge [Pa].
-    `clock`: on the recording's clock [s].
-    """
+    """Steady rows that are to be measured, arrays of shape (n,)."""
 
     lines: np.ndarray
     clock: np.ndarray
@@ -108,11 +104,7 @@ def figures_of(rig: Rig, asked: Plateaus) -> tuple[np.ndarray, np.ndarray]:
 
 
 def marched(rows: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Speed [rad/s], mass flow [kg/s] and gas torque [N m] of plateaus, shape (n, 3).
-
-    `rows`, shape (n, k): figures of the motor, a row a plateau, laid out as in `slots`.
-    `lines`, shape (n,): pressure of the line [Pa].
-    """
+    """Speed [rad/s], mass flow [kg/s] and gas torque [N m] of plateaus, shape (n, 3)."""
     return _plateaus(rows.tobytes(), lines.tobytes())
 
 
@@ -154,7 +146,6 @@ def delivered(rig: Rig, asked: Plateaus) -> np.ndarray:
 def history(rig: Rig, asked: Run, dt: float = marches.STEP_S, ripple: bool = True) -> History:
     """What a run does in time, as tachometer and gauge are given it.
 
-    `dt`: largest step of the march [s].
     `ripple`: whether the pulses of single cylinders are seen; without them a small change stays small however long the
         run.
     """
@@ -173,7 +164,6 @@ def run(
 ) -> Readings:
     """Readings of a run at every `SAMPLE_S`; a speed is the mean since the sample before. No flow is read.
 
-    `dt`: largest step of the march [s].
     `jitter`, shape (n,), optional: how late each sample really is [s].
     """
     found = history(rig, asked, dt, ripple)
@@ -262,7 +252,6 @@ def shown_speed(rig: Rig, speed: np.ndarray, clock: np.ndarray) -> np.ndarray:
     """What the tachometer shows of a speed [rad/s]: effects on it come before its own errors.
 
     `speed`, shape (n,): of the shaft [rad/s].
-    `clock`, shape (n,): on the recording's clock [s].
     """
     e = rig.errors
     found = instruments.read_speed(rig.effects, speed, clock)

@@ -123,7 +123,6 @@ def row_figures(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Figures and line pressures of rows, with what depends on the clock and on the sweep's direction.
 
-    `clock`, shape (n,): on the recording's clock [s].
     `way`, shape (n,): 1 upwards, -1 downwards, 0 neither [-].
     `lines`, shape (n,): pressure where the gauge sits [Pa].
     Returns `rows`, shape (n, k): figures of the motor, laid out as in `slots`; `lines`, shape (n,): pressure that the

@@ -58,7 +58,6 @@ def read_speed(effects: Sequence[Concealed], true: np.ndarray, clock: np.ndarray
     """What the tachometer makes of a steady speed [rad/s]: miscounted pulses, and a coupling that begins to slip.
 
     `true`, shape (n,): speed of the shaft [rad/s].
-    `clock`, shape (n,): on the recording's clock [s].
     """
     for effect in effects:
         v = effect.values

@@ -98,11 +98,7 @@ def follow(
 ) -> None:
     """The line after a step: the motor's draught, then each way of the valve by backward Euler.
 
-    `s`, shape (5,): state of the line; changed.
-    `figures`, shape (6,): of `Supply`.
-    `target`: what the regulator is set to [Pa].
     `taken`: mass that the motor took in this step [kg].
-    `dt`: step [s].
     """
     lag, droop, valve_time, area, vent, volume = figures
     way = 1.0 if is_open else 0.0
@@ -156,13 +152,6 @@ def together(
     """One step of motor and line; the mass that the motor took [kg].
 
     Where the line is as good as vented, both ports stand at the exhaust's pressure.
-
-    `y`: state of the motor, laid out as at the top of `motor`; changed.
-    `s`, shape (5,): state of the line; changed.
-    `figures`, shape (6,): of `Supply`.
-    `target`: what the regulator is set to [Pa].
-    `less`: how much less than the line's pressure the motor gets [Pa].
-    `dt`: step [s].
     """
     feed = s[LINE] - less
     feeds = feed > p[PA] + p[DROP_IN] + p[DROP_OUT]
@@ -192,12 +181,7 @@ def run_behind(
 
     `y`: state of the motor at the start, laid out as at the top of `motor`; changed.
     `s`, shape (5,): state of the line at the start; changed.
-    `figures`, shape (6,): of `Supply`.
-    `target`: what the regulator is set to [Pa].
     `opened`, shape (n,): whether the valve is driven towards the regulator in each cell.
-    `less`: how much less than the line's pressure the motor gets [Pa].
-    `cell`: duration of a cell [s].
-    `dt`: largest step [s].
     """
     found = np.empty((opened.size + 1, 2))
     found[0, 0], found[0, 1] = y[THETA], s[LINE]
@@ -215,8 +199,6 @@ def run_behind(
 def settled(p: np.ndarray, figures: np.ndarray, target: float, mass_flow: float) -> tuple[float, float]:
     """Pressures of a line that lets so much through, and of its regulator [Pa]: droop, and loss of the valve.
 
-    `figures`, shape (6,): of `Supply`.
-    `target`: what the regulator is set to [Pa].
     `mass_flow`: out of the line [kg/s].
     """
     line = target
@@ -233,8 +215,6 @@ def settled(p: np.ndarray, figures: np.ndarray, target: float, mass_flow: float)
 def needed(p: np.ndarray, figures: np.ndarray, line: float, mass_flow: float) -> float:
     """What the regulator is set to where a line that lets so much through stands at a pressure [Pa].
 
-    `figures`, shape (6,): of `Supply`.
-    `line`: pressure of the line [Pa].
     `mass_flow`: out of the line [kg/s].
     """
     regulated = line + 1.0

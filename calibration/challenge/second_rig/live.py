@@ -50,12 +50,6 @@ def carry_on(
 ) -> None:
     """March motor and line together.
 
-    `y`: state of the motor, laid out as at the top of `motor`; changed.
-    `s`, shape (5,): state of the line; changed.
-    `figures`, shape (6,): of `line.Supply`.
-    `target`: what the regulator is set to [Pa].
-    `less`: how much less than the line's pressure the motor gets [Pa].
-    `dt`: step [s].
     `samples`, shape (n, 4): filled: angle [rad], speed [rad/s], pressure of the line [Pa], mean mass flow into the
         motor [kg/s].
     """
@@ -119,7 +113,6 @@ class LivePlant:
     `rig`: the motor as built, and what is concealed; the instruments' own errors are not taken from it.
     `line`: figures of a bench's line: ``regulator_lag_s``, ``regulator_gain``, ``regulator_droop_bar_min_l``,
         ``line_volume_l``, ``valve_time_s``, ``valve_area_mm2``; the instruments read what else there is of it.
-    `room_k`: temperature of the room [K].
     """
 
     def __init__(self, rig: Rig, line: Any, room_k: float) -> None:
@@ -198,11 +191,7 @@ class LivePlant:
             self.setpoints.append((self.time_ns / NS, target))
 
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
-        """The present mass flow as a volume flow at a state.
-
-        `pressure_bar_abs`: absolute pressure of the state [bar].
-        `temperature_k`: its temperature [K].
-        """
+        """The present mass flow as a volume flow at a state."""
         return self.flow_kg_s * R_AIR * temperature_k / (pressure_bar_abs * BAR) * L_MIN
 
     def advance(self, to_ns: int) -> None:

@@ -17,10 +17,7 @@ KNOTS_PA = np.array([1.3, 1.6, 2.0, 2.5, 3.6]) * BAR  # the volume flow is nearl
 
 
 def under_load(p: np.ndarray, supply: Supply, target: float, locked: bool = False) -> tuple[float, float]:
-    """Pressures of line and regulator [Pa] where the motor takes what they let through.
-
-    `target`: what the regulator is set to [Pa].
-    """
+    """Pressures of line and regulator [Pa] where the motor takes what they let through."""
     figures, at = supply.figures(), target
     found = (target, target)
     for _ in range(ROUNDS):

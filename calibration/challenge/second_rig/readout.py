@@ -38,7 +38,6 @@ def slowed(values: np.ndarray, lag_s: float) -> np.ndarray:
     """What an instrument with a first-order lag makes of a quantity in time, from rest at its first value.
 
     `values`, shape (n,): at the ends of cells of `bench.CELL_S` [own unit].
-    `lag_s`: its lag [s].
     """
     if lag_s <= 0.0:
         return values
@@ -53,7 +52,6 @@ def wheel(turned: np.ndarray, lag_s: float) -> np.ndarray:
     """The angle that a tachometer with a lag sees [rad]; before the start the shaft turned as it does there.
 
     `turned`, shape (n + 1,): angle of the shaft [rad].
-    `lag_s`: its lag [s].
     """
     if lag_s <= 0.0:
         return turned

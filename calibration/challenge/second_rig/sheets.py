@@ -38,11 +38,7 @@ class File:
 def noisy(
     true: Readings, sensors: Mapping[str, float], noise_scale: float, clock: np.ndarray, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Readings with noise, by channel and in the columns' units.
-
-    `true`: without noise [SI].
-    `clock`, shape (n,): on the recording's clock [s].
-    """
+    """Readings with noise, by channel and in the columns' units. `true`: without noise [SI]."""
     return {channel: noisy_one(channel, getattr(true, channel), sensors, noise_scale, clock, rng) for channel in NOISE}
 
 
@@ -54,11 +50,7 @@ def noisy_one(
     clock: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Readings of one channel with noise, shape (n,), in its column's unit.
-
-    `true`, shape (n,): without noise [SI].
-    `clock`, shape (n,): on the recording's clock [s].
-    """
+    """Readings of one channel with noise, shape (n,), in its column's unit. `true`, shape (n,): without noise [SI]."""
     sd = NOISE[channel] * noise_scale * sensors["noise_scale"]
     found = true * UNIT[channel] + sd * unit_noise(sensors, clock.size, rng)
     return found + sensors["drift_bar"] * (clock / DRIFT_S - 0.5) if channel == "pressure" else found

@@ -124,7 +124,7 @@ def transient_table(run: Transient, rows: int = 12) -> Table:
 
 
 def sensitivity_table(pressure_bar: float, ranking: Sequence[Sensitivity], index: int) -> Table:
-    """The ranking at one pressure. `pressure_bar`: for the title [bar]."""
+    """The ranking at one pressure."""
     right = ("value", "rpm\n/ 1 %", "L/min\n/ 1 %", "prior\nsd", "rpm\n/ sd", "L/min\n/ sd")
     table = _table(f"{pressure_bar:g} bar abs", ("parameter", "left"), *((name, "right") for name in right))
     for one in ranking:

@@ -49,10 +49,7 @@ class Stream:
 
 
 def cut_lines(terminator: bytes, most_bytes: int) -> Cut:
-    """What cuts text into lines; longer ones than a reply can be are dropped.
-
-    Returns of the form that `Stream` takes.
-    """
+    """What cuts text into lines; longer ones than a reply can be are dropped. It has the form that `Stream` takes."""
 
     def cut(buffer: bytes) -> tuple[list[bytes], bytes]:
         *lines, rest = buffer.split(terminator)

@@ -37,7 +37,7 @@ class AlicatPart:
             self.setpoint = -settings.setpoint.offset / settings.setpoint.scale
 
     def read(self, time_ns: int) -> tuple[dict[str, float], list[str]]:
-        """Numbers as the device shows them, by channel, and flags. `time_ns`: time of the bench [ns]."""
+        """Numbers as the device shows them, by channel, and flags."""
         numbers, flags = {}, ["HLD"] if self.held else []
         for name, sensor in self.sensors.items():
             channel = self.settings.channels[name]
@@ -92,7 +92,7 @@ class Alicat:
         self.part = AlicatPart(device, settings, world)
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back, with no set-point. `time_ns`: time of the bench [ns]."""
+        """Power comes back, with no set-point."""
         self.switch_off()
 
     def switch_off(self) -> None:
@@ -100,10 +100,10 @@ class Alicat:
         self.part.switch_off()
 
     def tick(self, time_ns: int) -> None:
-        """It has no watchdog. `time_ns`: time of the bench [ns]."""
+        """It has no watchdog."""
 
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """A frame, or a question mark; None for another unit's letter. `time_ns`: time of the bench [ns]."""
+        """A frame, or a question mark; None for another unit's letter."""
         text = line.decode("ascii", errors="replace").strip()
         if not text.startswith(self.letter):
             return None

@@ -48,21 +48,21 @@ class TextDevice:
         self._line(0)  # refuses a pattern at the start, not at the first question
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back. `time_ns`: time of the bench [ns]."""
+        """Power comes back."""
         self._next_ns = time_ns + self.period_ns
 
     def tick(self, time_ns: int) -> None:
-        """Nothing to look at. `time_ns`: time of the bench [ns]."""
+        """Nothing to look at."""
 
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """The line of values, or who it is. `time_ns`: time of the bench [ns]."""
+        """The line of values, or who it is."""
         asked = line + self.terminator
         if self.identity and asked == self.identity:
             return self._who + self.end
         return self._line(time_ns) + self.end if self.query and asked == self.query else None
 
     def stream(self, time_ns: int) -> list[bytes]:
-        """A line, when it is time for one. `time_ns`: time of the bench [ns]."""
+        """A line, when it is time for one."""
         if time_ns < self._next_ns:
             return []
         self._next_ns = time_ns + self.period_ns
@@ -92,7 +92,7 @@ def line_of(pattern: str, values: Mapping[str, Sequence[str]]) -> bytes:
     """A line that fits a pattern.
 
     `values`: for each named group the texts to try in its place, best first.
-    Returns without an end of line. Raises ValueError when none fits.
+    It is without an end of line. Raises ValueError when none fits.
     """
     tree = parser.parse(pattern)
     names = {number: name for name, number in tree.state.groupdict.items()}

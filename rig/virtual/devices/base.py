@@ -62,7 +62,7 @@ class TextServed(Served, Protocol):
 def serve_bench(bench: Bench, world: World, devices: list[str]) -> dict[str, Any]:
     """The simulated instruments of a bench.
 
-    Returns by name. Raises ConfigError: all devices that cannot be simulated, a line each.
+    By name. Raises ConfigError: all devices that cannot be simulated, a line each.
     """
     served, mistakes = {}, []
     for device in devices:

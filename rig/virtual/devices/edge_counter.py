@@ -65,7 +65,7 @@ class EdgeCounter:
         self.plant.listeners.append(self._watch)
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back: stopped, with a clock that starts again. `time_ns`: time of the bench [ns]."""
+        """Power comes back: stopped, with a clock that starts again."""
         self._started_ns, self._first_ticks = time_ns, 0
         self._count = self._sequence = 0
         self.switch_off()
@@ -76,10 +76,10 @@ class EdgeCounter:
         self._edges.clear()
 
     def tick(self, time_ns: int) -> None:
-        """Nothing to look at. `time_ns`: time of the bench [ns]."""
+        """Nothing to look at."""
 
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """Start, stop, or tell who this is; empty where there is nothing to say. `time_ns`: time of the bench [ns]."""
+        """Start, stop, or tell who this is; empty where there is nothing to say."""
         order = line.strip()
         if order == b"S":
             if not self._running:
@@ -99,10 +99,7 @@ class EdgeCounter:
         return None
 
     def stream(self, time_ns: int) -> list[bytes]:
-        """Frames of the edges since the last call, and of the heartbeats between them.
-
-        `time_ns`: time of the bench [ns].
-        """
+        """Frames of the edges since the last call, and of the heartbeats between them."""
         if not self._running:
             return []
         edges, self._edges = self._edges, []
@@ -173,11 +170,10 @@ def wheel(teeth: int, pitch_error_sd: float, seed: int, device: str) -> np.ndarr
 
 
 def crossing_ns(times_ns: np.ndarray, angles: np.ndarray, speeds: np.ndarray, angle: float) -> float:
-    """When the shaft passes an angle between two samples, on the cubic through both with their speeds.
+    """When the shaft passes an angle between two samples [ns], on the cubic through both with their speeds.
 
     `times_ns`, `angles`, `speeds`, shape (2,): the samples [ns], [rad], [rad/s].
     `angle`: between the two [rad].
-    Returns the time [ns].
     """
     span_s = float(times_ns[1] - times_ns[0]) / NS
     turned = float(angles[1] - angles[0])

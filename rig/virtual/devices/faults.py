@@ -141,7 +141,7 @@ class Faults:
         self.active.clear()
 
     def happening(self, device: str, time_ns: int, kinds: Iterable[str]) -> list[Fault]:
-        """Which faults befall a device now; chance is drawn anew at each call. `time_ns`: time of the bench [ns]."""
+        """Which faults befall a device now; chance is drawn anew at each call."""
         now_s = time_ns / 1e9
         found = []
         for fault in self.active:
@@ -156,7 +156,7 @@ class Faults:
         return found
 
     def happens(self, kind: str, device: str, time_ns: int) -> bool:
-        """Whether a fault of one kind befalls a device now. `time_ns`: time of the bench [ns]."""
+        """Whether a fault of one kind befalls a device now."""
         return bool(self.happening(device, time_ns, (kind,)))
 
 

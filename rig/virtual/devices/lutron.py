@@ -40,20 +40,20 @@ class Lutron:
             self._sensors[name] = Sensor(device, name, channel, truth, world.faults, world.seed)
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back: the first value takes a while. `time_ns`: time of the bench [ns]."""
+        """Power comes back: the first value takes a while."""
         self._next_ns = time_ns + self.period_ns
 
     def tick(self, time_ns: int) -> None:
-        """Nothing to look at. `time_ns`: time of the bench [ns]."""
+        """Nothing to look at."""
 
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """The frames, for a meter that is asked. `time_ns`: time of the bench [ns]."""
+        """The frames, for a meter that is asked."""
         if not self.query or line + self.terminator != self.query:
             return None
         return b"".join(self._frames(time_ns))
 
     def stream(self, time_ns: int) -> list[bytes]:
-        """The frames of a display that has changed. `time_ns`: time of the bench [ns]."""
+        """The frames of a display that has changed."""
         if time_ns < self._next_ns:
             return []
         self._next_ns = time_ns + self.period_ns

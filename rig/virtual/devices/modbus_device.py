@@ -39,7 +39,7 @@ def words_of(value: float, kind: str, low_word_first: bool = False) -> list[int]
 
     `value`: the number; cut off at an integer's limits, and not a number is all ones in an integer [-].
     `low_word_first`: order of the words; within each the high byte comes first.
-    Returns 0-65535 each.
+    Each is 0-65535.
     """
     code, lowest, highest = PACKED[kind]
     if code == "f":
@@ -94,22 +94,21 @@ class ModbusDevice:
         self.last_heard_ns = 0
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back. `time_ns`: time of the bench [ns]."""
+        """Power comes back."""
         self.last_heard_ns = time_ns
 
     def tick(self, time_ns: int) -> None:
-        """Nothing happens by itself. `time_ns`: time of the bench [ns]."""
+        """Nothing happens by itself."""
 
     def write(self, address: int, values: list[int], time_ns: int) -> None:
         """Take a write; a device with registers to write says which.
 
-        `time_ns`: time of the bench [ns].
         Raises Refusal when there is no such register, or the value is not one for it.
         """
         raise Refusal(frames.ILLEGAL_ADDRESS)
 
     def answer(self, body: bytes, time_ns: int) -> bytes:
-        """Function code and data of the answer. `time_ns`: time of the bench [ns]."""
+        """Function code and data of the answer."""
         self.tick(time_ns)
         self.last_heard_ns = time_ns
         try:

@@ -124,10 +124,7 @@ class Sensor:
         self._last_ns = 0
 
     def read(self, time_ns: int) -> float:
-        """The instrument's value at a time to which the plant has been carried on [own unit].
-
-        `time_ns`: time of the bench [ns].
-        """
+        """The instrument's value at a time to which the plant has been carried on [own unit]."""
         fresh = self._last is None or time_ns - self._last_ns >= self.update_ns
         if self._last is None or (fresh and not self.faults.happens("frozen", self.device, time_ns)):
             self._last, self._last_ns = self._measure(time_ns), time_ns

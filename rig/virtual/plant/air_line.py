@@ -25,7 +25,6 @@ class AirLine:
     `valve_area_mm2`: effective area of either way of the valve, fully open [mm2].
     `regulator_lag_s`: time constant of the regulator [s].
     `droop_bar_min_l`: what the regulator loses for each L/min that the motor takes at the line's state [bar min/L].
-    `ambient_bar`: absolute [bar].
     `gas_j_kg`: gas constant times the line's temperature [J/kg].
     """
 

@@ -101,11 +101,7 @@ class Plant:
             self.setpoints.append((self.time_ns / NS, target))
 
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
-        """The present mass flow as a volume flow at a state.
-
-        `pressure_bar_abs`: absolute pressure of the state [bar].
-        `temperature_k`: its temperature [K].
-        """
+        """The present mass flow as a volume flow at a state."""
         density = pressure_bar_abs * BAR / (self.gas_constant * temperature_k)
         return self.flow_kg_s / density * 60e3
 

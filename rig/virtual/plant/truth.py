@@ -127,7 +127,7 @@ def read_truth(motor: Motor, truth: Mapping[str, float], place: str) -> tuple[Mo
     """The motor and the line as they really are on a virtual bench.
 
     `truth`: changed figures: the motor's parameters each in its own unit, and those of the line [own unit].
-    Returns the truth. Raises ConfigError for an unknown name, or a value out of its bounds.
+    Raises ConfigError for an unknown name, or a value out of its bounds.
     """
     known = [*QUANTITIES, *LINE_TRUTH]
     mistakes = []

@@ -115,10 +115,7 @@ def plenums(p: np.ndarray, y: np.ndarray, line: float, is_open: bool, entered: f
     Without a throttle they are the line's and the ambient's, less and plus the article's fixed losses. With one, a
     small volume between throttle and ports smooths the flow of single cylinders.
 
-    `y`: state of the motor, laid out as at the top of `motor`; changed.
-    `line`: pressure of the line [Pa].
     `entered`, `left`: mass flows through the ports in this step [kg/s].
-    `dt`: step [s].
     """
     back = p[PA] + p[DROP_OUT]
     feed = line - p[DROP_IN] if is_open else back
@@ -158,7 +155,6 @@ def settled(
     `counted`: pressure at which the volume flow is counted [Pa].
     `T`: temperature [K].
     `reference`: density at which ``loss`` is given [kg/m3].
-    `dt`: step [s].
     """
     stiff = R_AIR * T / PLENUM_M3
     free = P + dt * stiff * source

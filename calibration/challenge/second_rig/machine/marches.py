@@ -51,12 +51,7 @@ def swings(p: np.ndarray) -> bool:
 
 @njit(cache=True)
 def settle(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, dt: float) -> bool:
-    """March until the speed is periodic; whether the rotor still turns.
-
-    `y`: state of the motor, laid out as at the top of `motor`; changed.
-    `line`: pressure of the line [Pa].
-    `dt`: step [s].
-    """
+    """March until the speed is periodic; whether the rotor still turns."""
     block = TURN_PULSES if swings(p) else LOBE_PULSES
     width = block * PULSE
     took, _, _, runs = _to(p, table, y, line, y[THETA] + width, dt)
@@ -84,9 +79,7 @@ def settle(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, dt: flo
 def plateau(p: np.ndarray, table: np.ndarray, line: float, omega: float, dt: float) -> tuple[float, float, float]:
     """March at one pressure until it is periodic, and average over whole lobes, or turns where one is unlike the next.
 
-    `line`: pressure of the line [Pa].
     `omega`: speed to start from [rad/s].
-    `dt`: step [s].
     Returns `speed`: mean over time [rad/s]; 0 when it stalls; `flow`: mass through the line [kg/s]; `torque`: mean gas
     torque [N m].
     """
@@ -109,10 +102,7 @@ def plateau(p: np.ndarray, table: np.ndarray, line: float, omega: float, dt: flo
 def plateaus(rows: np.ndarray, table: np.ndarray, lines: np.ndarray, omegas: np.ndarray, dt: float) -> np.ndarray:
     """Plateaus one after the other: speed [rad/s], mass flow [kg/s] and gas torque [N m], shape (n, 3).
 
-    `rows`, shape (n, k): figures of the motor, a row a plateau.
-    `lines`, shape (n,): pressure of the line [Pa].
     `omegas`, shape (n,): speeds to start from [rad/s].
-    `dt`: step [s].
     """
     found = np.empty((lines.size, 3))
     for i in range(lines.size):
@@ -126,11 +116,9 @@ def turning(
 ) -> np.ndarray:
     """The periodic state from which the rotor comes to an angle within a pulse after some time.
 
-    `line`: pressure of the line [Pa].
     `omega`: speed to start from [rad/s].
     `angle`: angle within a pulse [rad].
     `ahead`: the time [s].
-    `dt`: step [s].
     """
     y = rest(p, table, 0.0, line, True)
     y[OMEGA] = omega
@@ -151,8 +139,6 @@ def run_in_time(
     `y`: state of the motor at the start, laid out as at the top of `motor`; changed.
     `line`: pressure of the line when the supply is open [Pa].
     `opened`, shape (n,): whether the supply is open in each cell.
-    `cell`: duration of a cell [s].
-    `dt`: largest step [s].
     """
     angle = np.empty(opened.size + 1)
     angle[0] = y[THETA]
@@ -184,10 +170,7 @@ def roller_arm(gauge: float) -> float:
 
 @njit(cache=True)
 def guess(p: np.ndarray, line: float) -> float:
-    """Speed to start from [rad/s]: gas torque proportional to gauge pressure, less what the losses take.
-
-    `line`: pressure of the line [Pa].
-    """
+    """Speed to start from [rad/s]: gas torque proportional to gauge pressure, less what the losses take."""
     gauge = line - p[PA]
     torque = gas_torque(p, gauge)
     low, high = 3.0, 120.0
@@ -205,8 +188,6 @@ def steady(rows: np.ndarray, lines: np.ndarray, dt: float = STEP_S) -> np.ndarra
     """Plateaus of rows of figures, or of one row for all: speed [rad/s], mass flow [kg/s], gas torque [N m].
 
     `rows`, shape (k,) or (n, k): figures of the motor, laid out as in `slots`.
-    `lines`, shape (n,): pressure of the line [Pa].
-    `dt`: step [s].
     """
     rows = np.ascontiguousarray(np.broadcast_to(rows, (lines.size, np.shape(rows)[-1])))
     omegas = np.array([guess(row, line) for row, line in zip(rows, lines, strict=True)])

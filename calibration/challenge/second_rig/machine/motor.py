@@ -72,7 +72,6 @@ def rest(p: np.ndarray, table: np.ndarray, theta: float, line: float, is_open: b
     """A motor at rest whose cylinders hold the pressure of the port that they see, and a mean where they see none.
 
     `theta`: shaft angle [rad].
-    `line`: pressure of the line [Pa].
     `is_open`: whether the supply is open; the line is vented otherwise.
     """
     y = np.zeros(SIZE)
@@ -109,10 +108,7 @@ def opened(p: np.ndarray, start: float, end: float, half: float) -> float:
 
 @njit(cache=True)
 def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Gas torque and size of the roller friction's [N m]: forces of Eq. 22 at the article's arms, Eq. 23-25.
-
-    `y`: state of the motor, laid out as at the top of this module.
-    """
+    """Gas torque and size of the roller friction's [N m]: forces of Eq. 22 at the article's arms, Eq. 23-25."""
     gas = roller = 0.0
     for i in range(CYLINDERS):
         psi = y[PSI + i]
@@ -127,9 +123,7 @@ def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, flo
 def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt: float) -> None:
     """Change the speed over one step, Eq. 21; dry friction may hold the rotor, and never drives it.
 
-    `y`: state of the motor, laid out as at the top of this module; changed.
     `line_gauge`: pressure of the line above the ambient's [Pa].
-    `dt`: step [s].
     """
     gas, roller = torques(p, table, y)
     viscous, dry = drag(p, y[OMEGA], line_gauge)
@@ -145,10 +139,7 @@ def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt:
 def step(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, is_open: bool, dt: float) -> None:
     """One step of the whole motor, in place.
 
-    `y`: state of the motor, laid out as at the top of this module; changed.
-    `line`: pressure of the line [Pa].
     `is_open`: whether the supply is open; both ports stand at the exhaust's pressure otherwise.
-    `dt`: step [s].
     """
     kick(p, table, y, line - p[PA] if is_open else 0.0, dt)
     turned = dt * y[OMEGA]
