@@ -149,10 +149,6 @@ def averaged_speeds(motor: Motor, pressures: np.ndarray, **values: float) -> np.
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    pressures : ndarray, shape (n,)
-        Absolute inlet pressures [Pa].
     **values : float
         Parameters to change, each in its own unit.
     """
@@ -204,13 +200,7 @@ def last_cycle(run: March) -> March:
 
 
 def study_steps(motor: Motor) -> tuple[StepRow, ...]:
-    """Averaged speeds at 2.0 bar for the numbers of steps that section 3 compares.
-
-    Parameters
-    ----------
-    motor : Motor
-        The motor.
-    """
+    """Averaged speeds at 2.0 bar for the numbers of steps that section 3 compares."""
     speed = march(motor, PRESSURE_SHOWN, steps=max(steps for steps, _ in STEP_STUDY)).speed_rad_s * at.RPM
     return tuple(
         StepRow(steps, steps * TIME_STEP, first, float(speed[first:steps].mean())) for steps, first in STEP_STUDY
@@ -222,8 +212,6 @@ def peaks(motor: Motor, time_step_s: float) -> PeakRow:
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     time_step_s : float
         Length of a step [s].
     """

@@ -52,16 +52,12 @@ def speeds(
     ----------
     parameters : ndarray, shape (24,)
         Base parameters [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     supply : sequence of Supply
         The line, true pressures.
     time : ndarray, shape (n,)
         Increasing sample times [s]; the first is the start.
     start_rad_s : float
         Speed at the start [rad/s].
-    chosen : mapping
-        Effect id to the values of its parameters.
     clock : float
         Time of the recording's clock at time 0 of the run [s].
     start_rad : float

@@ -30,13 +30,7 @@ LEAST_FRICTION = 0.2  # share of f_overall that a steady pass leaves; a torque f
 
 
 def switched_on(chosen: Chosen) -> dict[str, Values]:
-    """A set without the effects whose amplitudes are all 0: they do nothing, and cost nothing.
-
-    Parameters
-    ----------
-    chosen : mapping of str to mapping
-        Effect id to the values of its parameters.
-    """
+    """A set without the effects whose amplitudes are all 0: they do nothing, and cost nothing."""
     return {
         effect.id: values
         for effect, values in members(chosen)
@@ -64,11 +58,6 @@ def members(chosen: Chosen) -> Members:
     """The effects of a set with their values, in alphabetical order whatever the set's: composing has one result.
 
     Raises KeyError when no effect has that id.
-
-    Parameters
-    ----------
-    chosen : mapping of str to mapping
-        Effect id to the values of its parameters.
     """
     return [(effects()[name], chosen[name]) for name in sorted(chosen)]
 
@@ -82,8 +71,6 @@ def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
     ----------
     parameters : ndarray, shape (..., 24)
         Parameter sets [SI].
-    chosen : mapping
-        The set.
     """
     for effect, values in members(chosen):
         for name, factor in effect.factors.items():
@@ -97,8 +84,6 @@ def torque(chosen: Chosen, state: State) -> np.ndarray:
 
     Parameters
     ----------
-    chosen : mapping
-        The set.
     state : State
         Operating state; where the motor turns back, the laws see the size of its speed.
     """
@@ -126,15 +111,7 @@ def sum_of_torques(those: Members, state: State, back: np.ndarray) -> np.ndarray
 
 
 def leak(chosen: Chosen, state: State) -> np.ndarray:
-    """Sum of the flows that do no work [kg/s].
-
-    Parameters
-    ----------
-    chosen : mapping
-        The set.
-    state : State
-        Operating state.
-    """
+    """Sum of the flows that do no work [kg/s]."""
     total = np.zeros_like(state.mass_flow)
     for effect, values in members(chosen):
         if effect.leak is not None:
@@ -208,10 +185,6 @@ def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_f
     ----------
     parameters : ndarray, shape (n, 24)
         With the factors on them [SI].
-    chosen : mapping
-        The set.
-    state : State
-        Operating state, arrays of shape (n,).
     least_friction : float
         Share of f_overall that is left where a torque falls with speed [-]; unbounded when left out.
     """
@@ -241,8 +214,6 @@ def add_losses(rows: np.ndarray, those: Members, state: State) -> None:
         Parameters [SI], changed.
     those : list of (Effect, mapping)
         Of `members`.
-    state : State
-        Operating state.
     """
     for effect, values in those:
         if effect.inlet_drop is not None:
@@ -257,14 +228,10 @@ def readings_of(chosen: Chosen, channel: str, true: np.ndarray, state: State) ->
 
     Parameters
     ----------
-    chosen : mapping
-        The set.
     channel : str
         ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
     true : ndarray, shape (n,)
         True value [SI].
-    state : State
-        Operating state.
     """
     for effect, values in members(chosen):
         if channel in effect.reads:
@@ -277,8 +244,6 @@ def behind_the_gauge(chosen: Chosen, shown: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    chosen : mapping
-        The set.
     shown : ndarray, shape (n,)
         Reading [Pa].
     """

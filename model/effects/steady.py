@@ -63,8 +63,6 @@ def solve(
     ----------
     parameters : ndarray, shape (n, 24)
         Base parameters of each row [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     pressures : ndarray, shape (n,)
         True line pressures [Pa].
     gas : ndarray, shape (n, 12)
@@ -113,13 +111,7 @@ def solve(
 
 
 def hang_on_state(chosen: laws.Chosen) -> bool:
-    """Whether a steady solution with the set takes more than one pass.
-
-    Parameters
-    ----------
-    chosen : mapping
-        Effect id to the values of its parameters.
-    """
+    """Whether a steady solution with the set takes more than one pass."""
     return any(e.torque or e.inlet_drop or e.outlet_rise for e, _ in laws.members(chosen))
 
 
@@ -163,8 +155,6 @@ def one_pass(
     ----------
     parameters : ndarray, shape (n, 24)
         With the effects' factors on them [SI].
-    chosen : mapping
-        Effect id to the values of its parameters.
     state : State
         At which the laws are taken.
     solver : callable

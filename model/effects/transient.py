@@ -75,16 +75,12 @@ def simulate(
     ----------
     parameters : ndarray, shape (24,)
         Base parameters [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     supply : sequence of Supply
         The line, true pressures.
     time : ndarray, shape (n,)
         Increasing sample times [s]; the first is the start.
     start : ndarray, shape (23,)
         State at the start.
-    chosen : mapping
-        Effect id to the values of its parameters.
     clock : float
         Time of the recording's clock at time 0 of the run [s].
     stride : int
@@ -306,8 +302,6 @@ def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np
         Mean speed since the sample before [rad/s].
     time : ndarray, shape (n,)
         Of the samples [s].
-    chosen : mapping
-        Effect id to the values of its parameters.
     """
     for effect, values in laws.members(chosen):
         if effect.lag is None:

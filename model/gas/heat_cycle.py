@@ -50,14 +50,8 @@ def place_nodes(
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     gamma : float
         Ratio of specific heats [-].
-    c : ndarray, shape (8,)
-        The curve.
     node : ndarray, shape (24, 11)
         Filled.
     """
@@ -293,8 +287,6 @@ def friction_below_ambient(
         Ratio of specific heats that the points were placed with [-].
     V_high : float
         Volume when the inlet shuts [m3].
-    f_r : float
-        Roller factor [-].
     readings, node : ndarray, shapes (5,) and (24, 11)
         Readings and points.
     """

@@ -96,8 +96,6 @@ def check_pressures(motor: Motor, pressures: Sequence[float]) -> None:
     ----------
     motor : Motor
         For its ambient.
-    pressures : sequence of float
-        Absolute inlet pressures [Pa].
     """
     P_a = motor.si("ambient_pressure")
     for P in pressures:
@@ -117,13 +115,6 @@ def operating_points(motor: Motor, pressures: Sequence[float]) -> list[Operating
 
     Returns a point for each pressure, in the order given. Raises OperatingPointError when a pressure or the gas is out
     of the model's reach, NotSettledError when no periodic state was found.
-
-    Parameters
-    ----------
-    motor : Motor
-        The motor.
-    pressures : sequence of float
-        Absolute inlet pressures [Pa].
     """
     check_pressures(motor, pressures)
     try:
@@ -147,8 +138,6 @@ def isentropic_drop(P: float, P_end: float, T: float, gas: np.ndarray) -> float:
         Pressures before and after [Pa].
     T : float
         Temperature before [K].
-    gas : ndarray, shape (12,)
-        Gas of the operating point.
     """
     return float(gas[at.GAS_CP] * T * (1.0 - (P_end / P) ** (gas[at.GAS_R] / gas[at.GAS_CP])))
 

@@ -19,10 +19,6 @@ def spin_up(motor: Motor, P_in: float, duration_s: float, sample_s: float = SAMP
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    P_in : float
-        Absolute inlet pressure [Pa].
     duration_s, sample_s : float
         Length of the run and distance of its samples [s].
     """
@@ -39,8 +35,6 @@ def coast_down(motor: Motor, P_in: float, duration_s: float, sample_s: float = S
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     P_in : float
         Absolute inlet pressure before [Pa].
     duration_s, sample_s : float

@@ -53,13 +53,6 @@ def sensitivities(motor: Motor, pressures: Sequence[float]) -> list[Sensitivity]
 
     They are ranked by the largest change of speed per 1 % at any of the pressures. Raises OperatingPointError when a
     pressure is out of reach or the motor stalls at one.
-
-    Parameters
-    ----------
-    motor : Motor
-        The motor.
-    pressures : sequence of float
-        Absolute inlet pressures [Pa].
     """
     check_pressures(motor, pressures)
     names = list(QUANTITIES)[: at.N_SOLVER_PARAMETERS]

@@ -55,8 +55,6 @@ def coast(
     ----------
     inertia : float
         J [kg m2].
-    friction : float
-        Viscous coefficient [N m s].
     time : ndarray, shape (n,)
         Increasing sample times [s].
     first : float

@@ -33,12 +33,6 @@ def torques(
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    gas : ndarray, shape (12,)
-        Of `model.gas.cylinder.gas_state`.
     P_in : float
         Pressure of the line [Pa]; that of the ambient where it is vented.
     omega : ndarray, shape (n,)

@@ -30,15 +30,7 @@ N_EDGES = 8
 
 @njit(cache=True)
 def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Rotor angles within 1/28 turn where some cylinder passes a port edge, an arc junction or a dead centre [rad].
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    c : ndarray, shape (8,)
-        The curve.
-    """
+    """Rotor angles within 1/28 turn where some cylinder passes a port edge, an arc junction or a dead centre [rad]."""
     lap, half = parameters[at.LAP], 0.25 * math.pi
     psi = np.array(
         [lap, half - lap, half + lap, at.LOBE - lap, c[at.ALPHA], at.LOBE - c[at.ALPHA], half, 0.0], dtype=np.float64

@@ -66,14 +66,6 @@ def march_kernel(
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    gas : ndarray, shape (12,)
-        `model.gas.cylinder.gas_state` at this pressure.
-    P_in : float
-        Absolute inlet pressure [Pa].
     dt : float
         Time step [s].
     steps : int
@@ -172,10 +164,6 @@ def march(motor: Motor, P_in: float, steps: int = STEPS, dt: float = TIME_STEP) 
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    P_in : float
-        Absolute inlet pressure [Pa].
     steps : int
         Number of steps [-].
     dt : float

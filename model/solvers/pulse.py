@@ -35,14 +35,8 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     gamma : float
         Ratio of specific heats of the table [-].
-    c : ndarray, shape (8,)
-        The curve.
     table : ndarray, shape (n_steps, 11)
         Filled.
     """
@@ -108,8 +102,6 @@ def torque_steps(
         Pressure in suction, in discharge and of the ambient [Pa].
     d_gamma : float
         The point's gamma less the table's [-].
-    f_r : float
-        Roller factor [-].
     table : ndarray, shape (n_steps, 11)
         Of `tabulate`.
     step_work : ndarray, shape (n_steps,)
@@ -138,8 +130,6 @@ def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float) -> float:
         Of `tabulate`.
     of_gas, rolling : int
         Columns of the pressure: GAS_S and ROLL_S, or GAS_D and ROLL_D [-].
-    f_r : float
-        Roller factor [-].
     """
     found: float = (np.sum(table[:, of_gas]) - f_r * np.sum(table[:, rolling])) / at.PULSE
     return found

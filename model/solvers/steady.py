@@ -118,10 +118,6 @@ def solve_rows(
     ----------
     parameters : ndarray, shape (n, 24)
         Parameter sets in SI units, one a row.
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    pressures : ndarray, shape (n,)
-        Absolute inlet pressures [Pa].
     gas : ndarray, shape (n, 12)
         Gas of each row, of `gas_table`.
     slopes : bool
@@ -162,8 +158,6 @@ def solve(
     ----------
     parameters : ndarray, shape (n_sets, 24)
         Parameter sets in SI units, in the order of `model.motor.QUANTITIES`.
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     pressures : ndarray, shape (n_sets, n_points)
         Absolute inlet pressures [Pa].
     gas : ndarray, shape (n_points, 12)
@@ -193,8 +187,6 @@ def gas_table(motor: Motor, pressures: ArrayLike) -> np.ndarray:
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     pressures : array_like, shape (n_points,)
         Absolute inlet pressures [Pa].
     """
@@ -208,8 +200,6 @@ def steady(motor: Motor, pressures: ArrayLike, slopes: bool = False) -> Steady:
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     pressures : array_like, shape (n_points,)
         Absolute inlet pressures [Pa].
     slopes : bool

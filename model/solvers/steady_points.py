@@ -251,8 +251,6 @@ def solve_batch(
     ----------
     parameters : ndarray, shape (n, 24)
         One set a row [SI].
-    readings : ndarray, shape (3,)
-        As `Motor.readings` has them [SI].
     pressures : ndarray, shape (n, k)
         Absolute [Pa].
     gas : ndarray
@@ -285,8 +283,6 @@ def solve_each_row(
     ----------
     parameters : ndarray, shape (n, 24)
         One set a row [SI].
-    readings : ndarray, shape (3,)
-        As `Motor.readings` has them [SI].
     pressures : ndarray, shape (n,)
         Absolute [Pa].
     gas : ndarray

@@ -280,8 +280,6 @@ def rest_state(motor: Motor, angle_rad: float = 0.0) -> np.ndarray:
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     angle_rad : float
         Rotor angle [rad].
     """
@@ -306,8 +304,6 @@ def simulate(
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     supply : sequence of Supply
         The line, in the order of time; before the first span it is vented.
     time_s : ndarray, shape (n,)
@@ -339,10 +335,6 @@ def periodic_state(
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    P_in : float
-        Absolute inlet pressure [Pa].
     refine : int
         Steps between two edges [-].
     start_rad_s : float

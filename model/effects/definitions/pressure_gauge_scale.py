@@ -8,17 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
-    """The true pressure times a factor [Pa].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``scale``.
-    true : ndarray, shape (n,)
-        Pressure [Pa].
-    state : State
-        Operating state.
-    """
+    """The true pressure times a factor [Pa]."""
     return true * (1.0 + p["scale"])
 
 

@@ -8,17 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
-    """The true speed times a factor [rad/s].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``scale``.
-    true : ndarray, shape (n,)
-        Speed [rad/s].
-    state : State
-        Operating state.
-    """
+    """The true speed times a factor [rad/s]."""
     return true * (1.0 + p["scale"])
 
 
