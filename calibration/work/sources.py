@@ -62,7 +62,9 @@ def _imported_by(name: str) -> list[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     if name in FOUND_BY_LOOKING:
-        names += [f"{name}.{path.stem}" for path in _file(name).parent.glob("*.py") if path.stem != "__init__"]
+        folder = _file(name).parent
+        below = [path.relative_to(folder).with_suffix("").parts for path in folder.rglob("*.py")]
+        names += [".".join((name, *parts)) for parts in below if parts[-1] != "__init__"]
     parts = [one.split(".") for one in names]
     packages = {".".join(one[:end]) for one in parts for end in range(1, len(one) + 1)}
     return [one for one in packages if _file(one).is_file()]

@@ -1,4 +1,4 @@
-"""The effects that there are, found by looking: a module of `definitions` that has an `EFFECT` is one."""
+"""The effects that there are, found by looking: a module below `definitions` that has an `EFFECT` is one."""
 
 from __future__ import annotations
 
@@ -17,12 +17,10 @@ def effects() -> dict[str, Effect]:
     """
     room = importlib.import_module("model.effects.definitions")
     found = {}
-    for module in sorted(pkgutil.iter_modules(room.__path__), key=lambda info: info.name):
-        effect = getattr(importlib.import_module(f"{room.__name__}.{module.name}"), "EFFECT", None)
+    for name in (info.name for info in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")):
+        effect = getattr(importlib.import_module(name), "EFFECT", None)
         if isinstance(effect, Effect):
-            if effect.id != module.name:
-                raise ValueError(
-                    f"model/effects/definitions/{module.name}.py holds the effect '{effect.id}'; the names are the same"
-                )
+            if effect.id != name.rpartition(".")[2]:
+                raise ValueError(f"{name.replace('.', '/')}.py holds the effect '{effect.id}'; the names are the same")
             found[effect.id] = effect
-    return found
+    return dict(sorted(found.items()))
