@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR
 from model import geometry
 from model import layout as at
 from model.motor import Motor
-from model.operation.performance import BAR
 from model.operation.runs import spin_up
 from model.solvers.published import FIRST_AVERAGED, STEPS, TIME_STEP, March, march
 from model.solvers.steady import steady

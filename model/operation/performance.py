@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR
 from model import layout as at
 from model.gas.air import RANGES
 from model.motor import Motor
 from model.solvers.steady import Steady, gas_table, steady
 
 LOWEST_PA, HIGHEST_PA, _ = RANGES["P"]
-BAR = 1e5
 
 
 class OperatingPointError(ValueError):

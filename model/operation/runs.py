@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from configs.units import BAR
 from model.motor import Motor
-from model.operation.performance import BAR, NotSettledError, OperatingPointError, check_pressures
+from model.operation.performance import NotSettledError, OperatingPointError, check_pressures
 from model.solvers.transient import Supply, Transient, periodic_state, simulate
 
 SAMPLE_S = 1e-3

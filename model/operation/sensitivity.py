@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR
 from model import layout as at
 from model.gas.cylinder import gas_state
 from model.motor import QUANTITIES, Motor, Prior
-from model.operation.performance import BAR, OperatingPointError, check_pressures
+from model.operation.performance import OperatingPointError, check_pressures
 from model.solvers.steady import Steady, solve, unpack
 
 RELATIVE_STEP = 1e-3  # of the central difference

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from configs.units import ZERO_C
 from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS, Quality, Reading
@@ -17,7 +18,6 @@ from rig.readings import NS, Quality, Reading
 DEVICE = "derived"
 CHANNEL = "flow_l_min"
 FRESH_S = 5.0  # a pressure older than this does not belong to the flow
-ZERO_C = 273.15
 
 
 @dataclass(frozen=True)

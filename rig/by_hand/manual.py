@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+from configs.units import BAR
 from rig.acquisition import Acquisition
 from rig.bench.bench import Bench
 from rig.by_hand import entry
@@ -27,7 +28,6 @@ from rig.sweep.orders import ABORTED, FINISHED
 from rig.sweep.runner import Outcome, PlateauSink
 from rig.sweep.words import sentence
 
-PA_IN_BAR = 1e5
 MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
 
 
@@ -96,7 +96,7 @@ class ManualSweep:
         verdict = self.hooks.predict(step.level_bar_abs, self._known)
         if not verdict.allowed:
             taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
-            stone = stepping_stone(step.level_bar_abs, verdict.highest_pa_abs / PA_IN_BAR, taken)
+            stone = stepping_stone(step.level_bar_abs, verdict.highest_pa_abs / BAR, taken)
             if stone is None or not self.hooks.predict(stone, self._known).allowed:
                 self._refuse(step, verdict.text)
                 return

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from configs.units import BAR
 from model.gas.air import RANGES
 from model.layout import F_OVERALL, RPM
 from model.motor import QUANTITIES, Motor
@@ -30,7 +31,6 @@ from rig.interlock.step import Point, Prediction, Verdict
 
 __all__ = ["Guard", "Point", "Prediction", "Verdict"]
 
-BAR = 1e5
 LOWEST_PA, HIGHEST_PA = RANGES["P"][:2]
 UPPER, LOWER = 0.99, 0.01
 DRY_FRICTION_PA = 3600.0  # 1 sd of dry friction, 0.1 N m, as pressure

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from configs.units import BAR
 from rig.acquisition import Acquisition, RecorderError
 from rig.acquisition.opening import port_of
 from rig.bench.bench import Bench, LineTable, bench_path, read_bench
@@ -42,7 +43,6 @@ from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded
 from rig.sweep.orders import View
 from rig.sweep.runner import Outcome, run_course
 
-BAR = 1e5
 ATTENDED_S = 30.0  # real time without a look at the limits after which the watchdog takes the sweep for hung
 DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
 UNVENTED = "the line is NOT known to be without pressure: close the supply"

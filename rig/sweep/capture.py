@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR
 from model.motor import Motor, read_motor
 from model.operation import runs
 from model.operation.performance import NotSettledError, OperatingPointError
@@ -24,7 +25,6 @@ DOWN_TO = 0.1  # of the speed before: where a coast-down counts as over
 UP_TO = 0.9  # of the speed it reaches: where a spin-up does
 FIRST_LOOK_S, LONGEST_S = 1.0, 64.0
 SAMPLE_S = 1e-3
-BAR = 1e5
 KINDS = ("coast-down", "spin-up", "zero")
 
 

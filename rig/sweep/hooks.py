@@ -7,13 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from configs.units import BAR, RAD_S
 from rig.interlock import SafetyError
 from rig.interlock.step import Point, Prediction, Verdict
 from rig.plateaus.plateau import Plateau
 from rig.sweep.orders import Predict, Trip, View
-
-BAR = 1e5  # Pa
-RAD_S = math.pi / 30.0  # in one rpm
 
 
 class Progress(Protocol):

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 
+from configs.units import BAR
 from rig.plateaus.plan import SAME_BAR, UP, Step, stepping_stone
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
@@ -41,7 +42,6 @@ from rig.sweep.orders import (
 WRITE_EVERY_S = 0.2  # set-points of a ramp: a bus has other things to do
 LONGEST_STEP_S = 0.5  # whatever held the program up, no step of a ramp makes up for it
 JUDGE_EVERY_S = 0.25
-PA_IN_BAR = 1e5
 READINGS_TIMEOUT_S = 3.0  # for the last readings of a span to come in: slower than the slowest instrument
 VENT_TIMEOUT_S = 15.0
 VENT_AGAIN_S = 1.0  # the order to vent is repeated until the gauge says so
@@ -191,7 +191,7 @@ class SweepMachine:
     def _before(self, task: Step | CaptureTask, verdict: Verdict, now_ns: int) -> list[Order]:
         """A plateau on the way to a refused level, where that lets the guard see farther; nothing where not."""
         taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
-        stone = stepping_stone(task.level_bar_abs, verdict.highest_pa_abs / PA_IN_BAR, taken)
+        stone = stepping_stone(task.level_bar_abs, verdict.highest_pa_abs / BAR, taken)
         if stone is None or not self._verdict(stone).allowed:
             return []
         self._tasks.appendleft(task)

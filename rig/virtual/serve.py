@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from configs import ConfigError
+from configs.units import BAR, ZERO_C
 from model.motor import Motor, read_motor
 from rig.acquisition.opening import timing_of
 from rig.bench.bench import Bench, BenchFile, LineTable, read_bench
@@ -24,8 +25,8 @@ from rig.virtual.cables.terminals import PtyWire
 from rig.virtual.control import Control
 from rig.virtual.devices.base import World, serve_bench
 from rig.virtual.devices.faults import ONCE, Fault, Faults, Place, read_fault
-from rig.virtual.devices.sensors import ZERO_C, generator
-from rig.virtual.plant.plant import BAR, Plant
+from rig.virtual.devices.sensors import generator
+from rig.virtual.plant.plant import Plant
 from rig.virtual.plant.truth import Turning, read_truth
 
 PORTS = "ports.json"

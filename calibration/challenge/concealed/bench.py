@@ -28,9 +28,9 @@ from calibration.challenge.second_rig.live import LivePlant
 from calibration.challenge.second_rig.machine.slots import BAR, DEFAULTS
 from calibration.challenge.second_rig.sizes import SWEEP_S
 from calibration.challenge.second_rig.truth import Truth, generator
+from configs.units import ZERO_C
 from rig.bench.bench import Bench
 from rig.virtual.__main__ import options_of
-from rig.virtual.devices.sensors import ZERO_C
 from rig.virtual.plant.truth import LINE_TRUTH, LineTruth, read_truth
 from rig.virtual.serve import motor_in_room, serve
 

@@ -10,12 +10,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from calibration.challenge.second_rig import concealed, instruments, line
+from calibration.challenge.second_rig import concealed, instruments
 from calibration.challenge.second_rig.concealed import Concealed
-from calibration.challenge.second_rig.line import Supply
-from calibration.challenge.second_rig.loaded import under_load
 from calibration.challenge.second_rig.machine import marches, motor
 from calibration.challenge.second_rig.machine.slots import BAR, L_MIN, PULSE, R_AIR
+from calibration.challenge.second_rig.supply import line
+from calibration.challenge.second_rig.supply.line import Supply
+from calibration.challenge.second_rig.supply.loaded import under_load
 
 SAMPLE_S = 0.005  # between samples of a run in time
 CELL_S = 0.0005  # in which a run in time is kept before it is sampled

@@ -18,10 +18,10 @@ from numba import njit
 from calibration.challenge.second_rig import concealed, instruments
 from calibration.challenge.second_rig.bench import Rig
 from calibration.challenge.second_rig.concealed import Concealed
-from calibration.challenge.second_rig.line import LINE, Supply, at_rest, together
 from calibration.challenge.second_rig.machine import marches, motor
 from calibration.challenge.second_rig.machine.motor import OMEGA, PA, THETA
 from calibration.challenge.second_rig.machine.slots import BAR, L_MIN, R_AIR, RPM
+from calibration.challenge.second_rig.supply.line import LINE, Supply, at_rest, together
 
 NS = 1_000_000_000
 SAMPLE_NS = 1_000_000  # of the shaft's angle

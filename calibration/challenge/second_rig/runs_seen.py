@@ -16,11 +16,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.ndimage import uniform_filter1d
 
-from calibration.challenge.second_rig import bench, loaded, readout, recordings
+from calibration.challenge.second_rig import bench, readout, recordings
 from calibration.challenge.second_rig.bench import CELL_S, Rig
-from calibration.challenge.second_rig.line import Supply
 from calibration.challenge.second_rig.machine.slots import BAR, PULSE, RPM
 from calibration.challenge.second_rig.sheets import COLUMN, UNIT
+from calibration.challenge.second_rig.supply import loaded
+from calibration.challenge.second_rig.supply.line import Supply
 from calibration.challenge.second_rig.truth import Truth
 from rig.recording import Recording, RecordingFile
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from calibration.challenge.second_rig import concealed
 from calibration.challenge.second_rig.bench import Rig
-from calibration.challenge.second_rig.line import supply_of
 from calibration.challenge.second_rig.readout import PLAIN
+from calibration.challenge.second_rig.supply.line import supply_of
 
 
 @dataclass(frozen=True)

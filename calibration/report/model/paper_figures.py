@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.report import style
+from configs.units import BAR
 from model import layout as at
 from model.article.reproduction import FRICTIONS, Reproduction
-from model.operation.performance import BAR
 
 PRESSURE = ("absolute inlet pressure", "bar")
 SPEED = ("speed", "rpm")

@@ -6,9 +6,9 @@ from dataclasses import asdict
 from typing import Any
 
 from calibration.report.model.paper_figures import CAPTIONS, draw_all
+from configs.units import BAR
 from model.article.comparison import Comparison, compare
 from model.article.reproduction import FRICTIONS, Reproduction
-from model.operation.performance import BAR
 from model.solvers.published import TIME_STEP
 from rig.recording.files import json_bytes
 

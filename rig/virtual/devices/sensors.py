@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from configs.units import ZERO_C
 from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS
 from rig.virtual.devices.faults import Faults
 from rig.virtual.plant.truth import Turning
 
-ZERO_C = 273.15
 DRIFT = 0.2  # of bias_sd in DRIFT_S, 1 sigma
 DRIFT_S = 1000.0
 

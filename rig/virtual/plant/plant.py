@@ -12,6 +12,7 @@ from collections import deque
 
 import numpy as np
 
+from configs.units import BAR
 from model.gas.air import gas_constant, water_fraction
 from model.gas.cylinder import gas_state
 from model.layout import RPM
@@ -22,7 +23,6 @@ from rig.readings import NS
 from rig.virtual.plant.air_line import AirLine
 from rig.virtual.plant.truth import LineTruth, Listener
 
-BAR = 1e5
 SAMPLE_NS = 1_000_000  # of the shaft's angle: between two samples it is a cubic
 SPAN_NS = 10_000_000  # the line's pressure is constant for so long
 CHUNK_NS = 250_000_000  # in one call of the model

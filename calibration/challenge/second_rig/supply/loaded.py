@@ -6,10 +6,10 @@ import functools
 
 import numpy as np
 
-from calibration.challenge.second_rig import line
-from calibration.challenge.second_rig.line import Supply
 from calibration.challenge.second_rig.machine import marches, motor
 from calibration.challenge.second_rig.machine.slots import BAR
+from calibration.challenge.second_rig.supply import line
+from calibration.challenge.second_rig.supply.line import Supply
 
 ROUNDS, SETTLED_PA = 30, 1.0  # in which line and motor agree on the flow
 STEP_S = 5e-5  # of the march: the flow to a thousandth
