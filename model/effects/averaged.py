@@ -266,6 +266,7 @@ def _passing(free: float, pressure: float, step: float, drop: np.ndarray) -> flo
     return passing
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True, nogil=True)
 def _rate(
     omega: float,

@@ -130,6 +130,7 @@ def heat_per_angle(
     return parameters[at.HEAT_FACTOR] * (parameters[at.T_A] - T) / (resistance * omega)
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def pass_cycle(
     T: float,
@@ -219,6 +220,7 @@ def _collect(rate: np.ndarray, span: float, stage: np.ndarray) -> float:
     return span * total
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def _closed(
     P: float,

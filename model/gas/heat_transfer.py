@@ -106,6 +106,7 @@ def quartic(coefficients: np.ndarray, first: int, T: float) -> float:
     return value
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True)
 def cylinder_heat(
     phase: int,

@@ -22,6 +22,7 @@ MOST_PASSES = 30
 TOLERANCE = 1e-9  # relative change of the temperature in the last pass
 
 
+# In one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True, nogil=True)
 def torques(
     parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P_in: float, omega: np.ndarray, out: np.ndarray

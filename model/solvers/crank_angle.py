@@ -41,6 +41,7 @@ def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
     return edge
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def rates(
     y: np.ndarray,
@@ -61,14 +62,6 @@ def rates(
     ----------
     y, dy : ndarray, shape (23,)
         State [SI] and, filled, its rate.
-    port : ndarray, shape (7,)
-        Which port each cylinder sees.
-    sense : float
-        Direction of motion that friction opposes, +1 or -1 [-].
-    T_port : ndarray, shape (2,)
-        Temperature behind outlet and inlet [K].
-    parameters, c, gas, readings : ndarray, shapes (24,), (8,), (12,) and (5,)
-        Parameter set, curve, gas and readings, as elsewhere.
     """
     R, cp = gas[at.GAS_R], gas[at.GAS_CP]
     gamma = cp / (cp - R)
@@ -118,6 +111,7 @@ def rates(
     return friction
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True)
 def runge_kutta(
     y: np.ndarray,
@@ -135,14 +129,8 @@ def runge_kutta(
 
     Parameters
     ----------
-    y : ndarray, shape (23,)
-        State at the start [SI].
     h : float
         Step [s].
-    work : ndarray, shape (6, 23)
-        Rates k1..k4, the result, and scratch.
-    port, sense, T_port, parameters, c, gas, readings
-        As in `rates`.
     """
     new, trial = work[4], work[5]
     trial[:] = y + 0.5 * h * work[0]
@@ -154,6 +142,7 @@ def runge_kutta(
     new[:] = y + (h / 6.0) * (work[0] + 2.0 * work[1] + 2.0 * work[2] + work[3])
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True)
 def angle_step(
     y: np.ndarray,
@@ -173,14 +162,8 @@ def angle_step(
 
     Parameters
     ----------
-    y : ndarray, shape (23,)
-        State at the start [SI].
     target : float
         Angle at the end [rad].
-    work : ndarray, shape (6, 23)
-        As in `runge_kutta`: ``work[0]`` holds the rate at the start, ``work[4]`` receives the state at the end.
-    port, sense, T_port, parameters, c, gas, readings
-        As in `rates`.
     """
     trial, new = work[5], work[4]
     span = target - y[THETA]

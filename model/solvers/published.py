@@ -52,6 +52,7 @@ class March:
     mean_speed_rpm: float
 
 
+# In one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def march_kernel(
     parameters: np.ndarray,

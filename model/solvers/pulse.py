@@ -27,6 +27,7 @@ WIDTH, GAS_S, GAS_D, GAS_A, ROLL_S, ROLL_D, ROLL_A, SLOPE_S, SLOPE_D, ROLL_SLOPE
 N_TABLE = 11
 
 
+# In one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.ndarray, table: np.ndarray) -> float:
     """Integrals of the adiabatic torque of all cylinders over the steps of one pulse; returns its first edge [rad].
@@ -135,6 +136,7 @@ def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float) -> float:
     return found
 
 
+# In one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def ripple(
     w: float, step_work: np.ndarray, table: np.ndarray, f: float, J: float, stride: int, speed: np.ndarray

@@ -132,6 +132,7 @@ def _fill_sample(row: np.ndarray, s: float, h: float, y: np.ndarray, new: np.nda
     row[5] = row[4] * V / (R * ((1.0 - s) * y[T0] + s * new[T0]))
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True, nogil=True)
 def integrate(
     y: np.ndarray,
@@ -165,8 +166,6 @@ def integrate(
         Filled: angle, speed, inlet mass, outlet mass, pressure and mass of the first cylinder [SI].
     pulse_t : ndarray, shape (p,)
         Filled with the times at which the rotor has turned another 1/28 turn [s]; the run ends when it is full.
-    parameters, gas, readings : ndarray, shapes (24,), (12,) and (5,)
-        Parameter set, gas and readings.
     refine : int
         Steps between two edges [-].
     """

@@ -19,6 +19,8 @@ row; `y` its state as `motor` lays it out, changed in place, and `table` of `cur
 gauge [Pa]; `figures`, shape (6,), of `Supply`, and `s`, shape (5,), the state of the line, changed in place; `target`
 what the regulator is set to [Pa]; `less` how much less than the line's pressure the motor gets [Pa]; `clock` the
 recording's [s]; `cell` duration of a cell and `dt` (largest) step [s].
+
+Kernels take their arrays one by one, however many: in a tuple they cost a short kernel time at every call.
 """
 
 from calibration.challenge.second_rig.draws import draw

@@ -35,6 +35,7 @@ SETTLED_BAR = 1e-7
 Listener = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 
 
+# Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
 def carry_on(
     p: np.ndarray,

@@ -134,6 +134,7 @@ def plenums(p: np.ndarray, y: np.ndarray, line: float, is_open: bool, entered: f
         y[PLENUM_OUT] = back
 
 
+# Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
 def settled(
     P: float,

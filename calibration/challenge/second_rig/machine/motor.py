@@ -135,6 +135,7 @@ def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt:
     y[TURNED] += gas * dt
 
 
+# In one piece, its parts share their running values: `second_rig`.
 @njit(cache=True)
 def step(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, is_open: bool, dt: float) -> None:
     """One step of the whole motor, in place.

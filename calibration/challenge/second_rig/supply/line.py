@@ -137,6 +137,7 @@ def through(area: float, P: float, far: float, T: float, rate: float) -> float:
     return far - math.copysign(relaxed(abs(gap), rate * one), gap)
 
 
+# Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
 def together(
     p: np.ndarray,
@@ -162,6 +163,7 @@ def together(
     return taken
 
 
+# Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
 def run_behind(
     p: np.ndarray,
