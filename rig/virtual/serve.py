@@ -26,10 +26,10 @@ from rig.virtual.control import Control
 from rig.virtual.devices.base import World, serve_bench
 from rig.virtual.devices.faults import ONCE, Fault, Faults, Place, read_fault
 from rig.virtual.devices.sensors import generator
+from rig.virtual.launch import PORTS
 from rig.virtual.plant.plant import Plant
 from rig.virtual.plant.truth import Turning, read_truth
 
-PORTS = "ports.json"
 TICK_S = 0.004  # of the wall
 OWNER_LOOK_S = 0.5
 LINGER_S = 10.0  # of the wall: long enough for a watchdog to send the regulator to zero

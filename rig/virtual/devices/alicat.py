@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rig.bench.bench import Place
-from rig.virtual.devices.base import World
+from rig.virtual.devices.base import Served, World
 from rig.virtual.devices.sensors import Sensor
 
 ORDER = re.compile(r"S *([+-]?[0-9]{1,8}(?:\.[0-9]{0,8})?)")
@@ -81,7 +81,7 @@ class AlicatPart:
         self.plant.order(0.0 if self.held else value + above)
 
 
-class Alicat:
+class Alicat(Served):
     """A unit that answers to its letter."""
 
     speaks = "text"
@@ -98,9 +98,6 @@ class Alicat:
     def switch_off(self) -> None:
         """Without power the valve is closed."""
         self.part.switch_off()
-
-    def tick(self, time_ns: int) -> None:
-        """It has no watchdog."""
 
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
         """A frame, or a question mark; None for another unit's letter."""

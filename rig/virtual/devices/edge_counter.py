@@ -12,7 +12,7 @@ import numpy as np
 
 from rig.bench.bench import Place
 from rig.readings import NS
-from rig.virtual.devices.base import World
+from rig.virtual.devices.base import Served, World
 from rig.virtual.devices.sensors import generator
 
 TURN = 2.0 * math.pi
@@ -40,7 +40,7 @@ def crc8(data: bytes) -> int:
     return register
 
 
-class EdgeCounter:
+class EdgeCounter(Served):
     """Sends a frame for each edge once it is started, and a heartbeat where there is none."""
 
     speaks = "stream"
@@ -74,9 +74,6 @@ class EdgeCounter:
         """Without power nothing is counted."""
         self._running = False
         self._edges.clear()
-
-    def tick(self, time_ns: int) -> None:
-        """Nothing to look at."""
 
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
         """Start, stop, or tell who this is; empty where there is nothing to say."""

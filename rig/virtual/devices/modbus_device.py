@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig.virtual.devices import frames
+from rig.virtual.devices.base import Served
 from rig.virtual.devices.sensors import Sensor
 
 MOST_REGISTERS = 125
@@ -81,7 +82,7 @@ def measured(address: int, sensor: Sensor, kind: str) -> Field:
     return Field(address, width_of(kind), lambda time_ns: words_of(sensor.read(time_ns), kind))
 
 
-class ModbusDevice:
+class ModbusDevice(Served):
     """Answers reads of its fields, and takes writes where there is a place for them.
 
     `tables`: function code of a read to what it finds; a coil is a field of size 1.
@@ -96,9 +97,6 @@ class ModbusDevice:
     def restart(self, time_ns: int) -> None:
         """Power comes back."""
         self.last_heard_ns = time_ns
-
-    def tick(self, time_ns: int) -> None:
-        """Nothing happens by itself."""
 
     def write(self, address: int, values: list[int], time_ns: int) -> None:
         """Take a write; a device with registers to write says which.
