@@ -137,10 +137,7 @@ class Acquisition:
         self.recorder.note(kind, self.clock.now_ns() if time_ns is None else time_ns, **details)
 
     def window(self, channel: str, span_s: float) -> Window:
-        """The usable readings of a channel over the latest span of time.
-
-        `span_s`: length of the span, up to now [s].
-        """
+        """The usable readings of a channel over the latest span of time."""
         self.check()
         return self.channels.window(self._name(channel), self.clock.now_ns() - int(span_s * NS))
 

@@ -109,10 +109,7 @@ class Conversation:
         return _printable(line)
 
     def wait(self, seconds: float) -> None:
-        """Count down, with marks behind each other so that nothing is written over; a typed line ends it.
-
-        `seconds`: bench time [s].
-        """
+        """Count down bench time, with marks behind each other so that nothing is written over; a typed line ends it."""
         end_ns = self.clock.now_ns() + int(seconds * NS)
         mark_ns = max(1, math.ceil(seconds / MOST_MARKS)) * NS
         next_ns = int(seconds * NS)

@@ -66,7 +66,6 @@ def with_drift(before: Mean, after: Reading | None) -> Mean:
 def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, limit_bar: float) -> str:
     """Why a typed pressure may be a slip; empty when it is plausible.
 
-    `value`: as typed; None when it is not typed.
     `added_bar`: from the channel's zero to absolute [bar].
     `near_bar`: where it should be, absolute [bar].
     `limit_bar`: of the bench, absolute [bar].
@@ -85,7 +84,6 @@ def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, li
 def doubt_of_speed(value: Value | None, expected: tuple[float, float] | None, limit_rpm: float) -> str:
     """Why a typed speed may be a slip; empty when it is plausible.
 
-    `value`: as typed; None when it is not typed.
     `expected`: the lowest and the highest speed to be believed [rpm].
     """
     if value is None or value.value is None or value.censored < 0:
@@ -103,11 +101,7 @@ def doubt_of_speed(value: Value | None, expected: tuple[float, float] | None, li
 
 
 def remarks(pressure_bar_abs: float | None, level_bar_abs: float, direction: str) -> list[str]:
-    """What to tell the person of a pressure reading: overshot, or far from the level.
-
-    `pressure_bar_abs`: as read [bar].
-    `level_bar_abs`: as asked for [bar].
-    """
+    """What to tell the person of a pressure reading: overshot, or far from the level."""
     if pressure_bar_abs is None:
         return []
     off = pressure_bar_abs - level_bar_abs

@@ -69,11 +69,7 @@ def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
 def of_device(
     device: str, identity: str, latency: Latency, period_s: float, timeout_s: float, update_s: float
 ) -> list[Finding]:
-    """What the latency of a device means.
-
-    `period_s`, `timeout_s`: of the bench file [s].
-    `update_s`: the instrument's own [s]; 0 when not known.
-    """
+    """What the latency of a device means. `update_s`: the instrument's own [s]; 0 when not known."""
     if latency.failures == latency.polls:
         what = f"{identity} answers, but no poll gave a reading: {latency.faults}"
         return [Finding(Level.FAULT, device, what, "compare the instrument file with the device's manual")]

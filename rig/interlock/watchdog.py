@@ -134,10 +134,7 @@ class Beat(threading.Thread):
 
 
 class Watchdog:
-    """The controller's end. Use `start`, and `release` once the regulator is at zero.
-
-    `attended_s`: of the `Beat` [s].
-    """
+    """The controller's end. Use `start`, and `release` once the regulator is at zero."""
 
     def __init__(self, process: subprocess.Popen[bytes], attended_s: float | None = None) -> None:
         if process.stdin is None or process.stdout is None:

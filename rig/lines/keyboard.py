@@ -47,10 +47,7 @@ class KeyboardPort:
         self._is_open = False
 
     def feed(self, data: bytes, asked_ns: int, typed_ns: int) -> None:
-        """Lay in what was typed: the next question asks for it, without showing anything, and the next read gives it.
-
-        `asked_ns`, `typed_ns`: when it was asked for and when it was there [ns].
-        """
+        """Lay in what was typed: the next question asks for it, but shows nothing, and the next read gives it."""
         self._fed.append((asked_ns, typed_ns, data))
 
     def write(self, data: bytes) -> int:

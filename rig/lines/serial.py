@@ -29,7 +29,6 @@ FAULTS = (serial.SerialException, OSError, TermiosError)
 class SerialPort:
     """A serial port that no other program may open meanwhile.
 
-    `baud`: bits a second [1/s].
     `exclusive`: whether no other program may have it; the watchdog of a controller that hangs goes without.
     """
 

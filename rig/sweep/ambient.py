@@ -132,10 +132,7 @@ def again(start: Ambient, ask: Ask) -> Ambient:
 
 
 def at_end(start: Ambient, minutes: float, ask: Ask | None = None) -> Ambient:
-    """The room at the end: what was asked at the start is asked again; an empty answer keeps it.
-
-    `minutes`: that the run took [min].
-    """
+    """The room at the end: what was asked at the start is asked again; an empty answer keeps it."""
     end = replace(start, minutes_running=start.minutes_running + minutes)
     if ask is None:
         return end

@@ -18,7 +18,10 @@ What stands in many signatures: `p` figures of the motor as `slots` lays them ou
 row; `y` its state as `motor` lays it out, changed in place, and `table` of `curve`; `line` and `lines` pressure at the
 gauge [Pa]; `figures`, shape (6,), of `Supply`, and `s`, shape (5,), the state of the line, changed in place; `target`
 what the regulator is set to [Pa]; `less` how much less than the line's pressure the motor gets [Pa]; `clock` the
-recording's [s]; `cell` duration of a cell and `dt` (largest) step [s].
+recording's [s]; `cell` duration of a cell and `dt` (largest) step [s]; `theta` the shaft's angle and `psi` that within
+a lobe [rad]; `gauge` and `line_gauge` pressure of the line above the ambient's [Pa]; `nuisances` figures of the motor
+off their defaults [SI]; `omega` and `speed` the shaft's speed [rad/s], `pressure` that at the gauge [Pa], `T`
+temperature [K], `mass_flow` out of the line [kg/s].
 
 Kernels take their arrays one by one, however many: in a tuple they cost a short kernel time at every call.
 """

@@ -77,9 +77,7 @@ class Rig:
 class Readings:
     """What the instruments show without noise, arrays of shape (n,).
 
-    `pressure`: of the line, at the gauge [Pa].
     `flow`: volume at the line's state [m3/s]; nan along a run in time.
-    `speed`: of the shaft [rad/s].
     """
 
     pressure: np.ndarray
@@ -92,7 +90,6 @@ class History:
     """A run in time as it goes, at the ends of cells of `CELL_S`, arrays of shape (n + 1,).
 
     `turned`: angle by which the tachometer's wheel seems to have turned [rad].
-    `pressure`: of the line, at the gauge [Pa].
     """
 
     turned: np.ndarray
@@ -240,10 +237,7 @@ def _from_pulse_to_pulse(angle: np.ndarray) -> np.ndarray:
 
 
 def shown_pressure(rig: Rig, pressure: np.ndarray) -> np.ndarray:
-    """What the gauge shows of a pressure [Pa]: effects on it come before its own errors.
-
-    `pressure`, shape (n,): at the gauge [Pa].
-    """
+    """What the gauge shows of a pressure [Pa]: effects on it come before its own errors."""
     e = rig.errors
     found = instruments.read_pressure(rig.effects, pressure)
     return found * (1.0 + e.get("pressure_scale", 0.0)) + e.get("pressure_offset_bar", 0.0) * BAR

@@ -102,10 +102,7 @@ _ADDED = ("roller_factor", "heat_factor")
 
 
 def figures(nuisances: Mapping[str, float], effects: Sequence[Concealed]) -> dict[str, float]:
-    """Figures of the motor with a set of effects, as they are at any time.
-
-    `nuisances`: figures off their defaults [SI].
-    """
+    """Figures of the motor with a set of effects, as they are at any time."""
     found = dict(DEFAULTS) | {name: value for name, value in nuisances.items() if name in DEFAULTS}
     for effect in effects:
         for name, value in _FIGURES.get((effect.id, effect.form), lambda v: {})(effect.values).items():

@@ -72,7 +72,6 @@ def lagged(effects: Sequence[Concealed], speed: np.ndarray, cell_s: float) -> np
     """What a slow tachometer makes of the speed in time [rad/s]: a first-order lag, a pure delay or a moving average.
 
     `speed`, shape (n,): of cells of equal duration [rad/s].
-    `cell_s`: duration of a cell [s].
     """
     for effect in effects:
         if effect.id != "speed_lag":

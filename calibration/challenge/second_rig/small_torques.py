@@ -41,6 +41,6 @@ class SmallTorques:
 
 
 def lost(p: np.ndarray, speed: float, line: float) -> float:
-    """Mean torque that is lost on the shaft at a speed [N m]. `speed`: of the shaft [rad/s]."""
+    """Mean torque that is lost on the shaft at a speed [N m]."""
     viscous, dry = drag(p, speed, line - p[AT["ambient_pa"]])
     return float(viscous * speed + dry)

@@ -77,10 +77,7 @@ def transient_data(motor: Motor, kind: str, pressure_bar: float, run: Transient)
 
 
 def sensitivity_data(motor: Motor, pressures_bar: Sequence[float], ranking: Sequence[Sensitivity]) -> dict[str, Any]:
-    """sensitivity/1: the ranking, a list by pressure in every effect; null where the motor would stall.
-
-    `pressures_bar`: absolute inlet pressures [bar].
-    """
+    """sensitivity/1: the ranking, a list by pressure in every effect; null where the motor would stall."""
     rows = [
         {key: _plain(value) if isinstance(value, np.ndarray) else value for key, value in vars(one).items()}
         for one in ranking

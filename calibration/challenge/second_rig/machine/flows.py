@@ -33,7 +33,6 @@ PLENUM_IN, PLENUM_OUT = 2, 3  # in the state vector
 def uncovered(psi: float, opens: float, closes: float, p: np.ndarray) -> float:
     """Share of a port's area that is open [-]; a little of it at the angles where the article opens and closes it.
 
-    `psi`: angle within the lobe [rad].
     `opens`, `closes`: the article's angles [rad].
     """
     return max(0.0, min(1.0, min(psi - opens, closes - psi) / p[RAMP] + p[LEAD]))
@@ -154,7 +153,6 @@ def settled(
     `far`: on the other side of the throttle [Pa].
     `source`: mass flow into the volume from the ports [kg/s].
     `counted`: pressure at which the volume flow is counted [Pa].
-    `T`: temperature [K].
     `reference`: density at which ``loss`` is given [kg/m3].
     """
     stiff = R_AIR * T / PLENUM_M3

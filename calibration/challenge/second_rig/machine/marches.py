@@ -152,19 +152,13 @@ def run_in_time(
 
 @njit(cache=True)
 def gas_torque(p: np.ndarray, gauge: float) -> float:
-    """Roughly, the mean torque of gas and rollers on a rotor that turns [N m]; within a few percent at the defaults.
-
-    `gauge`: pressure of the line above the ambient's [Pa].
-    """
+    """Roughly, the mean torque of gas and rollers on a rotor that turns [N m]; within a few percent at the defaults."""
     return 2.82e-5 * (gauge - 2000.0) - p[FR] * roller_arm(gauge)
 
 
 @njit(cache=True)
 def roller_arm(gauge: float) -> float:
-    """Roughly, the mean friction torque of the rollers over their factor [N m]; as good as `gas_torque`.
-
-    `gauge`: pressure of the line above the ambient's [Pa].
-    """
+    """Roughly, the mean friction torque of the rollers over their factor [N m]; as good as `gas_torque`."""
     return 5.9 + 1.02e-4 * gauge
 
 

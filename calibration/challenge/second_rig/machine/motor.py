@@ -57,10 +57,7 @@ FR, J, LAP, PORT = AT["roller_factor"], AT["inertia"], AT["lap"], AT["port_area_
 
 @njit(cache=True)
 def look_up(table: np.ndarray, psi: float, column: int) -> float:
-    """A column of the guide curve at an angle, linear between its cells [unit of the column].
-
-    `psi`: angle within the lobe [rad].
-    """
+    """A column of the guide curve at an angle, linear between its cells [unit of the column]."""
     place = psi * (CELLS / LOBE)
     cell = min(int(place), CELLS - 1)
     share = place - cell
@@ -71,7 +68,6 @@ def look_up(table: np.ndarray, psi: float, column: int) -> float:
 def rest(p: np.ndarray, table: np.ndarray, theta: float, line: float, is_open: bool) -> np.ndarray:
     """A motor at rest whose cylinders hold the pressure of the port that they see, and a mean where they see none.
 
-    `theta`: shaft angle [rad].
     `is_open`: whether the supply is open; the line is vented otherwise.
     """
     y = np.zeros(SIZE)
@@ -121,10 +117,7 @@ def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, flo
 
 @njit(cache=True)
 def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt: float) -> None:
-    """Change the speed over one step, Eq. 21; dry friction may hold the rotor, and never drives it.
-
-    `line_gauge`: pressure of the line above the ambient's [Pa].
-    """
+    """Change the speed over one step, Eq. 21; dry friction may hold the rotor, and never drives it."""
     gas, roller = torques(p, table, y)
     viscous, dry = drag(p, y[OMEGA], line_gauge)
     free = gas - swing(p, y[THETA])

@@ -127,7 +127,6 @@ def through(area: float, P: float, far: float, T: float, rate: float) -> float:
 
     `area`: of the orifice [m2].
     `P`, `far`: before the step, and beyond the orifice [Pa].
-    `T`: temperature [K].
     `rate`: step times pressure per mass [Pa s/kg].
     """
     gap = far - P
@@ -199,10 +198,7 @@ def run_behind(
 
 
 def settled(p: np.ndarray, figures: np.ndarray, target: float, mass_flow: float) -> tuple[float, float]:
-    """Pressures of a line that lets so much through, and of its regulator [Pa]: droop, and loss of the valve.
-
-    `mass_flow`: out of the line [kg/s].
-    """
+    """Pressures of a line that lets so much through, and of its regulator [Pa]: droop, and loss of the valve."""
     line = target
     for _ in range(ROUNDS):
         regulated = max(target - figures[DROOP] * mass_flow * R_AIR * p[TIN] / line, p[PA])
@@ -215,10 +211,7 @@ def settled(p: np.ndarray, figures: np.ndarray, target: float, mass_flow: float)
 
 
 def needed(p: np.ndarray, figures: np.ndarray, line: float, mass_flow: float) -> float:
-    """What the regulator is set to where a line that lets so much through stands at a pressure [Pa].
-
-    `mass_flow`: out of the line [kg/s].
-    """
+    """What the regulator is set to where a line that lets so much through stands at a pressure [Pa]."""
     regulated = line + 1.0
     for _ in range(ROUNDS):
         regulated = line + max((mass_flow / nozzle(figures[VALVE], regulated, line, p[TIN])) ** 2, 1e-3)

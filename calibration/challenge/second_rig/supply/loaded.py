@@ -30,15 +30,12 @@ def under_load(p: np.ndarray, supply: Supply, target: float, locked: bool = Fals
 
 
 def set_for(p: np.ndarray, supply: Supply, pressure: float) -> float:
-    """What the regulator is set to where the line stands at a pressure under the motor's draught [Pa].
-
-    `pressure`: of the line [Pa].
-    """
+    """What the regulator is set to where the line stands at a pressure under the motor's draught [Pa]."""
     return line.needed(p, supply.figures(), pressure, draught(p, pressure))
 
 
 def draught(p: np.ndarray, feed: float) -> float:
-    """Mass flow that the motor takes at a pressure [kg/s]. `feed`: pressure of the line [Pa]."""
+    """Mass flow that the motor takes at a pressure [kg/s]."""
     place = min(int(np.searchsorted(KNOTS_PA, feed)), KNOTS_PA.size - 1)
     low_pa, low = p[motor.PA], 0.0
     if place > 0:
