@@ -26,7 +26,6 @@ from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.orders import ABORTED, FINISHED
 from rig.sweep.runner import Outcome, PlateauSink
-from rig.sweep.words import sentence
 
 MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
 
@@ -169,7 +168,7 @@ class ManualSweep:
         self.sink.plateau(plateau.row(self.columns))
         details = {role: dataclasses.asdict(mean) for role, mean in means.items()}
         self._event("plateau", plateau=plateau.number, level_bar_abs=step.level_bar_abs, means=details)
-        self.person.say(f"  {sentence(plateau)}")
+        self.person.say(f"  {plateau.sentence()}")
         self.hooks.on_plateau(plateau)
 
     def _mean(self, role: str, entries: list[dict[str, Reading]], start_ns: int, end_ns: int) -> Mean:

@@ -51,6 +51,14 @@ class Mean:
             return self.mean
         return f"{'<' if self.censored < 0 else '>'}{self.mean:.6g}"
 
+    def text(self, unit: str) -> str:
+        """The mean with its standard error, for a person."""
+        if self.mean is None:
+            return f"no {unit}"
+        sign = {-1: "<", 0: "", 1: ">"}[self.shown_censored]
+        error = f" +- {self.se:.2g}" if self.se else ""
+        return f"{sign}{self.mean:.5g}{error} {unit}"
+
 
 def mean_of(
     time_s: np.ndarray, value: np.ndarray, censored: np.ndarray | None = None, quality: Sequence[Quality] = ()
@@ -127,3 +135,12 @@ class Plateau:
                 row[column] = mean.cell
                 row |= {f"{column}_se": mean.se, f"{column}_n_eff": mean.n_eff or None, f"{column}_n": mean.n}
         return row
+
+    def sentence(self) -> str:
+        """The plateau in one line, for a person."""
+        parts = [f"{self.step.level_bar_abs:g} bar abs {self.step.direction}"]
+        units = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
+        parts += [self.means[role].text(unit) for role, unit in units.items() if role in self.means]
+        if not self.settled:
+            parts.append("not settled")
+        return ", ".join(parts)
