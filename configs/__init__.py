@@ -32,15 +32,8 @@ class Strict(pydantic.BaseModel):
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file.
 
-    Returns
-    -------
-    dict
-        Its tables.
-
-    Raises
-    ------
-    ConfigError
-        When the file is missing, too large to be a configuration, not UTF-8 or not TOML (a duplicate key included).
+    Raises ConfigError when the file is missing, too large to be a configuration, not UTF-8 or not TOML (a duplicate key
+    included).
     """
     return parse_toml(read_source(path), str(path))
 
@@ -48,15 +41,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def read_source(path: Path) -> bytes:
     """Read a configuration file as it stands.
 
-    Returns
-    -------
-    bytes
-        Its content.
-
-    Raises
-    ------
-    ConfigError
-        When the file is missing, cannot be read, or is too large to be a configuration.
+    Raises ConfigError when the file is missing, cannot be read, or is too large to be a configuration.
     """
     try:
         if path.stat().st_size > MAX_TOML_BYTES:
@@ -69,18 +54,7 @@ def read_source(path: Path) -> bytes:
 
 
 def parse_toml(source: bytes, place: str) -> dict[str, Any]:
-    """The tables of a TOML text.
-
-    Returns
-    -------
-    dict
-        Its tables.
-
-    Raises
-    ------
-    ConfigError
-        When it is not UTF-8 or not TOML (a duplicate key included).
-    """
+    """The tables of a TOML text. Raises ConfigError when it is not UTF-8 or not TOML (a duplicate key included)."""
     try:
         return tomllib.loads(source.decode("utf-8").replace("\r\n", "\n"))
     except UnicodeDecodeError:
@@ -95,15 +69,7 @@ def parse_toml(source: bytes, place: str) -> dict[str, Any]:
 def validate(schema: type[Schema], data: dict[str, Any], place: str) -> Schema:
     """Check data against a schema and report every mistake at once.
 
-    Returns
-    -------
-    Schema
-        The validated object.
-
-    Raises
-    ------
-    ConfigError
-        One line a mistake: place, what is wrong, what was expected.
+    Raises ConfigError: one line a mistake: place, what is wrong, what was expected.
     """
     try:
         return schema.model_validate(data)

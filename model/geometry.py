@@ -2,6 +2,27 @@
 
 The angle ``psi`` of a cylinder runs over one lobe, 0 to pi/2: at 0 the piston is farthest out (largest volume), at pi/4
 farthest in. Eq. 7 and 10 describe 0..pi/4; the other half is its mirror image.
+
+Parameters
+----------
+R2, R3 : float
+    Radii of the concave and the convex circle [m].
+R5 : float
+    Radius of the roller [m].
+R6 : float
+    Far point of the concave circle to the motor centre [m].
+L1, L2 : float
+    Motor centre to the centres of the concave and the convex circle [m], Eq. 1 and 8.
+L3 : float
+    Motor centre to roller centre at the junction of the arcs [m], Eq. 4.
+L4 : float
+    Motor centre to roller centre [m], Eq. 7 and 10.
+L5, L6 : float
+    Roller centre to the centres of the concave and the convex circle [m], Eq. 6 and 9.
+beta, gamma : float
+    Angles at the convex and the concave circle's centre [rad], Eq. 2 and 3.
+th : float
+    Angle from the far point [rad].
 """
 
 from __future__ import annotations
@@ -16,141 +37,63 @@ from model import layout as at
 
 @njit(cache=True)
 def concave_centre(R6: float, R2: float) -> float:
-    """Distance L1 of the concave circle's centre from the motor centre [m], Eq. 1.
-
-    Parameters
-    ----------
-    R6 : float
-        Far point of the concave circle to the motor centre [m].
-    R2 : float
-        Radius of the concave circle [m].
-    """
+    """Distance L1 of the concave circle's centre from the motor centre [m], Eq. 1."""
     return R6 - R2
 
 
 @njit(cache=True)
 def angle_beta(L1: float, R2: float, R3: float) -> float:
-    """Angle beta at the convex circle's centre [rad], Eq. 2.
-
-    Parameters
-    ----------
-    L1 : float
-        Concave centre to motor centre [m].
-    R2, R3 : float
-        Radii of the concave and the convex circle [m].
-    """
+    """Angle beta at the convex circle's centre [rad], Eq. 2."""
     return math.asin(math.sqrt(0.5) * L1 / (R2 + R3))
 
 
 @njit(cache=True)
 def angle_gamma(beta: float) -> float:
-    """Angle gamma at the concave circle's centre [rad], Eq. 3.
-
-    Parameters
-    ----------
-    beta : float
-        Angle of Eq. 2 [rad].
-    """
+    """Angle gamma at the concave circle's centre [rad], Eq. 3."""
     return 0.75 * math.pi - beta
 
 
 @njit(cache=True)
 def junction_distance(L1: float, R2: float, R5: float, gamma: float) -> float:
-    """Distance L3 of the roller's centre from the motor centre at the junction of the arcs [m], Eq. 4.
-
-    Parameters
-    ----------
-    L1 : float
-        Concave centre to motor centre [m].
-    R2, R5 : float
-        Radii of the concave circle and of the roller [m].
-    gamma : float
-        Angle of Eq. 3 [rad].
-    """
+    """Distance L3 of the roller's centre from the motor centre at the junction of the arcs [m], Eq. 4."""
     b = R2 - R5
     return math.sqrt(L1 * L1 + b * b - 2.0 * b * L1 * math.cos(gamma))
 
 
 @njit(cache=True)
 def junction_angle(R2: float, R5: float, gamma: float, L3: float) -> float:
-    """Critical angle alpha, where the roller passes from the concave to the convex arc [rad], Eq. 5.
-
-    Parameters
-    ----------
-    R2, R5 : float
-        Radii of the concave circle and of the roller [m].
-    gamma : float
-        Angle of Eq. 3 [rad].
-    L3 : float
-        Distance of Eq. 4 [m].
-    """
+    """Critical angle alpha, where the roller passes from the concave to the convex arc [rad], Eq. 5."""
     return math.asin((R2 - R5) * math.sin(gamma) / L3)
 
 
 @njit(cache=True)
 def concave_arm(R2: float, R5: float) -> float:
-    """Distance L5 of the roller's centre from the concave circle's centre [m], Eq. 6.
-
-    Parameters
-    ----------
-    R2, R5 : float
-        Radii of the concave circle and of the roller [m].
-    """
+    """Distance L5 of the roller's centre from the concave circle's centre [m], Eq. 6."""
     return R2 - R5
 
 
 @njit(cache=True)
 def reach_concave(th: float, L1: float, L5: float) -> float:
-    """Motor centre to roller centre, L4, on the concave arc [m], Eq. 7; valid for \\|th\\| <= alpha.
-
-    Parameters
-    ----------
-    th : float
-        Angle from the far point [rad].
-    L1, L5 : float
-        Lengths of Eq. 1 and 6 [m].
-    """
+    """Motor centre to roller centre, L4, on the concave arc [m], Eq. 7; valid for \\|th\\| <= alpha."""
     s = L1 * math.sin(th)
     return L1 * math.cos(th) + math.sqrt(L5 * L5 - s * s)
 
 
 @njit(cache=True)
 def convex_centre(L1: float, R2: float, R3: float) -> float:
-    """Distance L2 of the convex circle's centre from the motor centre [m], Eq. 8.
-
-    Parameters
-    ----------
-    L1 : float
-        Concave centre to motor centre [m].
-    R2, R3 : float
-        Radii of the concave and the convex circle [m].
-    """
+    """Distance L2 of the convex circle's centre from the motor centre [m], Eq. 8."""
     return math.sqrt(0.5) * L1 + math.sqrt((R2 + R3) ** 2 - 0.5 * L1 * L1)
 
 
 @njit(cache=True)
 def convex_arm(R3: float, R5: float) -> float:
-    """Distance L6 of the roller's centre from the convex circle's centre [m], Eq. 9.
-
-    Parameters
-    ----------
-    R3, R5 : float
-        Radii of the convex circle and of the roller [m].
-    """
+    """Distance L6 of the roller's centre from the convex circle's centre [m], Eq. 9."""
     return R3 + R5
 
 
 @njit(cache=True)
 def reach_convex(th: float, L2: float, L6: float) -> float:
-    """Motor centre to roller centre, L4, on the convex arc [m], Eq. 10; valid for alpha <= th <= pi/2 - alpha.
-
-    Parameters
-    ----------
-    th : float
-        Angle from the far point [rad].
-    L2, L6 : float
-        Lengths of Eq. 8 and 9 [m].
-    """
+    """Motor centre to roller centre, L4, on the convex arc [m], Eq. 10; valid for alpha <= th <= pi/2 - alpha."""
     u = 0.25 * math.pi - th
     s = L2 * math.sin(u)
     return L2 * math.cos(u) - math.sqrt(L6 * L6 - s * s)
@@ -162,10 +105,6 @@ def volume(L4: float, A_p: float, offset: float) -> float:
 
     Parameters
     ----------
-    L4 : float
-        Motor centre to roller centre [m].
-    A_p : float
-        Piston area [m2].
     offset : float
         R5 - Lp - R4 [m]; as printed, without erratum 1, -Lp - R4.
     """
@@ -180,8 +119,6 @@ def sin_phi_concave(th: float, L1: float, L5: float) -> float:
     ----------
     th : float
         Angle from the far point, 0..alpha [rad].
-    L1, L5 : float
-        Lengths of Eq. 1 and 6 [m].
     """
     return L1 * math.sin(th) / L5
 
@@ -194,8 +131,6 @@ def sin_phi_convex(th: float, L2: float, L6: float) -> float:
     ----------
     th : float
         Angle from the far point, alpha..pi/4 [rad].
-    L2, L6 : float
-        Lengths of Eq. 8 and 9 [m].
     """
     return L2 * math.sin(0.25 * math.pi - th) / L6
 
@@ -234,23 +169,14 @@ def curve(parameters: np.ndarray, c: np.ndarray) -> None:
 def place(psi: float, c: np.ndarray) -> tuple[float, float, float, float]:
     """Everything that follows from the angle of one cylinder.
 
+    Returns `L4`: motor centre to roller centre [m]; `sin_phi`: sine of phi [-], negative in the first half (the piston
+    is pushed in), positive in the second; `cos_phi`: cosine of phi [-]; `r`: motor centre to the touch point of roller
+    and curve [m].
+
     Parameters
     ----------
     psi : float
         Cylinder angle within a lobe, 0..pi/2 [rad].
-    c : ndarray, shape (8,)
-        The curve, of `curve`.
-
-    Returns
-    -------
-    L4 : float
-        Motor centre to roller centre [m].
-    sin_phi : float
-        Sine of phi [-], negative in the first half (the piston is pushed in), positive in the second.
-    cos_phi : float
-        Cosine of phi [-].
-    r : float
-        Motor centre to the touch point of roller and curve [m].
     """
     if psi <= 0.25 * math.pi:
         th = psi
@@ -270,13 +196,7 @@ def place(psi: float, c: np.ndarray) -> tuple[float, float, float, float]:
 
 
 def lowest_volume(parameters: np.ndarray) -> float:
-    """Volume of a cylinder with the piston farthest in, at 45 deg [m3]; NaN where the lengths give no curve.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    """
+    """Volume of a cylinder with the piston farthest in, at 45 deg [m3]; NaN where the lengths give no curve."""
     c = np.empty(at.N_CURVE)
     curve(parameters, c)
     if not c[at.L2] * math.sin(0.25 * math.pi - c[at.ALPHA]) < c[at.L6]:
@@ -287,17 +207,12 @@ def lowest_volume(parameters: np.ndarray) -> float:
 def table(parameters: np.ndarray, psi: np.ndarray) -> dict[str, np.ndarray]:
     """The geometry over the angle, as Fig. 5 of the article shows it.
 
+    Returns dict of ndarray, shape (n,): ``L4_m``, ``phi_rad``, ``r_m``, ``V_m3`` and ``dL4_dpsi_m`` (= L4 tan phi).
+
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
     psi : ndarray, shape (n,)
         Angles of one cylinder [rad]; any turn.
-
-    Returns
-    -------
-    dict of ndarray, shape (n,)
-        ``L4_m``, ``phi_rad``, ``r_m``, ``V_m3`` and ``dL4_dpsi_m`` (= L4 tan phi).
     """
     c = np.empty(at.N_CURVE)
     curve(parameters, c)

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 
+from configs.units import L_MIN as L_MIN
+from configs.units import RPM as RPM
+
 N_CYLINDERS = 7
 N_LOBES = 4
 LOBE = 2.0 * math.pi / N_LOBES  # angle of one lobe [rad]
 PULSE = LOBE / N_CYLINDERS  # angle after which the sum of the cylinders repeats [rad]
-RPM = 30.0 / math.pi  # rpm in one rad/s
-L_MIN = 60_000.0  # L/min in one m3/s
 
 # Parameters.
 R2_DIAMETER = 0

@@ -1,4 +1,22 @@
-"""Section 2.3 of the article: forces, torques and the motion of the rotor, Eq. 21-25."""
+"""Section 2.3 of the article: forces, torques and the motion of the rotor, Eq. 21-25.
+
+Parameters
+----------
+P, P_a : float
+    Pressure in the cylinder and of the ambient [Pa].
+F : float
+    Gas force [N].
+L4, r : float
+    Motor centre to roller centre, and to the touch point [m].
+sin_phi, cos_phi : float
+    Of the angle of Eq. 23 and 24 [-].
+torque : float
+    Sum over the cylinders of gas torque less roller friction [N m].
+f_overall : float
+    Overall friction coefficient [N m s].
+inertia : float
+    Moment of inertia J [kg m2].
+"""
 
 from __future__ import annotations
 
@@ -7,15 +25,7 @@ from numba import njit
 
 @njit(cache=True)
 def piston_force(A_p: float, P: float, P_a: float) -> float:
-    """Gas force on a piston [N], Eq. 22.
-
-    Parameters
-    ----------
-    A_p : float
-        Piston area [m2].
-    P, P_a : float
-        Pressure in the cylinder and of the ambient [Pa].
-    """
+    """Gas force on a piston [N], Eq. 22."""
     return A_p * (P - P_a)
 
 
@@ -25,12 +35,6 @@ def gas_arm(L4: float, sin_phi: float, cos_phi: float, r: float, virtual_work: b
 
     Parameters
     ----------
-    L4 : float
-        Motor centre to roller centre [m].
-    sin_phi, cos_phi : float
-        Of the angle of Eq. 23 and 24 [-].
-    r : float
-        Motor centre to the touch point [m].
     virtual_work : bool
         False: r sin(phi) as Eq. 25 prints it; True: dL4/dth = L4 tan(phi), which does the gas's own work (erratum 4).
     """
@@ -43,14 +47,6 @@ def roller_torque(F: float, f_r: float, cos_phi: float, r: float, as_printed: bo
 
     Parameters
     ----------
-    F : float
-        Gas force [N].
-    f_r : float
-        Roller friction factor [-].
-    cos_phi : float
-        Cosine of phi [-].
-    r : float
-        Motor centre to the touch point [m].
     as_printed : bool
         True: f_r F cos(phi) r, which drives where F < 0; False: with \\|F\\| (erratum 5).
     """
@@ -59,17 +55,5 @@ def roller_torque(F: float, f_r: float, cos_phi: float, r: float, as_printed: bo
 
 @njit(cache=True)
 def acceleration(torque: float, f_overall: float, omega: float, inertia: float) -> float:
-    """Angular acceleration [rad/s2], Eq. 21 and 25.
-
-    Parameters
-    ----------
-    torque : float
-        Sum over the cylinders of gas torque less roller friction [N m].
-    f_overall : float
-        Overall friction coefficient [N m s].
-    omega : float
-        Angular velocity [rad/s].
-    inertia : float
-        Moment of inertia J [kg m2].
-    """
+    """Angular acceleration [rad/s2], Eq. 21 and 25."""
     return (torque - f_overall * omega) / inertia

@@ -189,20 +189,12 @@ class Motor(Strict):
     def with_values(self, values: Mapping[str, float]) -> Motor:
         """A motor with some values changed.
 
+        It is validated again. Raises ConfigError when a value is outside its bounds or the geometry is impossible.
+
         Parameters
         ----------
         values : mapping of str to float
             New values by parameter name, each in the parameter's own unit.
-
-        Returns
-        -------
-        Motor
-            The changed motor, validated again.
-
-        Raises
-        ------
-        ConfigError
-            When a value is outside its bounds or the geometry is impossible.
         """
         data = self.model_dump()
         for name, value in values.items():
@@ -219,20 +211,12 @@ class Motor(Strict):
 def read_motor(path: Path | str) -> Motor:
     """Read a motor file.
 
+    Raises ConfigError: every mistake of the file in one line each, with its place.
+
     Parameters
     ----------
     path : Path or str
         A TOML file, or the name of one in configs/motors.
-
-    Returns
-    -------
-    Motor
-        The validated motor.
-
-    Raises
-    ------
-    ConfigError
-        Every mistake of the file in one line each, with its place.
     """
     if isinstance(path, str):
         if not re.fullmatch(r"[A-Za-z0-9_\-]{1,40}", path):
@@ -244,6 +228,8 @@ def read_motor(path: Path | str) -> Motor:
 def set_values(motor: Motor, assignments: list[str]) -> Motor:
     """Apply ``NAME=VALUE`` overrides as the command line takes them.
 
+    Raises ConfigError for an unknown name (the nearest is suggested), a value that is no number, or one out of bounds.
+
     Parameters
     ----------
     motor : Motor
@@ -251,16 +237,6 @@ def set_values(motor: Motor, assignments: list[str]) -> Motor:
     assignments : list of str
         Each a parameter (``f_overall=0.064``), a parameter with its unit (``cylinder_diameter_mm=25.8``) or a reading
         (``torque=virtual_work``, ``heat_transfer=false``).
-
-    Returns
-    -------
-    Motor
-        The changed motor.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown name (the nearest is suggested), a value that is no number, or one out of bounds.
     """
     names = {alias: name for name in QUANTITIES for alias in (name, name_with_unit(name))}
     values: dict[str, float] = {}

@@ -20,12 +20,8 @@ def bar_of(
 ) -> Progress:
     """A bar on standard error, not yet started.
 
-    Parameters
-    ----------
-    *parts : str or type
-        From left to right: words, which may name fields of the task, and columns of rich; rich's own if left out.
-    pace_s : float
-        The time left is estimated from so many of the last seconds [s].
+    `*parts`: from left to right: words, which may name fields of the task, and columns of rich; rich's own if left out.
+    `pace_s`: the time left is estimated from so many of the last seconds [s].
     """
     console = Console(stderr=True)
     columns = [TextColumn(part) if isinstance(part, str) else part() for part in parts]

@@ -34,20 +34,12 @@ USABLE = GOOD | {Quality.UNVERIFIED}  # what plateaus are made of; the run's rec
 class Reading:
     """One value of one channel of one instrument, or the reason why there is none.
 
-    Attributes
-    ----------
-    value : float or None
-        In ``unit``; None where there is none. An off-scale reading holds the limit it is beyond.
-    time_ns : int
-        When the quantity was sampled, as well as that is known, on the bench's monotonic clock [ns].
-    request_ns, reply_ns : int
-        When the request was sent and the reply was whole [ns]; the same for what comes unasked.
-    raw : str
-        The value as it came, in the instrument's own words or counts.
-    detail : str
-        Flags, exception code, reference state, or the reason of a failure.
-    censored : int
-        -1 when the true value is below ``value``, 1 when it is above [-].
+    `value`: in ``unit``; None where there is none. An off-scale reading holds the limit it is beyond.
+    `time_ns`: when the quantity was sampled, as well as that is known, on the bench's monotonic clock [ns].
+    `request_ns`, `reply_ns`: when the request was sent and the reply was whole [ns]; the same for what comes unasked.
+    `raw`: the value as it came, in the instrument's own words or counts.
+    `detail`: flags, exception code, reference state, or the reason of a failure.
+    `censored`: -1 when the true value is below ``value``, 1 when it is above [-].
     """
 
     device: str
@@ -83,15 +75,10 @@ class Reading:
 class Event:
     """One thing that happened on a line's wire.
 
-    Attributes
-    ----------
-    kind : str
-        ``tx``: bytes sent; ``rx``: bytes received; ``silence``: a wait that ended without bytes; ``lost``: the port
+    `kind`: ``tx``: bytes sent; ``rx``: bytes received; ``silence``: a wait that ended without bytes; ``lost``: the port
         failed.
-    time_ns : int
-        On the bench's monotonic clock [ns].
-    data : bytes
-        The bytes, or for ``lost`` what the system said, as UTF-8.
+    `time_ns`: on the bench's monotonic clock [ns].
+    `data`: the bytes, or for ``lost`` what the system said, as UTF-8.
     """
 
     kind: str
@@ -103,14 +90,9 @@ class Event:
 class Exchange:
     """Everything that went over one line for one action on one device, and what it gave: the unit of the run log.
 
-    Attributes
-    ----------
-    action : str
-        What the driver was asked: ``open``, ``identify``, ``poll``, ``write``, ``failsafe`` or ``capture``.
-    events : tuple of Event
-        The wire, in order; a replay plays them back.
-    outcome : str
-        Empty, or why the action failed, or for ``identify`` the identity found.
+    `action`: what the driver was asked: ``open``, ``identify``, ``poll``, ``write``, ``failsafe`` or ``capture``.
+    `events`: the wire, in order; a replay plays them back.
+    `outcome`: empty, or why the action failed, or for ``identify`` the identity found.
     """
 
     line: str

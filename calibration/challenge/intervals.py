@@ -32,12 +32,9 @@ def share(hits: Iterable[bool]) -> dict[str, Any]:
 def reliability(stated: Sequence[float], hits: Sequence[bool]) -> dict[str, Any]:
     """Stated probability against hit rate.
 
-    Returns
-    -------
-    dict
-        ``bins`` (those that hold anything: edges, the mean of what was stated, the share that came true), ``brier``
-        (the mean squared error) and ``ece`` (the mean distance of both over the bins, weighed by their cases); None
-        without cases.
+    Returns ``bins`` (those that hold anything: edges, the mean of what was stated, the share that came true), ``brier``
+    (the mean squared error) and ``ece`` (the mean distance of both over the bins, weighed by their cases); None without
+    cases.
     """
     if not len(stated):
         return {"n": 0, "bins": [], "brier": None, "ece": None}
@@ -53,11 +50,5 @@ def reliability(stated: Sequence[float], hits: Sequence[bool]) -> dict[str, Any]
 
 
 def half_width_50(sd: float) -> float:
-    """Half of a normal's central 50 % interval.
-
-    Parameters
-    ----------
-    sd : float
-        Standard deviation [any].
-    """
+    """Half of a normal's central 50 % interval. `sd`: standard deviation [any]."""
     return 0.6744897501960817 * sd

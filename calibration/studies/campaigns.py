@@ -28,13 +28,7 @@ def code_of_a_case() -> str:
 
 
 def same_code(code: str) -> None:
-    """See that this process has the sources that a campaign began with.
-
-    Raises
-    ------
-    OtherCodeError
-        When it has others.
-    """
+    """See that this process has the sources that a campaign began with. Raises OtherCodeError when it has others."""
     if code_of_a_case() != code:
         raise OtherCodeError("this worker has other code than the campaign")
 
@@ -49,19 +43,10 @@ def results_of(
 ) -> list[Result]:
     """Do what is not done yet of a campaign.
 
-    Parameters
-    ----------
-    task : callable
-        Of one item's argument; it calls `same_code`.
-    workers : int
-        Processes; 0 works in this one [-].
-
-    Raises
-    ------
-    OtherCodeError
-        When the sources changed on the way.
-    ClusterError
-        When no scheduler answers, or it is lost on the way.
+    `task`: of one item's argument; it calls `same_code`.
+    `workers`: processes; 0 works in this one [-].
+    Raises OtherCodeError when the sources changed on the way; ClusterError when no scheduler answers, or it is lost on
+    the way.
     """
     results = run_many(task, items, out / RESULTS, workers, scheduler, tell)
     elsewhere = [one for one in results if one.error.startswith(OtherCodeError.__name__)]
@@ -116,13 +101,7 @@ def progress_bar(name: str) -> Iterator[Tell]:
 
 
 def whole_number(text: str) -> int:
-    """A number of 0 or more of a command line [-].
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        When it is none.
-    """
+    """A number of 0 or more of a command line [-]. Raises argparse.ArgumentTypeError when it is none."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 0 or more")
     return int(text)

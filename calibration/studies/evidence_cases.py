@@ -22,22 +22,10 @@ DRAWS = 1000  # of importance sampling
 def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
     """One case's evidences.
 
-    Parameters
-    ----------
-    argument : mapping
-        ``seed``, ``noise``, ``concealed`` (effects and their parameters [SI]; empty for a null), ``repeats`` of nested
-        sampling, and ``code``, the hash of the sources that the campaign began with.
-
-    Returns
-    -------
-    dict
-        ``effect``, and for ``base`` and ``with_effect`` what `evidences` gives; where the effect's amplitude is, and
-        how slow the slowest level that was read.
-
-    Raises
-    ------
-    OtherCodeError
-        When this process has other sources.
+    `argument`: ``seed``, ``noise``, ``concealed`` (effects and their parameters [SI]; empty for a null), ``repeats`` of
+        nested sampling, and ``code``, the hash of the sources that the campaign began with.
+    Returns ``effect``, and for ``base`` and ``with_effect`` what `evidences` gives; where the effect's amplitude is,
+    and how slow the slowest level that was read. Raises OtherCodeError when this process has other sources.
     """
     from calibration.diagnosis.diagnose import FARTHER
     from calibration.diagnosis.steps.name import screen
@@ -78,17 +66,10 @@ def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
 def evidences(comparison: Any, mode: Any, seed: int, repeats: int) -> dict[str, Any]:
     """The log evidence of a model by Laplace, by nested sampling and by importance sampling.
 
-    Parameters
-    ----------
-    repeats : int
-        Of nested sampling, each with draws of its own [-].
-
-    Returns
-    -------
-    dict
-        ``laplace`` as the diagnosis has it, which holds the noise scales at their best; ``noise_log_volume``, what
-        Laplace's approximation over them adds; ``nested`` and ``importance``, each with errors and calls. All but the
-        first are of the same integral, up to a constant that all models of a recording share.
+    `repeats`: of nested sampling, each with draws of its own [-].
+    Returns ``laplace`` as the diagnosis has it, which holds the noise scales at their best; ``noise_log_volume``, what
+    Laplace's approximation over them adds; ``nested`` and ``importance``, each with errors and calls. All but the first
+    are of the same integral, up to a constant that all models of a recording share.
     """
     from calibration.studies.evidence_reference import adapted, importance, nested
     from calibration.studies.evidence_target import Target
@@ -111,12 +92,8 @@ def evidences(comparison: Any, mode: Any, seed: int, repeats: int) -> dict[str, 
 def items_of(cases: int, first_seed: int = FIRST_SEED, nested_every: int = 1) -> list[Item]:
     """Every case of a campaign: an effect is concealed in every other one, effects, sizes and noises in turn.
 
-    Parameters
-    ----------
-    first_seed : int
-        Of the first; the others follow it [-].
-    nested_every : int
-        One case in so many is nested-sampled, the others importance-sampled alone; 0 for none [-].
+    `first_seed`: of the first; the others follow it [-].
+    `nested_every`: one case in so many is nested-sampled, the others importance-sampled alone; 0 for none [-].
     """
     from calibration.systems.radial_piston.predict.problem import Problem
 

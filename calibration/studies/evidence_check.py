@@ -49,25 +49,11 @@ def run_campaign(
 ) -> dict[str, Any]:
     """Make the cases that are not there yet, and write what all of them say.
 
-    Parameters
-    ----------
-    out : Path
-        Gets a result a case in ``results/``, ``evidence.parquet``, ``evidence.json``, ``evidence.md`` and
+    `out`: gets a result a case in ``results/``, ``evidence.parquet``, ``evidence.json``, ``evidence.md`` and
         ``evidence.png``.
-    workers : int
-        Processes; 0 works in this one [-].
-
-    Returns
-    -------
-    dict
-        Of `evidence_page.summary`.
-
-    Raises
-    ------
-    OtherCodeError
-        When the sources changed on the way.
-    ClusterError
-        When no scheduler answers, or it is lost on the way.
+    `workers`: processes; 0 works in this one [-].
+    Returns what `evidence_page.summary` gives. Raises OtherCodeError when the sources changed on the way; ClusterError
+    when no scheduler answers, or it is lost on the way.
     """
     items = items_of(cases, first_seed, nested_every)
     results = results_of(check_case, items, out, workers, scheduler, tell)
@@ -99,13 +85,7 @@ def row_of(item: Item, result: Result) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print what it comes to, and return the exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        The process's own when left out.
-    """
+    """Run the campaign of a command line, print what it comes to, and return the exit code."""
     given = _parser().parse_args(arguments)
     if not given.cases:
         return refuse("evidence", "nothing to do: --cases is 0")

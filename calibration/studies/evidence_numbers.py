@@ -39,12 +39,9 @@ Rows = Sequence[Row]
 def numbers(value: Mapping[str, Any]) -> dict[str, float | None]:
     """The figures of a case.
 
-    Returns
-    -------
-    dict
-        By NUMBERS. ``laplace``, ``nested`` and ``importance`` are ln Bayes factors, of the effect over the base model;
-        ``laplace_noise`` is Laplace's with the noise scales integrated too; ``base_off`` and ``effect_off`` are by how
-        much each model's ln Z is higher by that than by importance sampling. ``effective`` is the smaller sample.
+    By the names of NUMBERS. ``laplace``, ``nested`` and ``importance`` are ln Bayes factors, of the effect over the
+    base model; ``laplace_noise`` is Laplace's with the noise scales integrated too; ``base_off`` and ``effect_off`` are
+    by how much each model's ln Z is higher by that than by importance sampling. ``effective`` is the smaller sample.
     """
     base, full = value["base"], value["with_effect"]
 
@@ -99,16 +96,9 @@ KINDS = {
 def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
     """How far Laplace is off, by group.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        A case each; the figures None where it failed.
-
-    Returns
-    -------
-    dict
-        ``groups`` and ``all``, each with its counts, how nested and importance sampling agree, and what it was made
-        with.
+    `rows`: a case each; the figures None where it failed.
+    Returns ``groups`` and ``all``, each with its counts, how nested and importance sampling agree, and what it was made
+    with.
     """
     made = [row for row in rows if row["laplace"] is not None]
     both = [row for row in made if row["nested"] is not None]

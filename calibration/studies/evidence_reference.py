@@ -29,13 +29,7 @@ Density = Callable[[np.ndarray], float]
 
 @dataclass(frozen=True)
 class Found:
-    """An evidence by sampling.
-
-    Attributes
-    ----------
-    mean, covariance : ndarray, shape (d,), (d, d)
-        Of the posterior's coordinates v [-].
-    """
+    """An evidence by sampling. `mean`, `covariance`, shape (d,), (d, d): of the posterior's coordinates v [-]."""
 
     log_evidence: float
     error: float
@@ -51,10 +45,7 @@ def adapted(density: Density, width: np.ndarray, seed: Sequence[int]) -> Found:
     All draws count, each against the mixture of all laws drawn from (Cornuet et al. 2012). While few draws carry all
     the weight, the weights are raised to a power below 1.
 
-    Parameters
-    ----------
-    width : ndarray, shape (d,)
-        Scale of the first round in each coordinate [-].
+    `width`, shape (d,): scale of the first round in each coordinate [-].
     """
     rng = np.random.default_rng(seed)
     d = width.size
@@ -91,10 +82,7 @@ def nested(density: Density, mean: np.ndarray, covariance: np.ndarray, seed: Seq
 
     It starts from q: Student's t laws, independent along the axes of the given covariance and wider than it.
 
-    Parameters
-    ----------
-    mean, covariance : ndarray, shape (d,), (d, d)
-        Of q [-].
+    `mean`, `covariance`, shape (d,), (d, d): of q [-].
     """
     import dynesty
 
@@ -142,10 +130,7 @@ def _log_student(x: np.ndarray) -> np.ndarray:
 def importance(density: Density, mean: np.ndarray, covariance: np.ndarray, seed: Sequence[int], draws: int) -> Found:
     """The evidence by importance sampling from a Student's t law.
 
-    Parameters
-    ----------
-    mean, covariance : ndarray, shape (d,), (d, d)
-        About which and how widely to draw [-].
+    `mean`, `covariance`, shape (d,), (d, d): about which and how widely to draw [-].
     """
     shape = IMPORTANCE_WIDTH**2 * (covariance + 1e-9 * np.eye(mean.size))
     law = multivariate_t(mean, shape, DEGREES, seed=np.random.default_rng(seed))

@@ -31,15 +31,10 @@ WIDTH, VALLEY_WIDTH = 1.0, 3.0  # to begin with, in sds of the mode's covariance
 class Target:
     """The posterior of a model in coordinates about its mode.
 
-    Attributes
-    ----------
-    size : int
-        Number of coordinates: the unknowns, then the noise scales [-].
-    width : ndarray, shape (size,)
-        About which to look for the posterior, in each [-].
-    noise_log_volume : float or None
-        What Laplace's approximation over the noise scales adds to a log evidence that holds them fixed [-]; None where
-        the mode is no maximum in them.
+    `size`: number of coordinates: the unknowns, then the noise scales [-].
+    `width`, shape (size,): about which to look for the posterior, in each [-].
+    `noise_log_volume`: what Laplace's approximation over the noise scales adds to a log evidence that holds them fixed
+        [-]; None where the mode is no maximum in them.
     """
 
     def __init__(self, comparison: Comparison, mode: Mode) -> None:
@@ -70,10 +65,7 @@ class Target:
     def __call__(self, v: np.ndarray) -> float:
         """Log of likelihood times prior per unit of v; `NOWHERE` where there is no such model [-].
 
-        Parameters
-        ----------
-        v : ndarray, shape (size,)
-            Coordinates [-].
+        `v`, shape (size,): coordinates [-].
         """
         z = self._unknowns(v)
         if z is None:
@@ -180,13 +172,7 @@ class _Valley:
 
 
 def part_of(recording: Recording, rows: np.ndarray) -> Recording:
-    """A recording of one sweep with some of its rows.
-
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n,)
-        Which [-].
-    """
+    """A recording of one sweep with some of its rows. `rows`, shape (n,): which [-]."""
     file = recording.files[0]
     columns = {
         name: replace(one, values=one.values[rows], censor=one.censor[rows]) for name, one in file.columns.items()

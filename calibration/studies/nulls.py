@@ -57,21 +57,10 @@ class Kind:
 def p_of_null(argument: Mapping[str, Any]) -> dict[str, Any]:
     """One null's p-value.
 
-    Parameters
-    ----------
-    argument : mapping
-        ``noise``, ``with_runs``, ``seed``, and ``code``, the hash of the sources that the campaign began with; perhaps
-        ``concealed``, effects and their parameters [SI], by which it is no null.
-
-    Returns
-    -------
-    dict
-        ``p_value``, ``extrapolated``, ``statistic``, the logarithms ``u`` of the noise scales found, and the ``truth``.
-
-    Raises
-    ------
-    OtherCodeError
-        When this process has other sources.
+    `argument`: ``noise``, ``with_runs``, ``seed``, and ``code``, the hash of the sources that the campaign began with;
+        perhaps ``concealed``, effects and their parameters [SI], by which it is no null.
+    Returns ``p_value``, ``extrapolated``, ``statistic``, the logarithms ``u`` of the noise scales found, and the
+    ``truth``. Raises OtherCodeError when this process has other sources.
     """
     from calibration.diagnosis.mismatch import detect_mismatch
 
@@ -90,13 +79,7 @@ def p_of_null(argument: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def items_of(kinds: Mapping[Kind, int], first_seed: int = FIRST_SEED) -> list[Item]:
-    """Every null of a campaign.
-
-    Parameters
-    ----------
-    first_seed : int
-        Of each class; the others follow it [-].
-    """
+    """Every null of a campaign. `first_seed`: of each class; the others follow it [-]."""
     code = code_of_a_case()
     return [
         Item(
@@ -119,24 +102,10 @@ def run_campaign(
 ) -> dict[str, Any]:
     """Make the nulls that are not there yet, and write what all of them say.
 
-    Parameters
-    ----------
-    out : Path
-        Gets a result a null in ``results/``, ``nulls.parquet``, ``nulls.json``, ``nulls.md`` and ``nulls.png``.
-    workers : int
-        Processes; 0 works in this one [-].
-
-    Returns
-    -------
-    dict
-        Of `nulls_table.summary`.
-
-    Raises
-    ------
-    OtherCodeError
-        When the sources changed on the way.
-    ClusterError
-        When no scheduler answers, or it is lost on the way.
+    `out`: gets a result a null in ``results/``, ``nulls.parquet``, ``nulls.json``, ``nulls.md`` and ``nulls.png``.
+    `workers`: processes; 0 works in this one [-].
+    Returns what `nulls_table.summary` gives. Raises OtherCodeError when the sources changed on the way; ClusterError
+    when no scheduler answers, or it is lost on the way.
     """
     items = items_of(kinds, first_seed)
     results = results_of(p_of_null, items, out, workers, scheduler, tell)
@@ -173,13 +142,7 @@ def documents(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> di
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print its table, and return the exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        The process's own when left out.
-    """
+    """Run the campaign of a command line, print its table, and return the exit code."""
     given = _parser().parse_args(arguments)
     kinds = {Kind(noise): given.sweeps for noise in given.noise if given.sweeps}
     kinds |= {Kind(noise, True): given.with_runs for noise in given.noise if given.with_runs}

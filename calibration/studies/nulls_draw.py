@@ -55,22 +55,9 @@ def null_recording(
 ) -> tuple[Recording, dict[str, float]]:
     """A recording that the model gives, with its nuisances drawn from their priors.
 
-    Parameters
-    ----------
-    concealed : mapping or None
-        Effects and their parameters [SI], to see that the test notices; a null has none.
-
-    Returns
-    -------
-    recording : Recording
-        As if read; it is nowhere on disk.
-    truth : dict of str to float
-        Every nuisance in its own unit, and ``<channel>_noise_factor`` [-].
-
-    Raises
-    ------
-    ArithmeticError
-        When the model gives no reading somewhere.
+    `concealed`: effects and their parameters [SI], to see that the test notices; a null has none.
+    Returns `recording`: as if read; it is nowhere on disk; `truth`: every nuisance in its own unit, and
+    ``<channel>_noise_factor`` [-]. Raises ArithmeticError when the model gives no reading somewhere.
     """
     nominal = template(noise, with_runs)
     problem = Problem(nominal)
@@ -99,10 +86,7 @@ def null_recording(
 def template(noise: str, with_runs: bool) -> Recording:
     """What is asked of the rig: levels, times and instruments; its speeds and flows say nothing.
 
-    Parameters
-    ----------
-    noise : str
-        One of NOISES; a coarse instrument shows steps as large as its noise, and declares them.
+    `noise`: one of NOISES; a coarse instrument shows steps as large as its noise, and declares them.
     """
     if noise not in NOISES:
         raise ValueError(f"'{noise}' is no class of noise; there are {', '.join(NOISES)}")

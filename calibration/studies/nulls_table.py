@@ -30,15 +30,8 @@ Rows = Sequence[Mapping[str, Any]]
 def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
     """Rates and uniformity of each class.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        A null each: ``class``, ``p_value`` (None where it failed), ``seconds``, ``error``.
-
-    Returns
-    -------
-    dict
-        ``classes``, each with its counts, and what they were made with.
+    `rows`: a null each: ``class``, ``p_value`` (None where it failed), ``seconds``, ``error``.
+    Returns ``classes``, each with its counts, and what they were made with.
     """
     classes = {}
     for name in dict.fromkeys(row["class"] for row in rows):

@@ -35,11 +35,8 @@ PAGE = ("sbc.json", "sbc_ranks.png")
 def simulate_and_rank(seed: int, **changed: float) -> dict[str, Any]:
     """One recording from the prior, its fit, and the rank of each truth.
 
-    Returns
-    -------
-    dict
-        ``seed``, ``converged``, ``ranks`` (unknown to rank, 0..127), ``scores`` (the truth's distance from the mean in
-        posterior sds), ``truth`` and ``inside`` (whether the central 50 and 90 % intervals of f_overall hold it).
+    Returns ``seed``, ``converged``, ``ranks`` (unknown to rank, 0..127), ``scores`` (the truth's distance from the mean
+    in posterior sds), ``truth`` and ``inside`` (whether the central 50 and 90 % intervals of f_overall hold it).
     """
     from calibration.fit import fit, sampling
     from calibration.fit.sampling import Settings
@@ -66,12 +63,8 @@ def simulate_and_rank(seed: int, **changed: float) -> dict[str, Any]:
 def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]]:
     """A recording drawn from the prior predictive distribution.
 
-    Returns
-    -------
-    recording : rig.recording.Recording
-        Like the published sweep, with readings of its own; it is nowhere on disk.
-    truth : dict of str to float
-        The standard normal number of each unknown [-].
+    Returns `recording`: like the published sweep, with readings of its own; it is nowhere on disk; `truth`: the
+    standard normal number of each unknown [-].
     """
     import configs
     from calibration.fit import fit
@@ -122,22 +115,10 @@ def run_campaign(
 ) -> dict[str, Any]:
     """Make the fits that are not there yet, and write what all of them say.
 
-    Parameters
-    ----------
-    out : Path
-        Gets a result a fit in ``results/``, ``sbc.json`` and ``sbc_ranks.png``.
-    workers : int
-        Processes; 0 works in this one [-].
-
-    Returns
-    -------
-    dict
-        Of `summary`.
-
-    Raises
-    ------
-    OSError
-        When no scheduler answers, or it is lost on the way; when no fit was made at all.
+    `out`: gets a result a fit in ``results/``, ``sbc.json`` and ``sbc_ranks.png``.
+    `workers`: processes; 0 works in this one [-].
+    Returns what `summary` gives. Raises OSError when no scheduler answers, or it is lost on the way; when no fit was
+    made at all.
     """
     code = imported_sha256("calibration.studies.sbc", "calibration.fit.fit")
     items = [Item(f"fit-{seed}", seed, code) for seed in range(first_seed, first_seed + fits)]
@@ -153,12 +134,9 @@ def run_campaign(
 def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
     """Uniformity of the ranks and coverage of f_overall's intervals.
 
-    Returns
-    -------
-    dict
-        Fits, the share converged, coverage with its binomial 95 % interval, and for every unknown the p-value of a
-        Kolmogorov-Smirnov test of its ranks against uniform; beside it that of the drawn truths against the prior, for
-        ranks of what a recording does not inform are the luck of the draw.
+    Returns fits, the share converged, coverage with its binomial 95 % interval, and for every unknown the p-value of a
+    Kolmogorov-Smirnov test of its ranks against uniform; beside it that of the drawn truths against the prior, for
+    ranks of what a recording does not inform are the luck of the draw.
     """
     from scipy import stats
 
@@ -210,13 +188,7 @@ def rank_plot(results: list[dict[str, Any]]) -> bytes:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print what it comes to, and return the exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        The process's own when left out.
-    """
+    """Run the campaign of a command line, print what it comes to, and return the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m calibration.studies.sbc", description=__doc__.splitlines()[0] if __doc__ else ""
     )

@@ -11,8 +11,11 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 EVERYTHING = ("calibration", "model", "configs", "rig/recording")
 DIAGNOSIS = "calibration.diagnosis"
-# Packages whose modules nobody imports by name.
-FOUND_BY_LOOKING = ("calibration.systems.machines", "model.effects.definitions")
+# What imports the modules of a package by looking into it, and the package.
+FOUND_BY_LOOKING = {
+    "calibration.systems.machines.system": "calibration.systems.machines",
+    "model.effects.library": "model.effects.definitions",
+}
 SCORER = ("calibration/challenge/", "rig/recording/")
 
 
@@ -62,7 +65,9 @@ def _imported_by(name: str) -> list[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     if name in FOUND_BY_LOOKING:
-        names += [f"{name}.{path.stem}" for path in _file(name).parent.glob("*.py") if path.stem != "__init__"]
+        folder = _file(FOUND_BY_LOOKING[name]).parent
+        below = [path.relative_to(ROOT).with_suffix("").parts for path in folder.rglob("*.py")]
+        names += [".".join(parts) for parts in below if parts[-1] != "__init__"]
     parts = [one.split(".") for one in names]
     packages = {".".join(one[:end]) for one in parts for end in range(1, len(one) + 1)}
     return [one for one in packages if _file(one).is_file()]

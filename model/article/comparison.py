@@ -40,17 +40,12 @@ class Comparison:
 
 
 def compare(found: Reproduction) -> tuple[Comparison, ...]:
-    """Every result that the article prints in words, beside ours.
+    """Every result that the article prints in words, beside ours, in the article's order.
 
     Parameters
     ----------
     found : Reproduction
         What was computed.
-
-    Returns
-    -------
-    tuple of Comparison
-        In the article's order.
     """
     return (_speed(found), *_best_friction(found), _friction_step(found), _growth(found), *_flows(found))
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR
 from model import geometry
 from model import layout as at
 from model.motor import Motor
-from model.operation.performance import BAR
 from model.operation.runs import spin_up
 from model.solvers.published import FIRST_AVERAGED, STEPS, TIME_STEP, March, march
 from model.solvers.steady import steady
@@ -106,7 +106,7 @@ class Reproduction:
 
 
 def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
-    """Compute what the article shows.
+    """Compute what the article shows. Returns figures and tables as arrays.
 
     Parameters
     ----------
@@ -114,11 +114,6 @@ def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
         The published motor.
     measured : Measured, optional
         Table 3; without it nothing is compared with measurements.
-
-    Returns
-    -------
-    Reproduction
-        Figures and tables as arrays.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
     run = march(motor, PRESSURE_SHOWN)
@@ -150,21 +145,12 @@ def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
 
 
 def averaged_speeds(motor: Motor, pressures: np.ndarray, **values: float) -> np.ndarray:
-    """Averaged speed of the published algorithm.
+    """Averaged speed of the published algorithm. Returns an array, shape (n,): speeds [rpm].
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    pressures : ndarray, shape (n,)
-        Absolute inlet pressures [Pa].
     **values : float
         Parameters to change, each in its own unit.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Speeds [rpm].
     """
     changed = motor.with_values(values)
     return np.array([march(changed, float(P)).mean_speed_rpm for P in pressures])
@@ -214,13 +200,7 @@ def last_cycle(run: March) -> March:
 
 
 def study_steps(motor: Motor) -> tuple[StepRow, ...]:
-    """Averaged speeds at 2.0 bar for the numbers of steps that section 3 compares.
-
-    Parameters
-    ----------
-    motor : Motor
-        The motor.
-    """
+    """Averaged speeds at 2.0 bar for the numbers of steps that section 3 compares."""
     speed = march(motor, PRESSURE_SHOWN, steps=max(steps for steps, _ in STEP_STUDY)).speed_rad_s * at.RPM
     return tuple(
         StepRow(steps, steps * TIME_STEP, first, float(speed[first:steps].mean())) for steps, first in STEP_STUDY
@@ -232,8 +212,6 @@ def peaks(motor: Motor, time_step_s: float) -> PeakRow:
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     time_step_s : float
         Length of a step [s].
     """

@@ -6,6 +6,7 @@ Torque and flow are tabulated over the speed for each span of the supply; the sp
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -52,16 +53,12 @@ def speeds(
     ----------
     parameters : ndarray, shape (24,)
         Base parameters [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     supply : sequence of Supply
         The line, true pressures.
     time : ndarray, shape (n,)
         Increasing sample times [s]; the first is the start.
     start_rad_s : float
         Speed at the start [rad/s].
-    chosen : mapping
-        Effect id to the values of its parameters.
     clock : float
         Time of the recording's clock at time 0 of the run [s].
     start_rad : float
@@ -79,6 +76,25 @@ def speeds(
     return _recent(key, lambda: _speeds(parameters, readings, supply, time, start_rad_s, chosen, clock, start_rad))
 
 
+class _Tables(NamedTuple):
+    """What the march looks up for n spans of the supply, over speeds up to `top` and flows up to `most_flow`.
+
+    `pressures`, shape (n,): of the line [Pa].
+    `torque`, `flow`, shape (n, FINE): net torque [N m], and mass flow into the cylinders [kg/s].
+    `slope`, shape (n, 2): what the torque gains per pressure in suction and in discharge [N m/Pa].
+    `loss`, shape (n, 2, FLOWS): pressure lost ahead of the cylinders and behind them [Pa], over the flow.
+    """
+
+    pressures: np.ndarray
+    torque: np.ndarray
+    flow: np.ndarray
+    slope: np.ndarray
+    loss: np.ndarray
+    top: float
+    most_flow: float
+    lossy: bool
+
+
 def _speeds(
     parameters: np.ndarray,
     readings: np.ndarray,
@@ -92,6 +108,20 @@ def _speeds(
     parameters = laws.with_factors(parameters, chosen)
     those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
     around = uneven.around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
+    tables = _tables(parameters, readings, supply, start_rad_s, those, clock)
+    spans = np.array([span.start_s for span in supply])
+    found: np.ndarray = _march(time, spans, tables, start_rad_s, parameters[at.J], start_rad, around)
+    return found
+
+
+def _tables(
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    supply: Sequence[Supply],
+    start_rad_s: float,
+    those: laws.Members,
+    clock: float,
+) -> _Tables:
     vented = float(parameters[at.P_A] + parameters[at.DP_OUT] + parameters[at.DP_IN])  # both ports at the same pressure
     pressures = np.array([span.pressure_pa if span.is_open else vented for span in supply])
     nodes = _nodes(pressures)
@@ -100,45 +130,32 @@ def _speeds(
     fine = np.linspace(0.0, top, FINE)
     coarse = top * (SLOWEST + (1.0 - SLOWEST) * 0.5 * (1.0 - np.cos(np.pi * np.arange(SPEEDS) / (SPEEDS - 1))))
     slope, torque, flow, load = _cycles(parameters, readings, gas, nodes, coarse, fine)
-    loss = np.zeros((nodes.size, 2, FLOWS))
-    most_flow = 1e-12
     for s, P in enumerate(nodes):
-        most_flow = max(most_flow, 1.5 * float(flow[s].max()))
         state = _state(fine, flow[s], float(P), load[s], parameters, gas, clock)
         torque[s] -= parameters[at.F_OVERALL] * fine + parameters[at.EXTRA_TORQUE]
         torque[s] -= laws.sum_of_torques(those, state, np.zeros(FINE, dtype=bool))
-    flows = np.linspace(0.0, most_flow, FLOWS)
+    most_flow = max([1e-12, *(1.5 * float(one.max()) for one in flow)])
+    loss = _losses(those, nodes, np.linspace(0.0, most_flow, FLOWS), parameters, gas, clock)
+    # Between two nodes everything goes in a straight line with the pressure.
+    low = np.clip(np.searchsorted(nodes, pressures, side="right") - 1, 0, max(nodes.size - 2, 0))
+    high = np.minimum(low + 1, nodes.size - 1)
+    up = np.where(high > low, (pressures - nodes[low]) / np.maximum(nodes[high] - nodes[low], 1e-9), 0.0)
+    torque, flow, slope, loss = (_between(table, low, high, up) for table in (torque, flow, slope, loss))
+    return _Tables(pressures, torque, flow, slope, loss, top, most_flow, bool(np.any(loss)))
+
+
+def _losses(
+    those: laws.Members, nodes: np.ndarray, flows: np.ndarray, parameters: np.ndarray, gas: np.ndarray, clock: float
+) -> np.ndarray:
+    """Pressure lost ahead of the cylinders and behind them, at each node and flow [Pa]."""
+    loss = np.zeros((nodes.size, 2, FLOWS))
     if any(effect.inlet_drop or effect.outlet_rise for effect, _ in those):
         for s, P in enumerate(nodes):
             state = _state(np.zeros(FLOWS), flows, float(P), np.zeros(FLOWS), parameters, gas, clock)
             rows = np.zeros((FLOWS, at.N_VECTOR))
             laws.add_losses(rows, those, state)
             loss[s, 0], loss[s, 1] = rows[:, at.DP_IN], rows[:, at.DP_OUT]
-    # Between two nodes everything goes in a straight line with the pressure.
-    low = np.clip(np.searchsorted(nodes, pressures, side="right") - 1, 0, max(nodes.size - 2, 0))
-    high = np.minimum(low + 1, nodes.size - 1)
-    up = np.where(high > low, (pressures - nodes[low]) / np.maximum(nodes[high] - nodes[low], 1e-9), 0.0)
-    torque, flow, slope, loss = (_between(table, low, high, up) for table in (torque, flow, slope, loss))
-    spans = np.array([span.start_s for span in supply])
-    lossy = bool(np.any(loss))
-    found: np.ndarray = _march(
-        time,
-        spans,
-        np.arange(spans.size),
-        pressures,
-        start_rad_s,
-        top,
-        torque,
-        flow,
-        slope,
-        loss,
-        most_flow,
-        lossy,
-        parameters[at.J],
-        start_rad,
-        around,
-    )
-    return found
+    return loss
 
 
 def _nodes(pressures: np.ndarray) -> np.ndarray:
@@ -249,6 +266,7 @@ def _passing(free: float, pressure: float, step: float, drop: np.ndarray) -> flo
     return passing
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True, nogil=True)
 def _rate(
     omega: float,
@@ -278,23 +296,10 @@ def _rate(
 
 @njit(cache=True, nogil=True)
 def _march(
-    time: np.ndarray,
-    spans: np.ndarray,
-    which: np.ndarray,
-    pressures: np.ndarray,
-    start: float,
-    top: float,
-    torque: np.ndarray,
-    flow: np.ndarray,
-    slope: np.ndarray,
-    loss: np.ndarray,
-    most_flow: float,
-    lossy: bool,
-    J: float,
-    angle: float,
-    around: np.ndarray,
+    time: np.ndarray, spans: np.ndarray, tables: _Tables, start: float, J: float, angle: float, around: np.ndarray
 ) -> np.ndarray:
     """Mean speed since the sample before; the rotor does not turn back."""
+    pressures, torque, flow, slope, loss, top, most_flow, lossy = tables
     out = np.empty(time.size)
     out[0] = start
     omega, t, span = start, time[0], 0
@@ -307,20 +312,19 @@ def _march(
             if span + 1 < spans.size and spans[span + 1] < end - 1e-12:
                 end = spans[span + 1]
             steps = max(1, int(np.ceil((end - t) / LONGEST_STEP_S - 1e-9)))
-            h, s = (end - t) / steps, which[span]
-            P = pressures[s]
+            h, P = (end - t) / steps, pressures[span]
             for _ in range(steps):
                 w, v = omega, omega
-                a1 = _rate(v, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                a1 = _rate(v, span, top, torque, flow, slope, loss, most_flow, lossy, P, J)
                 a1 -= _of_angle(angle, around) / J
                 v = max(w + 0.5 * h * a1, 0.0)
-                a2 = _rate(v, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                a2 = _rate(v, span, top, torque, flow, slope, loss, most_flow, lossy, P, J)
                 a2 -= _of_angle(angle + 0.5 * h * w, around) / J
                 v = max(w + 0.5 * h * a2, 0.0)
-                a3 = _rate(v, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                a3 = _rate(v, span, top, torque, flow, slope, loss, most_flow, lossy, P, J)
                 a3 -= _of_angle(angle + 0.5 * h * (w + 0.5 * h * a1), around) / J
                 v = max(w + h * a3, 0.0)
-                a4 = _rate(v, s, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                a4 = _rate(v, span, top, torque, flow, slope, loss, most_flow, lossy, P, J)
                 a4 -= _of_angle(angle + h * (w + 0.5 * h * a2), around) / J
                 omega = max(w + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4), 0.0)
                 # Of the cubic through both ends and their slopes.

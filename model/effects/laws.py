@@ -30,13 +30,7 @@ LEAST_FRICTION = 0.2  # share of f_overall that a steady pass leaves; a torque f
 
 
 def switched_on(chosen: Chosen) -> dict[str, Values]:
-    """A set without the effects whose amplitudes are all 0: they do nothing, and cost nothing.
-
-    Parameters
-    ----------
-    chosen : mapping of str to mapping
-        Effect id to the values of its parameters.
-    """
+    """A set without the effects whose amplitudes are all 0: they do nothing, and cost nothing."""
     return {
         effect.id: values
         for effect, values in members(chosen)
@@ -63,15 +57,7 @@ def rows_of(chosen: Chosen, which: np.ndarray) -> dict[str, Values]:
 def members(chosen: Chosen) -> Members:
     """The effects of a set with their values, in alphabetical order whatever the set's: composing has one result.
 
-    Parameters
-    ----------
-    chosen : mapping of str to mapping
-        Effect id to the values of its parameters.
-
-    Raises
-    ------
-    KeyError
-        When no effect has that id.
+    Raises KeyError when no effect has that id.
     """
     return [(effects()[name], chosen[name]) for name in sorted(chosen)]
 
@@ -79,17 +65,12 @@ def members(chosen: Chosen) -> Members:
 def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
     """Parameters with the factors of a set on them.
 
+    Returns a copy where there is a factor; the same array where there is none.
+
     Parameters
     ----------
     parameters : ndarray, shape (..., 24)
         Parameter sets [SI].
-    chosen : mapping
-        The set.
-
-    Returns
-    -------
-    ndarray
-        A copy where there is a factor; the same array where there is none.
     """
     for effect, values in members(chosen):
         for name, factor in effect.factors.items():
@@ -103,8 +84,6 @@ def torque(chosen: Chosen, state: State) -> np.ndarray:
 
     Parameters
     ----------
-    chosen : mapping
-        The set.
     state : State
         Operating state; where the motor turns back, the laws see the size of its speed.
     """
@@ -132,15 +111,7 @@ def sum_of_torques(those: Members, state: State, back: np.ndarray) -> np.ndarray
 
 
 def leak(chosen: Chosen, state: State) -> np.ndarray:
-    """Sum of the flows that do no work [kg/s].
-
-    Parameters
-    ----------
-    chosen : mapping
-        The set.
-    state : State
-        Operating state.
-    """
+    """Sum of the flows that do no work [kg/s]."""
     total = np.zeros_like(state.mass_flow)
     for effect, values in members(chosen):
         if effect.leak is not None:
@@ -152,6 +123,9 @@ def leak(chosen: Chosen, state: State) -> np.ndarray:
 def tangent(here: float, faster: float, loaded: float, speed: float, load: float) -> tuple[float, float, float]:
     """A torque as a share of f_overall, a constant, and a share of the roller factor.
 
+    Returns `slope`: share of f_overall [N m s]; `constant`: opposing torque [N m]; `roller`: share of the roller factor
+    [-].
+
     Parameters
     ----------
     here, faster, loaded : float
@@ -160,15 +134,6 @@ def tangent(here: float, faster: float, loaded: float, speed: float, load: float
         Size of the speed [rad/s].
     load : float
         Roller torque per unit of f_r [N m].
-
-    Returns
-    -------
-    slope : float
-        Share of f_overall [N m s].
-    constant : float
-        Opposing torque [N m].
-    roller : float
-        Share of the roller factor [-].
     """
     roller = (loaded - here) / LOAD_STEP
     rest = here - roller * load
@@ -214,21 +179,14 @@ def _add_torques(rows: np.ndarray, torques: np.ndarray, speed: np.ndarray, load:
 def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_friction: float = -np.inf) -> np.ndarray:
     """Parameters of each row with the set's torques and pressure losses in them, at the state as it stands.
 
+    Returns an array, shape (n, 24): a copy.
+
     Parameters
     ----------
     parameters : ndarray, shape (n, 24)
         With the factors on them [SI].
-    chosen : mapping
-        The set.
-    state : State
-        Operating state, arrays of shape (n,).
     least_friction : float
         Share of f_overall that is left where a torque falls with speed [-]; unbounded when left out.
-
-    Returns
-    -------
-    ndarray, shape (n, 24)
-        A copy.
     """
     changed = parameters.copy()
     those = members(chosen)
@@ -256,8 +214,6 @@ def add_losses(rows: np.ndarray, those: Members, state: State) -> None:
         Parameters [SI], changed.
     those : list of (Effect, mapping)
         Of `members`.
-    state : State
-        Operating state.
     """
     for effect, values in those:
         if effect.inlet_drop is not None:
@@ -272,14 +228,10 @@ def readings_of(chosen: Chosen, channel: str, true: np.ndarray, state: State) ->
 
     Parameters
     ----------
-    chosen : mapping
-        The set.
     channel : str
         ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
     true : ndarray, shape (n,)
         True value [SI].
-    state : State
-        Operating state.
     """
     for effect, values in members(chosen):
         if channel in effect.reads:
@@ -292,8 +244,6 @@ def behind_the_gauge(chosen: Chosen, shown: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    chosen : mapping
-        The set.
     shown : ndarray, shape (n,)
         Reading [Pa].
     """

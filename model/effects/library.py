@@ -1,4 +1,4 @@
-"""The effects that there are, found by looking: a module of `definitions` that has an `EFFECT` is one."""
+"""The effects that there are, found by looking: a module below `definitions` that has an `EFFECT` is one."""
 
 from __future__ import annotations
 
@@ -13,19 +13,14 @@ from model.effects.effect import Effect
 def effects() -> dict[str, Effect]:
     """Every effect by its id, in alphabetical order.
 
-    Raises
-    ------
-    ValueError
-        When a module's effect has another id than the module's name.
+    Raises ValueError when a module's effect has another id than the module's name.
     """
     room = importlib.import_module("model.effects.definitions")
     found = {}
-    for module in sorted(pkgutil.iter_modules(room.__path__), key=lambda info: info.name):
-        effect = getattr(importlib.import_module(f"{room.__name__}.{module.name}"), "EFFECT", None)
+    for name in (info.name for info in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")):
+        effect = getattr(importlib.import_module(name), "EFFECT", None)
         if isinstance(effect, Effect):
-            if effect.id != module.name:
-                raise ValueError(
-                    f"model/effects/definitions/{module.name}.py holds the effect '{effect.id}'; the names are the same"
-                )
+            if effect.id != name.rpartition(".")[2]:
+                raise ValueError(f"{name.replace('.', '/')}.py holds the effect '{effect.id}'; the names are the same")
             found[effect.id] = effect
-    return found
+    return dict(sorted(found.items()))

@@ -57,12 +57,12 @@ def solve(
 ) -> Points:
     """Operating points of rows that each have a pressure and parameters of their own.
 
+    Where the passes do not agree, ``running`` is False.
+
     Parameters
     ----------
     parameters : ndarray, shape (n, 24)
         Base parameters of each row [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     pressures : ndarray, shape (n,)
         True line pressures [Pa].
     gas : ndarray, shape (n, 12)
@@ -73,11 +73,6 @@ def solve(
         Of each row on the recording's clock [s].
     slopes : bool
         Derivatives with pressure too, to 1 %; an effect's share in them is left aside.
-
-    Returns
-    -------
-    Points
-        Where the passes do not agree, ``running`` is False.
     """
     chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
@@ -116,13 +111,7 @@ def solve(
 
 
 def hang_on_state(chosen: laws.Chosen) -> bool:
-    """Whether a steady solution with the set takes more than one pass.
-
-    Parameters
-    ----------
-    chosen : mapping
-        Effect id to the values of its parameters.
-    """
+    """Whether a steady solution with the set takes more than one pass."""
     return any(e.torque or e.inlet_drop or e.outlet_rise for e, _ in laws.members(chosen))
 
 
@@ -160,23 +149,16 @@ def one_pass(
 ) -> tuple[np.ndarray, State]:
     """The effects at a state, and the base solver with them. A state that this leads back to is a solution.
 
+    Returns `out`, shape (n, 9): of the base solver; `state`: at which it arrives.
+
     Parameters
     ----------
     parameters : ndarray, shape (n, 24)
         With the effects' factors on them [SI].
-    chosen : mapping
-        Effect id to the values of its parameters.
     state : State
         At which the laws are taken.
     solver : callable
         From rows of parameters to the base solver's array.
-
-    Returns
-    -------
-    out : ndarray, shape (n, 9)
-        Of the base solver.
-    state : State
-        At which it arrives.
     """
     changed = laws.row_parameters(parameters, chosen, state, laws.LEAST_FRICTION)
     out = solver(changed)

@@ -7,8 +7,9 @@ a few pulses of the cylinders.
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -69,34 +70,22 @@ def simulate(
 ) -> Run:
     """Simulate from the first to the last sample.
 
+    Raises ArithmeticError when the integration fails.
+
     Parameters
     ----------
     parameters : ndarray, shape (24,)
         Base parameters [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     supply : sequence of Supply
         The line, true pressures.
     time : ndarray, shape (n,)
         Increasing sample times [s]; the first is the start.
     start : ndarray, shape (23,)
         State at the start.
-    chosen : mapping
-        Effect id to the values of its parameters.
     clock : float
         Time of the recording's clock at time 0 of the run [s].
     stride : int
         Samples from one look at the laws to the next [-].
-
-    Returns
-    -------
-    Run
-        The samples.
-
-    Raises
-    ------
-    ArithmeticError
-        When the integration fails.
     """
     chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
@@ -107,10 +96,11 @@ def simulate(
         np.array([span.pressure_pa for span in supply], dtype=np.float64),
         np.array([float(span.is_open) for span in supply]),
     )
+    case = _Case(spans, parameters, gas, readings, chosen, clock)
     y = np.array(start, dtype=np.float64)
     those = [effect for effect, _ in laws.members(chosen)]
     if any(effect.torque or effect.inlet_drop or effect.outlet_rise for effect in those):
-        samples = _stepwise(y, spans, time, parameters, gas, readings, chosen, clock, stride)
+        samples = _stepwise(y, case, time, stride)
     else:
         samples = np.empty((time.size, 6))
         _check(base.integrate(y, time[0], *spans, time, samples, NONE, parameters, gas, readings, 1)[0])
@@ -119,83 +109,112 @@ def simulate(
     mean[1:] = np.diff(angle) / np.diff(time)
     inlet = samples[:, 2].copy()
     if any(effect.leak for effect in those):
-        inlet[1:] += np.cumsum(_leaked(time, mean, np.diff(inlet), spans, parameters, gas, chosen, clock))
+        inlet[1:] += np.cumsum(_leaked(time, mean, np.diff(inlet), case))
     return Run(time, angle, speed, read_with_lag(mean, time, chosen), inlet)
 
 
-def _stepwise(
-    y: np.ndarray,
-    spans: tuple[np.ndarray, np.ndarray, np.ndarray],
-    time: np.ndarray,
-    parameters: np.ndarray,
-    gas: np.ndarray,
-    readings: np.ndarray,
-    chosen: laws.Chosen,
-    clock: float,
-    stride: int,
-) -> np.ndarray:
+@dataclass(frozen=True)
+class _Case:
+    """What stays the same along a run; the supply's spans by their starts, pressures, and whether they are open."""
+
+    spans: tuple[np.ndarray, np.ndarray, np.ndarray]
+    parameters: np.ndarray
+    gas: np.ndarray
+    readings: np.ndarray
+    chosen: laws.Chosen
+    clock: float
+
+    def pressure(self, t: float) -> float:
+        """Pressure of the line at a time [Pa]."""
+        starts, pressures, is_open = self.spans
+        span = int(np.searchsorted(starts, t, side="right")) - 1
+        return float(pressures[span] if span >= 0 and is_open[span] > 0.0 else self.parameters[at.P_A])
+
+    def changes(self, start: float, end: float) -> bool:
+        """Whether the supply changes between two times."""
+        return bool(np.any((self.spans[0] > start) & (self.spans[0] < end)))
+
+
+class _Flow:
+    """Mean flow through the inlet, which a loss of pressure follows [kg/s]."""
+
+    def __init__(self, case: _Case, omega: float, t: float) -> None:
+        self._turning = omega
+        self.now = self._mean = _flow_at(omega, case.pressure(t), case.parameters, case.gas, case.readings)
+
+    def step(self, case: _Case, start: float, end: float, entered: float, speed: float, later: float) -> None:
+        """Go on by a step from a speed to a later one, in which a mass entered [kg]."""
+        dt = end - start
+        if case.changes(start, end + LATE_S):  # the volume that the cylinders take in is the same
+            self._mean *= case.pressure(end + LATE_S) / case.pressure(start)
+        else:
+            share = 1.0 - math.exp(-dt / FLOW_S)
+            self._mean += (entered / dt - self._mean) * share
+            self._turning += (0.5 * (speed + later) - self._turning) * share
+        # The air does not wait: at another speed another flow passes at once.
+        self.now = self._mean * later / self._turning if self._turning > SLOWEST_FLOW else self._mean
+
+
+def _stepwise(y: np.ndarray, case: _Case, time: np.ndarray, stride: int) -> np.ndarray:
     """The integrator over some samples or a part of one, with the laws taken anew at the start of each step."""
-    those = laws.members(chosen)
+    those = laws.members(case.chosen)
     turns = any(effect.torque for effect, _ in those)
     loses = any(effect.inlet_drop or effect.outlet_rise for effect, _ in those)
     follows = any(effect.periodic for effect, _ in those)
     leaks = any(effect.leak for effect, _ in those)
     samples = np.empty((time.size, 6))
-    samples[0] = [
-        y[THETA],
-        y[OMEGA],
-        y[M_IN],
-        y[M_OUT],
-        y[P0],
-        np.nan,
-    ]
-    state, curve = _scratch(parameters, gas)
+    samples[0] = [y[THETA], y[OMEGA], y[M_IN], y[M_OUT], y[P0], np.nan]
+    state, curve = _scratch(case.parameters, case.gas)
     here = State(*(getattr(state, field.name)[:1] for field in fields(State)))  # the same arrays
-    row = parameters[None, :].copy()
+    flow = _Flow(case, float(y[OMEGA]), time[0]) if loses else None
     change = 0.0
-    ambient = float(parameters[at.P_A])
-    turning = float(y[OMEGA])
-    flow = mean = _flow_at(turning, _pressure(spans, time[0], ambient), parameters, gas, readings) if loses else 0.0
     k = 1
     while k < time.size:
         t, rate = time[k - 1], change if turns else 0.0
-        last = min(k + stride, time.size) - 1
-        while last > k and (
-            _steps(time[last] - t, y[OMEGA], rate, loses, follows) > 1 or _changes(spans[0], t, time[last])
-        ):
-            last -= 1
-        steps = 1 if last > k else _steps(time[k] - t, y[OMEGA], rate, loses, follows)
-        ends = time[k : last + 1] if steps == 1 else np.linspace(t, time[k], steps + 1)[1:]
-        for n in range(steps):
-            until = ends if steps == 1 else ends[n : n + 1]
-            before, speed, dt = y[M_IN], y[OMEGA], until[-1] - t
-            _fill(state, y, flow, spans, t, until[-1], curve, parameters, clock)
-            leak = float(laws.leak(chosen, here)[0]) if leaks else 0.0
-            state.mass_flow[:] += leak
-            row[0] = parameters
-            if turns:
-                T = laws.sum_of_torques(those, state, np.full(3, speed < 0.0))
-                slope, constant, roller = laws.tangent(T[0], T[1], T[2], abs(speed), state.load[0])
-                row[0, at.F_OVERALL] += slope
-                row[0, at.EXTRA_TORQUE] += constant
-                row[0, at.F_R] += roller
+        steps_in = functools.partial(_steps, omega=y[OMEGA], rate=rate, loses=loses, follows=follows)
+        last, ends = _ahead(case, time, k, stride, steps_in)
+        for until in ends:
+            before, speed = y[M_IN], y[OMEGA]
+            _fill(state, y, flow.now if flow else 0.0, case, t, until[-1], curve)
+            if leaks:
+                state.mass_flow[:] += float(laws.leak(case.chosen, here)[0])
+            row = _row(case, those if turns else [], state, speed)
             if loses:
                 laws.add_losses(row, those, here)
             into = samples[k : last + 1]
-            _check(base.integrate(y, t, *spans, until, into, NONE, row[0], gas, readings, 1)[0])
-            if loses:
-                if _changes(spans[0], t, until[-1] + LATE_S):  # the volume that the cylinders take in is the same
-                    mean *= _pressure(spans, until[-1] + LATE_S, ambient) / _pressure(spans, t, ambient)
-                else:
-                    share = 1.0 - math.exp(-dt / FLOW_S)
-                    mean += ((y[M_IN] - before) / dt - mean) * share
-                    turning += (0.5 * (speed + y[OMEGA]) - turning) * share
-                # The air does not wait: at another speed another flow passes at once.
-                flow = mean * y[OMEGA] / turning if turning > SLOWEST_FLOW else mean
-            change = abs(y[OMEGA] - speed) / dt
+            _check(base.integrate(y, t, *case.spans, until, into, NONE, row[0], case.gas, case.readings, 1)[0])
+            if flow:
+                flow.step(case, t, until[-1], y[M_IN] - before, speed, y[OMEGA])
+            change = abs(y[OMEGA] - speed) / (until[-1] - t)
             t = until[-1]
         k = last + 1
     return samples
+
+
+def _ahead(
+    case: _Case, time: np.ndarray, k: int, stride: int, steps_in: Callable[[float], int]
+) -> tuple[int, list[np.ndarray]]:
+    """The last of the samples from k on up to which the laws stay as they are, and the ends of the steps to it."""
+    t, last = time[k - 1], min(k + stride, time.size) - 1
+    while last > k and (steps_in(time[last] - t) > 1 or case.changes(t, time[last])):
+        last -= 1
+    steps = 1 if last > k else steps_in(time[k] - t)
+    if steps == 1:
+        return last, [time[k : last + 1]]
+    ends = np.linspace(t, time[k], steps + 1)[1:]
+    return last, [ends[n : n + 1] for n in range(steps)]
+
+
+def _row(case: _Case, those: laws.Members, state: State, speed: float) -> np.ndarray:
+    """Parameters with the tangent of these torques in them, shape (1, 24)."""
+    row = case.parameters[None, :].copy()
+    if those:
+        T = laws.sum_of_torques(those, state, np.full(3, speed < 0.0))
+        slope, constant, roller = laws.tangent(T[0], T[1], T[2], abs(speed), state.load[0])
+        row[0, at.F_OVERALL] += slope
+        row[0, at.EXTRA_TORQUE] += constant
+        row[0, at.F_R] += roller
+    return row
 
 
 def _flow_at(omega: float, pressure: float, parameters: np.ndarray, gas: np.ndarray, readings: np.ndarray) -> float:
@@ -205,17 +224,6 @@ def _flow_at(omega: float, pressure: float, parameters: np.ndarray, gas: np.ndar
     out = np.empty((1, averaged.N_OUT))
     averaged.torques(parameters, readings, gas, pressure, np.array([omega]), out)
     return float(out[0, averaged.MASS_FLOW])
-
-
-def _changes(starts: np.ndarray, start: float, end: float) -> bool:
-    """Whether the supply changes between two times."""
-    return bool(np.any((starts > start) & (starts < end)))
-
-
-def _pressure(spans: tuple[np.ndarray, np.ndarray, np.ndarray], t: float, ambient: float) -> float:
-    """Pressure of the line at a time [Pa]."""
-    span = int(np.searchsorted(spans[0], t, side="right")) - 1
-    return float(spans[1][span]) if span >= 0 and spans[2][span] > 0.0 else ambient
 
 
 def _steps(dt: float, omega: float, rate: float, loses: bool, follows: bool) -> int:
@@ -241,26 +249,16 @@ def _scratch(parameters: np.ndarray, gas: np.ndarray) -> tuple[State, np.ndarray
     return State(**{field.name: np.full(3, values.get(field.name, 0.0)) for field in fields(State)}), curve
 
 
-def _fill(
-    state: State,
-    y: np.ndarray,
-    flow: float,
-    spans: tuple[np.ndarray, np.ndarray, np.ndarray],
-    start: float,
-    end: float,
-    curve: np.ndarray,
-    parameters: np.ndarray,
-    clock: float,
-) -> None:
+def _fill(state: State, y: np.ndarray, flow: float, case: _Case, start: float, end: float, curve: np.ndarray) -> None:
     """Fill the state of three places; angle and time are those of the step's middle."""
-    omega, load = y[OMEGA], _load(y, curve, parameters[at.P_A])
+    omega, load = y[OMEGA], _load(y, curve, case.parameters[at.P_A])
     speed = abs(omega)
     state.omega[:] = (speed, speed + laws.step_of(speed), speed)
     state.load[:] = (load, load, load + laws.LOAD_STEP)
     state.angle[:] = y[THETA] + 0.5 * omega * (end - start)
     state.mass_flow[:] = max(flow, 0.0)
-    state.pressure[:] = _pressure(spans, start, parameters[at.P_A])
-    state.time[:] = clock + 0.5 * (start + end)
+    state.pressure[:] = case.pressure(start)
+    state.time[:] = case.clock + 0.5 * (start + end)
 
 
 @njit(cache=True)
@@ -276,20 +274,12 @@ def _load(y: np.ndarray, curve: np.ndarray, ambient: float) -> float:
     return total
 
 
-def _leaked(
-    time: np.ndarray,
-    speed: np.ndarray,
-    entered: np.ndarray,
-    spans: tuple[np.ndarray, np.ndarray, np.ndarray],
-    parameters: np.ndarray,
-    gas: np.ndarray,
-    chosen: laws.Chosen,
-    clock: float,
-) -> np.ndarray:
+def _leaked(time: np.ndarray, speed: np.ndarray, entered: np.ndarray, case: _Case) -> np.ndarray:
     """Mass that leaked between two samples each [kg], shape (n - 1,)."""
     dt = np.diff(time)
     one = np.ones_like(dt)
-    pressure = np.array([_pressure(spans, t, parameters[at.P_A]) for t in time[:-1]])
+    parameters = case.parameters
+    pressure = np.array([case.pressure(t) for t in time[:-1]])
     state = State(
         omega=np.abs(speed[1:]),
         angle=np.full_like(dt, np.nan),
@@ -297,12 +287,12 @@ def _leaked(
         pressure=pressure,
         temperature=parameters[at.T_IN] * one,
         ambient=parameters[at.P_A] * one,
-        gas_constant=gas[at.GAS_R] * one,
+        gas_constant=case.gas[at.GAS_R] * one,
         friction=parameters[at.F_OVERALL] * one,
         load=np.full_like(dt, np.nan),
-        time=clock + 0.5 * (time[1:] + time[:-1]),
+        time=case.clock + 0.5 * (time[1:] + time[:-1]),
     )
-    return laws.leak(chosen, state) * dt
+    return laws.leak(case.chosen, state) * dt
 
 
 def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np.ndarray:
@@ -314,8 +304,6 @@ def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np
         Mean speed since the sample before [rad/s].
     time : ndarray, shape (n,)
         Of the samples [s].
-    chosen : mapping
-        Effect id to the values of its parameters.
     """
     for effect, values in laws.members(chosen):
         if effect.lag is None:

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from configs.units import BAR
 from model.gas import air_coefficients as fitted
 
 Array = NDArray[np.float64]
@@ -21,7 +22,6 @@ M_AIR = 0.02896546  # kg/mol, dry air with 400 ppm CO2, Picard et al. 2008
 M_WATER = 0.01801528  # kg/mol, same
 T_TRIPLE = 273.16  # K
 T_REFERENCE = 300.0  # K, of the polynomials in s = T_REFERENCE/T - 1
-BAR = 1e5
 
 
 @njit(cache=True)

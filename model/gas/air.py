@@ -4,8 +4,20 @@ Wide range (230-400 K, 0.5-8 bar): a virial equation of state with its heat capa
 by Wilke's rule, on coefficients generated from CoolProp. CIPM-2007 stands beside it as the metrologists' density in its
 own range. docs/air.md gives sources and errors.
 
-The functions here take floats or arrays that broadcast, return the same, and refuse what lies outside `RANGES`.
-A kernel calls only `polynomial` on the coefficients of `transport_polynomials`, or the Sutherland laws: all compiled.
+The functions here take floats or arrays that broadcast, return the same, and raise ValueError for what lies outside
+`RANGES`. A kernel calls only `polynomial` on the coefficients of `transport_polynomials`, or the Sutherland laws: all
+compiled.
+
+Parameters
+----------
+T : float or array
+    Temperature [K], 230-400.
+P : float or array
+    Absolute pressure [Pa], 0.5e5-8e5.
+x_w : float or array
+    Mole fraction of water [mol/mol], 0-0.35.
+humidity : float or array
+    Relative humidity [fraction of saturation], 0-1; over ice below 273.16 K.
 """
 
 from __future__ import annotations
@@ -53,361 +65,100 @@ def _evaluate(
 
 
 def saturation_vapour_pressure(T: ArrayLike) -> Any:
-    """Pressure of saturated water vapour without air, over ice below 273.16 K.
+    """Pressure of saturated water vapour without air [Pa], over ice below 273.16 K.
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-
-    Returns
-    -------
-    float or array
-        Pressure [Pa].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     Fitted to IAPWS-IF97 and, for ice, IAPWS R14-08, both through CoolProp.
     """
     return _evaluate(equations.saturation_pressure, T=T)
 
 
 def enhancement_factor(T: ArrayLike, P: ArrayLike) -> Any:
-    """Factor by which air raises the pressure of saturated water vapour.
+    """Factor by which air raises the pressure of saturated water vapour [-]; 1 where the water boils.
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    P : float or array
-        Absolute pressure [Pa], 0.5e5-8e5.
-
-    Returns
-    -------
-    float or array
-        Factor [-]; 1 where the water boils.
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     Fitted to ASHRAE RP-1485 (Herrmann et al. 2009).
     """
     return _evaluate(equations.enhancement_factor, T=T, P=P)
 
 
 def water_fraction(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
-    """Mole fraction of water at a relative humidity, x_w = humidity f p_sv/P.
+    """Mole fraction of water at a relative humidity [mol/mol], x_w = humidity f p_sv/P.
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    P : float or array
-        Absolute pressure [Pa], 0.5e5-8e5.
-    humidity : float or array
-        Relative humidity [fraction of saturation], 0-1; over ice below 273.16 K.
-
-    Returns
-    -------
-    float or array
-        Mole fraction [mol/mol].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range, or the result exceeds 0.35: mostly steam, not moist air.
-
-    Notes
-    -----
-    Picard et al. 2008, appendix A.1, with this module's f and p_sv.
+    Picard et al. 2008, appendix A.1, with this module's f and p_sv. Raises ValueError also where the result exceeds
+    0.35: mostly steam, not moist air.
     """
     return _within("x_w", _evaluate(equations.water_fraction, T=T, P=P, humidity=humidity), RANGES)[()]
 
 
 def molar_mass(x_w: ArrayLike) -> Any:
-    """Molar mass of moist air, dry air counted with 400 ppm of CO2.
-
-    Parameters
-    ----------
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Molar mass [kg/mol].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
-    Masses of Picard et al. 2008.
-    """
+    """Molar mass of moist air [kg/mol], dry air counted with 400 ppm of CO2: masses of Picard et al. 2008."""
     return _evaluate(equations.molar_mass, x_w=x_w)
 
 
 def gas_constant(x_w: ArrayLike) -> Any:
-    """Specific gas constant of moist air.
-
-    Parameters
-    ----------
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Gas constant [J/(kg K)]; 287.05 for dry air.
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
-    CODATA 2018 gas constant over `molar_mass`.
-    """
+    """Specific gas constant of moist air [J/(kg K)], 287.05 for dry air: that of CODATA 2018 over `molar_mass`."""
     return _evaluate(equations.gas_constant, x_w=x_w)
 
 
 def compressibility(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Compressibility factor Z = P v/(R T).
+    """Compressibility factor Z = P v/(R T) [-].
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    P : float or array
-        Absolute pressure [Pa], 0.5e5-8e5.
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Factor [-].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     Virial equation to the third coefficient; mixed coefficients as in ASHRAE RP-1485 (Herrmann et al. 2009).
     """
     return _evaluate(equations.compressibility, T=T, P=P, x_w=x_w)
 
 
 def density(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Density of moist air over the whole range.
+    """Density of moist air over the whole range [kg/m3].
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    P : float or array
-        Absolute pressure [Pa], 0.5e5-8e5.
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Density [kg/m3].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     Dry air: Lemmon et al. 2000. With water: as `compressibility`.
     """
     return _evaluate(equations.density, T=T, P=P, x_w=x_w)
 
 
 def density_cipm2007(T: ArrayLike, P: ArrayLike, humidity: ArrayLike) -> Any:
-    """Density by CIPM-2007, in the range that formula is stated for.
+    """Density by CIPM-2007 [kg/m3], in the range that formula is stated for: 288.15-300.15 K, 0.6e5-1.1e5 Pa.
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 288.15-300.15.
-    P : float or array
-        Absolute pressure [Pa], 0.6e5-1.1e5.
-    humidity : float or array
-        Relative humidity [fraction of saturation], 0-1.
-
-    Returns
-    -------
-    float or array
-        Density [kg/m3]; relative standard uncertainty of the formula 2.2e-5.
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
-    Picard et al. 2008, Metrologia 45, 149, Eq. 1 with appendix A.1, 400 ppm of CO2.
+    Picard et al. 2008, Metrologia 45, 149, Eq. 1 with appendix A.1, 400 ppm of CO2; relative standard uncertainty of
+    the formula 2.2e-5.
     """
     return _evaluate(equations.cipm2007_density, CIPM2007_RANGES, T=T, P=P, humidity=humidity)
 
 
 def heat_capacity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Isobaric heat capacity cp of the real gas.
+    """Isobaric heat capacity cp of the real gas [J/(kg K)].
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    P : float or array
-        Absolute pressure [Pa], 0.5e5-8e5.
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Heat capacity [J/(kg K)].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     Ideal part by composition (Lemmon et al. 2000, IAPWS-95); pressure part from the same virial equation.
     """
     return _evaluate(equations.heat_capacity, T=T, P=P, x_w=x_w)
 
 
 def ideal_heat_capacity(T: ArrayLike, x_w: ArrayLike) -> Any:
-    """Isobaric heat capacity cp0 of the ideal gas: cp at zero pressure.
+    """Isobaric heat capacity cp0 of the ideal gas [J/(kg K)]: cp at zero pressure.
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Heat capacity [J/(kg K)].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     By composition from Lemmon et al. 2000 and IAPWS-95. With `gas_constant` this is a consistent ideal gas.
     """
     return _evaluate(equations.ideal_heat_capacity, T=T, x_w=x_w)
 
 
 def heat_capacity_ratio(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Ratio gamma = cp/cv of the real gas.
+    """Ratio gamma = cp/cv of the real gas [-], from the virial equation.
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    P : float or array
-        Absolute pressure [Pa], 0.5e5-8e5.
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Ratio [-].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
-    From the virial equation. An ideal-gas kernel needs cp/(cp - R) instead, or its energy does not balance.
+    An ideal-gas kernel needs cp/(cp - R) instead, or its energy does not balance.
     """
     return _evaluate(equations.heat_capacity_ratio, T=T, P=P, x_w=x_w)
 
 
 def viscosity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Dynamic viscosity.
+    """Dynamic viscosity [Pa s].
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    P : float or array
-        Absolute pressure [Pa], 0.5e5-8e5.
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Viscosity [Pa s].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     Dry air at T and P (Lemmon and Jacobsen 2004), dilute vapour at T (IAPWS 2008), mixed by the rule of Wilke 1950.
     """
     return _evaluate(equations.viscosity, T=T, P=P, x_w=x_w)
 
 
 def conductivity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
-    """Thermal conductivity.
+    """Thermal conductivity [W/(m K)].
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], 230-400.
-    P : float or array
-        Absolute pressure [Pa], 0.5e5-8e5.
-    x_w : float or array
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    float or array
-        Conductivity [W/(m K)].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     Dry air at T and P (Lemmon and Jacobsen 2004), dilute vapour at T (IAPWS 2011), mixed by Wassiljewa with the factors
     of Wilke (Mason and Saxena 1958).
     """
@@ -417,28 +168,9 @@ def conductivity(T: ArrayLike, P: ArrayLike, x_w: ArrayLike) -> Any:
 def transport_polynomials(P: float, x_w: float) -> tuple[Array, Array]:
     """Quartics in temperature for viscosity and conductivity at one pressure and water content.
 
-    Parameters
-    ----------
-    P : float
-        Absolute pressure [Pa], 0.5e5-8e5.
-    x_w : float
-        Mole fraction of water [mol/mol], 0-0.35.
-
-    Returns
-    -------
-    mu : array, shape (5,)
-        Coefficients of the viscosity [Pa s] in T [K], lowest order first, for `polynomial`.
-    k : array, shape (5,)
-        Coefficients of the conductivity [W/(m K)].
-
-    Raises
-    ------
-    ValueError
-        Where an argument is outside its range.
-
-    Notes
-    -----
     Least squares on twelve Chebyshev points of 180-400 K: wider than the other ranges, for expansion inside the motor.
+    Returns `mu`, shape (5,): coefficients of the viscosity [Pa s] in T [K], lowest order first, for `polynomial`; `k`,
+    shape (5,): coefficients of the conductivity [W/(m K)].
     """
     _within("P", P, RANGES)
     _within("x_w", x_w, RANGES)

@@ -101,8 +101,6 @@ def open_flow(P: float, T: float, dVdt: float, Q: float, T_port: float, gas: np.
         Heat into the gas [W].
     T_port : float
         Temperature of the gas that enters through this port [K]; what leaves has the cylinder's own.
-    gas : ndarray, shape (12,)
-        Gas of the operating point.
     """
     inward = P * dVdt / gas[at.GAS_R] - Q / gas[at.GAS_CP]
     return inward / T_port if inward > 0.0 else inward / T
@@ -114,21 +112,14 @@ def open_port(P: float, T: float, V: float, P_p: float, T_p: float, gas: np.ndar
 
     Filling (P < P_p) mixes adiabatically; blow-down (P > P_p) leaves the remaining gas isentropic.
 
+    Returns `T`: temperature after [K]; `dm`: mass that entered through the port [kg]; negative when it left.
+
     Parameters
     ----------
     P, T, V : float
         Pressure [Pa], temperature [K] and volume [m3] before.
     P_p, T_p : float
         Pressure [Pa] and temperature [K] behind the port.
-    gas : ndarray, shape (12,)
-        Gas of the operating point.
-
-    Returns
-    -------
-    T : float
-        Temperature after [K].
-    dm : float
-        Mass that entered through the port [kg]; negative when it left.
     """
     R = gas[at.GAS_R]
     gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - R)
@@ -147,24 +138,8 @@ def gas_state(parameters: np.ndarray, P_in: float, readings: np.ndarray) -> np.n
     the ideal gas at the inlet temperature (docs/air.md: nearer the real gas's expansion than its real cp would be);
     viscosity and conductivity are taken at the mean of line and ambient pressure and keep their temperature.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    P_in : float
-        Absolute inlet pressure [Pa].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-
-    Returns
-    -------
-    ndarray, shape (12,)
-        R [J/(kg K)], cp [J/(kg K)] and the quartics of mu [Pa s] and k [W/(m K)], as `model.layout` orders them.
-
-    Raises
-    ------
-    ValueError
-        When the state is outside the range of the air properties.
+    Returns an array, shape (12,): R [J/(kg K)], cp [J/(kg K)] and the quartics of mu [Pa s] and k [W/(m K)], as
+    `model.layout` orders them. Raises ValueError when the state is outside the range of the air properties.
     """
     if readings[at.CONSTANT_AIR] > 0.0:
         return np.concatenate([[DRY_R, DRY_CP], DRY_MU, DRY_K])

@@ -46,23 +46,14 @@ def place_nodes(
 ) -> tuple[float, float]:
     """Everything at the collocation points that hangs on the geometry, the lap and gamma alone.
 
+    Returns `V_low, V_high`: volumes at the port edges [m3], piston in and piston out.
+
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     gamma : float
         Ratio of specific heats [-].
-    c : ndarray, shape (8,)
-        The curve.
     node : ndarray, shape (24, 11)
         Filled.
-
-    Returns
-    -------
-    V_low, V_high : float
-        Volumes at the port edges [m3], piston in and piston out.
     """
     A_p, lap, half = c[at.A_P], parameters[at.LAP], 0.25 * math.pi
     virtual_work = readings[at.VIRTUAL_WORK] > 0.0
@@ -139,6 +130,7 @@ def heat_per_angle(
     return parameters[at.HEAT_FACTOR] * (parameters[at.T_A] - T) / (resistance * omega)
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def pass_cycle(
     T: float,
@@ -156,6 +148,9 @@ def pass_cycle(
     work: np.ndarray,
 ) -> tuple[float, float, float]:
     """One pass over the cycle, from the opening of the outlet.
+
+    Returns `T`: the same temperature a cycle later [K]; `m_in`: mass taken from the inlet [kg]; `gas_work`: what heat
+    adds to the gas's work in a cycle [J], before roller friction.
 
     Parameters
     ----------
@@ -176,15 +171,6 @@ def pass_cycle(
         Taken from the pass before, and renewed.
     work : ndarray, shape (24,)
         Filled with what heat adds to the work of a cycle at each point, less roller friction [J].
-
-    Returns
-    -------
-    T : float
-        The same temperature a cycle later [K].
-    m_in : float
-        Mass taken from the inlet [kg].
-    gas_work : float
-        What heat adds to the gas's work in a cycle [J], before roller friction.
     """
     R, cp, T_in = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_IN]
     heated = readings[at.HEAT_TRANSFER] > 0.0
@@ -234,6 +220,7 @@ def _collect(rate: np.ndarray, span: float, stage: np.ndarray) -> float:
     return span * total
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def _closed(
     P: float,
@@ -302,8 +289,6 @@ def friction_below_ambient(
         Ratio of specific heats that the points were placed with [-].
     V_high : float
         Volume when the inlet shuts [m3].
-    f_r : float
-        Roller factor [-].
     readings, node : ndarray, shapes (5,) and (24, 11)
         Readings and points.
     """

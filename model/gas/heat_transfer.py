@@ -1,4 +1,34 @@
-"""Heat between the gas in a cylinder and the ambient: Eq. 18-20 and Table 2 of the article (section 2.2)."""
+"""Heat between the gas in a cylinder and the ambient: Eq. 18-20 and Table 2 of the article (section 2.2).
+
+Parameters
+----------
+phase : int
+    COMPRESSION, DISCHARGE, EXPANSION or SUCTION.
+P, T, V : float
+    Gas pressure [Pa], temperature [K], volume [m3].
+D : float
+    Cylinder diameter [m].
+A_c : float
+    Contact area [m2], the same inside and outside.
+mdot : float
+    Mass flow through the open port [kg/s], of either sign; 0 when closed.
+rho, mu : float
+    Gas density [kg/m3] and dynamic viscosity [Pa s].
+V_p : float
+    Piston speed, the instantaneous \\|dL4/dt\\| [m/s].
+U_g : float
+    Gas velocity of Eq. 20 [m/s].
+Re, Pr : float
+    Reynolds and Prandtl number [-].
+T_a, T_g : float
+    Temperature of the ambient and of the gas [K].
+H_a, H_g : float
+    Heat transfer coefficients outside and inside [W/(m2 K)].
+d_c, k_c : float
+    Wall thickness [m] and conductivity [W/(m K)].
+per_area : bool
+    True: the wall's resistance is dc/(kc Ac) (erratum 2); False: dc/kc as printed.
+"""
 
 from __future__ import annotations
 
@@ -17,55 +47,19 @@ SUCTION = 3
 
 @njit(cache=True)
 def contact_area(V: float, D: float, A_p: float) -> float:
-    """Area Ac through which the gas trades heat [m2]: the bore's wet wall and both ends.
-
-    Parameters
-    ----------
-    V : float
-        Cylinder volume [m3].
-    D : float
-        Cylinder diameter [m].
-    A_p : float
-        Piston area [m2].
-    """
+    """Area Ac through which the gas trades heat [m2]: the bore's wet wall and both ends."""
     return math.pi * D * V / A_p + 2.0 * A_p
 
 
 @njit(cache=True)
 def gas_velocity(mdot: float, rho: float, A_c: float) -> float:
-    """Effective gas velocity Ug [m/s], Eq. 20.
-
-    Parameters
-    ----------
-    mdot : float
-        Mass flow through the port [kg/s], of either sign.
-    rho : float
-        Gas density [kg/m3].
-    A_c : float
-        Contact area [m2].
-    """
+    """Effective gas velocity Ug [m/s], Eq. 20."""
     return abs(mdot) / (rho * A_c)
 
 
 @njit(cache=True)
 def reynolds(phase: int, rho: float, D: float, mu: float, V_p: float, U_g: float) -> float:
-    """Reynolds number of a phase [-], Table 2 in its dimensionally consistent form (erratum 3).
-
-    Parameters
-    ----------
-    phase : int
-        COMPRESSION, DISCHARGE, EXPANSION or SUCTION.
-    rho : float
-        Gas density [kg/m3].
-    D : float
-        Cylinder diameter [m].
-    mu : float
-        Dynamic viscosity [Pa s].
-    V_p : float
-        Piston speed, the instantaneous \\|dL4/dt\\| [m/s].
-    U_g : float
-        Gas velocity of Eq. 20 [m/s].
-    """
+    """Reynolds number of a phase [-], Table 2 in its dimensionally consistent form (erratum 3)."""
     if V_p <= 0.0:
         return 0.0
     u = V_p
@@ -78,15 +72,7 @@ def reynolds(phase: int, rho: float, D: float, mu: float, V_p: float, U_g: float
 
 @njit(cache=True)
 def nusselt(phase: int, Re: float, Pr: float) -> float:
-    """Nusselt number a Re^b Pr^c [-], Eq. 19 with the constants of Table 2.
-
-    Parameters
-    ----------
-    phase : int
-        COMPRESSION, DISCHARGE, EXPANSION or SUCTION.
-    Re, Pr : float
-        Reynolds and Prandtl number [-].
-    """
+    """Nusselt number a Re^b Pr^c [-], Eq. 19 with the constants of Table 2."""
     a = 0.12 if phase == EXPANSION else 0.08
     b = 0.9 if phase == SUCTION else 0.8
     return a * math.exp(b * math.log(Re) + 0.6 * math.log(Pr)) if Re > 0.0 else 0.0
@@ -96,23 +82,7 @@ def nusselt(phase: int, Re: float, Pr: float) -> float:
 def heat_rate(
     T_a: float, T_g: float, A_c: float, H_a: float, H_g: float, d_c: float, k_c: float, per_area: bool
 ) -> float:
-    """Heat flow into the gas [W], Eq. 18.
-
-    Parameters
-    ----------
-    T_a, T_g : float
-        Temperature of the ambient and of the gas [K].
-    A_c : float
-        Contact area [m2], the same inside and outside.
-    H_a, H_g : float
-        Heat transfer coefficients outside and inside [W/(m2 K)].
-    d_c : float
-        Wall thickness [m].
-    k_c : float
-        Wall conductivity [W/(m K)].
-    per_area : bool
-        True: the wall's resistance is dc/(kc Ac) (erratum 2); False: dc/kc as printed.
-    """
+    """Heat flow into the gas [W], Eq. 18."""
     if H_a <= 0.0 or H_g <= 0.0:
         return 0.0
     wall = d_c / (k_c * A_c) if per_area else d_c / k_c
@@ -129,8 +99,6 @@ def quartic(coefficients: np.ndarray, first: int, T: float) -> float:
         Where the five coefficients stand.
     first : int
         Index of the lowest.
-    T : float
-        Temperature [K].
     """
     value = coefficients[first + 4]
     for i in range(3, -1, -1):
@@ -138,6 +106,7 @@ def quartic(coefficients: np.ndarray, first: int, T: float) -> float:
     return value
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True)
 def cylinder_heat(
     phase: int,
@@ -151,27 +120,7 @@ def cylinder_heat(
     gas: np.ndarray,
     per_area: bool,
 ) -> float:
-    """Heat flow into the gas of one cylinder [W]: Eq. 18-20 and Table 2 together.
-
-    Parameters
-    ----------
-    phase : int
-        COMPRESSION, DISCHARGE, EXPANSION or SUCTION.
-    P, T, V : float
-        Gas pressure [Pa], temperature [K], volume [m3].
-    V_p : float
-        Piston speed, \\|dL4/dt\\| [m/s].
-    mdot : float
-        Mass flow through the open port [kg/s]; 0 when closed.
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    A_p : float
-        Piston area [m2].
-    gas : ndarray, shape (12,)
-        Gas of the operating point, of `model.gas.cylinder.gas_state`.
-    per_area : bool
-        Reading of the wall's resistance (erratum 2).
-    """
+    """Heat flow into the gas of one cylinder [W]: Eq. 18-20 and Table 2 together."""
     D = parameters[at.DP]
     A_c = contact_area(V, D, A_p)
     mu = quartic(gas, at.GAS_MU, T)

@@ -15,34 +15,26 @@ Array = NDArray[np.float64]
 def polynomial(c: Array, T: Any) -> Any:
     """Quartic by Horner's rule; compiled, unchecked.
 
+    Returns c[0] + c[1] T + c[2] T^2 + c[3] T^3 + c[4] T^4 [unit of c[0]].
+
     Parameters
     ----------
     c : array, shape (5,)
         Coefficients, lowest order first, as of `transport_polynomials`.
     T : float or array
         Temperature [K], 180-400 for those.
-
-    Returns
-    -------
-    float or array
-        c[0] + c[1] T + c[2] T^2 + c[3] T^3 + c[4] T^4 [unit of c[0]].
     """
     return c[0] + T * (c[1] + T * (c[2] + T * (c[3] + T * c[4])))
 
 
 @njit(cache=True)
 def sutherland_viscosity(T: Any) -> Any:
-    """Viscosity of dry air by Sutherland's law, as the reference figures have it; compiled, unchecked.
+    """Viscosity of dry air by Sutherland's law [Pa s], as the reference figures have it; compiled, unchecked.
 
     Parameters
     ----------
     T : float or array
         Temperature [K], positive.
-
-    Returns
-    -------
-    float or array
-        Viscosity [Pa s].
 
     Notes
     -----
@@ -54,17 +46,12 @@ def sutherland_viscosity(T: Any) -> Any:
 
 @njit(cache=True)
 def sutherland_conductivity(T: Any) -> Any:
-    """Conductivity of dry air by Sutherland's law, as the reference figures have it; compiled, unchecked.
+    """Conductivity of dry air by Sutherland's law [W/(m K)], as the reference figures have it; compiled, unchecked.
 
     Parameters
     ----------
     T : float or array
         Temperature [K], positive.
-
-    Returns
-    -------
-    float or array
-        Conductivity [W/(m K)].
 
     Notes
     -----

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR
 from model import layout as at
 from model.gas.air import RANGES
 from model.motor import Motor
 from model.solvers.steady import Steady, gas_table, steady
 
 LOWEST_PA, HIGHEST_PA, _ = RANGES["P"]
-BAR = 1e5
 
 
 class OperatingPointError(ValueError):
@@ -90,17 +90,12 @@ class OperatingPoint:
 def check_pressures(motor: Motor, pressures: Sequence[float]) -> None:
     """Refuse pressures that the model does not reach.
 
+    Raises OperatingPointError: outside 0.5-8 bar, where the air properties end, or below the ambient.
+
     Parameters
     ----------
     motor : Motor
         For its ambient.
-    pressures : sequence of float
-        Absolute inlet pressures [Pa].
-
-    Raises
-    ------
-    OperatingPointError
-        Outside 0.5-8 bar, where the air properties end, or below the ambient.
     """
     P_a = motor.si("ambient_pressure")
     for P in pressures:
@@ -118,24 +113,8 @@ def check_pressures(motor: Motor, pressures: Sequence[float]) -> None:
 def operating_points(motor: Motor, pressures: Sequence[float]) -> list[OperatingPoint]:
     """Steady operating points.
 
-    Parameters
-    ----------
-    motor : Motor
-        The motor.
-    pressures : sequence of float
-        Absolute inlet pressures [Pa].
-
-    Returns
-    -------
-    list of OperatingPoint
-        One a pressure, in the order given.
-
-    Raises
-    ------
-    OperatingPointError
-        When a pressure or the gas is out of the model's reach.
-    NotSettledError
-        When no periodic state was found.
+    Returns a point for each pressure, in the order given. Raises OperatingPointError when a pressure or the gas is out
+    of the model's reach, NotSettledError when no periodic state was found.
     """
     check_pressures(motor, pressures)
     try:
@@ -159,8 +138,6 @@ def isentropic_drop(P: float, P_end: float, T: float, gas: np.ndarray) -> float:
         Pressures before and after [Pa].
     T : float
         Temperature before [K].
-    gas : ndarray, shape (12,)
-        Gas of the operating point.
     """
     return float(gas[at.GAS_CP] * T * (1.0 - (P_end / P) ** (gas[at.GAS_R] / gas[at.GAS_CP])))
 

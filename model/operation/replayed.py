@@ -59,6 +59,8 @@ def in_room(
 def drive(motor: Motor, time_s: np.ndarray, pressure_pa: np.ndarray, step_s: float) -> Simulated:
     """Simulate from rest through a record of the line's pressure, which goes in a straight line between readings.
 
+    Returns mean speed and flow of each interval. Raises ValueError with fewer than two readings.
+
     Parameters
     ----------
     motor : Motor
@@ -67,16 +69,6 @@ def drive(motor: Motor, time_s: np.ndarray, pressure_pa: np.ndarray, step_s: flo
         Readings of the absolute line pressure [s], [Pa], in order.
     step_s : float
         Interval of what is returned [s].
-
-    Returns
-    -------
-    Simulated
-        Mean speed and flow of each interval.
-
-    Raises
-    ------
-    ValueError
-        With fewer than two readings.
     """
     if time_s.size < 2:
         raise ValueError("a record of the pressure needs at least two readings")

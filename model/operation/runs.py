@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from configs.units import BAR
 from model.motor import Motor
-from model.operation.performance import BAR, NotSettledError, OperatingPointError, check_pressures
+from model.operation.performance import NotSettledError, OperatingPointError, check_pressures
 from model.solvers.transient import Supply, Transient, periodic_state, simulate
 
 SAMPLE_S = 1e-3
@@ -15,24 +16,12 @@ LEAD_S = 0.1  # at speed before the supply is shut, so that a record shows where
 def spin_up(motor: Motor, P_in: float, duration_s: float, sample_s: float = SAMPLE_S) -> Transient:
     """From rest at angle 0, the supply opened at time 0.
 
+    Returns samples from time 0 on. Raises OperatingPointError when the pressure is out of the model's reach.
+
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    P_in : float
-        Absolute inlet pressure [Pa].
     duration_s, sample_s : float
         Length of the run and distance of its samples [s].
-
-    Returns
-    -------
-    Transient
-        Samples from time 0 on.
-
-    Raises
-    ------
-    OperatingPointError
-        When the pressure is out of the model's reach.
     """
     check_pressures(motor, [P_in])
     return simulate(motor, [Supply(0.0, P_in)], _times(0.0, duration_s, sample_s))
@@ -41,26 +30,16 @@ def spin_up(motor: Motor, P_in: float, duration_s: float, sample_s: float = SAMP
 def coast_down(motor: Motor, P_in: float, duration_s: float, sample_s: float = SAMPLE_S) -> Transient:
     """From the steady state at a pressure, the supply shut and the line vented at time 0.
 
+    Returns samples from 0.1 s before the supply is shut (there at angle 0) on. Raises OperatingPointError when the
+    pressure is out of the model's reach or the motor does not run at it, NotSettledError when the speed before does not
+    settle.
+
     Parameters
     ----------
-    motor : Motor
-        The motor.
     P_in : float
         Absolute inlet pressure before [Pa].
     duration_s, sample_s : float
         Length of the run after the supply is shut, and distance of the samples [s].
-
-    Returns
-    -------
-    Transient
-        Samples from 0.1 s before the supply is shut (there at angle 0) on.
-
-    Raises
-    ------
-    OperatingPointError
-        When the pressure is out of the model's reach or the motor does not run at it.
-    NotSettledError
-        When the speed before does not settle.
     """
     check_pressures(motor, [P_in])
     try:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR
 from model import layout as at
 from model.gas.cylinder import gas_state
 from model.motor import QUANTITIES, Motor, Prior
-from model.operation.performance import BAR, OperatingPointError, check_pressures
+from model.operation.performance import OperatingPointError, check_pressures
 from model.solvers.steady import Steady, solve, unpack
 
 RELATIVE_STEP = 1e-3  # of the central difference
@@ -51,22 +52,8 @@ class Sensitivity:
 def sensitivities(motor: Motor, pressures: Sequence[float]) -> list[Sensitivity]:
     """The effect of every parameter that enters an equation, the strongest on speed per 1 % first.
 
-    Parameters
-    ----------
-    motor : Motor
-        The motor.
-    pressures : sequence of float
-        Absolute inlet pressures [Pa].
-
-    Returns
-    -------
-    list of Sensitivity
-        Ranked by the largest change of speed per 1 % at any of the pressures.
-
-    Raises
-    ------
-    OperatingPointError
-        When a pressure is out of reach or the motor stalls at one.
+    They are ranked by the largest change of speed per 1 % at any of the pressures. Raises OperatingPointError when a
+    pressure is out of reach or the motor stalls at one.
     """
     check_pressures(motor, pressures)
     names = list(QUANTITIES)[: at.N_SOLVER_PARAMETERS]

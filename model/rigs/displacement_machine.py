@@ -55,14 +55,10 @@ def rows(
     ----------
     displacement : float
         Volume of a revolution [m3].
-    friction : float
-        Viscous coefficient [N m s].
     speed : ndarray, shape (n,)
         [rad/s], not negative.
     pressure, temperature : ndarray, shape (n,)
         Of the line [Pa], [K].
-    ambient : float
-        Ambient pressure [Pa].
     time : ndarray, shape (n,)
         On the recording's clock [s].
     chosen : mapping

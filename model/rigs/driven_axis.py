@@ -106,16 +106,12 @@ def drive(
     ----------
     inertia : float
         J [kg m2], or a slide's mass [kg].
-    friction : float
-        Viscous coefficient [N m s].
     blocks : Blocks
         The motion.
     chosen : mapping
         Effect id to the values of its parameters.
     clock : float
         Time of the recording's clock at time 0 [s].
-    ambient : float
-        Ambient pressure [Pa].
     """
     chosen = laws.switched_on(chosen)
     state = _state(friction, blocks, clock, ambient)

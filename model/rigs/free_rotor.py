@@ -9,6 +9,7 @@ import numpy as np
 from scipy.integrate import cumulative_simpson
 
 from model.effects import laws
+from model.effects.effect import State
 from model.effects.transient import read_with_lag
 from model.rigs.state import inertia_factor, state_of
 
@@ -55,8 +56,6 @@ def coast(
     ----------
     inertia : float
         J [kg m2].
-    friction : float
-        Viscous coefficient [N m s].
     time : ndarray, shape (n,)
         Increasing sample times [s].
     first : float
@@ -158,10 +157,8 @@ def _disturbed(
     grid = np.unique(np.clip(np.interp(angles, course.angle, course.t), 0.0, until))
     omega, theta = course.at(grid)
     state, back = state_of(omega.copy(), friction, time=clock + float(time[0]) + grid), np.zeros(grid.size, dtype=bool)
-    step = laws.step_of(1.0) * omega + laws.step_of(0.0)
-    alone = friction * omega + laws.sum_of_torques(smooth, state, back)
-    state.omega[:] = omega + step
-    rate = ((friction * state.omega + laws.sum_of_torques(smooth, state, back)) - alone) / step / J
+    alone, slope = _with_slope(friction, smooth, state)
+    rate = slope / J
     decay = np.clip(cumulative_simpson(rate, x=grid, initial=0.0), -MOST_DECAY, MOST_DECAY)
     delta, phi = np.zeros(grid.size), np.zeros(grid.size)
     for _ in range(MOST_ROUNDS):
@@ -175,19 +172,31 @@ def _disturbed(
             break
     else:
         return None
-    slope = rest - rate * delta
     speed, angle = course.at(t)
     mine = t <= until
-    i = np.clip(np.searchsorted(grid, t[mine], side="right") - 1, 0, grid.size - 2)
-    span = grid[i + 1] - grid[i]
-    x = (t[mine] - grid[i]) / span
-    speed[mine] += _hermite(x, span, delta[i], delta[i + 1], slope[i], slope[i + 1])
-    angle[mine] += _hermite(x, span, phi[i], phi[i + 1], delta[i], delta[i + 1])
+    speed[mine] += _between(t[mine], grid, delta, rest - rate * delta)
+    angle[mine] += _between(t[mine], grid, phi, delta)
     if not mine.all():
         since = np.concatenate([[time[0] + until], time[~mine]])
         later, turned = _marched(J, friction, since, float(omega[-1] + delta[-1]), torques, clock, theta[-1] + phi[-1])
         speed[~mine], angle[~mine] = later[1:], turned[1:]
     return speed, angle
+
+
+def _with_slope(friction: float, torques: laws.Members, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """What opposes the motion at a state [N m], and its slope with the speed [N m s]; the state ends a step faster."""
+    omega, back = state.omega.copy(), np.zeros(state.omega.size, dtype=bool)
+    step = laws.step_of(1.0) * omega + laws.step_of(0.0)
+    here = friction * omega + laws.sum_of_torques(torques, state, back)
+    state.omega[:] = omega + step
+    return here, ((friction * state.omega + laws.sum_of_torques(torques, state, back)) - here) / step
+
+
+def _between(t: np.ndarray, grid: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Values at times, by the cubics between those of a grid and their slopes."""
+    i = np.clip(np.searchsorted(grid, t, side="right") - 1, 0, grid.size - 2)
+    span = grid[i + 1] - grid[i]
+    return _hermite((t - grid[i]) / span, span, values[i], values[i + 1], slopes[i], slopes[i + 1])
 
 
 def _hermite(x: np.ndarray, h: np.ndarray, a: np.ndarray, b: np.ndarray, da: np.ndarray, db: np.ndarray) -> np.ndarray:

@@ -87,16 +87,12 @@ def state_of(
     ----------
     speed : ndarray, shape (n,)
         [rad/s].
-    friction : float
-        Viscous coefficient [N m s].
     time : array_like
         On the recording's clock [s].
     angle : array_like
         Shaft angle [rad].
     pressure : array_like
         Line pressure [Pa].
-    ambient : float
-        Ambient pressure [Pa].
     temperature : array_like
         Of the gas [K].
     load : array_like

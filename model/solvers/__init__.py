@@ -5,4 +5,21 @@ transient   in time, resolved in the crank angle (`crank_angle`, `port_edges`)
 steady      the periodic state directly (compiled in steady_points); pulse: the ripple within it
 averaged    in time, by the mean torque over a turn
 recent      results that are asked for again
+
+Kernels take their arrays one by one, however many: numba counts the references to what a tuple holds at every call,
+which costs a short kernel a fifth of its time (`effects.averaged._rate`). Some are long, where parts that share a
+dozen running values would have to hand them to and fro.
+
+Parameters
+----------
+y : ndarray, shape (23,)
+    State of the motor [SI], laid out as in `crank_angle`.
+work : ndarray, shape (6, 23)
+    Rates k1..k4 (``work[0]`` the rate at the start), the state at the end, and scratch.
+port : ndarray, shape (7,)
+    Which port each cylinder sees: OUTLET, INLET or CLOSED.
+sense : float
+    Direction of motion that friction opposes, +1 or -1 [-].
+T_port : ndarray, shape (2,)
+    Temperature behind outlet and inlet [K].
 """

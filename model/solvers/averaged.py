@@ -22,20 +22,18 @@ MOST_PASSES = 30
 TOLERANCE = 1e-9  # relative change of the temperature in the last pass
 
 
+# In one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True, nogil=True)
 def torques(
     parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P_in: float, omega: np.ndarray, out: np.ndarray
 ) -> tuple[float, float]:
     """Mean torque and flow at speeds that are held.
 
+    Returns `in_slope, out_slope`: what the torque gains per pressure in the cylinders' suction and in their discharge
+    [N m/Pa].
+
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    gas : ndarray, shape (12,)
-        Of `model.gas.cylinder.gas_state`.
     P_in : float
         Pressure of the line [Pa]; that of the ambient where it is vented.
     omega : ndarray, shape (n,)
@@ -43,11 +41,6 @@ def torques(
     out : ndarray, shape (n, 3)
         Filled: torque of the gas less roller friction [N m], mass flow through the inlet [kg/s], and roller torque per
         unit of f_r [N m]. Viscous friction and the extra torque are not in it.
-
-    Returns
-    -------
-    in_slope, out_slope : float
-        What the torque gains per pressure in the cylinders' suction and in their discharge [N m/Pa].
     """
     c = np.empty(at.N_CURVE)
     table = np.empty((pulse.N_STEPS, pulse.N_TABLE))

@@ -30,15 +30,7 @@ N_EDGES = 8
 
 @njit(cache=True)
 def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Rotor angles within 1/28 turn where some cylinder passes a port edge, an arc junction or a dead centre [rad].
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    c : ndarray, shape (8,)
-        The curve.
-    """
+    """Rotor angles within 1/28 turn where some cylinder passes a port edge, an arc junction or a dead centre [rad]."""
     lap, half = parameters[at.LAP], 0.25 * math.pi
     psi = np.array(
         [lap, half - lap, half + lap, at.LOBE - lap, c[at.ALPHA], at.LOBE - c[at.ALPHA], half, 0.0], dtype=np.float64
@@ -49,6 +41,7 @@ def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
     return edge
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def rates(
     y: np.ndarray,
@@ -63,23 +56,12 @@ def rates(
 ) -> float:
     """Rate of the whole state, Eq. 12-25, with the ports as they stand.
 
+    Returns what friction holds: the rollers', and what a left-out effect adds to it [N m].
+
     Parameters
     ----------
     y, dy : ndarray, shape (23,)
         State [SI] and, filled, its rate.
-    port : ndarray, shape (7,)
-        Which port each cylinder sees.
-    sense : float
-        Direction of motion that friction opposes, +1 or -1 [-].
-    T_port : ndarray, shape (2,)
-        Temperature behind outlet and inlet [K].
-    parameters, c, gas, readings : ndarray, shapes (24,), (8,), (12,) and (5,)
-        Parameter set, curve, gas and readings, as elsewhere.
-
-    Returns
-    -------
-    float
-        What friction holds: the rollers', and what a left-out effect adds to it [N m].
     """
     R, cp = gas[at.GAS_R], gas[at.GAS_CP]
     gamma = cp / (cp - R)
@@ -129,6 +111,7 @@ def rates(
     return friction
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True)
 def runge_kutta(
     y: np.ndarray,
@@ -146,14 +129,8 @@ def runge_kutta(
 
     Parameters
     ----------
-    y : ndarray, shape (23,)
-        State at the start [SI].
     h : float
         Step [s].
-    work : ndarray, shape (6, 23)
-        Rates k1..k4, the result, and scratch.
-    port, sense, T_port, parameters, c, gas, readings
-        As in `rates`.
     """
     new, trial = work[4], work[5]
     trial[:] = y + 0.5 * h * work[0]
@@ -165,6 +142,7 @@ def runge_kutta(
     new[:] = y + (h / 6.0) * (work[0] + 2.0 * work[1] + 2.0 * work[2] + work[3])
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True)
 def angle_step(
     y: np.ndarray,
@@ -180,21 +158,12 @@ def angle_step(
 ) -> float:
     """One step of fourth order with the angle as the independent variable: it ends on the edge without a search.
 
+    Returns time taken [s]; -1 when the speed changes too much for this variable, and ``work[4]`` means nothing.
+
     Parameters
     ----------
-    y : ndarray, shape (23,)
-        State at the start [SI].
     target : float
         Angle at the end [rad].
-    work : ndarray, shape (6, 23)
-        As in `runge_kutta`: ``work[0]`` holds the rate at the start, ``work[4]`` receives the state at the end.
-    port, sense, T_port, parameters, c, gas, readings
-        As in `rates`.
-
-    Returns
-    -------
-    float
-        Time taken [s]; -1 when the speed changes too much for this variable, and ``work[4]`` means nothing.
     """
     trial, new = work[5], work[4]
     span = target - y[THETA]

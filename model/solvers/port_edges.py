@@ -26,6 +26,7 @@ ON_EDGE = 1e-12  # rad: an edge is met when the angle is this near, and then tak
 ON_THE_WAY, AT_EDGE, STOPPED = 0, 1, 2
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def locate(
     y: np.ndarray,
@@ -43,25 +44,14 @@ def locate(
 ) -> tuple[float, int]:
     """Step until the angle ``target``, the time ``h_most`` or standstill, whichever comes first.
 
+    Returns `h`: the step taken [s]; `event`: ON_THE_WAY (time is up), AT_EDGE or STOPPED.
+
     Parameters
     ----------
-    y : ndarray, shape (23,)
-        State at the start [SI].
     h, h_most : float
         First guess of the step and its upper limit [s].
     target : float
         Angle ahead at which the step has to end [rad].
-    work : ndarray, shape (6, 23)
-        As in `runge_kutta`; ``work[4]`` receives the state at the end.
-    port, sense, T_port, parameters, c, gas, readings
-        As in `rates`.
-
-    Returns
-    -------
-    h : float
-        The step taken [s].
-    event : int
-        ON_THE_WAY (time is up), AT_EDGE or STOPPED.
     """
     low, high = 0.0, math.inf
     event = ON_THE_WAY
@@ -112,8 +102,6 @@ def take_port(y: np.ndarray, i: int, which: int, P_p: float, T_p: float, c: np.n
         Cylinder, and OUTLET or INLET.
     P_p, T_p : float
         Pressure [Pa] and temperature [K] behind the port.
-    c, gas : ndarray, shapes (8,) and (12,)
-        Curve and gas.
     """
     psi = (y[THETA] + i * (4.0 * at.PULSE)) % at.LOBE
     L4, _, _, _ = geometry.place(psi, c)
@@ -156,8 +144,6 @@ def set_ports(
         Pressure [Pa] and temperature [K] behind outlet and inlet.
     lap : float
         Port lap [rad].
-    c, gas : ndarray, shapes (8,) and (12,)
-        Curve and gas.
     """
     for i in range(at.N_CYLINDERS):
         port[i] = port_at((mid + i * (4.0 * at.PULSE)) % at.LOBE, lap)

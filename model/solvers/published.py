@@ -52,6 +52,7 @@ class March:
     mean_speed_rpm: float
 
 
+# In one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def march_kernel(
     parameters: np.ndarray,
@@ -66,14 +67,6 @@ def march_kernel(
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    gas : ndarray, shape (12,)
-        `model.gas.cylinder.gas_state` at this pressure.
-    P_in : float
-        Absolute inlet pressure [Pa].
     dt : float
         Time step [s].
     steps : int
@@ -168,26 +161,14 @@ def march_kernel(
 def march(motor: Motor, P_in: float, steps: int = STEPS, dt: float = TIME_STEP) -> March:
     """Run the published algorithm from rest.
 
+    Returns histories and the averaged speed. Raises ValueError when ``steps`` is below 2 or ``dt`` is not positive.
+
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    P_in : float
-        Absolute inlet pressure [Pa].
     steps : int
         Number of steps [-].
     dt : float
         Time step [s].
-
-    Returns
-    -------
-    March
-        Histories and the averaged speed.
-
-    Raises
-    ------
-    ValueError
-        When ``steps`` is below 2 or ``dt`` is not positive.
     """
     if steps < 2 or not dt > 0.0:
         raise ValueError(f"march: needs at least 2 steps of positive length, got {steps} of {dt:g} s")

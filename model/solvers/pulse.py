@@ -27,6 +27,7 @@ WIDTH, GAS_S, GAS_D, GAS_A, ROLL_S, ROLL_D, ROLL_A, SLOPE_S, SLOPE_D, ROLL_SLOPE
 N_TABLE = 11
 
 
+# In one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.ndarray, table: np.ndarray) -> float:
     """Integrals of the adiabatic torque of all cylinders over the steps of one pulse; returns its first edge [rad].
@@ -35,14 +36,8 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     gamma : float
         Ratio of specific heats of the table [-].
-    c : ndarray, shape (8,)
-        The curve.
     table : ndarray, shape (n_steps, 11)
         Filled.
     """
@@ -100,23 +95,18 @@ def torque_steps(
 ) -> tuple[float, float]:
     """Adiabatic torque at given pressures.
 
+    Returns `net, gas`: mean torque less roller friction, and of the gas alone [N m].
+
     Parameters
     ----------
     P_s, P_d, P_a : float
         Pressure in suction, in discharge and of the ambient [Pa].
     d_gamma : float
         The point's gamma less the table's [-].
-    f_r : float
-        Roller factor [-].
     table : ndarray, shape (n_steps, 11)
         Of `tabulate`.
     step_work : ndarray, shape (n_steps,)
         Filled with gas torque less roller friction, integrated over each step [J].
-
-    Returns
-    -------
-    net, gas : float
-        Mean torque less roller friction, and of the gas alone [N m].
     """
     net = 0.0
     gas = 0.0
@@ -141,13 +131,12 @@ def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float) -> float:
         Of `tabulate`.
     of_gas, rolling : int
         Columns of the pressure: GAS_S and ROLL_S, or GAS_D and ROLL_D [-].
-    f_r : float
-        Roller factor [-].
     """
     found: float = (np.sum(table[:, of_gas]) - f_r * np.sum(table[:, rolling])) / at.PULSE
     return found
 
 
+# In one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def ripple(
     w: float, step_work: np.ndarray, table: np.ndarray, f: float, J: float, stride: int, speed: np.ndarray
@@ -155,6 +144,9 @@ def ripple(
     """The periodic speed within one pulse, w dw/dth = (torque - f w) / J.
 
     The torque's integral over a step is exact; friction takes the mean of the speeds at both ends (second order).
+
+    Returns `w`: speed at the start of the pulse [rad/s]; -1 when the rotor cannot pass; `mean`: mean speed in time
+    [rad/s]; `peak_to_peak`: ripple [rad/s].
 
     Parameters
     ----------
@@ -170,15 +162,6 @@ def ripple(
         Steps of the table taken as one: 1, or 2 for the coarse solution that `rippled_mean` extrapolates from.
     speed : ndarray, shape (n_steps + 1,)
         Filled with the speed at the ends of the steps taken [rad/s].
-
-    Returns
-    -------
-    w : float
-        Speed at the start of the pulse [rad/s]; -1 when the rotor cannot pass.
-    mean : float
-        Mean speed in time [rad/s].
-    peak_to_peak : float
-        Ripple [rad/s].
     """
     failed = 0
     for _ in range(200):
@@ -231,17 +214,14 @@ def rippled_mean(
 ) -> tuple[float, float, float]:
     """`ripple`, its mean speed extrapolated from two step widths (Richardson): the error falls to fourth order.
 
+    Returns `w, mean, peak_to_peak`: as in `ripple` [rad/s].
+
     Parameters
     ----------
     w, step_work, table, f, J, speed
         As in `ripple`.
     coarse_speed : ndarray, shape (n_steps + 1,)
         Scratch [rad/s].
-
-    Returns
-    -------
-    w, mean, peak_to_peak : float
-        As in `ripple` [rad/s].
     """
     w, fine, peak_to_peak = ripple(w, step_work, table, f, J, 1, speed)
     if w < 0.0:

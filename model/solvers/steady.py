@@ -112,25 +112,18 @@ def solve_rows(
 ) -> np.ndarray:
     """Steady states of rows that each have a pressure and parameters of their own.
 
+    Returns an array, shape (n, 9): columns as in `solve`.
+
     Parameters
     ----------
     parameters : ndarray, shape (n, 24)
         Parameter sets in SI units, one a row.
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    pressures : ndarray, shape (n,)
-        Absolute inlet pressures [Pa].
     gas : ndarray, shape (n, 12)
         Gas of each row, of `gas_table`.
     slopes : bool
         As in `solve`.
     known : ndarray, shape (n, 26), or None
         What a call before left of states close by, 0 where nothing is known: it saves passes. Renewed.
-
-    Returns
-    -------
-    ndarray, shape (n, 9)
-        Columns as in `solve`.
     """
     a, b, c, d = (np.ascontiguousarray(one, dtype=np.float64) for one in (parameters, readings, pressures, gas))
     about = np.zeros((pressures.size, N_KNOWN)) if known is None else known.copy()
@@ -157,29 +150,20 @@ def solve(
 ) -> np.ndarray:
     """Steady states of many parameter sets in one compiled call on all cores.
 
+    Returns an array, shape (n_sets, n_points, 9): columns SPEED_OUT [rad/s], MASS_FLOW [kg/s], VOLUME_FLOW [m3/s],
+    TORQUE and ROLLER [N m], SPEED_SLOPE [rad/s/Pa], FLOW_SLOPE [m3/s/Pa], STATUS (RUNNING, STALLED or NOT_CONVERGED),
+    RIPPLE [rad/s]. Raises ValueError when the shapes do not fit.
+
     Parameters
     ----------
     parameters : ndarray, shape (n_sets, 24)
         Parameter sets in SI units, in the order of `model.motor.QUANTITIES`.
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
     pressures : ndarray, shape (n_sets, n_points)
         Absolute inlet pressures [Pa].
     gas : ndarray, shape (n_points, 12)
         Gas of each point, of `gas_table`; shared by the sets, on which it depends too little to matter.
     slopes : bool
         Derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
-
-    Returns
-    -------
-    ndarray, shape (n_sets, n_points, 9)
-        Columns SPEED_OUT [rad/s], MASS_FLOW [kg/s], VOLUME_FLOW [m3/s], TORQUE and ROLLER [N m], SPEED_SLOPE
-        [rad/s/Pa], FLOW_SLOPE [m3/s/Pa], STATUS (RUNNING, STALLED or NOT_CONVERGED), RIPPLE [rad/s].
-
-    Raises
-    ------
-    ValueError
-        When the shapes do not fit.
     """
     n_sets, n_points = pressures.shape
     if parameters.shape[0] != n_sets or parameters.shape[1] != at.N_VECTOR or gas.shape != (n_points, at.N_GAS):
@@ -203,8 +187,6 @@ def gas_table(motor: Motor, pressures: ArrayLike) -> np.ndarray:
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     pressures : array_like, shape (n_points,)
         Absolute inlet pressures [Pa].
     """
@@ -214,21 +196,14 @@ def gas_table(motor: Motor, pressures: ArrayLike) -> np.ndarray:
 
 
 def steady(motor: Motor, pressures: ArrayLike, slopes: bool = False) -> Steady:
-    """Steady states of one motor.
+    """Steady states of one motor. Returns arrays of shape (1, n_points).
 
     Parameters
     ----------
-    motor : Motor
-        The motor.
     pressures : array_like, shape (n_points,)
         Absolute inlet pressures [Pa].
     slopes : bool
         Derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
-
-    Returns
-    -------
-    Steady
-        Arrays of shape (1, n_points).
     """
     P = np.atleast_1d(np.asarray(pressures, dtype=np.float64))
     return unpack(solve(motor.vector()[None, :], motor.readings.vector(), P[None, :], gas_table(motor, P), slopes))

@@ -77,6 +77,7 @@ def _tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float) -> _Ta
     return _Tables(gamma, table, first, node, step, V_low, V_high)
 
 
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True)
 def _solve_point(
     P_in: float,
@@ -165,6 +166,7 @@ def _solve_point(
         known[:] = 0.0
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True)
 def _add_slopes(
     P: float,
@@ -194,6 +196,7 @@ def _add_slopes(
     row[FLOW_SLOPE] = (beside[VOLUME_FLOW] - row[VOLUME_FLOW]) / (P_1 - P)
 
 
+# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True)
 def _solve_span(
     parameters: np.ndarray,
@@ -251,8 +254,6 @@ def solve_batch(
     ----------
     parameters : ndarray, shape (n, 24)
         One set a row [SI].
-    readings : ndarray, shape (3,)
-        As `Motor.readings` has them [SI].
     pressures : ndarray, shape (n, k)
         Absolute [Pa].
     gas : ndarray
@@ -285,8 +286,6 @@ def solve_each_row(
     ----------
     parameters : ndarray, shape (n, 24)
         One set a row [SI].
-    readings : ndarray, shape (3,)
-        As `Motor.readings` has them [SI].
     pressures : ndarray, shape (n,)
         Absolute [Pa].
     gas : ndarray

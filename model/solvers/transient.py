@@ -80,6 +80,59 @@ class Transient:
         return mean
 
 
+@njit(cache=True)
+def _interval(theta: float, edge: np.ndarray) -> tuple[int, int]:
+    """The pulse an angle lies in, and k: it is in [edge k, edge k + 1) of it; edge 8 is edge 0 of the next."""
+    block = math.floor(theta / at.PULSE)
+    k = 0
+    while k < N_EDGES - 1 and theta >= block * at.PULSE + edge[k + 1]:
+        k += 1
+    if theta < block * at.PULSE + edge[0]:
+        return block - 1, N_EDGES - 1
+    return block, k
+
+
+@njit(cache=True)
+def _target(theta: float, lo: float, hi: float, sense: float, refine: int) -> float:
+    """Where the next step is to end: the next of ``refine`` equal parts between two edges [rad]."""
+    width = (hi - lo) / refine
+    if sense > 0.0:
+        target = lo + width * (math.floor((theta - lo) / width + 1e-9) + 1.0)
+        return hi if target > hi - 0.5 * width else target
+    target = lo + width * (math.ceil((theta - lo) / width - 1e-9) - 1.0)
+    return lo if target < lo + 0.5 * width else target
+
+
+@njit(cache=True)
+def _time_to(distance: float, w: float, a: float, sense: float, most: float) -> float:
+    """Time to an angle ahead from a speed at an acceleration [s], if it gets there, and no more than ``most``."""
+    root = w * w + 2.0 * a * distance
+    if root > 0.0:
+        reach = 2.0 * distance / (w + sense * math.sqrt(root))
+        if reach > 0.0:
+            return min(most, reach)
+    return most
+
+
+@njit(cache=True)
+def _fill_sample(row: np.ndarray, s: float, h: float, y: np.ndarray, new: np.ndarray, c: np.ndarray, R: float) -> None:
+    """Fill a sample at a share s of a step h: the angle of a cubic, the rest in a straight line."""
+    s2, s3 = s * s, s * s * s
+    row[0] = (
+        (1.0 - 3.0 * s2 + 2.0 * s3) * y[THETA]
+        + (s - 2.0 * s2 + s3) * h * y[OMEGA]
+        + (3.0 * s2 - 2.0 * s3) * new[THETA]
+        + (s3 - s2) * h * new[OMEGA]
+    )
+    row[1] = (1.0 - s) * y[OMEGA] + s * new[OMEGA]
+    row[2] = (1.0 - s) * y[M_IN] + s * new[M_IN]
+    row[3] = (1.0 - s) * y[M_OUT] + s * new[M_OUT]
+    row[4] = (1.0 - s) * y[P0] + s * new[P0]
+    V = geometry.volume(geometry.place(row[0] % at.LOBE, c)[0], c[at.A_P], c[at.V_OFFSET])
+    row[5] = row[4] * V / (R * ((1.0 - s) * y[T0] + s * new[T0]))
+
+
+# Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
 @njit(cache=True, nogil=True)
 def integrate(
     y: np.ndarray,
@@ -97,6 +150,8 @@ def integrate(
 ) -> tuple[int, int, int]:
     """Integrate from ``t_start`` to the last sample time.
 
+    Returns `status`: DONE, TOO_MANY_STEPS or NOT_FINITE; `steps`: steps taken; `pulses`: entries of ``pulse_t`` filled.
+
     Parameters
     ----------
     y : ndarray, shape (23,)
@@ -111,19 +166,8 @@ def integrate(
         Filled: angle, speed, inlet mass, outlet mass, pressure and mass of the first cylinder [SI].
     pulse_t : ndarray, shape (p,)
         Filled with the times at which the rotor has turned another 1/28 turn [s]; the run ends when it is full.
-    parameters, gas, readings : ndarray, shapes (24,), (12,) and (5,)
-        Parameter set, gas and readings.
     refine : int
         Steps between two edges [-].
-
-    Returns
-    -------
-    status : int
-        DONE, TOO_MANY_STEPS or NOT_FINITE.
-    steps : int
-        Steps taken.
-    pulses : int
-        Entries of ``pulse_t`` filled.
     """
     c = np.empty(at.N_CURVE)
     geometry.curve(parameters, c)
@@ -135,13 +179,7 @@ def integrate(
     P_port = np.array([P_vent, P_vent])
     T_port = np.array([parameters[at.T_A], parameters[at.T_A]])
 
-    block = math.floor(y[THETA] / at.PULSE)
-    k = 0  # y lies in [edge k, edge k + 1) of its block; edge 8 is edge 0 of the next
-    while k < N_EDGES - 1 and y[THETA] >= block * at.PULSE + edge[k + 1]:
-        k += 1
-    if y[THETA] < block * at.PULSE + edge[0]:
-        block -= 1
-        k = N_EDGES - 1
+    block, k = _interval(y[THETA], edge)
     t = t_start
     t_end = sample_t[-1]
     span = -1
@@ -150,11 +188,7 @@ def integrate(
     steps = 0
     entering = True
     while sample < sample_t.size and sample_t[sample] <= t:
-        samples[sample, 0], samples[sample, 1] = y[THETA], y[OMEGA]
-        samples[sample, 2], samples[sample, 3] = y[M_IN], y[M_OUT]
-        psi = y[THETA] % at.LOBE
-        samples[sample, 4] = y[P0]
-        samples[sample, 5] = y[P0] * geometry.volume(geometry.place(psi, c)[0], c[at.A_P], c[at.V_OFFSET]) / (R * y[T0])
+        _fill_sample(samples[sample], 0.0, 0.0, y, y, c, R)
         sample += 1
     while t < t_end:
         steps += 1
@@ -205,24 +239,10 @@ def integrate(
             work[0][:] = 0.0
             event = ON_THE_WAY
         else:
-            width = (hi - lo) / refine
-            if sense > 0.0:
-                target = lo + width * (math.floor((y[THETA] - lo) / width + 1e-9) + 1.0)
-                if target > hi - 0.5 * width:
-                    target = hi
-            else:
-                target = lo + width * (math.ceil((y[THETA] - lo) / width - 1e-9) - 1.0)
-                if target < lo + 0.5 * width:
-                    target = lo
+            target = _target(y[THETA], lo, hi, sense, refine)
             distance = target - y[THETA]
-            h = h_most = min(MAX_STEP / refine, t_limit - t)
-            # Time to the target at the present acceleration, if it gets there.
-            a, w = work[0, OMEGA], y[OMEGA]
-            root = w * w + 2.0 * a * distance
-            if root > 0.0:
-                reach = 2.0 * distance / (w + sense * math.sqrt(root))
-                if reach > 0.0:
-                    h = min(h, reach)
+            h_most = min(MAX_STEP / refine, t_limit - t)
+            h = _time_to(distance, y[OMEGA], work[0, OMEGA], sense, h_most)
             event = ON_THE_WAY
             if h < 0.5 * h_most and abs(y[OMEGA]) * h > 0.5 * abs(distance):
                 taken = angle_step(y, target, work, port, sense, T_port, parameters, c, gas, readings)
@@ -240,20 +260,7 @@ def integrate(
         new = work[4]
         while sample < sample_t.size and sample_t[sample] <= t + h * (1.0 + 1e-12):
             s = min(max((sample_t[sample] - t) / h, 0.0), 1.0) if h > 0.0 else 1.0
-            s2, s3 = s * s, s * s * s
-            samples[sample, 0] = (
-                (1.0 - 3.0 * s2 + 2.0 * s3) * y[THETA]
-                + (s - 2.0 * s2 + s3) * h * y[OMEGA]
-                + (3.0 * s2 - 2.0 * s3) * new[THETA]
-                + (s3 - s2) * h * new[OMEGA]
-            )
-            samples[sample, 1] = (1.0 - s) * y[OMEGA] + s * new[OMEGA]
-            samples[sample, 2] = (1.0 - s) * y[M_IN] + s * new[M_IN]
-            samples[sample, 3] = (1.0 - s) * y[M_OUT] + s * new[M_OUT]
-            samples[sample, 4] = (1.0 - s) * y[P0] + s * new[P0]
-            psi = samples[sample, 0] % at.LOBE
-            V = geometry.volume(geometry.place(psi, c)[0], c[at.A_P], c[at.V_OFFSET])
-            samples[sample, 5] = samples[sample, 4] * V / (R * ((1.0 - s) * y[T0] + s * new[T0]))
+            _fill_sample(samples[sample], s, h, y, new, c, R)
             sample += 1
         if t_limit - (t + h) < 1e-15:
             t = t_limit
@@ -283,17 +290,12 @@ def integrate(
 def rest_state(motor: Motor, angle_rad: float = 0.0) -> np.ndarray:
     """The motor at rest with the line vented: every cylinder at P_d and T_a.
 
+    Returns an array, shape (23,): state for `simulate`.
+
     Parameters
     ----------
-    motor : Motor
-        The motor.
     angle_rad : float
         Rotor angle [rad].
-
-    Returns
-    -------
-    ndarray, shape (23,)
-        State for `simulate`.
     """
     y = np.zeros(N_STATE)
     y[THETA] = angle_rad
@@ -311,10 +313,11 @@ def simulate(
 ) -> Transient:
     """Simulate the motor from the first to the last sample time.
 
+    Returns samples and the final state. Raises ValueError when the times do not increase, ArithmeticError when the
+    integration fails.
+
     Parameters
     ----------
-    motor : Motor
-        The motor.
     supply : sequence of Supply
         The line, in the order of time; before the first span it is vented.
     time_s : ndarray, shape (n,)
@@ -323,18 +326,6 @@ def simulate(
         State at the start; at rest at angle 0 when left out.
     refine : int
         Steps between two neighbouring edges [-]; more for smaller errors.
-
-    Returns
-    -------
-    Transient
-        Samples and the final state.
-
-    Raises
-    ------
-    ValueError
-        When the times do not increase.
-    ArithmeticError
-        When the integration fails.
     """
     time_s = np.asarray(time_s, dtype=np.float64)
     if time_s.ndim != 1 or time_s.size < 2 or not np.all(np.diff(time_s) > 0):
@@ -353,30 +344,17 @@ def periodic_state(
 ) -> tuple[np.ndarray, float]:
     """Run at constant pressure until the speed repeats.
 
+    Returns `state`, shape (23,): state at angle 0, with nothing passed yet; `mean_speed`: mean speed in time [rad/s]; 0
+    when the motor stalls. Raises ArithmeticError when the speed does not settle.
+
     Parameters
     ----------
-    motor : Motor
-        The motor.
-    P_in : float
-        Absolute inlet pressure [Pa].
     refine : int
         Steps between two edges [-].
     start_rad_s : float
         Speed that the rotor is given [rad/s]: near its lowest pressure a motor runs on but does not start.
     most_turns : int
         Turns after which to give up [-].
-
-    Returns
-    -------
-    state : ndarray, shape (23,)
-        State at angle 0, with nothing passed yet.
-    mean_speed : float
-        Mean speed in time [rad/s]; 0 when the motor stalls.
-
-    Raises
-    ------
-    ArithmeticError
-        When the speed does not settle.
     """
     y = rest_state(motor)
     y[OMEGA] = start_rad_s

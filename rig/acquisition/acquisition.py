@@ -23,14 +23,10 @@ ROLES = ("pressure", "flow", "speed", "temperature")
 class Acquisition:
     """Reads a bench into a run log.
 
-    Parameters
-    ----------
-    sink : Sink or None
-        The run log; may come later, with `begin`.
-    ports : callable
-        From a line's name, its table and the clock to its port; the ports that the bench file names when left out.
-    ambient_bar, ambient_c : float or None
-        The room's pressure [bar] and temperature [degree Celsius] in this run; the bench file's when left out.
+    `sink`: the run log; may come later, with `begin`.
+    `ports`: from a line's name, its table and the clock to its port; the ports that the bench file names when left out.
+    `ambient_bar`, `ambient_c`: the room's pressure [bar] and temperature [degree Celsius] in this run; the bench file's
+        when left out.
     """
 
     def __init__(
@@ -67,12 +63,8 @@ class Acquisition:
     def connect(self) -> None:
         """Open every line and identify every device. What crosses the wires is kept for the log.
 
-        Raises
-        ------
-        LineError
-            When a port does not open or a device does not answer: all of them, a line each.
-        IdentityError
-            When another device answers than the bench file says.
+        Raises LineError when a port does not open or a device does not answer: all of them, a line each; IdentityError
+        when another device answers than the bench file says.
         """
         with concurrent.futures.ThreadPoolExecutor(max(1, len(self.workers))) as pool:
             connecting = {name: pool.submit(worker.connect) for name, worker in self.workers.items()}
@@ -88,10 +80,7 @@ class Acquisition:
     def begin(self, sink: Sink | None = None) -> None:
         """Begin to write, what `connect` exchanged first, and to poll.
 
-        Parameters
-        ----------
-        sink : Sink or None
-            The run log, where the constructor got none.
+        `sink`: the run log, where the constructor got none.
         """
         self.recorder.sink = sink or self.recorder.sink
         self.recorder.start()
@@ -101,10 +90,7 @@ class Acquisition:
     def stop(self) -> None:
         """Stop polling, close the lines, and write everything that was read.
 
-        Raises
-        ------
-        RecorderError
-            When the log could not be written.
+        Raises RecorderError when the log could not be written.
         """
         for worker in self.workers.values():
             worker.stop()
@@ -120,24 +106,10 @@ class Acquisition:
     ) -> Exchange:
         """Have a device do something, and wait until it is done.
 
-        Parameters
-        ----------
-        argument : float or None
-            Set-point of a write, in the actuator's unit [own unit].
-        wait_s : float
-            Longest wait, in real time [s].
-        take_back : bool
-            Whether what was not begun by then is not done any more.
-
-        Returns
-        -------
-        Exchange
-            What crossed the wire.
-
-        Raises
-        ------
-        LineError, IdentityError, InstrumentError
-            When it was not done.
+        `argument`: set-point of a write, in the actuator's unit [own unit].
+        `wait_s`: longest wait, in real time [s].
+        `take_back`: whether what was not begun by then is not done any more.
+        Returns what crossed the wire. Raises LineError, IdentityError, InstrumentError when it was not done.
         """
         if action != WRITE:  # the regulator is sent to zero also when nothing can be logged any more
             self.check()
@@ -160,32 +132,17 @@ class Acquisition:
     def event(self, kind: str, time_ns: int | None = None, **details: Any) -> None:
         """Write an event into the log, in its place among the readings.
 
-        Parameters
-        ----------
-        time_ns : int or None
-            When, on the bench's clock [ns]; now when left out.
+        `time_ns`: when, on the bench's clock [ns]; now when left out.
         """
         self.recorder.note(kind, self.clock.now_ns() if time_ns is None else time_ns, **details)
 
     def window(self, channel: str, span_s: float) -> Window:
-        """The usable readings of a channel over the latest span of time.
-
-        Parameters
-        ----------
-        span_s : float
-            Length of the span, up to now [s].
-        """
+        """The usable readings of a channel over the latest span of time."""
         self.check()
         return self.channels.window(self._name(channel), self.clock.now_ns() - int(span_s * NS))
 
     def between(self, channel: str, start_ns: int, end_ns: int) -> Window:
-        """The usable readings of a channel between two times.
-
-        Parameters
-        ----------
-        start_ns, end_ns : int
-            Bench times [ns].
-        """
+        """The usable readings of a channel between two times."""
         return self.channels.window(self._name(channel), start_ns, end_ns)
 
     def last(self, channel: str) -> Reading | None:

@@ -13,15 +13,7 @@ FAULTS = (LineError, IdentityError, InstrumentError)
 
 
 def open_line(line: Line) -> tuple[Exchange, LostError | None]:
-    """Open a line.
-
-    Returns
-    -------
-    exchange : Exchange
-        What is logged, with an outcome when it failed.
-    fault : LostError or None
-        Why it failed.
-    """
+    """Open a line. Returns `exchange`: what is logged, with an outcome when it failed; `fault`: why it failed."""
     try:
         line.open()
     except LostError as error:
@@ -34,17 +26,9 @@ def perform(
 ) -> tuple[Exchange, Exception | None]:
     """Ask one thing of a device.
 
-    Parameters
-    ----------
-    argument : float or None
-        The set-point of a write, in the actuator's unit [own unit].
-
-    Returns
-    -------
-    exchange : Exchange
-        What crossed the wire and what it gave.
-    fault : Exception or None
-        A `LineError`, `IdentityError` or `InstrumentError`, whose text is the exchange's outcome.
+    `argument`: the set-point of a write, in the actuator's unit [own unit].
+    Returns `exchange`: what crossed the wire and what it gave; `fault`: a `LineError`, `IdentityError` or
+    `InstrumentError`, whose text is the exchange's outcome.
     """
     line.take_events()
     readings: list[Reading] = []

@@ -17,12 +17,8 @@ KEPT = 50_000  # readings of a channel
 class Window:
     """The usable readings of a channel over a span of time, oldest first.
 
-    Attributes
-    ----------
-    time_s, value : ndarray, shape (n,)
-        Bench time [s], and the values in the channel's unit.
-    censored : ndarray of int, shape (n,)
-        -1 and 1 for readings beyond the scale [-].
+    `time_s`, `value`, shape (n,): bench time [s], and the values in the channel's unit.
+    `censored`, shape (n,): -1 and 1 for readings beyond the scale [-].
     """
 
     time_s: np.ndarray
@@ -58,10 +54,7 @@ class Channels:
     def window(self, name: str, start_ns: int, end_ns: int | None = None) -> Window:
         """The usable readings of a channel from a time on.
 
-        Parameters
-        ----------
-        start_ns, end_ns : int
-            Bench times [ns]; to the newest when the end is left out.
+        `start_ns`, `end_ns`: bench times [ns]; to the newest when the end is left out.
         """
         chosen: list[Reading] = []
         with self._lock:

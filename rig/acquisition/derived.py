@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from configs.units import ZERO_C
 from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS, Quality, Reading
@@ -17,7 +18,6 @@ from rig.readings import NS, Quality, Reading
 DEVICE = "derived"
 CHANNEL = "flow_l_min"
 FRESH_S = 5.0  # a pressure older than this does not belong to the flow
-ZERO_C = 273.15
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,8 @@ class State:
 def inlet_flow(flow: float, flow_sd: float, reference: Reference, inlet: State) -> tuple[float, float]:
     """Volume flow at the inlet's pressure and temperature, and its standard uncertainty.
 
-    Parameters
-    ----------
-    flow, flow_sd : float
-        The meter's reading and its uncertainty [L/min].
-
-    Returns
-    -------
-    float, float
-        Flow and 1 sigma [L/min], by first-order propagation.
+    `flow`, `flow_sd`: the meter's reading and its uncertainty [L/min].
+    Returns flow and 1 sigma [L/min], by first-order propagation.
     """
     ratio = (reference.pressure_bar_abs / inlet.pressure_bar) * (
         inlet.temperature_k / (reference.temperature_c + ZERO_C)
@@ -57,12 +50,8 @@ def inlet_flow(flow: float, flow_sd: float, reference: Reference, inlet: State) 
 class InletFlow:
     """Makes the derived channel from the readings as they pass, in the order of the log.
 
-    Parameters
-    ----------
-    ambient_bar : float or None
-        Ambient pressure, for a gauge that reads above it [bar]; the bench file's, or 1.01325, when left out.
-    ambient_c : float or None
-        Inlet temperature where no channel tells it [degree Celsius]; the bench file's, or 20, when left out.
+    `ambient_bar`: ambient pressure, for a gauge that reads above it [bar]; the bench file's, or 1.01325, when left out.
+    `ambient_c`: inlet temperature where no channel tells it [degree Celsius]; the bench file's, or 20, when left out.
     """
 
     def __init__(self, bench: Bench, ambient_bar: float | None = None, ambient_c: float | None = None) -> None:

@@ -15,13 +15,7 @@ if TYPE_CHECKING:
 
 
 def port_of(name: str, table: LineTable, clock: Clock) -> Port:
-    """The port that a line's table describes.
-
-    Returns
-    -------
-    Port
-        Not opened yet.
-    """
+    """The port that a line's table describes, not opened yet."""
     if table.kind == "serial":
         return SerialPort(table.port, clock, table.baud, table.parity, table.stop_bits, table.data_bits)
     if table.kind == "tcp":

@@ -29,22 +29,13 @@ class Sink(Protocol):
         """Write an exchange and its readings."""
 
     def event(self, kind: str, time_ns: int, **details: Any) -> None:
-        """Write an event.
-
-        Parameters
-        ----------
-        time_ns : int
-            When, on the bench's clock [ns].
-        """
+        """Write an event."""
 
 
 class Recorder(threading.Thread):
     """Takes exchanges from the lines, writes them, and then shows them to whoever listens.
 
-    Parameters
-    ----------
-    sink : Sink or None
-        The run log; set before the thread starts.
+    `sink`: the run log; set before the thread starts.
     """
 
     def __init__(self, sink: Sink | None, stage: Stage, channels: Channels) -> None:
@@ -60,10 +51,7 @@ class Recorder(threading.Thread):
     def subscribe(self, listener: Callable[[Exchange], None]) -> None:
         """Show every exchange to a listener, once it is written.
 
-        Parameters
-        ----------
-        listener : callable
-            Takes an `Exchange`; called in the recorder's thread, and dropped with an event when it fails.
+        `listener`: takes an `Exchange`; called in the recorder's thread, and dropped with an event when it fails.
         """
         self._listeners.append(listener)
 
@@ -76,13 +64,7 @@ class Recorder(threading.Thread):
         self._put(exchange)
 
     def note(self, kind: str, time_ns: int, **details: Any) -> None:
-        """Hand over an event, to be written in its place among the exchanges.
-
-        Parameters
-        ----------
-        time_ns : int
-            When, on the bench's clock [ns].
-        """
+        """Hand over an event, to be written in its place among the exchanges."""
         self._put((kind, time_ns, details))
 
     def run(self) -> None:
@@ -100,13 +82,7 @@ class Recorder(threading.Thread):
                 self._queue.task_done()
 
     def finish(self) -> None:
-        """Write what is in the queue and end the thread.
-
-        Raises
-        ------
-        RecorderError
-            When the log could not be written.
-        """
+        """Write what is in the queue and end the thread. Raises RecorderError when the log could not be written."""
         if self.is_alive():
             self._queue.put(None)
             self.join()

@@ -12,10 +12,8 @@ from rig.readings import Exchange, Quality, Reading
 class Stage:
     """Marks the readings of a virtual bench as simulated, and adds the derived channels.
 
-    Parameters
-    ----------
-    ambient_bar, ambient_c : float or None
-        Ambient pressure [bar] and temperature [degree Celsius] of the run; the bench file's when left out.
+    `ambient_bar`, `ambient_c`: ambient pressure [bar] and temperature [degree Celsius] of the run; the bench file's
+        when left out.
     """
 
     def __init__(

@@ -35,21 +35,15 @@ KEPT_TIMES = 20_000
 class Device:
     """A device on a line, and how its polling goes.
 
-    Attributes
-    ----------
-    period_ns : int or None
-        Between polls [ns]; None for a device that is only asked on command.
-    due_ns, last_cost_ns, polls, failures, skipped : int
-        When it is next polled and what its last poll took [ns]; polls made, polls that gave no usable reading, and
-        slots of the schedule that passed without a poll [-].
-    identified : bool
-        Whether it answered as itself since the line was last opened.
-    hurried_ns : int or None
-        While it is polled as fast as its line bears: the least between two polls [ns].
-    hurry_since_ns, hurry_total_ns : int
-        When that began, and how long it has lasted before [ns]: its own period is judged without that time.
-    starts, latenesses, latencies : list of int
-        Of the latest polls: start, start after the schedule, and request to reply [ns].
+    `period_ns`: between polls [ns]; None for a device that is only asked on command.
+    `due_ns`, `last_cost_ns`, `polls`, `failures`, `skipped`: when it is next polled and what its last poll took [ns];
+        polls made, polls that gave no usable reading, and slots of the schedule that passed without a poll [-].
+    `identified`: whether it answered as itself since the line was last opened.
+    `hurried_ns`: while it is polled as fast as its line bears: the least between two polls [ns].
+    `hurry_since_ns`, `hurry_total_ns`: when that began, and how long it has lasted before [ns]: its own period is
+        judged without that time.
+    `starts`, `latenesses`, `latencies`: of the latest polls: start, start after the schedule, and request to reply
+        [ns].
     """
 
     driver: Any
@@ -80,14 +74,9 @@ class _Command:
 class Worker(threading.Thread):
     """The thread of one line.
 
-    Parameters
-    ----------
-    line : Line
-        The line; nobody else uses it.
-    drivers : dict of str to (Instrument, float or None)
-        Device to its driver and its period [s].
-    note : callable
-        Takes events: kind, time [ns] and details.
+    `line`: the line; nobody else uses it.
+    `drivers`: device to its driver and its period [s].
+    `note`: takes events: kind, time [ns] and details.
     """
 
     def __init__(
@@ -114,10 +103,8 @@ class Worker(threading.Thread):
     def connect(self) -> None:
         """Open the line and identify its devices, in the caller's thread, before the own thread starts.
 
-        Raises
-        ------
-        LostError, LineError, IdentityError
-            When the port does not open, a device does not answer, or another one does.
+        Raises LostError, LineError, IdentityError when the port does not open, a device does not answer, or another one
+        does.
         """
         exchange, lost = actions.open_line(self.line)
         self._put(exchange)
@@ -145,15 +132,8 @@ class Worker(threading.Thread):
     def command(self, device: str, action: str, argument: float | None = None) -> Future[Exchange]:
         """Have something done on the line, before the next poll.
 
-        Parameters
-        ----------
-        argument : float or None
-            Set-point of a write [own unit].
-
-        Returns
-        -------
-        Future
-            Of the exchange, or of the fault.
+        `argument`: set-point of a write [own unit].
+        The future is of the exchange, or of the fault.
         """
         done: Future[Exchange] = Future()
         if not self.is_alive():
@@ -166,12 +146,8 @@ class Worker(threading.Thread):
     def hurry(self, device: str, update_s: float = 0.0) -> None:
         """Poll a device as fast as the line bears, until `relax`. Commands, and the other devices' polls, go first.
 
-        Parameters
-        ----------
-        device : str
-            On this line; one that is only asked on command stays so.
-        update_s : float
-            How often it makes a new value [s]: it is not asked more often.
+        `device`: on this line; one that is only asked on command stays so.
+        `update_s`: how often it makes a new value [s]: it is not asked more often.
         """
         chosen = self.devices[device]
         if chosen.period_ns is None or chosen.hurried_ns is not None:

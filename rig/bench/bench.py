@@ -154,10 +154,7 @@ class Place:
 class Bench:
     """A bench file with its instruments' files.
 
-    Attributes
-    ----------
-    sources : dict of str to bytes
-        The text of each file, for the run's record: a run is replayed with what it was made with.
+    `sources`: the text of each file, for the run's record: a run is replayed with what it was made with.
     """
 
     name: str
@@ -190,20 +187,9 @@ class Bench:
 def read_bench(path: Path) -> Bench:
     """Read a bench file and the files of its instruments.
 
-    Parameters
-    ----------
-    path : Path
-        The bench file, or the name of one in configs/benches.
-
-    Returns
-    -------
-    Bench
-        Checked: every device's line and instrument exist, every role is a channel.
-
-    Raises
-    ------
-    ConfigError
-        All mistakes, a line each.
+    `path`: the bench file, or the name of one in configs/benches.
+    It is checked: every device's line and instrument exist, every role is a channel. Raises ConfigError: all mistakes,
+    a line each.
     """
     path = bench_path(path)
     source = configs.read_source(path)
@@ -233,15 +219,8 @@ def instrument_source(instrument: str) -> str:
 def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
     """A bench from the texts of its files: those on disk, or those that a run has kept.
 
-    Returns
-    -------
-    Bench
-        Checked: every device's line and instrument exist, every role is a channel.
-
-    Raises
-    ------
-    ConfigError
-        All mistakes, a line each.
+    It is checked: every device's line and instrument exist, every role is a channel. Raises ConfigError: all mistakes,
+    a line each.
     """
     file = configs.validate(BenchFile, configs.parse_toml(sources[BENCH_SOURCE], place), place)
     mistakes = _line_mistakes(file) + _address_mistakes(file)

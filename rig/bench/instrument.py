@@ -117,21 +117,13 @@ class Instrument(Protocol):
     def identify(self, line: Line) -> str:
         """Who answers, with the firmware where the device tells it.
 
-        Raises
-        ------
-        IdentityError
-            When it is another device than configured.
-        LineError
-            When nobody answers.
+        Raises IdentityError when it is another device than configured, LineError when nobody answers.
         """
 
     def poll(self, line: Line) -> list[Reading]:
         """Read every channel once; a failure of the device is a reading without a value.
 
-        Raises
-        ------
-        LostError
-            When the port failed.
+        Raises LostError when the port failed.
         """
 
 
@@ -145,26 +137,14 @@ class Actuator(Instrument, Protocol):
     def write(self, line: Line, value: float) -> float:
         """Order a set-point and return what the device reads back, in ``unit``.
 
-        Parameters
-        ----------
-        value : float
-            The set-point, in the actuator's unit [own unit].
-
-        Raises
-        ------
-        InstrumentError
-            When the order was refused, or what is read back differs.
-        LineError
-            When nobody answers.
+        `value`: the set-point, in the actuator's unit [own unit].
+        Raises InstrumentError when the order was refused, or what is read back differs; LineError when nobody answers.
         """
 
     def set_failsafe(self, line: Line) -> str:
         """Make the device go to zero by itself when it hears nothing, read that back, and say what was set.
 
-        Raises
-        ------
-        InstrumentError
-            When the device has no such thing, or did not take it.
+        Raises InstrumentError when the device has no such thing, or did not take it.
         """
 
 
@@ -181,15 +161,7 @@ def families() -> list[str]:
 def read_instrument(name: str) -> InstrumentFile:
     """Read an instrument's file.
 
-    Returns
-    -------
-    InstrumentFile
-        The settings of its family.
-
-    Raises
-    ------
-    ConfigError
-        When there is no such file or family, or the file is wrong.
+    Returns the settings of its family. Raises ConfigError when there is no such file or family, or the file is wrong.
     """
     path = FOLDER / f"{name}.toml"
     return instrument_of(configs.read_source(path), str(path))
@@ -198,10 +170,7 @@ def read_instrument(name: str) -> InstrumentFile:
 def instrument_of(source: bytes, place: str) -> InstrumentFile:
     """An instrument's settings from the text of its file.
 
-    Raises
-    ------
-    ConfigError
-        When the text is wrong, or names no family of rig.instruments.
+    Raises ConfigError when the text is wrong, or names no family of rig.instruments.
     """
     data = configs.parse_toml(source, place)
     family = data.get("family")

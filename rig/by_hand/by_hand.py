@@ -7,13 +7,7 @@ from rig.plateaus.plan import SweepError
 
 
 def manual_device(bench: Bench) -> str:
-    """The device that a person reads.
-
-    Raises
-    ------
-    SweepError
-        When there is none, or more than one.
-    """
+    """The device that a person reads. Raises SweepError when there is none, or more than one."""
     found = [name for name, table in bench.file.devices.items() if bench.file.lines[table.line].kind == "keyboard"]
     if len(found) != 1:
         raise SweepError(

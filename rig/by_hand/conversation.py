@@ -30,13 +30,7 @@ class EndedError(Exception):
 
 @dataclass(frozen=True)
 class Typed:
-    """One line.
-
-    Attributes
-    ----------
-    asked_ns, typed_ns : int
-        When the prompt was shown and when the line was there [ns].
-    """
+    """One line. `asked_ns`, `typed_ns`: when the prompt was shown and when the line was there [ns]."""
 
     text: str
     asked_ns: int
@@ -46,15 +40,8 @@ class Typed:
 class Conversation:
     """Prompts and answers over a keyboard port.
 
-    Parameters
-    ----------
-    stops : callable
-        How often the operator has asked to stop by other means than typing, such as Ctrl-C.
-
-    Attributes
-    ----------
-    room : Ambient or None
-        What the person has said of the room, as far as it is known here.
+    `stops`: how often the operator has asked to stop by other means than typing, such as Ctrl-C.
+    `room`: what the person has said of the room, as far as it is known here.
     """
 
     def __init__(self, port: KeyboardPort, clock: Clock, stops: Callable[[], int] = lambda: 0) -> None:
@@ -71,13 +58,7 @@ class Conversation:
         return self.port if table.kind == "keyboard" else port_of(name, table, clock)
 
     def resume(self) -> None:
-        """Go on after the port was closed and the log ended.
-
-        Raises
-        ------
-        LostError
-            When there is no terminal any more.
-        """
+        """Go on after the port was closed and the log ended. Raises LostError when there is no terminal any more."""
         self.log = _unlogged
         self.port.open()
 
@@ -92,12 +73,7 @@ class Conversation:
     def ask(self, prompt: str) -> Typed:
         """Show a prompt and wait for a line.
 
-        Raises
-        ------
-        StoppedError
-            When the operator has asked to stop meanwhile.
-        EndedError
-            When the input has ended.
+        Raises StoppedError when the operator has asked to stop meanwhile, EndedError when the input has ended.
         """
         try:
             asked_ns = self.port.write(prompt.encode("utf-8", "replace"))
@@ -133,13 +109,7 @@ class Conversation:
         return _printable(line)
 
     def wait(self, seconds: float) -> None:
-        """Count down, with marks behind each other so that nothing is written over; a typed line ends it.
-
-        Parameters
-        ----------
-        seconds : float
-            Bench time [s].
-        """
+        """Count down bench time, with marks behind each other so that nothing is written over; a typed line ends it."""
         end_ns = self.clock.now_ns() + int(seconds * NS)
         mark_ns = max(1, math.ceil(seconds / MOST_MARKS)) * NS
         next_ns = int(seconds * NS)

@@ -35,13 +35,7 @@ def _alike(first: Reading, second: Reading, channel: ChannelFile) -> bool:
 
 
 def mean_of_entries(readings: Sequence[Reading]) -> Mean:
-    """The mean of a channel's typed readings.
-
-    Parameters
-    ----------
-    readings : sequence of Reading
-        Oldest first; those without a value do not count.
-    """
+    """The mean of a channel's typed readings. `readings`: oldest first; those without a value do not count."""
     usable = [reading for reading in readings if reading.usable]
     return mean_of(
         np.array([reading.time_ns / 1e9 for reading in usable]),
@@ -57,10 +51,7 @@ def with_drift(before: Mean, after: Reading | None) -> Mean:
     The other readings lie somewhere between; the pressure that belongs to them is anywhere between the two, so the
     middle is taken, with the error of a rectangular distribution, the drift over the root of 12.
 
-    Parameters
-    ----------
-    after : Reading or None
-        Read at the end; None when it was not.
+    `after`: read at the end; None when it was not.
     """
     if after is None or not after.usable or after.value is None or before.mean is None:
         return before
@@ -75,16 +66,9 @@ def with_drift(before: Mean, after: Reading | None) -> Mean:
 def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, limit_bar: float) -> str:
     """Why a typed pressure may be a slip; empty when it is plausible.
 
-    Parameters
-    ----------
-    value : Value or None
-        As typed; None when it is not typed.
-    added_bar : float
-        From the channel's zero to absolute [bar].
-    near_bar : float
-        Where it should be, absolute [bar].
-    limit_bar : float
-        Of the bench, absolute [bar].
+    `added_bar`: from the channel's zero to absolute [bar].
+    `near_bar`: where it should be, absolute [bar].
+    `limit_bar`: of the bench, absolute [bar].
     """
     if value is None or value.value is None or value.censored < 0:
         return ""
@@ -100,14 +84,7 @@ def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, li
 def doubt_of_speed(value: Value | None, expected: tuple[float, float] | None, limit_rpm: float) -> str:
     """Why a typed speed may be a slip; empty when it is plausible.
 
-    Parameters
-    ----------
-    value : Value or None
-        As typed; None when it is not typed.
-    expected : tuple of two float, or None
-        The lowest and the highest speed to be believed [rpm].
-    limit_rpm : float
-        Of the bench [rpm].
+    `expected`: the lowest and the highest speed to be believed [rpm].
     """
     if value is None or value.value is None or value.censored < 0:
         return ""
@@ -124,15 +101,7 @@ def doubt_of_speed(value: Value | None, expected: tuple[float, float] | None, li
 
 
 def remarks(pressure_bar_abs: float | None, level_bar_abs: float, direction: str) -> list[str]:
-    """What to tell the person of a pressure reading: overshot, or far from the level.
-
-    Parameters
-    ----------
-    pressure_bar_abs : float or None
-        As read [bar].
-    level_bar_abs : float
-        As asked for [bar].
-    """
+    """What to tell the person of a pressure reading: overshot, or far from the level."""
     if pressure_bar_abs is None:
         return []
     off = pressure_bar_abs - level_bar_abs

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+from configs.units import BAR
 from rig.acquisition import Acquisition
 from rig.bench.bench import Bench
 from rig.by_hand import entry
@@ -25,20 +26,12 @@ from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.orders import ABORTED, FINISHED
 from rig.sweep.runner import Outcome, PlateauSink
-from rig.sweep.words import sentence
 
-PA_IN_BAR = 1e5
 MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
 
 
 class ManualSweep:
-    """Goes through the steps with a person.
-
-    Parameters
-    ----------
-    course : Course
-        Its steps and its table; captures are not made by hand.
-    """
+    """Goes through the steps with a person. `course`: its steps and its table; captures are not made by hand."""
 
     def __init__(
         self,
@@ -63,13 +56,7 @@ class ManualSweep:
         conversation.log = self._event
 
     def run(self) -> Outcome:
-        """Take the zero, every level, and the zero again.
-
-        Returns
-        -------
-        Outcome
-            ``vented`` is what the person said.
-        """
+        """Take the zero, every level, and the zero again. ``vented`` is what the person said."""
         self.person.say("Type help for what can be typed.")
         while True:
             outcome, reason = self._levels()
@@ -108,7 +95,7 @@ class ManualSweep:
         verdict = self.hooks.predict(step.level_bar_abs, self._known)
         if not verdict.allowed:
             taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
-            stone = stepping_stone(step.level_bar_abs, verdict.highest_pa_abs / PA_IN_BAR, taken)
+            stone = stepping_stone(step.level_bar_abs, verdict.highest_pa_abs / BAR, taken)
             if stone is None or not self.hooks.predict(stone, self._known).allowed:
                 self._refuse(step, verdict.text)
                 return
@@ -181,7 +168,7 @@ class ManualSweep:
         self.sink.plateau(plateau.row(self.columns))
         details = {role: dataclasses.asdict(mean) for role, mean in means.items()}
         self._event("plateau", plateau=plateau.number, level_bar_abs=step.level_bar_abs, means=details)
-        self.person.say(f"  {sentence(plateau)}")
+        self.person.say(f"  {plateau.sentence()}")
         self.hooks.on_plateau(plateau)
 
     def _mean(self, role: str, entries: list[dict[str, Reading]], start_ns: int, end_ns: int) -> Mean:
@@ -310,11 +297,7 @@ def run_manual(
 ) -> Outcome:
     """Go through a course with a person who reads the instruments.
 
-    Parameters
-    ----------
-    acquisition : Acquisition
-        Started, with ``conversation.ports``; it is not stopped here.
-    hooks : Hooks or None
-        Guard and limits; none when left out.
+    `acquisition`: started, with ``conversation.ports``; it is not stopped here.
+    `hooks`: guard and limits; none when left out.
     """
     return ManualSweep(acquisition, sink, bench, course, conversation, hooks or Hooks()).run()

@@ -66,17 +66,9 @@ class Prompter:
 
         What is doubted is asked for again, and is no reading before the same has been typed twice.
 
-        Parameters
-        ----------
-        doubt : callable
-            Says why typed values, by role, may be a slip; empty when they are plausible.
-
-        Raises
-        ------
-        JumpedError
-            When a command leaves the level.
-        StoppedError, EndedError, TrippedError
-            When the run ends here.
+        `doubt`: says why typed values, by role, may be a slip; empty when they are plausible.
+        Raises JumpedError when a command leaves the level; StoppedError, EndedError, TrippedError when the run ends
+        here.
         """
         prompt = f"  {lead}{example(self.typed)}: "
         doubted: list[str] = []

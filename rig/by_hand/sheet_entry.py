@@ -58,14 +58,9 @@ class Sink(Protocol):
 class SheetRow:
     """One line of a sheet.
 
-    Attributes
-    ----------
-    time_s : float
-        After the first row [s].
-    level_bar_abs : float or None
-        None for a zero [bar].
-    after : str
-        The entry of the pressure read again; empty when it was not.
+    `time_s`: after the first row [s].
+    `level_bar_abs`: None for a zero [bar].
+    `after`: the entry of the pressure read again; empty when it was not.
     """
 
     time_s: float
@@ -79,20 +74,9 @@ class SheetRow:
 def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
     """Read a filled-in sheet.
 
-    Parameters
-    ----------
-    text : str
-        CSV with the columns of `sheet_columns`; the times are of the clock (``14:05``) or seconds.
-
-    Returns
-    -------
-    list of SheetRow
-        Rows with an empty time and no reading are levels that were not taken, and are left out.
-
-    Raises
-    ------
-    SheetError
-        A line for each mistake, with row and column.
+    `text`: CSV with the columns of `sheet_columns`; the times are of the clock (``14:05``) or seconds.
+    Rows with an empty time and no reading are levels that were not taken, and are left out. Raises SheetError: a line
+    for each mistake, with row and column.
     """
     if len(text) > MOST_BYTES:
         raise SheetError(f"longer than {MOST_BYTES} characters; this is no sheet")
@@ -135,10 +119,7 @@ def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
 def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Ambient) -> Outcome:
     """Write the readings of a sheet into a run, as if they had been typed at the times that stand on it.
 
-    Parameters
-    ----------
-    sink : Sink
-        The run, of kind ``manual``; its time 0 is the first row's.
+    `sink`: the run, of kind ``manual``; its time 0 is the first row's.
     """
     keys = _Keys(bench, sink, ambient)
     plateaus: list[Plateau] = []

@@ -31,21 +31,11 @@ def examine(
 ) -> list[Finding]:
     """Open each port, identify each device, measure, and name what is known to go wrong.
 
-    Parameters
-    ----------
-    ports : callable or None
-        From a line's name, its table and the clock to its port; the ports of the bench file when left out.
-    clock : Clock or None
-        The bench's; real time when left out.
-    host : Host or None
-        The machine; this one when left out.
-    scan_units : sequence of int
-        Modbus addresses to try where a device does not answer [-].
-
-    Returns
-    -------
-    list of Finding
-        The machine first, then each line and its devices, in the order of the bench file.
+    `ports`: from a line's name, its table and the clock to its port; the ports of the bench file when left out.
+    `clock`: the bench's; real time when left out.
+    `host`: the machine; this one when left out.
+    `scan_units`: Modbus addresses to try where a device does not answer [-].
+    Returns the machine first, then each line and its devices, in the order of the bench file.
     """
     examination = _Examination(bench, ports or port_of, clock or Clock(), host or Host(), polls, tuple(scan_units))
     found = []

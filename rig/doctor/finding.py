@@ -24,13 +24,7 @@ class Level(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found.
-
-    Attributes
-    ----------
-    fix : str
-        What to do; empty when there is nothing.
-    """
+    """One thing found. `fix`: what to do; empty when there is nothing."""
 
     level: Level
     where: str

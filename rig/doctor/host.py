@@ -26,13 +26,7 @@ GRABBERS = {
 
 @dataclass(frozen=True)
 class Host:
-    """A machine.
-
-    Attributes
-    ----------
-    proc, sys, dev : Path
-        Where its processes, its devices' settings and its ports are.
-    """
+    """A machine. `proc`, `sys`, `dev`: where its processes, its devices' settings and its ports are."""
 
     proc: Path = Path("/proc")
     sys: Path = Path("/sys")
@@ -56,13 +50,7 @@ class Host:
         ]
 
     def running(self, name: str) -> int | None:
-        """The process number of a program, if it runs.
-
-        Parameters
-        ----------
-        name : str
-            As the kernel knows it, at most 15 characters count.
-        """
+        """The process number of a program, if it runs. `name`: as the kernel knows it, at most 15 characters count."""
         for process in self.proc.glob("[0-9]*"):
             if _name_of(process) == name[:15]:
                 return int(process.name)

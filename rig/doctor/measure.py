@@ -21,13 +21,7 @@ BELOW_ALL = 1e-9
 
 @dataclass(frozen=True)
 class Latency:
-    """How long polls took.
-
-    Attributes
-    ----------
-    p50_s, p99_s : float
-        Of the polls that gave a reading, on the bench's clock [s].
-    """
+    """How long polls took. `p50_s`, `p99_s`: of the polls that gave a reading, on the bench's clock [s]."""
 
     p50_s: float
     p99_s: float
@@ -39,17 +33,9 @@ class Latency:
 def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
     """Poll a device and take the time.
 
-    Parameters
-    ----------
-    polls : int
-        How many; fewer when it fails several times in a row [-].
-    gap_s : float
-        Between polls [s]; shorter where that is long in real time.
-
-    Raises
-    ------
-    LostError
-        When the port fails meanwhile.
+    `polls`: how many; fewer when it fails several times in a row [-].
+    `gap_s`: between polls [s]; shorter where that is long in real time.
+    Raises LostError when the port fails meanwhile.
     """
     times, faults, failures, in_a_row, made = [], Counter[str](), 0, 0, 0
     for _ in range(polls):
@@ -83,15 +69,7 @@ def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
 def of_device(
     device: str, identity: str, latency: Latency, period_s: float, timeout_s: float, update_s: float
 ) -> list[Finding]:
-    """What the latency of a device means.
-
-    Parameters
-    ----------
-    period_s, timeout_s : float
-        Of the bench file [s].
-    update_s : float
-        The instrument's own [s]; 0 when not known.
-    """
+    """What the latency of a device means. `update_s`: the instrument's own [s]; 0 when not known."""
     if latency.failures == latency.polls:
         what = f"{identity} answers, but no poll gave a reading: {latency.faults}"
         return [Finding(Level.FAULT, device, what, "compare the instrument file with the device's manual")]
@@ -116,10 +94,7 @@ def of_device(
 def of_line(where: str, taken: dict[str, tuple[float, float]]) -> list[Finding]:
     """Whether a line bears what is asked of it.
 
-    Parameters
-    ----------
-    taken : dict of str to (float, float)
-        Device to what a poll takes and to its period, in the same time [s].
+    `taken`: device to what a poll takes and to its period, in the same time [s].
     """
     share = sum(cost_s / period_s for cost_s, period_s in taken.values())
     parts = ", ".join(f"{device} {100 * cost_s / period_s:.0f} %" for device, (cost_s, period_s) in taken.items())

@@ -58,27 +58,13 @@ class Settings(PolledFile):
 
 
 def counts_of(value: float, span: tuple[float, float], output: Range) -> int:
-    """Counts of a set-point.
-
-    Parameters
-    ----------
-    value : float
-        The set-point [own unit].
-    span : (float, float)
-        Set-point at the range's low and high end [own unit].
-    """
+    """Counts of a set-point. `span`: set-point at the range's low and high end [own unit]."""
     share = (value - span[0]) / (span[1] - span[0])
     return round(output.low_counts + share * (output.high_counts - output.low_counts))
 
 
 def value_of(counts: int, span: tuple[float, float], output: Range) -> float:
-    """The set-point that counts stand for [own unit].
-
-    Parameters
-    ----------
-    span : (float, float)
-        Set-point at the range's low and high end [own unit].
-    """
+    """The set-point that counts stand for [own unit]. `span`: set-point at the range's low and high end [own unit]."""
     share = (counts - output.low_counts) / (output.high_counts - output.low_counts)
     return span[0] + share * (span[1] - span[0])
 
@@ -142,13 +128,7 @@ class Adam4024(Polled):
         return f"{self.settings.title} at unit {self._unit.unit} ({version}; output {self.output}: {output.name})"
 
     def write(self, line: Line, value: float) -> float:
-        """Order a set-point and return what the module reads back.
-
-        Parameters
-        ----------
-        value : float
-            The set-point [own unit].
-        """
+        """Order a set-point and return what the module reads back."""
         timing, output = timing_of(self.settings, line), repeated(lambda: self._known_range(line), 1)
 
         def order() -> None:

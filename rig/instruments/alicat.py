@@ -84,17 +84,8 @@ class Settings(PolledFile):
 def decode(text: str, address: str, layout: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
     """The fields of a frame as they came, and its flags.
 
-    Returns
-    -------
-    fields : dict of str to str
-        Numbers, by the layout's names; the gas under ``gas``.
-    flags : tuple of str
-        In the frame's order.
-
-    Raises
-    ------
-    BadReplyError
-        When the line is no frame of this unit and layout, or the unit refuses.
+    Returns `fields`: numbers, by the layout's names; the gas under ``gas``; `flags`: in the frame's order. Raises
+    BadReplyError when the line is no frame of this unit and layout, or the unit refuses.
     """
     words = text.split()
     if words[:1] != [address]:
@@ -120,17 +111,9 @@ def judge(
 ) -> dict[str, Value]:
     """The values of numbers and flags: what Alicat's text and Modbus protocols have in common.
 
-    Parameters
-    ----------
-    numbers : mapping of str to float
-        Channel to its number [own unit].
-    flags : sequence of str
-        All that were set; each goes into the detail of every channel.
-
-    Returns
-    -------
-    dict of str to Value
-        By channel, limits not yet looked at.
+    `numbers`: channel to its number [own unit].
+    `flags`: all that were set; each goes into the detail of every channel.
+    By channel, limits not yet looked at.
     """
     detail = joined(" ".join(flags), note)
     faulty = any(flag not in (*OVER_RANGE, *NOTES) for flag in flags)
@@ -184,13 +167,7 @@ class Alicat(Polled):
 
 
 class AlicatController(Alicat):
-    """An Alicat controller: a device with a set-point.
-
-    Parameters
-    ----------
-    settings : Settings
-        Its file, with a ``[setpoint]``.
-    """
+    """An Alicat controller: a device with a set-point. `settings`: its file, with a ``[setpoint]``."""
 
     def __init__(self, device: str, settings: Settings, address: str) -> None:
         super().__init__(device, settings, address)
@@ -198,13 +175,7 @@ class AlicatController(Alicat):
         self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
 
     def write(self, line: Line, value: float) -> float:
-        """Order a set-point and return the one that the next frame shows.
-
-        Parameters
-        ----------
-        value : float
-            The set-point [own unit].
-        """
+        """Order a set-point and return the one that the next frame shows."""
         table = self.setpoint
 
         def order() -> None:

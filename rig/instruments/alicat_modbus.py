@@ -80,13 +80,7 @@ def flags_of(status: int) -> list[str]:
 
 
 def decode(words: Sequence[int], channels: dict[str, ScaledChannel]) -> dict[str, Value]:
-    """The values of the block.
-
-    Returns
-    -------
-    dict of str to Value
-        By channel, limits not yet looked at.
-    """
+    """The values of the block. By channel, limits not yet looked at."""
     raw, numbers = {}, {}
     for name, channel in channels.items():
         first = QUANTITIES[cast(str, _quantity(name))]
@@ -122,13 +116,7 @@ class AlicatModbus(Polled):
 
 
 class AlicatModbusController(AlicatModbus):
-    """An Alicat controller over Modbus.
-
-    Parameters
-    ----------
-    settings : Settings
-        Its file, with a ``[setpoint]``.
-    """
+    """An Alicat controller over Modbus. `settings`: its file, with a ``[setpoint]``."""
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
         super().__init__(device, settings, place)
@@ -136,13 +124,7 @@ class AlicatModbusController(AlicatModbus):
         self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
 
     def write(self, line: Line, value: float) -> float:
-        """Order a set-point and return what its registers hold then.
-
-        Parameters
-        ----------
-        value : float
-            The set-point [own unit].
-        """
+        """Order a set-point and return what its registers hold then."""
         table, timing, first = self.setpoint, timing_of(self.settings, line), SETPOINT - self._less
 
         def order() -> None:

@@ -73,15 +73,7 @@ class Settings(PolledFile):
 def decode(line: bytes, pattern: re.Pattern[str], channels: Mapping[str, TextChannel]) -> dict[str, Value]:
     """The values of a line of text.
 
-    Returns
-    -------
-    dict of str to Value
-        By channel, limits not yet looked at.
-
-    Raises
-    ------
-    BadReplyError
-        When the line is not of the pattern, or a number is none.
+    By channel, limits not yet looked at. Raises BadReplyError when the line is not of the pattern, or a number is none.
     """
     text = line.decode("ascii", errors="replace")
     match = pattern.fullmatch(text)
@@ -104,13 +96,7 @@ def _value(text: str, channel: TextChannel) -> Value:
 
 
 def ends_with(terminator: bytes, most_bytes: int) -> Complete:
-    """What tells where a reply in text ends.
-
-    Returns
-    -------
-    callable
-        Of the form that `Line.ask` takes.
-    """
+    """What tells where a reply in text ends. It has the form that `Line.ask` takes."""
 
     def complete(buffer: bytes) -> int | None:
         end = buffer.find(terminator)
@@ -124,10 +110,7 @@ def ends_with(terminator: bytes, most_bytes: int) -> Complete:
 class AsciiDevice(Polled):
     """A generic device that answers, or sends, lines of text.
 
-    Parameters
-    ----------
-    serial_number : str
-        Of the bench file; empty when any will do.
+    `serial_number`: of the bench file; empty when any will do.
     """
 
     checked = False

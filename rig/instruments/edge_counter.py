@@ -51,13 +51,7 @@ class Settings(InstrumentFile):
 
 
 class EdgeCounter:
-    """An edge counter on a line of its own.
-
-    Parameters
-    ----------
-    serial_number : str
-        Of the bench file; empty when any will do.
-    """
+    """An edge counter on a line of its own. `serial_number`: of the bench file; empty when any will do."""
 
     def __init__(self, device: str, settings: Settings, serial_number: str = "") -> None:
         self.device = device

@@ -44,13 +44,7 @@ class Settings(PolledFile):
 
 
 def decode(words: Sequence[int], channels: Sequence[str]) -> dict[str, Value]:
-    """The values of the block.
-
-    Returns
-    -------
-    dict of str to Value
-        In bar and degree Celsius; NaN and infinities as they came.
-    """
+    """The values of the block. In bar and degree Celsius; NaN and infinities as they came."""
     found = {}
     for name in channels:
         number = float(number_of(words[OFFSETS[name] : OFFSETS[name] + 2], "f32"))

@@ -63,13 +63,7 @@ class Frame:
 
 
 def decode(frame: bytes) -> Frame:
-    """The content of a frame.
-
-    Raises
-    ------
-    BadReplyError
-        When it is none.
-    """
+    """The content of a frame. Raises BadReplyError when it is none."""
     if len(frame) != FRAME_BYTES or frame[0] != START or frame[1:2] != b"4" or frame[-1] != END:
         raise BadReplyError(f"not a Lutron frame: {frame[:FRAME_BYTES].hex(' ')}")
     body = frame[2:15]
@@ -92,12 +86,7 @@ def encode(frame: Frame, decimals: int) -> bytes:
 def cut(buffer: bytes) -> tuple[list[bytes], bytes]:
     """The whole frames of a buffer; bytes that belong to none are skipped up to the next start.
 
-    Returns
-    -------
-    frames : list of bytes
-        16 bytes each, oldest first.
-    rest : bytes
-        What may become a frame.
+    Returns `frames`: 16 bytes each, oldest first; `rest`: what may become a frame.
     """
     frames: list[bytes] = []
     while (start := buffer.find(START)) >= 0:

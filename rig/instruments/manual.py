@@ -53,15 +53,8 @@ class Settings(InstrumentFile):
 def decode_entry(text: str, columns: Mapping[str, ChannelFile]) -> dict[str, Value]:
     """The values of an entry.
 
-    Returns
-    -------
-    dict of str to Value
-        By channel, quality manual; None where ``-`` was typed.
-
-    Raises
-    ------
-    EntryError
-        When the line cannot be read as meant beyond doubt.
+    By channel, quality manual; None where ``-`` was typed. Raises EntryError when the line cannot be read as meant
+    beyond doubt.
     """
     if len(text) > MOST_CHARACTERS:
         raise EntryError(f"the line has {len(text)} characters; type {example(columns)}")

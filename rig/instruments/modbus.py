@@ -102,13 +102,7 @@ def block_of(settings: Settings) -> tuple[int, int]:
 
 
 def decode(settings: Settings, words: Sequence[int]) -> dict[str, Value]:
-    """The values of a block.
-
-    Returns
-    -------
-    dict of str to Value
-        By channel, limits not yet looked at.
-    """
+    """The values of a block. By channel, limits not yet looked at."""
     first, _ = block_of(settings)
     wrong = [
         f"register {check.address} holds {words[check.address - first]}, not {_either(check.values)}: {check.meaning}"
@@ -169,13 +163,7 @@ class ModbusDevice(Polled):
 
 
 class ModbusRegulator(ModbusDevice):
-    """A generic Modbus device with a set-point register.
-
-    Parameters
-    ----------
-    settings : Settings
-        Its file, with a ``[setpoint]``.
-    """
+    """A generic Modbus device with a set-point register. `settings`: its file, with a ``[setpoint]``."""
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
         super().__init__(device, settings, place)
@@ -183,13 +171,7 @@ class ModbusRegulator(ModbusDevice):
         self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
 
     def write(self, line: Line, value: float) -> float:
-        """Order a set-point and return what the device reads back.
-
-        Parameters
-        ----------
-        value : float
-            The set-point [own unit].
-        """
+        """Order a set-point and return what the device reads back."""
         timing, table = timing_of(self.settings, line), self.setpoint
         width = width_of(table.type)
 

@@ -26,13 +26,7 @@ class ModbusUnit:
     def read(
         self, line: Line, first: int, count: int, timing: Timing, function: int = READ_HOLDING
     ) -> tuple[tuple[int, ...], Reply]:
-        """Read a block of registers once.
-
-        Parameters
-        ----------
-        first, count : int
-            First register as on the wire, and how many [-].
-        """
+        """Read a block of registers once. `first`, `count`: first register as on the wire, and how many [-]."""
         return exchange(line, self.framing, Request(self.unit, function, first, count), timing)
 
     def write(self, line: Line, first: int, values: tuple[int, ...], function: int, timing: Timing) -> None:
@@ -43,10 +37,7 @@ class ModbusUnit:
 def modbus_unit(device: str, place: Place) -> ModbusUnit:
     """Unit and framing of a Modbus device.
 
-    Raises
-    ------
-    ConfigError
-        When the bench file does not say the unit, or the line carries no Modbus.
+    Raises ConfigError when the bench file does not say the unit, or the line carries no Modbus.
     """
     if place.line.kind == "keyboard":
         raise ConfigError(f"devices.{device}.line: a Modbus device cannot be on a keyboard; name a serial or tcp line")
@@ -60,13 +51,7 @@ def modbus_unit(device: str, place: Place) -> ModbusUnit:
 
 
 def refuse_serial_number(device: str, place: Place, title: str) -> None:
-    """Refuse a serial number that nothing would check.
-
-    Raises
-    ------
-    ConfigError
-        When the bench file gives one.
-    """
+    """Refuse a serial number that nothing would check. Raises ConfigError when the bench file gives one."""
     if place.table.serial_number:
         raise ConfigError(
             f"devices.{device}.serial_number: {title} does not tell its number over the wire as far as its file knows; "
@@ -75,12 +60,6 @@ def refuse_serial_number(device: str, place: Place, title: str) -> None:
 
 
 def refuse_keyboard(device: str, place: Place) -> None:
-    """Refuse a keyboard line for a device that has a cable.
-
-    Raises
-    ------
-    ConfigError
-        When the line is a keyboard.
-    """
+    """Refuse a keyboard line for a device that has a cable. Raises ConfigError when the line is a keyboard."""
     if place.line.kind == "keyboard":
         raise ConfigError(f"devices.{device}.line: this instrument has a cable; name a serial or tcp line")

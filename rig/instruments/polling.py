@@ -43,14 +43,9 @@ class PolledFile(InstrumentFile):
 class Answer:
     """One successful poll.
 
-    Attributes
-    ----------
-    block : bytes
-        What tells a repeated value from a new one: all that the device said about its channels.
-    request_ns, reply_ns : int
-        On the bench's clock [ns].
-    time_ns : int or None
-        When the quantities were sampled [ns]; between question and answer when left out.
+    `block`: what tells a repeated value from a new one: all that the device said about its channels.
+    `request_ns`, `reply_ns`: on the bench's clock [ns].
+    `time_ns`: when the quantities were sampled [ns]; between question and answer when left out.
     """
 
     found: Mapping[str, Value]
@@ -155,15 +150,7 @@ class Polled(abc.ABC):
 def repeated(ask: Callable[[], Found], retries: int) -> Found:
     """Ask, and ask again after a timeout or a damaged reply; a refusal is an answer and is not repeated.
 
-    Returns
-    -------
-    found
-        What was asked for.
-
-    Raises
-    ------
-    LineError
-        The last failure.
+    Raises LineError: the last failure.
     """
     for _ in range(retries):
         try:

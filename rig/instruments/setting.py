@@ -21,28 +21,12 @@ def set_and_read_back(
 ) -> float:
     """Order a set-point and return what the device reads back.
 
-    Parameters
-    ----------
-    value : float
-        What to order [own unit].
-    limits : (float, float)
-        Lowest and highest set-point [own unit].
-    read_back : callable
-        Asks what the device holds now; asked again once when the answer fails.
-    tolerance : float
-        How far the two may differ, by the device's resolution [own unit].
-
-    Returns
-    -------
-    float
-        As read back [own unit].
-
-    Raises
-    ------
-    InstrumentError
-        When the value is outside the limits, the device refuses it, or holds another one.
-    LineError
-        When nobody answers.
+    `value`: what to order [own unit].
+    `limits`: lowest and highest set-point [own unit].
+    `read_back`: asks what the device holds now; asked again once when the answer fails.
+    `tolerance`: how far the two may differ, by the device's resolution [own unit].
+    Returns what is read back [own unit]. Raises InstrumentError when the value is outside the limits, the device
+    refuses it, or holds another one; LineError when nobody answers.
     """
     lowest, highest = limits
     if not lowest <= value <= highest:

@@ -24,14 +24,8 @@ class Discrepancy:
     def covariance(self, here: np.ndarray, there: np.ndarray) -> np.ndarray:
         """Covariance between places.
 
-        Parameters
-        ----------
-        here, there : ndarray, shapes (n,) and (m,)
-            Places [-].
-
-        Returns
-        -------
-        ndarray, shape (n, m)
+        `here`, `there`, shapes (n,) and (m,): places [-].
+        Returns ndarray, shape (n, m).
         """
         distance = np.abs(here[:, None] - there[None, :])
         return self.sd**2 * np.exp(-distance / self.length)
@@ -57,16 +51,10 @@ class LogPrior:
 class Belief:
     """What each draw holds of log f after the points.
 
-    Attributes
-    ----------
-    mean, sd : ndarray, shape (n_draws,)
-        Of log f [-].
-    log_weight : ndarray, shape (n_draws,)
-        How well the draw explains the points, up to a constant [-].
-    residual : ndarray, shape (n_draws, n_points)
-        Log speed less log torque [-].
-    inverse : ndarray, shape (n_draws, n_points, n_points)
-        Of the covariance of discrepancy and noise [-].
+    `mean`, `sd`, shape (n_draws,): of log f [-].
+    `log_weight`, shape (n_draws,): how well the draw explains the points, up to a constant [-].
+    `residual`, shape (n_draws, n_points): log speed less log torque [-].
+    `inverse`, shape (n_draws, n_points, n_points): of the covariance of discrepancy and noise [-].
     """
 
     mean: np.ndarray
@@ -79,14 +67,9 @@ class Belief:
 def update(residual: np.ndarray, noise_sd: np.ndarray, shared: np.ndarray, prior: LogPrior) -> Belief:
     """The belief of each draw after the points.
 
-    Parameters
-    ----------
-    residual : ndarray, shape (n_draws, n_points)
-        Log speed measured less log torque of the draw [-].
-    noise_sd : ndarray, shape (n_draws, n_points)
-        Independent errors of the log speed [-].
-    shared : ndarray, shape (n_points, n_points)
-        Covariance of the discrepancy [-].
+    `residual`, shape (n_draws, n_points): log speed measured less log torque of the draw [-].
+    `noise_sd`, shape (n_draws, n_points): independent errors of the log speed [-].
+    `shared`, shape (n_points, n_points): covariance of the discrepancy [-].
     """
     n = residual.shape[1]
     covariance = shared + np.eye(n) * (noise_sd**2)[:, None, :]
@@ -106,10 +89,7 @@ def update(residual: np.ndarray, noise_sd: np.ndarray, shared: np.ndarray, prior
 def draw(belief: Belief, prior: LogPrior, probability: np.ndarray) -> np.ndarray:
     """A value of log f for each draw, shape (n_draws,).
 
-    Parameters
-    ----------
-    probability : ndarray, shape (n_draws,)
-        Where in its belief each takes the value [-].
+    `probability`, shape (n_draws,): where in its belief each takes the value [-].
     """
     return _truncated(belief.mean, belief.sd, prior.low, prior.high, probability)
 
@@ -119,17 +99,9 @@ def discrepancy_at(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The discrepancy at a place, given each draw's log f and the points.
 
-    Parameters
-    ----------
-    log_f : ndarray, shape (n_draws,)
-        Of `draw` [-].
-    towards : ndarray, shape (n_points,)
-        Covariance between the points' places and this one [-].
-
-    Returns
-    -------
-    mean, sd : ndarray, shape (n_draws,)
-        Of the log speed's discrepancy [-].
+    `log_f`, shape (n_draws,): of `draw` [-].
+    `towards`, shape (n_points,): covariance between the points' places and this one [-].
+    Returns `mean, sd`, shape (n_draws,): of the log speed's discrepancy [-].
     """
     weights = belief.inverse @ towards
     mean = np.einsum("ki,ki->k", weights, belief.residual + log_f[:, None])
@@ -137,13 +109,7 @@ def discrepancy_at(
 
 
 def normalised(log_weight: np.ndarray) -> np.ndarray:
-    """Weights whose sum is 1, shape (n_draws,).
-
-    Parameters
-    ----------
-    log_weight : ndarray, shape (n_draws,)
-        Up to a constant [-].
-    """
+    """Weights whose sum is 1, shape (n_draws,). `log_weight`, shape (n_draws,): up to a constant [-]."""
     weight = np.exp(log_weight - log_weight.max())
     normal: np.ndarray = weight / weight.sum()
     return normal
@@ -154,14 +120,9 @@ def quantile(
 ) -> float:
     """Quantile of a mixture: each speed times a lognormal factor of its own.
 
-    Parameters
-    ----------
-    speeds : ndarray, shape (n_draws,)
-        Zeros stay zero [own unit].
-    weights : ndarray, shape (n_draws,)
-        How likely each is; their sum is 1 [-].
-    log_mean, log_sd : ndarray, shape (n_draws,)
-        Of each factor's logarithm [-].
+    `speeds`, shape (n_draws,): zeros stay zero [own unit].
+    `weights`, shape (n_draws,): how likely each is; their sum is 1 [-].
+    `log_mean`, `log_sd`, shape (n_draws,): of each factor's logarithm [-].
     """
     turning = speeds > 0.0
     standing = float(np.sum(weights[~turning]))

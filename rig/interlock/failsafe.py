@@ -17,12 +17,8 @@ class Commands(Protocol):
     def command(self, device: str, action: str, argument: float | None = None, wait_s: float = 5.0) -> Exchange:
         """Have a device do something, and wait until it is done.
 
-        Parameters
-        ----------
-        argument : float or None
-            Of a write [own unit].
-        wait_s : float
-            Longest wait, in real time [s].
+        `argument`: of a write [own unit].
+        `wait_s`: longest wait, in real time [s].
         """
 
 
@@ -34,15 +30,8 @@ def regulators(bench: Bench) -> list[str]:
 def set_and_check(acquisition: Commands, bench: Bench) -> list[str]:
     """Set the failsafe of every regulator; the driver reads it back.
 
-    Returns
-    -------
-    list of str
-        A line a regulator, for the record: what was set, or why not and that it is waived.
-
-    Raises
-    ------
-    SafetyError
-        When a regulator has none, or did not take it, and the bench file does not waive it by name.
+    Returns a line a regulator, for the record: what was set, or why not and that it is waived. Raises SafetyError when
+    a regulator has none, or did not take it, and the bench file does not waive it by name.
     """
     waived = bench.file.safety.waive_failsafe
     unknown = [name for name in waived if name not in bench.file.devices]

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from configs.units import BAR
 from model.gas.air import RANGES
 from model.layout import F_OVERALL, RPM
 from model.motor import QUANTITIES, Motor
@@ -30,7 +31,6 @@ from rig.interlock.step import Point, Prediction, Verdict
 
 __all__ = ["Guard", "Point", "Prediction", "Verdict"]
 
-BAR = 1e5
 LOWEST_PA, HIGHEST_PA = RANGES["P"][:2]
 UPPER, LOWER = 0.99, 0.01
 DRY_FRICTION_PA = 3600.0  # 1 sd of dry friction, 0.1 N m, as pressure
@@ -60,16 +60,10 @@ class _Knowledge(NamedTuple):
 class Guard:
     """Predicts the speed of a motor before it is there.
 
-    Parameters
-    ----------
-    motor : Motor
-        With the priors of its file, and the room's state as far as it is known.
-    limit_rpm : float or None
-        Highest speed [rpm]; the motor's own when left out.
-    gauge_sd_pa : float
-        1-sigma bias of the pressure gauge [Pa].
-    level_sd_pa : float
-        How far the pressure may be from the one ordered, overshoot included, 1 sigma [Pa].
+    `motor`: with the priors of its file, and the room's state as far as it is known.
+    `limit_rpm`: highest speed [rpm]; the motor's own when left out.
+    `gauge_sd_pa`: 1-sigma bias of the pressure gauge [Pa].
+    `level_sd_pa`: how far the pressure may be from the one ordered, overshoot included, 1 sigma [Pa].
     """
 
     def __init__(
@@ -104,17 +98,8 @@ class Guard:
     def predict(self, level_pa_abs: float, points: Sequence[Point]) -> Prediction:
         """The speed at a level.
 
-        Parameters
-        ----------
-        level_pa_abs : float
-            Absolute pressure [Pa].
-        points : sequence of Point
-            The plateaus so far; none: what the priors say.
-
-        Raises
-        ------
-        SafetyError
-            When the level or a point is no pressure at all, or beyond the model's reach.
+        `points`: the plateaus so far; none: what the priors say.
+        Raises SafetyError when the level or a point is no pressure at all, or beyond the model's reach.
         """
         self._check(level_pa_abs, points)
         if level_pa_abs <= self._ambient_pa:
@@ -132,13 +117,7 @@ class Guard:
         return Prediction(mean, upper, lower, text)
 
     def verdict(self, level: float, points: Sequence[Point]) -> Verdict:
-        """Whether a level may be ordered next.
-
-        Parameters
-        ----------
-        level : float
-            Absolute pressure [Pa].
-        """
+        """Whether a level may be ordered next."""
         stuck = self._stuck(level, points)
         if stuck:
             return Verdict(False, stuck, self._ambient_pa)
@@ -160,13 +139,7 @@ class Guard:
         return Verdict(False, text, highest)
 
     def highest_pa(self, points: Sequence[Point]) -> float:
-        """The highest pressure whose upper 99 % is within the limit, to 200 Pa below.
-
-        Returns
-        -------
-        float
-            Absolute pressure [Pa].
-        """
+        """The highest pressure whose upper 99 % is within the limit, to 200 Pa below. It is absolute [Pa]."""
         low, high = self._ambient_pa, HIGHEST_PA
         while high - low > 200.0:
             middle = 0.5 * (low + high)

@@ -22,13 +22,7 @@ class View(Protocol):
 
 
 class Limits:
-    """The trip rules of a bench. It remembers when each signal was last heard, and nothing else.
-
-    Parameters
-    ----------
-    ambient_bar_abs : float
-        Of the room, for a gauge that counts from it [bar].
-    """
+    """The trip rules of a bench. It remembers when each signal was last heard, and nothing else."""
 
     def __init__(
         self, safety: SafetyTable, roles: RolesTable, ambient_bar_abs: float = 1.01325, rate: float = 1.0
@@ -41,12 +35,7 @@ class Limits:
     def trip(self, view: View, now_ns: int, pressurised: bool) -> str | None:
         """Why the line must be vented now; None when nothing is wrong. To be asked several times a second.
 
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-        pressurised : bool
-            Whether the regulator is, or is being, set above zero: only then must the signals be there.
+        `pressurised`: whether the regulator is, or is being, set above zero: only then must the signals be there.
         """
         speed, pressure = view.last(self.roles.speed), view.last(self.roles.pressure)
         if pressurised and not self._pressurised:  # what was silent before has not been silent under pressure

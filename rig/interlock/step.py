@@ -9,12 +9,8 @@ from dataclasses import dataclass
 class Point:
     """One plateau.
 
-    Attributes
-    ----------
-    pressure_pa, speed_rad_s : float
-        Mean absolute pressure [Pa] and speed [rad/s].
-    speed_sd, pressure_sd : float
-        Of these means [rad/s, Pa].
+    `pressure_pa`, `speed_rad_s`: mean absolute pressure [Pa] and speed [rad/s].
+    `speed_sd`, `pressure_sd`: of these means [rad/s, Pa].
     """
 
     pressure_pa: float
@@ -27,10 +23,7 @@ class Point:
 class Prediction:
     """What is expected at a level [rpm].
 
-    Attributes
-    ----------
-    mean_rpm, upper99_rpm, lower99_rpm : float
-        Mean, and the speeds that are passed from above and below with 1 % each.
+    `mean_rpm`, `upper99_rpm`, `lower99_rpm`: mean, and the speeds that are passed from above and below with 1 % each.
     """
 
     mean_rpm: float
@@ -43,10 +36,7 @@ class Prediction:
 class Verdict:
     """Whether a level may be ordered, and why.
 
-    Attributes
-    ----------
-    highest_pa_abs : float
-        The highest pressure that would be allowed now [Pa]; the level itself when it is allowed.
+    `highest_pa_abs`: the highest pressure that would be allowed now [Pa]; the level itself when it is allowed.
     """
 
     allowed: bool

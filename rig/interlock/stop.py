@@ -20,16 +20,9 @@ POLITE = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasatt
 class Stop:
     """Counts requests to stop while it is entered.
 
-    Parameters
-    ----------
-    on_first : callable or None
-        Called once, with who asked (``Ctrl-C``, ``SIGTERM``, ...), in the thread that asked, a signal's being
+    `on_first`: called once, with who asked (``Ctrl-C``, ``SIGTERM``, ...), in the thread that asked, a signal's being
         the main one. It must be short and must not raise.
-
-    Attributes
-    ----------
-    by : str
-        Who asked first; empty while nobody has.
+    `by`: who asked first; empty while nobody has.
     """
 
     def __init__(self, on_first: Callable[[str], None] | None = None) -> None:

@@ -44,16 +44,10 @@ FOLDER = Path(__file__).resolve().parents[2]
 class Plan:
     """How to reach the regulator.
 
-    Attributes
-    ----------
-    bench_file : Path
-        The bench file; it and the instruments' files are read when the watchdog starts.
-    line : LineTable
-        Its line, with the port where it really is (on a virtual bench the pty or the TCP port in use).
-    log : Path or None
-        Where a line of JSON says what was done; usually ``watchdog.jsonl`` of the run.
-    seal : Path or None
-        A file in the log's folder; once it is there, nothing is written into the log any more.
+    `bench_file`: the bench file; it and the instruments' files are read when the watchdog starts.
+    `line`: its line, with the port where it really is (on a virtual bench the pty or the TCP port in use).
+    `log`: where a line of JSON says what was done; usually ``watchdog.jsonl`` of the run.
+    `seal`: a file in the log's folder; once it is there, nothing is written into the log any more.
     """
 
     bench_file: Path
@@ -75,15 +69,8 @@ class Plan:
     ) -> Plan:
         """The plan for a bench's regulator.
 
-        Parameters
-        ----------
-        where : mapping or None
-            ``port``, or ``host`` and ``tcp_port``, in place of what the bench file says.
-
-        Raises
-        ------
-        SafetyError
-            When the bench has no regulator.
+        `where`: ``port``, or ``host`` and ``tcp_port``, in place of what the bench file says.
+        Raises SafetyError when the bench has no regulator.
         """
         device = bench.file.roles.regulator
         if device is None:
@@ -114,10 +101,7 @@ class Plan:
 class Beat(threading.Thread):
     """Writes a beat into the pipe, and does nothing else, so that nothing else delays it.
 
-    Parameters
-    ----------
-    attended_s : float or None
-        It falls silent when nobody has called `attend` for so long, in real time [s]; never, when left out.
+    `attended_s`: it falls silent when nobody has called `attend` for so long, in real time [s]; never, when left out.
     """
 
     def __init__(self, pipe: int, attended_s: float | None = None) -> None:
@@ -150,13 +134,7 @@ class Beat(threading.Thread):
 
 
 class Watchdog:
-    """The controller's end. Use `start`, and `release` once the regulator is at zero.
-
-    Parameters
-    ----------
-    attended_s : float or None
-        Of the `Beat` [s].
-    """
+    """The controller's end. Use `start`, and `release` once the regulator is at zero."""
 
     def __init__(self, process: subprocess.Popen[bytes], attended_s: float | None = None) -> None:
         if process.stdin is None or process.stdout is None:
@@ -170,16 +148,9 @@ class Watchdog:
     def start(cls, plan: Plan, attended_s: float | None = None) -> Watchdog:
         """Start the process, and wait until it watches.
 
-        Parameters
-        ----------
-        attended_s : float or None
-            How long the sweep may go without asking for `fault`, in real time [s]: a sweep that hangs while its threads
-            live, on a terminal stopped with Ctrl-S for example, counts as hung then. Never, when left out.
-
-        Raises
-        ------
-        SafetyError
-            When it does not get ready; the regulator must not be raised then.
+        `attended_s`: how long the sweep may go without asking for `fault`, in real time [s]: a sweep that hangs while
+            its threads live, on a terminal stopped with Ctrl-S for example, counts as hung then. Never, when left out.
+        Raises SafetyError when it does not get ready; the regulator must not be raised then.
         """
         places = [str(FOLDER), os.environ.get("PYTHONPATH", "")]
         process = subprocess.Popen(
@@ -230,15 +201,8 @@ class Watchdog:
     def hand_over(self, wait_s: float = HAND_OVER_S) -> bool:
         """Have it set the regulator to zero now, where the controller could not; its line must be closed before.
 
-        Parameters
-        ----------
-        wait_s : float
-            Longest wait for it, in real time [s].
-
-        Returns
-        -------
-        bool
-            Whether the regulator read back zero.
+        `wait_s`: longest wait for it, in real time [s].
+        Returns whether the regulator read back zero.
         """
         self._beat.end()
         self._pipe.close()

@@ -51,13 +51,7 @@ def main() -> int:
 
 
 def watch(pipe: int) -> str:
-    """Wait for a reason to act, or for the release.
-
-    Returns
-    -------
-    str
-        `CLOSED`, `SILENT` or `RELEASED`.
-    """
+    """Wait for a reason to act, or for the release. Returns `CLOSED`, `SILENT` or `RELEASED`."""
     while True:
         # After a long wait look again: on a machine that stood still the beats are there, and so is this process.
         if not select.select([pipe], [], [], SILENCE_S)[0] and not select.select([pipe], [], [], 0.0)[0]:
@@ -72,15 +66,8 @@ def watch(pipe: int) -> str:
 def vent(plan: Plan, driver: Any, pipe: int, reason: str) -> str:
     """Order zero until the regulator reads it back, for 10 s.
 
-    Parameters
-    ----------
-    pipe : int
-        Beats that come again before the port could be opened call it off.
-
-    Returns
-    -------
-    str
-        ``vented``, ``failed`` or ``beating again``.
+    `pipe`: beats that come again before the port could be opened call it off.
+    Returns ``vented``, ``failed`` or ``beating again``.
     """
     start_s = time.monotonic()
     attempts, last_error, opened = 0, "", False

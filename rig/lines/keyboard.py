@@ -22,10 +22,7 @@ MOST_BYTES = 4096  # of one read
 class KeyboardPort:
     """Standard input and output, or any two file descriptors.
 
-    Parameters
-    ----------
-    incoming, outgoing : int or None
-        File descriptors; those of standard input and output when left out.
+    `incoming`, `outgoing`: file descriptors; those of standard input and output when left out.
     """
 
     def __init__(self, clock: Clock, incoming: int | None = None, outgoing: int | None = None) -> None:
@@ -50,13 +47,7 @@ class KeyboardPort:
         self._is_open = False
 
     def feed(self, data: bytes, asked_ns: int, typed_ns: int) -> None:
-        """Lay in what was typed: the next question asks for it, without showing anything, and the next read gives it.
-
-        Parameters
-        ----------
-        asked_ns, typed_ns : int
-            When it was asked for and when it was there [ns].
-        """
+        """Lay in what was typed: the next question asks for it, but shows nothing, and the next read gives it."""
         self._fed.append((asked_ns, typed_ns, data))
 
     def write(self, data: bytes) -> int:
@@ -75,13 +66,7 @@ class KeyboardPort:
         return time_ns
 
     def read(self, until_ns: int) -> tuple[int, bytes]:
-        """Wait for what is typed; a terminal gives whole lines.
-
-        Parameters
-        ----------
-        until_ns : int
-            When to give up [ns].
-        """
+        """Wait for what is typed; a terminal gives whole lines."""
         self._check()
         if self._fed:
             _, typed_ns, data = self._fed.popleft()

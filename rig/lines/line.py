@@ -29,16 +29,11 @@ MOST_DRAIN_S = 2.0  # a line that never falls silent is a stream or a fault
 class Timing:
     """The times of a line or of one device on it.
 
-    Attributes
-    ----------
-    timeout_s : float
-        How long an answer may take before the question counts as failed [s].
-    slowest_reply_s : float
-        How long after a question an answer may still come [s]; at least the timeout. Nothing is asked before.
-    quiet_s : float
-        Silence that ends a drain [s].
-    byte_s : float
-        Time of one byte on the wire [s]; 0 where that says nothing (USB, TCP).
+    `timeout_s`: how long an answer may take before the question counts as failed [s].
+    `slowest_reply_s`: how long after a question an answer may still come [s]; at least the timeout. Nothing is asked
+        before.
+    `quiet_s`: silence that ends a drain [s].
+    `byte_s`: time of one byte on the wire [s]; 0 where that says nothing (USB, TCP).
     """
 
     timeout_s: float = 0.3
@@ -64,10 +59,7 @@ Complete = Callable[[bytes], int | None]
 class Line:
     """A port with the manners of question and answer; everything that crosses it is kept as events.
 
-    Parameters
-    ----------
-    timing : Timing
-        Used where a question brings none of its own.
+    `timing`: used where a question brings none of its own.
     """
 
     def __init__(self, name: str, port: Port, clock: Clock, timing: Timing | None = None) -> None:
@@ -106,27 +98,11 @@ class Line:
     def ask(self, request: bytes, complete: Complete, timing: Timing | None = None) -> Reply:
         """Ask a question and return the whole answer.
 
-        Parameters
-        ----------
-        complete : callable
-            Tells the length of a whole frame at the start of the bytes received, or None while more are needed.
-        timing : Timing or None
-            The device's own; the line's when left out.
-
-        Returns
-        -------
-        Reply
-            The first whole frame; what follows it in the same breath makes the line dirty and is drained before the
-            next question.
-
-        Raises
-        ------
-        NoReplyError
-            When the time was up.
-        BadReplyError
-            When what came cannot be an answer, or came too early to be one.
-        LostError
-            When the port failed.
+        `complete`: tells the length of a whole frame at the start of the bytes received, or None while more are needed.
+        `timing`: the device's own; the line's when left out.
+        Returns the first whole frame; what follows it in the same breath makes the line dirty and is drained before the
+        next question. Raises NoReplyError when the time was up; BadReplyError when what came cannot be an answer, or
+        came too early to be one; LostError when the port failed.
         """
         timing = timing or self.timing
         if self._dirty:
@@ -166,10 +142,7 @@ class Line:
     def listen(self, wait_s: float) -> tuple[int, bytes]:
         """What a device that sends unasked has sent, with the time [ns]; no bytes when it was silent.
 
-        Parameters
-        ----------
-        wait_s : float
-            How long to wait for the first byte [s]; what is there already is returned at once.
+        `wait_s`: how long to wait for the first byte [s]; what is there already is returned at once.
         """
         return self._receive(self.clock.now_ns() + self._wait_ns(wait_s))
 

@@ -62,13 +62,7 @@ class Request:
 
 
 def encode(request: Request, framing: str, transaction: int) -> bytes:
-    """The bytes of a question.
-
-    Returns
-    -------
-    bytes
-        A whole frame.
-    """
+    """The bytes of a question, a whole frame."""
     pdu: ModbusPDU
     if request.function == READ_COILS:
         pdu = ReadCoilsRequest(address=request.address, count=request.count, dev_id=request.unit)
@@ -90,10 +84,7 @@ def encode(request: Request, framing: str, transaction: int) -> bytes:
 def length_of(request: Request, framing: str) -> Complete:
     """What tells how long the answer to a question is.
 
-    Returns
-    -------
-    callable
-        Bytes so far to the length of the frame; None while more are needed.
+    It takes the bytes so far and gives the length of the frame, or None while more are needed.
     """
     if framing == "tcp":
         return _tcp_length
@@ -114,17 +105,8 @@ def length_of(request: Request, framing: str) -> Complete:
 def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tuple[int, ...]:
     """The registers, or coils, of an answer.
 
-    Returns
-    -------
-    tuple of int
-        Registers (0-65535) or coils (0 or 1) [-]; empty for an answer to a write.
-
-    Raises
-    ------
-    BadReplyError
-        When the frame is damaged, or answers another question.
-    RefusedError
-        When the device answered with an exception.
+    Returns registers (0-65535) or coils (0 or 1) [-]; empty for an answer to a write. Raises BadReplyError when the
+    frame is damaged, or answers another question; RefusedError when the device answered with an exception.
     """
     asked = f"unit {request.unit}, function {request.function}, register {request.address}"
     if framing == "rtu":
@@ -158,22 +140,9 @@ def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tu
 def exchange(line: Line, framing: str, request: Request, timing: Timing | None = None) -> tuple[tuple[int, ...], Reply]:
     """Ask once, and return the registers with the times. There is no retry here: that is the driver's to decide.
 
-    Parameters
-    ----------
-    timing : Timing or None
-        The device's own; the line's when left out.
-
-    Returns
-    -------
-    registers : tuple of int
-        Of `decode` [-].
-    reply : Reply
-        Bytes and times.
-
-    Raises
-    ------
-    LineError
-        When there was no answer, a damaged one, another question's, or an exception.
+    `timing`: the device's own; the line's when left out.
+    Returns `registers`: of `decode` [-]; `reply`: bytes and times. Raises LineError when there was no answer, a damaged
+    one, another question's, or an exception.
     """
     line.transactions += 1
     transaction = line.transactions & 0xFFFF

@@ -44,8 +44,5 @@ class Port(Protocol):
     def read(self, until_ns: int) -> tuple[int, bytes]:
         """Wait for bytes and return what is there, with the time; no bytes when none came in time.
 
-        Parameters
-        ----------
-        until_ns : int
-            When to give up [ns]; what has arrived already is returned even when that is past.
+        `until_ns`: when to give up [ns]; what has arrived already is returned even when that is past.
         """

@@ -29,15 +29,7 @@ FAULTS = (serial.SerialException, OSError, TermiosError)
 class SerialPort:
     """A serial port that no other program may open meanwhile.
 
-    Parameters
-    ----------
-    baud : int
-        Bits a second [1/s].
-
-    Attributes
-    ----------
-    exclusive : bool
-        Whether no other program may have it; the watchdog of a controller that hangs goes without.
+    `exclusive`: whether no other program may have it; the watchdog of a controller that hangs goes without.
     """
 
     def __init__(
@@ -92,13 +84,7 @@ class SerialPort:
         return time_ns
 
     def read(self, until_ns: int) -> tuple[int, bytes]:
-        """Wait for bytes.
-
-        Parameters
-        ----------
-        until_ns : int
-            When to give up [ns].
-        """
+        """Wait for bytes."""
         port = self._opened()
         wait_s = max(0.0, self.clock.real_s((until_ns - self.clock.now_ns()) / NS))
         try:

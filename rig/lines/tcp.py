@@ -50,13 +50,7 @@ class TcpPort:
         return time_ns
 
     def read(self, until_ns: int) -> tuple[int, bytes]:
-        """Wait for bytes.
-
-        Parameters
-        ----------
-        until_ns : int
-            When to give up [ns].
-        """
+        """Wait for bytes."""
         connection = self._connected()
         wait_s = max(0.0, self.clock.real_s((until_ns - self.clock.now_ns()) / NS))
         try:

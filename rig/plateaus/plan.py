@@ -21,15 +21,10 @@ class SweepError(ValueError):
 class Step:
     """One plateau to be taken.
 
-    Attributes
-    ----------
-    level_bar_abs : float
-        Absolute pressure [bar].
-    direction : str
-        ``up`` or ``down``: from which side the level is approached, or for the first of a falling leg, the leg.
-    by_way_of_bar_abs : float or None
-        A higher pressure to go to first [bar]: a level of a falling leg is never approached from below, also where the
-        levels above it are left out.
+    `direction`: ``up`` or ``down``: from which side the level is approached, or for the first of a falling leg, the
+        leg.
+    `by_way_of_bar_abs`: a higher pressure to go to first [bar]: a level of a falling leg is never approached from
+        below, also where the levels above it are left out.
     """
 
     level_bar_abs: float
@@ -52,25 +47,11 @@ def plan(
 ) -> list[Step]:
     """The steps of a sweep.
 
-    Parameters
-    ----------
-    levels_bar_abs : sequence of float
-        Absolute pressures [bar], in any order; a level that stands twice is taken once.
-    order : str
-        ``up``, ``down``, ``up-down`` (the top level is the last of the rising leg and the first of the falling one),
-        ``down-up`` (likewise with the lowest), or ``random``: each repeat in its own order.
-    finished : collection of Step
-        What an earlier run of this sweep has taken; left out here.
-
-    Returns
-    -------
-    list of Step
-        In order.
-
-    Raises
-    ------
-    SweepError
-        When there is no level, or an order of another name.
+    `levels_bar_abs`: absolute pressures [bar], in any order; a level that stands twice is taken once.
+    `order`: ``up``, ``down``, ``up-down`` (the top level is the last of the rising leg and the first of the falling
+        one), ``down-up`` (likewise with the lowest), or ``random``: each repeat in its own order.
+    `finished`: what an earlier run of this sweep has taken; left out here.
+    They are in order. Raises SweepError when there is no level, or an order of another name.
     """
     rising = sorted({round(level, 9) for level in levels_bar_abs})
     if not rising:
@@ -88,19 +69,10 @@ def plan(
 def stepping_stone(level_bar_abs: float, highest_bar_abs: float, taken_bar_abs: Sequence[float]) -> float | None:
     """A level to take before one that the guard refuses: from there it sees farther.
 
-    Parameters
-    ----------
-    level_bar_abs : float
-        Refused [bar].
-    highest_bar_abs : float
-        The highest that would be allowed now [bar].
-    taken_bar_abs : sequence of float
-        Levels of the plateaus so far, or the room's pressure [bar].
-
-    Returns
-    -------
-    float or None
-        In hundredths of a bar; None where it would be no step worth the time.
+    `level_bar_abs`: refused [bar].
+    `highest_bar_abs`: the highest that would be allowed now [bar].
+    `taken_bar_abs`: levels of the plateaus so far, or the room's pressure [bar].
+    In hundredths of a bar; None where it would be no step worth the time.
     """
     stone = math.floor(highest_bar_abs / STONE_GRID_BAR + 1e-6) * STONE_GRID_BAR
     if stone >= level_bar_abs or stone < max(taken_bar_abs) + LEAST_STONE_BAR:

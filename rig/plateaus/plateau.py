@@ -21,19 +21,12 @@ CENSORED_SHARE = 0.1  # of the readings: above it the mean is a limit, and not a
 class Mean:
     """What one channel read over a plateau.
 
-    Attributes
-    ----------
-    mean : float or None
-        In the channel's unit; None without readings. When ``censored``, the limit that the true mean lies beyond.
-    se : float or None
-        Standard error of the mean by scatter alone [own unit]; the instrument's own errors and its resolution are not
+    `mean`: in the channel's unit; None without readings. When ``censored``, the limit that the true mean lies beyond.
+    `se`: standard error of the mean by scatter alone [own unit]; the instrument's own errors and its resolution are not
         in it. None from fewer than two readings, and when censored.
-    n_eff : float
-        As many independent ones would have done as well [-].
-    censored : int
-        -1 when the true mean is below, 1 when it is above [-].
-    drift, drift_se : float or None
-        Change over the plateau by a straight line, and its error [own unit].
+    `n_eff`: as many independent ones would have done as well [-].
+    `censored`: -1 when the true mean is below, 1 when it is above [-].
+    `drift`, `drift_se`: change over the plateau by a straight line, and its error [own unit].
     """
 
     mean: float | None
@@ -58,24 +51,24 @@ class Mean:
             return self.mean
         return f"{'<' if self.censored < 0 else '>'}{self.mean:.6g}"
 
+    def text(self, unit: str) -> str:
+        """The mean with its standard error, for a person."""
+        if self.mean is None:
+            return f"no {unit}"
+        sign = {-1: "<", 0: "", 1: ">"}[self.shown_censored]
+        error = f" +- {self.se:.2g}" if self.se else ""
+        return f"{sign}{self.mean:.5g}{error} {unit}"
+
 
 def mean_of(
     time_s: np.ndarray, value: np.ndarray, censored: np.ndarray | None = None, quality: Sequence[Quality] = ()
 ) -> Mean:
     """What one channel's readings amount to.
 
-    Parameters
-    ----------
-    time_s, value : ndarray, shape (n,)
-        Times [s] and values [own unit], oldest first.
-    censored : ndarray of int, shape (n,), or None
-        -1 and 1 where a reading was below or above the scale [-].
-
-    Returns
-    -------
-    Mean
-        With the limits of off-scale readings in place of their values, a mean is a bound of the true one; where more
-        than a tenth were off, it is given as that.
+    `time_s`, `value`, shape (n,): times [s] and values [own unit], oldest first.
+    `censored`, shape (n,), or None: -1 and 1 where a reading was below or above the scale [-].
+    With the limits of off-scale readings in place of their values, a mean is a bound of the true one; where more than a
+    tenth were off, it is given as that.
     """
     n = int(value.size)
     qualities = dict(Counter(str(one) for one in quality))
@@ -112,12 +105,8 @@ def _off_scale(below: int, above: int, n: int) -> str:
 class Plateau:
     """One plateau as it was taken.
 
-    Attributes
-    ----------
-    start_ns, end_ns : int
-        Of the dwell [ns].
-    settled : bool
-        Whether it had settled before; if not, ``note`` says why.
+    `start_ns`, `end_ns`: of the dwell [ns].
+    `settled`: whether it had settled before; if not, ``note`` says why.
     """
 
     number: int
@@ -146,3 +135,12 @@ class Plateau:
                 row[column] = mean.cell
                 row |= {f"{column}_se": mean.se, f"{column}_n_eff": mean.n_eff or None, f"{column}_n": mean.n}
         return row
+
+    def sentence(self) -> str:
+        """The plateau in one line, for a person."""
+        parts = [f"{self.step.level_bar_abs:g} bar abs {self.step.direction}"]
+        units = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
+        parts += [self.means[role].text(unit) for role, unit in units.items() if role in self.means]
+        if not self.settled:
+            parts.append("not settled")
+        return ", ".join(parts)

@@ -24,10 +24,7 @@ LEAST_FOR_TIME = 4  # readings from which an autocorrelation can be estimated at
 def integrated_time(value: np.ndarray) -> float:
     """Integrated autocorrelation time of equally spaced readings, in readings, at least 1 [-].
 
-    Parameters
-    ----------
-    value : ndarray, shape (n,)
-        The readings [own unit].
+    `value`, shape (n,): the readings [own unit].
     """
     n = value.size
     centred = value - value.mean()
@@ -57,17 +54,8 @@ def _summed(rho: np.ndarray) -> float:
 def standard_error(value: np.ndarray) -> tuple[float | None, float]:
     """Standard error of the mean of equally spaced readings, and the effective number of readings.
 
-    Parameters
-    ----------
-    value : ndarray, shape (n,)
-        The readings [own unit].
-
-    Returns
-    -------
-    se : float or None
-        [own unit]; None from fewer than two readings.
-    n_eff : float
-        [-]
+    `value`, shape (n,): the readings [own unit].
+    Returns `se`: [own unit]; None from fewer than two readings; `n_eff`: [-].
     """
     n = int(value.size)
     if n < 2:
@@ -80,17 +68,9 @@ def standard_error(value: np.ndarray) -> tuple[float | None, float]:
 def line_through(time_s: np.ndarray, value: np.ndarray) -> tuple[float, float, float]:
     """Slope of the straight line through readings, its standard error, and the scatter about it.
 
-    Parameters
-    ----------
-    time_s, value : ndarray, shape (n,)
-        Times [s] and values [own unit], at least three.
-
-    Returns
-    -------
-    slope, slope_se : float
-        [own unit/s]; the error allows for correlated residuals.
-    scatter : float
-        Standard deviation of the residuals [own unit].
+    `time_s`, `value`, shape (n,): times [s] and values [own unit], at least three.
+    Returns `slope, slope_se`: [own unit/s]; the error allows for correlated residuals; `scatter`: standard deviation of
+    the residuals [own unit].
     """
     centred = time_s - time_s.mean()
     spread = float(centred @ centred)

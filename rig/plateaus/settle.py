@@ -25,14 +25,10 @@ KNOWN_WITHIN = 2.0  # limits
 class Settled:
     """The verdict on one window.
 
-    Attributes
-    ----------
-    slope, slope_se : float
-        Of the line through the readings, and its standard error [own unit/s]; NaN with too few readings.
-    scatter : float
-        Standard deviation of the residuals [own unit]; NaN likewise.
-    why : str
-        The reason when it has not; empty when it has.
+    `slope`, `slope_se`: of the line through the readings, and its standard error [own unit/s]; NaN with too few
+        readings.
+    `scatter`: standard deviation of the residuals [own unit]; NaN likewise.
+    `why`: the reason when it has not; empty when it has.
     """
 
     settled: bool
@@ -47,21 +43,11 @@ def settled(
 ) -> Settled:
     """Judge the readings of one channel.
 
-    Parameters
-    ----------
-    time_s, value : ndarray, shape (n,)
-        Times [s] and values [own unit], oldest first.
-    window_s : float
-        Length that the readings should cover [s]; older ones are not looked at.
-    slope_limit : float
-        Largest slope of a settled reading [own unit/s].
-    scatter_limit : float or None
-        Largest standard deviation of the residuals [own unit]; not judged when left out.
-
-    Returns
-    -------
-    Settled
-        The verdict, with the reason when it is no.
+    `time_s`, `value`, shape (n,): times [s] and values [own unit], oldest first.
+    `window_s`: length that the readings should cover [s]; older ones are not looked at.
+    `slope_limit`: largest slope of a settled reading [own unit/s].
+    `scatter_limit`: largest standard deviation of the residuals [own unit]; not judged when left out.
+    Returns the verdict, with the reason when it is no.
     """
     if time_s.size:
         recent = time_s > time_s[-1] - window_s

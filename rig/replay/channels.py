@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR, M3_S, RAD_S
 from rig.readings import NS
 from rig.runlog import Run, RunError
 from rig.runlog.phases import Series, quantity_channels, series
 
-PASCAL_PER_BAR = 1e5
-RAD_S_PER_RPM = np.pi / 30.0
-M3_S_PER_L_MIN = 1.0 / 60_000.0
 LONG_S = 1e9
 STEP_S = 0.05  # of what the model gives to be set beside it
 
@@ -21,14 +19,9 @@ STEP_S = 0.05  # of what the model gives to be set beside it
 class Measured:
     """What a run measured, usable readings only.
 
-    Attributes
-    ----------
-    pressure_time_s, pressure_pa : ndarray, shape (m,)
-        Absolute line pressure [s], [Pa].
-    speed_time_s, speed_rad_s : ndarray, shape (n,)
-        Speed [s], [rad/s].
-    flow_time_s, flow_m3_s : ndarray, shape (k,)
-        Flow at the inlet [s], [m3/s].
+    `pressure_time_s`, `pressure_pa`, shape (m,): absolute line pressure [s], [Pa].
+    `speed_time_s`, `speed_rad_s`, shape (n,): speed [s], [rad/s].
+    `flow_time_s`, `flow_m3_s`, shape (k,): flow at the inlet [s], [m3/s].
     """
 
     pressure_time_s: np.ndarray
@@ -42,10 +35,7 @@ class Measured:
 def channels_of(run: Run) -> Measured:
     """The channels of a run's roles.
 
-    Raises
-    ------
-    RunError
-        When it has no pressure or no speed, or too short a record of the pressure.
+    Raises RunError when it has no pressure or no speed, or too short a record of the pressure.
     """
     names = quantity_channels(run)
     pressure = next((name for name in ("pressure_bar_abs", "pressure_bar_gauge") if name in names), None)
@@ -65,11 +55,11 @@ def channels_of(run: Run) -> Measured:
     nothing = np.empty(0)
     return Measured(
         P.time_ns / NS,
-        (P.value + added) * PASCAL_PER_BAR,
+        (P.value + added) * BAR,
         n.time_ns / NS,
-        n.value * RAD_S_PER_RPM,
+        n.value * RAD_S,
         nothing if q is None else q.time_ns / NS,
-        nothing if q is None else q.value * M3_S_PER_L_MIN,
+        nothing if q is None else q.value * M3_S,
     )
 
 

@@ -19,10 +19,7 @@ from rig.runlog import RunError
 class Player:
     """Plays the exchanges of a run through the drivers of its bench.
 
-    Parameters
-    ----------
-    bench : Bench
-        With the instruments' files: those that the run kept, or mended ones.
+    `bench`: with the instruments' files: those that the run kept, or mended ones.
     """
 
     def __init__(self, bench: Bench, simulated: bool, ambient: Mapping[str, Any], rate: float = 1.0) -> None:
@@ -37,15 +34,8 @@ class Player:
     def play(self, exchange: Exchange) -> Exchange:
         """What the drivers make of an exchange now.
 
-        Parameters
-        ----------
-        exchange : Exchange
-            As logged; its readings are not used.
-
-        Returns
-        -------
-        Exchange
-            With the same bytes, and the readings and outcome of today's drivers.
+        `exchange`: as logged; its readings are not used.
+        Returns it with the same bytes, and the readings and outcome of today's drivers.
         """
         self._check(exchange)
         line, port = self.lines[exchange.line], self.ports[exchange.line]

@@ -48,13 +48,7 @@ class ReplayPort:
         return sent.time_ns
 
     def read(self, until_ns: int) -> tuple[int, bytes]:
-        """What came next then.
-
-        Parameters
-        ----------
-        until_ns : int
-            Not used: the wait ended as it ended then [ns].
-        """
+        """What came next then. `until_ns`: not used: the wait ended as it ended then [ns]."""
         self._fail_if_lost()
         if not self._events or self._events[0].kind == "tx":
             return max(self._last_ns, until_ns), b""

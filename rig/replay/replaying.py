@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import math
 import time
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from rig.bench.bench import BENCH_SOURCE, Bench, bench_of, instrument_source
-from rig.readings import NS, Exchange
+from rig.readings import NS, Exchange, Reading
 from rig.replay.player import Player
 from rig.runlog import Run, RunError, RunWriter
 from rig.runlog.folder import SAMPLES
@@ -31,12 +33,8 @@ class Listener(Protocol):
 class Replayed:
     """What a replay gave.
 
-    Attributes
-    ----------
-    different : int
-        Rows that are not the same to the bit, those missing on either side included [-].
-    tail : int
-        Rows more than the log has, of a run that was killed between its two files [-].
+    `different`: rows that are not the same to the bit, those missing on either side included [-].
+    `tail`: rows more than the log has, of a run that was killed between its two files [-].
     """
 
     exchanges: int
@@ -56,12 +54,7 @@ class Replayed:
 def bench_of_run(run: Run) -> Bench:
     """The bench as it was, from the texts that the run kept.
 
-    Raises
-    ------
-    RunError
-        When it kept none.
-    ConfigError
-        When today's program does not take them any more.
+    Raises RunError when it kept none, ConfigError when today's program does not take them any more.
     """
     sources = {name: source.text.encode() for name, source in run.start.sources.items()}
     if BENCH_SOURCE not in sources:
@@ -79,71 +72,80 @@ def replay(
 ) -> Replayed:
     """Play a run back through today's drivers and compare the samples.
 
-    Parameters
-    ----------
-    run : Run
-        The run; with its bytes.
-    bench : Bench or None
-        With mended instrument files; those that the run kept when left out.
-    writer : RunWriter or None
-        Gets the exchanges and events of the replay, where it is kept as a run of its own.
-    real_time : bool
-        Whether to wait as long between two exchanges as it took then.
-
-    Returns
-    -------
-    Replayed
-        The comparison.
-
-    Raises
-    ------
-    RunError
-        When the run kept no bytes, or is damaged.
+    `run`: the run; with its bytes.
+    `bench`: with mended instrument files; those that the run kept when left out.
+    `writer`: gets the exchanges and events of the replay, where it is kept as a run of its own.
+    `real_time`: whether to wait as long between two exchanges as it took then.
+    Raises RunError when the run kept no bytes, or is damaged.
     """
     if not run.has_wire:
         raise RunError(f"{run.folder}: the bytes on the wire were not kept, so there is nothing to replay")
     room = run.start.ambient.model_dump()
     player = Player(bench or bench_of_run(run), run.start.simulated, room, run.start.clock.rate)
-    logged = (line for _, line in itertools.islice(whole_lines(run.folder / SAMPLES), 1, None))
-    pace = _Pace(real_time)
-    events = iter(run.events)
-    pending = next(events, None)
-    found: list[str] = []
-    played = made = rows = different = 0
-    ended = False
+    pace, events, compared = _Pace(real_time), _Events(run, writer), _Compared(run)
+    played = 0
     for number, exchange in run.exchanges():
         again = player.play(exchange)
         pace.wait(again)
-        when_s = again.events[-1].time_ns / NS if again.events else 0.0
-        while writer is not None and pending is not None and pending.time_s <= when_s:
-            writer.event(pending.event, int(pending.time_s * NS), **pending.details)
-            pending = next(events, None)
+        events.write_until(again.events[-1].time_ns / NS if again.events else 0.0)
         if writer is not None:
             writer.exchange(again)
         for reading in again.readings:
-            made += 1
-            new = sample_line(made, number, reading, run.start.clock.utc_start_ns).rstrip(b"\n")
-            old = None if ended else next(logged, None)
-            ended = old is None
-            rows += old is not None
-            if old is not None and old != new:
-                different += 1
-                if len(found) < SHOWN:
-                    found.append(f"row {made}: {_text(old)} is now {_text(new)}")
+            compared.take(number, reading)
         played += 1
         if listener is not None:
             listener(played, again)
-    lost = sum(1 for _ in logged)
-    while writer is not None and pending is not None:
-        writer.event(pending.event, int(pending.time_s * NS), **pending.details)
-        pending = next(events, None)
-    tail = made - rows
-    if lost:
-        found.append(f"{lost} rows of the log did not come again")
-    if tail and run.state != "killed":
-        found.append(f"{tail} rows came that the log does not have")
-        different += tail
-    return Replayed(played, made, rows + lost, different + lost, tuple(found), tuple(player.differences[:SHOWN]), tail)
+    events.write_until(math.inf)
+    return compared.result(played, player.differences)
+
+
+class _Events:
+    """Writes the run's events into its replay, each before what was heard after it."""
+
+    def __init__(self, run: Run, writer: RunWriter | None) -> None:
+        self._writer = writer
+        self._left = deque(run.events if writer is not None else ())
+
+    def write_until(self, time_s: float) -> None:
+        while self._writer is not None and self._left and self._left[0].time_s <= time_s:
+            event = self._left.popleft()
+            self._writer.event(event.event, int(event.time_s * NS), **event.details)
+
+
+class _Compared:
+    """Holds each new sample against its row of the log."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._logged = (line for _, line in itertools.islice(whole_lines(run.folder / SAMPLES), 1, None))
+        self._made = self._rows = self._different = 0
+        self._found: list[str] = []
+        self._ended = False
+
+    def take(self, number: int, reading: Reading) -> None:
+        """A reading of the replay, from the exchange of that number."""
+        self._made += 1
+        new = sample_line(self._made, number, reading, self._run.start.clock.utc_start_ns).rstrip(b"\n")
+        old = None if self._ended else next(self._logged, None)
+        self._ended = old is None
+        if old is None:
+            return
+        self._rows += 1
+        if old != new:
+            self._different += 1
+            if len(self._found) < SHOWN:
+                self._found.append(f"row {self._made}: {_text(old)} is now {_text(new)}")
+
+    def result(self, played: int, asked: Sequence[str]) -> Replayed:
+        """After the last reading; ``asked`` is what today's drivers ask otherwise."""
+        lost, tail = sum(1 for _ in self._logged), self._made - self._rows
+        different, found = self._different + lost, list(self._found)
+        if lost:
+            found.append(f"{lost} rows of the log did not come again")
+        if tail and self._run.state != "killed":
+            found.append(f"{tail} rows came that the log does not have")
+            different += tail
+        return Replayed(played, self._made, self._rows + lost, different, tuple(found), tuple(asked[:SHOWN]), tail)
 
 
 def mended_bench(run: Run, instruments: Iterable[str], folder: Path) -> Bench:

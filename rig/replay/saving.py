@@ -22,15 +22,8 @@ def writer_for(run: Run, bench: Bench, logs: Path) -> RunWriter:
 def retake_plateaus(run: Run, writer: RunWriter) -> int:
     """Take the plateaus of a run anew, over the same times, from the samples of its replay.
 
-    Parameters
-    ----------
-    writer : RunWriter
-        Where its replay is being written; every exchange is in it.
-
-    Returns
-    -------
-    int
-        Plateaus written [-].
+    `writer`: where its replay is being written; every exchange is in it.
+    Returns plateaus written [-].
     """
     new = read_run(writer.folder)
     channels = quantity_channels(new)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from configs.units import BAR
 from rig.acquisition import Acquisition, RecorderError
 from rig.acquisition.opening import port_of
 from rig.bench.bench import Bench, LineTable, bench_path, read_bench
@@ -42,7 +43,6 @@ from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded
 from rig.sweep.orders import View
 from rig.sweep.runner import Outcome, run_course
 
-BAR = 1e5
 ATTENDED_S = 30.0  # real time without a look at the limits after which the watchdog takes the sweep for hung
 DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
 UNVENTED = "the line is NOT known to be without pressure: close the supply"
@@ -66,20 +66,13 @@ def alone(folder: Path, note: Callable[..., None]) -> AbstractContextManager[Cal
 class Wanted:
     """What a run is to be.
 
-    Attributes
-    ----------
-    kind : str
-        ``sweep`` or a capture's; a sweep of a manual bench is logged as ``manual``.
-    added_inertia_kg_m2 : float or None
-        Of a flywheel on the shaft [kg m2]; the file's when left out.
-    rate : float or None
-        Seconds of a virtual bench in one of the wall [-]; the file's when left out.
-    server : tuple of str or None
-        Module and options of the process that serves a virtual bench, see `rig.virtual.launch`; its own when left out.
-    ask : callable or None
-        Puts a prompt about the room to the person; None when nobody is there.
-    beside : callable
-        Gives the context in which the course is gone through, see `Beside`; it ends before the run is sealed.
+    `kind`: ``sweep`` or a capture's; a sweep of a manual bench is logged as ``manual``.
+    `rate`: seconds of a virtual bench in one of the wall [-]; the file's when left out.
+    `server`: module and options of the process that serves a virtual bench, see `rig.virtual.launch`; its own when left
+        out.
+    `added_inertia_kg_m2`: of a flywheel on the shaft; the file's when left out.
+    `ask`: puts a prompt about the room to the person; None when nobody is there.
+    `beside`: gives the context in which the course is gone through, see `Beside`; it ends before the run is sealed.
     """
 
     kind: str
@@ -115,19 +108,10 @@ def place_of(
 ) -> Iterator[Place]:
     """The bench as it stands, or a virtual one that is started and ended here.
 
-    Parameters
-    ----------
-    rate : float or None
-        Seconds of a virtual bench in one of the wall [-]; the file's when left out.
-    server : tuple of str or None
-        Module and options of the process that serves a virtual bench; its own when left out.
-    added_inertia_kg_m2 : float or None
-        Of a flywheel on the shaft of a virtual bench [kg m2]; the file's when left out.
-
-    Raises
-    ------
-    VirtualBenchError
-        When a virtual bench does not start.
+    `rate`: seconds of a virtual bench in one of the wall [-]; the file's when left out.
+    `server`: module and options of the process that serves a virtual bench; its own when left out.
+    `added_inertia_kg_m2`: of a flywheel on the shaft of a virtual bench; the file's when left out.
+    Raises VirtualBenchError when a virtual bench does not start.
     """
     if bench.file.virtual is None:
         yield Place(Clock(), port_of, None)
@@ -145,30 +129,12 @@ Plan = Callable[[Bench, Ambient], tuple[Course, list[str]]]
 def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Outcome]:
     """A run, from the bench file to the sealed folder.
 
-    Parameters
-    ----------
-    path : Path
-        The bench file, or the name of one in configs/benches.
-    plan : callable
-        From the bench and the room to the course, and remarks on it.
-
-    Returns
-    -------
-    folder : Path
-        The run.
-    outcome : Outcome
-        How it ended.
-
-    Raises
-    ------
-    ConfigError, AmbientError, SweepError
-        When the bench file, the room or the course make no sense; there is no run then.
-    LineError, IdentityError, VirtualBenchError
-        When the bench is not as its file says; there is no run then.
-    SafetyError
-        When a failsafe or the watchdog is missing; the run is sealed as failed.
-    RecorderError
-        When the run log cannot be written; the regulator is at zero.
+    `path`: the bench file, or the name of one in configs/benches.
+    `plan`: from the bench and the room to the course, and remarks on it.
+    Returns `folder`: the run; `outcome`: how it ended. Raises ConfigError, AmbientError, SweepError when the bench
+    file, the room or the course make no sense; there is no run then; LineError, IdentityError, VirtualBenchError when
+    the bench is not as its file says; there is no run then; SafetyError when a failsafe or the watchdog is missing; the
+    run is sealed as failed; RecorderError when the run log cannot be written; the regulator is at zero.
     """
     path = bench_path(path)
     bench = read_bench(path).with_flywheel(wanted.added_inertia_kg_m2)
@@ -364,13 +330,7 @@ class _Run:
 
 
 def enter(bench: Bench, text: str, ambient: Ambient, root: Path, operator: str = "") -> Path:
-    """A run from a sheet that was filled in.
-
-    Raises
-    ------
-    SheetError
-        Every mistake of the sheet; there is no run then.
-    """
+    """A run from a sheet that was filled in. Raises SheetError: every mistake of the sheet; there is no run then."""
     rows = read_sheet(text, bench)
     circumstances = Circumstances(operator, ambient.record(), ambient.lubrication, ambient.minutes_running)
     writer = RunWriter.create(root, start_record(bench, "manual", Clock(), {}, circumstances))

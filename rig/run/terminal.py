@@ -38,13 +38,7 @@ class Terminal:
         self.bar.update(self._task, description=escape(f"{self.title}: {text}"), completed=done, total=max(total, 1))
 
     def ask(self, prompt: str) -> str:
-        """Put a question, with the bar out of the way.
-
-        Raises
-        ------
-        EOFError
-            When the terminal was closed.
-        """
+        """Put a question, with the bar out of the way. Raises EOFError when the terminal was closed."""
         self.bar.stop()
         return ask(prompt)
 
@@ -52,10 +46,7 @@ class Terminal:
 def ask(prompt: str) -> str:
     """Put a question on standard error and return the line that was typed.
 
-    Raises
-    ------
-    EOFError
-        When the terminal was closed.
+    Raises EOFError when the terminal was closed.
     """
     print(f"{prompt.rstrip().removesuffix(':')}: ", end="", file=sys.stderr, flush=True)
     line = sys.stdin.readline(4096)

@@ -2,10 +2,9 @@
 
 orders, course, judge, capturing, machine     the states of a sweep, what it is shown and what it wants (pure)
 hooks     who else has a part: guard, limits, operator, audience
-setpoints, runner           the machine's orders carried out on a bench
+runner    the machine's orders carried out on a bench
 capture   whether the bench can resolve a run in time
 ambient   the room at the start and the end
 continuing  what a sweep that was broken off has taken already
 planning  from a bench file to a course
-words     what a run says to a person
 """

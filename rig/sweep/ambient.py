@@ -26,12 +26,8 @@ class AmbientError(ValueError):
 class Given:
     """What the command line says; None where it says nothing.
 
-    Attributes
-    ----------
-    pressure_bar_abs, temperature_c, relative_humidity : float or None
-        The room [bar, degree Celsius, 0 to 1].
-    minutes_running : float or None
-        How long the motor has run today before this [min].
+    `pressure_bar_abs`, `temperature_c`, `relative_humidity`: the room [bar, degree Celsius, 0 to 1].
+    `minutes_running`: how long the motor has run today before this [min].
     """
 
     pressure_bar_abs: float | None = None
@@ -45,12 +41,9 @@ class Given:
 class Ambient:
     """The room, and what the motor has been through.
 
-    Attributes
-    ----------
-    pressure_bar_abs, pressure_sd_bar, temperature_c, relative_humidity : float
-        The room [bar, bar, degree Celsius, 0 to 1].
-    minutes_running : float
-        How long the motor has run before [min].
+    `pressure_bar_abs`, `pressure_sd_bar`, `temperature_c`, `relative_humidity`: the room [bar, bar, degree Celsius, 0
+        to 1].
+    `minutes_running`: how long the motor has run before [min].
     """
 
     pressure_bar_abs: float
@@ -113,15 +106,8 @@ ROOM = ("pressure_bar_abs", "temperature_c", "relative_humidity")
 def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -> Ambient:
     """The room at the start of a run: options before the bench file, and the person for what neither says.
 
-    Parameters
-    ----------
-    ask : callable or None
-        Puts a prompt and returns what was typed; None when nobody is there.
-
-    Raises
-    ------
-    AmbientError
-        When something is missing and nobody is there, or an option is implausible.
+    `ask`: puts a prompt and returns what was typed; None when nobody is there.
+    Raises AmbientError when something is missing and nobody is there, or an option is implausible.
     """
     given = given or Given()
     known, sources = _known(bench, given)
@@ -140,22 +126,13 @@ def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -
 def again(start: Ambient, ask: Ask) -> Ambient:
     """The room asked for once more, to put an answer right; an empty answer keeps what was said.
 
-    Raises
-    ------
-    AmbientError
-        When nobody answers usably.
+    Raises AmbientError when nobody answers usably.
     """
     return replace(start, **_all_asked(list(start.told()), ask, start.told(), "said before"))
 
 
 def at_end(start: Ambient, minutes: float, ask: Ask | None = None) -> Ambient:
-    """The room at the end: what was asked at the start is asked again; an empty answer keeps it.
-
-    Parameters
-    ----------
-    minutes : float
-        That the run took [min].
-    """
+    """The room at the end: what was asked at the start is asked again; an empty answer keeps it."""
     end = replace(start, minutes_running=start.minutes_running + minutes)
     if ask is None:
         return end

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR
 from model.motor import Motor, read_motor
 from model.operation import runs
 from model.operation.performance import NotSettledError, OperatingPointError
@@ -24,7 +25,6 @@ DOWN_TO = 0.1  # of the speed before: where a coast-down counts as over
 UP_TO = 0.9  # of the speed it reaches: where a spin-up does
 FIRST_LOOK_S, LONGEST_S = 1.0, 64.0
 SAMPLE_S = 1e-3
-BAR = 1e5
 KINDS = ("coast-down", "spin-up", "zero", "plateaus")
 
 
@@ -36,14 +36,8 @@ class CaptureError(SweepError):
 class Expected:
     """A run in time, by the model.
 
-    Attributes
-    ----------
-    level_bar_abs : float
-        Absolute pressure [bar].
-    duration_s : float
-        From the valve's move to 10 % of the speed before, or to 90 % of the speed it reaches [s].
-    speed_rpm : float
-        The speed before, or that it reaches [rpm].
+    `duration_s`: from the valve's move to 10 % of the speed before, or to 90 % of the speed it reaches [s].
+    `speed_rpm`: the speed before, or that it reaches [rpm].
     """
 
     kind: str
@@ -57,14 +51,9 @@ class Expected:
 class Rate:
     """How often the speed channel gives a new value.
 
-    Attributes
-    ----------
-    period_s : float
-        Between two readings [s].
-    update_s : float
-        The instrument's own [s]; 0 where it has none.
-    teeth : int or None
-        Of the wheel, where each tooth is timed [-].
+    `period_s`: between two readings [s].
+    `update_s`: the instrument's own [s]; 0 where it has none.
+    `teeth`: of the wheel, where each tooth is timed [-].
     """
 
     channel: str
@@ -82,15 +71,8 @@ class Rate:
 def expected(motor: Motor, kind: str, level_bar_abs: float) -> Expected:
     """What the model says of a run in time.
 
-    Parameters
-    ----------
-    level_bar_abs : float
-        Absolute pressure before or after [bar].
-
-    Raises
-    ------
-    CaptureError
-        When the motor does not start or run at that pressure, or the model does not reach it.
+    `level_bar_abs`: absolute pressure before or after [bar].
+    Raises CaptureError when the motor does not start or run at that pressure, or the model does not reach it.
     """
     down = kind == "coast-down"
     length_s = FIRST_LOOK_S
@@ -127,15 +109,7 @@ def rate_of(bench: Bench) -> Rate:
 def check(expected: Expected, rate: Rate) -> int:
     """How many samples would fall in the event.
 
-    Returns
-    -------
-    int
-        At least 20 [-].
-
-    Raises
-    ------
-    CaptureError
-        When there would be fewer; the text says what would do.
+    They are at least 20 [-]. Raises CaptureError when there would be fewer; the text says what would do.
     """
     count = rate.samples(expected)
     if count >= LEAST_IN_A_RUN:
@@ -152,15 +126,8 @@ def check(expected: Expected, rate: Rate) -> int:
 def capture_task(bench: Bench, ambient: Ambient, kind: str, level_bar_abs: float | None = None) -> CaptureTask:
     """A capture that the bench can resolve.
 
-    Parameters
-    ----------
-    level_bar_abs : float or None
-        Absolute pressure [bar]; the bench file's when left out.
-
-    Raises
-    ------
-    CaptureError
-        When fewer than 20 samples would fall in it.
+    `level_bar_abs`: absolute pressure [bar]; the bench file's when left out.
+    Raises CaptureError when fewer than 20 samples would fall in it.
     """
     level = level_of(bench) if level_bar_abs is None else level_bar_abs
     event = expected(motor_of(bench, ambient), kind, level)

@@ -19,14 +19,9 @@ LONGEST_S = 30.0  # how long a coast-down waits for the line to be vented and th
 class CaptureTask:
     """A capture to be made.
 
-    Attributes
-    ----------
-    kind : str
-        ``coast-down``: from speed, the line vented; ``spin-up``: from rest, the set-point in one step.
-    level_bar_abs : float
-        Absolute pressure before or after [bar].
-    expected_s : float
-        Predicted duration of the event [s].
+    `kind`: ``coast-down``: from speed, the line vented; ``spin-up``: from rest, the set-point in one step.
+    `level_bar_abs`: absolute pressure before or after [bar].
+    `expected_s`: predicted duration of the event [s].
     """
 
     kind: str
@@ -35,15 +30,7 @@ class CaptureTask:
 
 
 class Capturing:
-    """Goes through one capture.
-
-    Parameters
-    ----------
-    ambient_bar : float
-        The room's pressure [bar].
-    now_ns : int
-        Time of the bench [ns].
-    """
+    """Goes through one capture."""
 
     def __init__(self, task: CaptureTask, ambient_bar: float, now_ns: int, by_hand: bool = False) -> None:
         self.task = task
@@ -60,13 +47,7 @@ class Capturing:
         return max(LONGER * self.task.expected_s, LEAST_S)
 
     def advance(self, now_ns: int, view: View) -> list[Order]:
-        """Go on.
-
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-        """
+        """Go on."""
         if self._start_ns is None:
             return self._in_rest(now_ns, view)
         if self._event_ns is None:
@@ -101,13 +82,7 @@ class Capturing:
         return [Ask(f"{words}, and press Enter")]
 
     def cut_short(self, now_ns: int) -> list[Order]:
-        """End the recording now.
-
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-        """
+        """End the recording now."""
         self.over = True
         if self._start_ns is None:
             return []

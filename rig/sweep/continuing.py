@@ -20,10 +20,7 @@ MOST_PARENTS = 100
 class Taken:
     """What there is already.
 
-    Attributes
-    ----------
-    plateaus : tuple of Plateau
-        All that count, oldest first, those that had not settled too: what the guard learns from.
+    `plateaus`: all that count, oldest first, those that had not settled too: what the guard learns from.
     """
 
     steps: tuple[Step, ...] = ()
@@ -34,10 +31,7 @@ class Taken:
 def taken(run: Run, bench: Bench, logs: Path) -> Taken:
     """What a run, and the runs that it continues, have taken.
 
-    Raises
-    ------
-    RunError
-        When the run is of another bench or another sweep, or of no sweep at all.
+    Raises RunError when the run is of another bench or another sweep, or of no sweep at all.
     """
     steps: list[Step] = []
     kinds: set[str] = set()

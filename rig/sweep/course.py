@@ -34,14 +34,8 @@ ENDED = frozenset({State.DONE, State.ABORTED, State.FAILED})
 class Course:
     """What the machine goes through.
 
-    Attributes
-    ----------
-    ambient_bar : float
-        The room's pressure [bar].
-    zero_channels : tuple of str
-        Full names; read with the line vented.
-    known : sequence of Plateau
-        Of the runs that this one continues, oldest first: the guard learns from them too.
+    `zero_channels`: full names; read with the line vented.
+    `known`: of the runs that this one continues, oldest first: the guard learns from them too.
     """
 
     steps: Sequence[Step]

@@ -7,13 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from configs.units import BAR, RAD_S
 from rig.interlock import SafetyError
 from rig.interlock.step import Point, Prediction, Verdict
 from rig.plateaus.plateau import Plateau
 from rig.sweep.orders import Predict, Trip, View
-
-BAR = 1e5  # Pa
-RAD_S = math.pi / 30.0  # in one rpm
 
 
 class Progress(Protocol):
@@ -54,13 +52,7 @@ class Silent:
 
 
 def allow_all(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
-    """A guard that refuses nothing.
-
-    Parameters
-    ----------
-    level_bar_abs : float
-        Where to [bar].
-    """
+    """A guard that refuses nothing. `level_bar_abs`: where to [bar]."""
     return Verdict(True, "no guard", level_bar_abs * BAR)
 
 
@@ -69,24 +61,12 @@ Expect = Callable[[float, Sequence[Plateau]], tuple[float, float] | None]
 
 
 def expect_anything(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
-    """Any speed is believed.
-
-    Parameters
-    ----------
-    bar_abs : float
-        The pressure [bar].
-    """
+    """Any speed is believed."""
     return None
 
 
 def never_trip(view: View, now_ns: int, pressurised: bool) -> str | None:
-    """Limits that nothing passes.
-
-    Parameters
-    ----------
-    now_ns : int
-        Time of the bench [ns].
-    """
+    """Limits that nothing passes."""
     return None
 
 
@@ -103,14 +83,9 @@ def ignored(plateau: Plateau) -> None:
 class Hooks:
     """What a run is given.
 
-    Attributes
-    ----------
-    predict : callable
-        The guard; `guarded` makes one.
-    stops : callable
-        How often the operator has asked to stop, such as ``lambda: stop.asked``.
-    expect : callable
-        The speeds that a typed one is held against; `expecting` makes one.
+    `predict`: the guard; `guarded` makes one.
+    `stops`: how often the operator has asked to stop, such as ``lambda: stop.asked``.
+    `expect`: the speeds that a typed one is held against; `expecting` makes one.
     """
 
     predict: Predict = allow_all
@@ -126,24 +101,13 @@ class Guarding(Protocol):
     """`rig.interlock.guard.Guard`."""
 
     def verdict(self, level: float, points: Sequence[Point]) -> Verdict:
-        """Whether a level may be ordered next.
-
-        Parameters
-        ----------
-        level : float
-            Absolute pressure [Pa].
-        """
+        """Whether a level may be ordered next."""
 
 
 def guarded(guard: Guarding, ambient_bar: float, is_gauge: bool, pressure_sd_bar: float = 0.0) -> Predict:
     """The guard as the machine asks it.
 
-    Parameters
-    ----------
-    ambient_bar : float
-        The room's pressure [bar].
-    pressure_sd_bar : float
-        What a mean pressure may be off by beyond its scatter [bar].
+    `pressure_sd_bar`: what a mean pressure may be off by beyond its scatter [bar].
     """
 
     def predict(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
@@ -157,23 +121,11 @@ class Expecting(Protocol):
     """`rig.interlock.guard.Guard`."""
 
     def predict(self, level_pa_abs: float, points: Sequence[Point]) -> Prediction:
-        """The speed at a level.
-
-        Parameters
-        ----------
-        level_pa_abs : float
-            Absolute pressure [Pa].
-        """
+        """The speed at a level."""
 
 
 def expecting(guard: Expecting, ambient_bar: float, is_gauge: bool) -> Expect:
-    """The speeds that the guard holds for possible, for readings that a person types.
-
-    Parameters
-    ----------
-    ambient_bar : float
-        The room's pressure [bar].
-    """
+    """The speeds that the guard holds for possible, for readings that a person types."""
 
     def expect(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
         try:
@@ -188,12 +140,8 @@ def expecting(guard: Expecting, ambient_bar: float, is_gauge: bool) -> Expect:
 def points_of(plateaus: Sequence[Plateau], added_bar: float, pressure_sd_bar: float = 0.0) -> list[Point]:
     """The plateaus that tell the guard something: those with a pressure and a speed on the scale, or at rest.
 
-    Parameters
-    ----------
-    added_bar : float
-        From the channel's zero to absolute [bar].
-    pressure_sd_bar : float
-        What a mean pressure may be off by beyond its scatter [bar].
+    `added_bar`: from the channel's zero to absolute [bar].
+    `pressure_sd_bar`: what a mean pressure may be off by beyond its scatter [bar].
     """
     points = []
     for plateau in plateaus:

@@ -21,10 +21,7 @@ FRESH_S = 2.0  # what is older says nothing of now
 def pressure_abs(view: View, ambient_bar: float) -> float | None:
     """The line's pressure by the newest reading [bar abs]; None where there is none.
 
-    Parameters
-    ----------
-    ambient_bar : float
-        Added to a gauge pressure [bar].
+    `ambient_bar`: added to a gauge pressure [bar].
     """
     reading = view.last("pressure")
     if reading is None or not reading.usable or reading.value is None:
@@ -33,35 +30,17 @@ def pressure_abs(view: View, ambient_bar: float) -> float | None:
 
 
 def is_vented(view: View, ambient_bar: float) -> bool:
-    """Whether the gauge says that the line is vented.
-
-    Parameters
-    ----------
-    ambient_bar : float
-        The room's pressure [bar].
-    """
+    """Whether the gauge says that the line is vented."""
     return _is_within(view, ambient_bar, VENTED_WITHIN_BAR)
 
 
 def is_near_ambient(view: View, ambient_bar: float) -> bool:
-    """Whether the gauge shows no more than an offset could.
-
-    Parameters
-    ----------
-    ambient_bar : float
-        The room's pressure [bar].
-    """
+    """Whether the gauge shows no more than an offset could."""
     return _is_within(view, ambient_bar, NEAR_AMBIENT_BAR)
 
 
 def not_at_rest(view: View, ambient_bar: float) -> str:
-    """Why this is no zero: pressure in the line, or a rotor that turns; empty when it is one.
-
-    Parameters
-    ----------
-    ambient_bar : float
-        The room's pressure [bar].
-    """
+    """Why this is no zero: pressure in the line, or a rotor that turns; empty when it is one."""
     missing = not_reading(view)
     if missing:
         return missing
@@ -89,10 +68,7 @@ def not_reading(view: View) -> str:
 def not_settled(view: View, table: SweepTable, since_ns: int, now_ns: int) -> str:
     """Why pressure or speed has not settled; empty when both have.
 
-    Parameters
-    ----------
-    since_ns, now_ns : int
-        Only readings between these count [ns].
+    `since_ns`, `now_ns`: only readings between these count [ns].
     """
     start_ns = max(since_ns, now_ns - int(table.window_s * NS))
     limits = {
@@ -108,39 +84,19 @@ def not_settled(view: View, table: SweepTable, since_ns: int, now_ns: int) -> st
 
 
 def mean(view: View, channel: str, start_ns: int, end_ns: int) -> Mean:
-    """What a channel read between two times.
-
-    Parameters
-    ----------
-    start_ns, end_ns : int
-        Bench times [ns].
-    """
+    """What a channel read between two times."""
     window = view.window(channel, start_ns, end_ns)
     return mean_of(window.time_s, window.value, window.censored, window.quality)
 
 
 def all_in(view: View, channels: Iterable[str], end_ns: int) -> bool:
-    """Whether every reading of channels before a time is in: each has a newer one, a failed one too.
-
-    Parameters
-    ----------
-    end_ns : int
-        Bench time [ns].
-    """
+    """Whether every reading of channels before a time is in: each has a newer one, a failed one too."""
     newest = [view.last(channel) for channel in channels]
     return all(reading is not None and reading.time_ns > end_ns for reading in newest)
 
 
 def remarks(means: dict[str, Mean], level_bar_abs: float, view: View, ambient_bar: float) -> list[str]:
-    """What a person should know of a plateau.
-
-    Parameters
-    ----------
-    level_bar_abs : float
-        What was asked for [bar].
-    ambient_bar : float
-        The room's pressure [bar].
-    """
+    """What a person should know of a plateau. `level_bar_abs`: what was asked for [bar]."""
     notes = [f"{role}: {mean.note}" for role, mean in means.items() if mean.note]
     shown = pressure_abs(view, ambient_bar)
     if shown is not None and abs(shown - level_bar_abs) > max(OFF_LEVEL_BAR, OFF_LEVEL * level_bar_abs):

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 
+from configs.units import BAR
 from rig.plateaus.plan import SAME_BAR, UP, Step, stepping_stone
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
@@ -41,20 +42,13 @@ from rig.sweep.orders import (
 WRITE_EVERY_S = 0.2  # set-points of a ramp: a bus has other things to do
 LONGEST_STEP_S = 0.5  # whatever held the program up, no step of a ramp makes up for it
 JUDGE_EVERY_S = 0.25
-PA_IN_BAR = 1e5
 READINGS_TIMEOUT_S = 3.0  # for the last readings of a span to come in: slower than the slowest instrument
 VENT_TIMEOUT_S = 15.0
 VENT_AGAIN_S = 1.0  # the order to vent is repeated until the gauge says so
 
 
 class SweepMachine:
-    """Goes through a course.
-
-    Parameters
-    ----------
-    trip : callable
-        Asked at every advance: a reason to vent now, or None.
-    """
+    """Goes through a course. `trip`: asked at every advance: a reason to vent now, or None."""
 
     def __init__(self, course: Course, predict: Predict, trip: Trip) -> None:
         self.course, self.table = course, course.table
@@ -99,18 +93,7 @@ class SweepMachine:
         return len(self._tasks) + (self._task is not None)
 
     def advance(self, now_ns: int, view: View) -> list[Order]:
-        """Go on.
-
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-
-        Returns
-        -------
-        list of Order
-            To be carried out in order; none once it has ended.
-        """
+        """Go on. Its orders are to be carried out in order; none once it has ended."""
         if self.ended:
             return []
         if not self._begun:
@@ -127,23 +110,11 @@ class SweepMachine:
         return self._work[self.state](now_ns, view)
 
     def abort(self, now_ns: int, reason: str) -> list[Order]:
-        """Vent, and end the run as aborted.
-
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-        """
+        """Vent, and end the run as aborted."""
         return self._leave(now_ns, ABORTED, reason)
 
     def fail(self, now_ns: int, reason: str) -> list[Order]:
-        """Vent, and end the run as failed: something of the bench or of this program does not work.
-
-        Parameters
-        ----------
-        now_ns : int
-            Time of the bench [ns].
-        """
+        """Vent, and end the run as failed: something of the bench or of this program does not work."""
         return self._leave(now_ns, FAILED, reason)
 
     # What ends it.
@@ -220,7 +191,7 @@ class SweepMachine:
     def _before(self, task: Step | CaptureTask, verdict: Verdict, now_ns: int) -> list[Order]:
         """A plateau on the way to a refused level, where that lets the guard see farther; nothing where not."""
         taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
-        stone = stepping_stone(task.level_bar_abs, verdict.highest_pa_abs / PA_IN_BAR, taken)
+        stone = stepping_stone(task.level_bar_abs, verdict.highest_pa_abs / BAR, taken)
         if stone is None or not self._verdict(stone).allowed:
             return []
         self._tasks.appendleft(task)

@@ -24,13 +24,7 @@ class View(Protocol):
     set_ns: int | None  # when the last set-point that was taken went over the wire [ns]
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
-        """The usable readings between two times.
-
-        Parameters
-        ----------
-        start_ns, end_ns : int
-            Bench times [ns].
-        """
+        """The usable readings between two times."""
 
     def last(self, channel: str) -> Reading | None:
         """The newest reading, failed or not."""

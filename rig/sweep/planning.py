@@ -24,17 +24,9 @@ def sweep_course(
 ) -> tuple[Course, list[str]]:
     """What a sweep goes through.
 
-    Returns
-    -------
-    course : Course
-        Plateaus, then captures.
-    remarks : list of str
-        Captures that are left out because the bench cannot resolve them, and why.
-
-    Raises
-    ------
-    SweepError
-        When a level is above the bench's limit or below the room's pressure, or nothing is left to be done.
+    Returns `course`: plateaus, then captures; `remarks`: captures that are left out because the bench cannot resolve
+    them, and why. Raises SweepError when a level is above the bench's limit or below the room's pressure, or nothing is
+    left to be done.
     """
     table = bench.file.sweep
     check_levels(bench, ambient, [*table.levels_bar_abs, *filter(None, [table.capture_level_bar_abs])])
@@ -56,17 +48,9 @@ def capture_course(
 ) -> Course:
     """What a capture goes through: a single run in time, plateaus at one level, or the vented zero.
 
-    Parameters
-    ----------
-    plateaus : int
-        How often the level is read, where plateaus are asked for [-].
-    level_bar_abs : float or None
-        Absolute pressure [bar]; the bench file's capture level, or its highest level, when left out.
-
-    Raises
-    ------
-    CaptureError
-        When the bench cannot resolve it.
+    `plateaus`: how often the level is read, where plateaus are asked for [-].
+    `level_bar_abs`: absolute pressure [bar]; the bench file's capture level, or its highest level, when left out.
+    Raises CaptureError when the bench cannot resolve it.
     """
     if kind not in capture.KINDS:
         raise capture.CaptureError(f"no capture is called '{kind:.40}'; known are {', '.join(capture.KINDS)}")
@@ -86,15 +70,7 @@ def capture_course(
 def check_levels(bench: Bench, ambient: Ambient, levels_bar_abs: Collection[float]) -> None:
     """Refuse levels that are none.
 
-    Parameters
-    ----------
-    levels_bar_abs : collection of float
-        Absolute pressures [bar].
-
-    Raises
-    ------
-    SweepError
-        Above the limit, beyond the regulator's span, or not above the room's pressure.
+    Raises SweepError: above the limit, beyond the regulator's span, or not above the room's pressure.
     """
     highest = bench.file.safety.highest_pressure_bar_abs
     reach = _reach(bench, ambient)

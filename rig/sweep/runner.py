@@ -6,14 +6,14 @@ On every way out of here the regulator is told to give no pressure.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from rig.acquisition import Acquisition, Window
 from rig.acquisition.actions import FAULTS
 from rig.bench.bench import Bench
-from rig.plateaus.plan import Step
+from rig.plateaus.plan import Step, SweepError
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
@@ -34,8 +34,6 @@ from rig.sweep.orders import (
     SetPressure,
     Zero,
 )
-from rig.sweep.setpoints import set_points
-from rig.sweep.words import sentence
 
 PERIOD_REAL_S = 0.05  # between two looks at the bench
 CAPTURE_REAL_S = 0.01  # while every tooth is read
@@ -55,10 +53,7 @@ class PlateauSink(Protocol):
 class Outcome:
     """How a run ended.
 
-    Attributes
-    ----------
-    vented : bool
-        Whether the gauge, or the person, said at the end that the line is without pressure.
+    `vented`: whether the gauge, or the person, said at the end that the line is without pressure.
     """
 
     outcome: str
@@ -78,13 +73,7 @@ class BenchView:
         self.set_ns: int | None = None
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
-        """The usable readings between two times.
-
-        Parameters
-        ----------
-        start_ns, end_ns : int
-            Bench times [ns].
-        """
+        """The usable readings between two times."""
         return self._acquisition.between(channel, start_ns, end_ns)
 
     def last(self, channel: str) -> Reading | None:
@@ -115,10 +104,7 @@ class Runner:
     def run(self) -> Outcome:
         """Go through the course.
 
-        Returns
-        -------
-        Outcome
-            Also when it failed; what is not the bench's fault is raised once the regulator is at zero.
+        It returns also when it failed; what is not the bench's fault is raised once the regulator is at zero.
         """
         try:
             while self.finish is None:
@@ -204,7 +190,7 @@ class Runner:
         self.sink.plateau(plateau.row(self.columns))
         means = {role: dataclasses.asdict(mean) for role, mean in plateau.means.items()}
         self._note("plateau", plateau=plateau.number, level_bar_abs=plateau.step.level_bar_abs, means=means)
-        self.hooks.progress.say(sentence(plateau))
+        self.hooks.progress.say(plateau.sentence())
         self.hooks.on_plateau(plateau)
 
     def _read_teeth(self) -> None:
@@ -251,17 +237,9 @@ def run_course(
 ) -> Outcome:
     """Go through a course on a bench whose acquisition runs.
 
-    Parameters
-    ----------
-    acquisition : Acquisition
-        Started; it is not stopped here.
-    hooks : Hooks or None
-        Guard, limits, operator and audience; none of them when left out.
-
-    Returns
-    -------
-    Outcome
-        Finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
+    `acquisition`: started; it is not stopped here.
+    `hooks`: guard, limits, operator and audience; none of them when left out.
+    The run is finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
     """
     return Runner(acquisition, sink, bench, course, hooks or Hooks()).run()
 
@@ -288,3 +266,25 @@ def _captured(order: CaptureEnd, rates: dict[str, float], seconds: float) -> str
 def _words(order: Entered) -> str:
     target = order.details.get("target_bar_abs")
     return f"{order.state} {target:g} bar abs" if isinstance(target, float) else order.state
+
+
+def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:
+    """From an absolute pressure [bar] to the regulator's set-point, as a function.
+
+    Raises SweepError when the regulator's unit is not known here.
+    """
+    device = bench.file.roles.regulator
+    if device is None:
+        return lambda bar_abs: bar_abs
+    driver: Any = bench.build(device)
+    zero = {"bar gauge": ambient_bar, "bar abs": 0.0}.get(driver.unit)
+    if zero is None:
+        raise SweepError(f"{device}: its set-point is in '{driver.unit}'; a sweep needs bar gauge or bar abs")
+    none = max(driver.lowest, 0.0)
+
+    def set_point(bar_abs: float) -> float:
+        if bar_abs == VENTED:
+            return float(none)
+        return float(min(max(bar_abs - zero, none), driver.highest))
+
+    return set_point

@@ -68,10 +68,7 @@ class Control:
     def carry_out(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Do what a request asks, and return what there is to tell.
 
-        Raises
-        ------
-        RequestError, ConfigError
-            When it cannot be done; nothing is changed then.
+        Raises RequestError, ConfigError when it cannot be done; nothing is changed then.
         """
         do = request.get("do")
         if do not in ORDERS:

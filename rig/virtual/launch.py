@@ -52,25 +52,14 @@ class VirtualBench:
     def control(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Ask the bench something, or order it; docs/virtual-bench.md lists what.
 
-        Returns
-        -------
-        dict
-            What it tells.
-
-        Raises
-        ------
-        VirtualBenchError
-            When it refuses, or is gone.
+        Raises VirtualBenchError when it refuses, or is gone.
         """
         return ask(self.ports, request)
 
     def port_for(self, line_name: str, line_table: LineTable, clock: Clock) -> Port:
         """The port of a line: the bench's where it is virtual, else the one that the bench file names.
 
-        Parameters
-        ----------
-        clock : Clock
-            The program's; `clock` for one that runs with the bench's.
+        `clock`: the program's; `clock` for one that runs with the bench's.
         """
         return port_for(self.ports, line_name, line_table, clock)
 
@@ -86,18 +75,7 @@ class VirtualBench:
 
 
 def ask(ports: Mapping[str, Any], request: Mapping[str, Any]) -> dict[str, Any]:
-    """Ask a bench that another process started.
-
-    Returns
-    -------
-    dict
-        What it tells.
-
-    Raises
-    ------
-    VirtualBenchError
-        When it refuses, or is gone.
-    """
+    """Ask a bench that another process started. Raises VirtualBenchError when it refuses, or is gone."""
     where = (ports["control"]["host"], ports["control"]["tcp_port"])
     try:
         with socket.create_connection(where, timeout=ANSWER_S) as connection, connection.makefile("rb") as answers:
@@ -130,23 +108,12 @@ def launch(
 ) -> VirtualBench:
     """Start a virtual bench and wait until it serves.
 
-    Parameters
-    ----------
-    bench_path : Path or str
-        The bench file, or the name of one in configs/benches.
-    rate : float or None
-        Seconds of the bench in one of the wall [-]; the file's when left out.
-    seed : int or None
-        Of noise, errors and faults [-]; the file's when left out.
-    owner : bool
-        Whether it ends by itself some seconds after this process, however that ends.
-    server : sequence of str
-        The module whose process serves the bench, and options that it has besides those of `rig.virtual`.
-
-    Raises
-    ------
-    VirtualBenchError
-        When it does not start, with its own words.
+    `bench_path`: the bench file, or the name of one in configs/benches.
+    `rate`: seconds of the bench in one of the wall [-]; the file's when left out.
+    `seed`: of noise, errors and faults [-]; the file's when left out.
+    `owner`: whether it ends by itself some seconds after this process, however that ends.
+    `server`: the module whose process serves the bench, and options that it has besides those of `rig.virtual`.
+    Raises VirtualBenchError when it does not start, with its own words.
     """
     folder = Path(tempfile.mkdtemp(prefix="virtual-bench-"))
     module, *options = server

@@ -12,14 +12,9 @@ import numpy as np
 class Dial:
     """A scale with a pointer, a float or digits.
 
-    Attributes
-    ----------
-    lowest, highest : float
-        Ends of the scale; beyond them only that can be said [own unit].
-    division : float
-        What a person reads to: a fifth of a mark, the last digit [own unit].
-    parallax_sd : float
-        1-sigma error of reading it from not quite the front [own unit].
+    `lowest`, `highest`: ends of the scale; beyond them only that can be said [own unit].
+    `division`: what a person reads to: a fifth of a mark, the last digit [own unit].
+    `parallax_sd`: 1-sigma error of reading it from not quite the front [own unit].
     """
 
     lowest: float
@@ -37,12 +32,8 @@ SPEED_RPM = Dial(5.0, 99_999.0, 1.0, 0.3)
 def read_dial(true: float, dial: Dial, chance: np.random.Generator | None = None) -> str:
     """What a person says a dial shows: a number, or ``<10`` or ``>100`` where the pointer is off the scale.
 
-    Parameters
-    ----------
-    true : float
-        Where the pointer really is [own unit].
-    chance : Generator or None
-        Source of parallax; none when left out.
+    `true`: where the pointer really is [own unit].
+    `chance`: source of parallax; none when left out.
     """
     seen = true + (dial.parallax_sd * chance.standard_normal() if chance is not None else 0.0)
     decimals = max(0, math.ceil(-math.log10(dial.division) - 1e-9))
@@ -63,16 +54,10 @@ def answer(
 ) -> str:
     """One line for one plateau, such as ``2.00 72 394``.
 
-    Parameters
-    ----------
-    pressure_bar : float
-        At the gauge, absolute or above ambient as its dial is [bar].
-    flow_l_min : float
-        Where the meter's float stands [L/min].
-    speed_rpm : float
-        Of the shaft [rpm].
-    chance : Generator or None
-        Source of parallax; none when left out.
+    `pressure_bar`: at the gauge, absolute or above ambient as its dial is [bar].
+    `flow_l_min`: where the meter's float stands [L/min].
+    `speed_rpm`: of the shaft [rpm].
+    `chance`: source of parallax; none when left out.
     """
     pairs = zip((pressure_bar, flow_l_min, abs(speed_rpm)), dials, strict=True)
     return " ".join(read_dial(true, dial, chance) for true, dial in pairs)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from configs import ConfigError
+from configs.units import BAR, ZERO_C
 from model.motor import Motor, read_motor
 from rig.acquisition.opening import timing_of
 from rig.bench.bench import Bench, BenchFile, LineTable
@@ -24,11 +25,11 @@ from rig.virtual.cables.terminals import PtyWire
 from rig.virtual.control import Control
 from rig.virtual.devices.base import World, serve_bench
 from rig.virtual.devices.faults import ONCE, Fault, Faults, Place, read_fault
-from rig.virtual.devices.sensors import ZERO_C, generator
-from rig.virtual.plant.plant import BAR, Plant
+from rig.virtual.devices.sensors import generator
+from rig.virtual.launch import PORTS
+from rig.virtual.plant.plant import Plant
 from rig.virtual.plant.truth import Turning, read_truth
 
-PORTS = "ports.json"
 TICK_S = 0.004  # of the wall
 OWNER_LOOK_S = 0.5
 LINGER_S = 10.0  # of the wall: long enough for a watchdog to send the regulator to zero
@@ -44,14 +45,9 @@ def virtual_lines(file: BenchFile) -> dict[str, LineTable]:
 class VirtualServer:
     """A bench being served; everything happens in the thread that calls `run`.
 
-    Parameters
-    ----------
-    rate : float or None
-        Seconds of the bench in one of the wall [-]; the file's when left out.
-    seed : int or None
-        Of everything that is left to chance [-]; the file's when left out.
-    plant_of : callable or None
-        Makes line and motor of the bench file; the project's own model when left out.
+    `rate`: seconds of the bench in one of the wall [-]; the file's when left out.
+    `seed`: of everything that is left to chance [-]; the file's when left out.
+    `plant_of`: makes line and motor of the bench file; the project's own model when left out.
     """
 
     def __init__(
@@ -119,13 +115,7 @@ class VirtualServer:
             wire.plug()
 
     def power_cycle(self, device: str, span_s: float) -> None:
-        """Take a device's power for some time.
-
-        Parameters
-        ----------
-        span_s : float
-            How long [s].
-        """
+        """Take a device's power for some time. `span_s`: how long [s]."""
         bus = next(bus for name, bus in self.buses.items() if device in self.place.devices_of[name])
         switch_off = getattr(self.served[device], "switch_off", None)
         if switch_off is not None:
@@ -138,10 +128,7 @@ class VirtualServer:
     ) -> None:
         """Serve until the loop is told to stop.
 
-        Parameters
-        ----------
-        linger_s : float
-            How long after that process this one ends, on the wall's clock [s].
+        `linger_s`: how long after that process this one ends, on the wall's clock [s].
         """
         try:
             for bus in self.buses.values():
@@ -240,14 +227,9 @@ def serve(
 ) -> None:
     """Serve a bench until told to stop.
 
-    Parameters
-    ----------
-    rate : float or None
-        Seconds of the bench in one of the wall [-].
-    linger_s : float
-        How long after the owner this process ends, on the wall's clock [s].
-    plant_of : callable or None
-        Makes line and motor of the bench file; the project's own model when left out.
+    `rate`: seconds of the bench in one of the wall [-].
+    `linger_s`: how long after the owner this process ends, on the wall's clock [s].
+    `plant_of`: makes line and motor of the bench file; the project's own model when left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     server = VirtualServer(bench, folder.resolve(), rate, seed, plant_of)

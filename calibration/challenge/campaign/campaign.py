@@ -32,21 +32,11 @@ def make(
 ) -> Campaign:
     """Make a campaign, or go on making it.
 
-    Parameters
-    ----------
-    out : Path
-        Its folder; the folder's name is the campaign's.
-    seed : int, optional
-        Of all truths; drawn by the system when left out. It is sealed with them [-].
-    family : str
-        Family of draws: what was used for development is no proof.
-    only : str
-        Category that all cases shall be of; all categories when empty.
-
-    Raises
-    ------
-    ChallengeError
-        When the folder holds another campaign, or the rig fails.
+    `out`: its folder; the folder's name is the campaign's.
+    `seed`: of all truths; drawn by the system when left out. It is sealed with them [-].
+    `family`: family of draws: what was used for development is no proof.
+    `only`: category that all cases shall be of; all categories when empty.
+    Raises ChallengeError when the folder holds another campaign, or the rig fails.
     """
     if is_sealed(out):
         contents, digest = _resumed(out, cases, seed, family, only, maker, key)

@@ -75,10 +75,7 @@ def case_name(index: int) -> str:
 class Campaign:
     """A campaign on disk, and what may be known of it before it is scored.
 
-    Attributes
-    ----------
-    only : str
-        The one category it was limited to; empty for all.
+    `only`: the one category it was limited to; empty for all.
     """
 
     folder: Path
@@ -111,13 +108,7 @@ class Campaign:
 
 
 def read_campaign(folder: Path) -> Campaign:
-    """A campaign that `make` has made.
-
-    Raises
-    ------
-    ChallengeError
-        When there is none.
-    """
+    """A campaign that `make` has made. Raises ChallengeError when there is none."""
     place = folder / CAMPAIGN
     try:
         data = json.loads(place.read_text(encoding="utf-8"))

@@ -23,12 +23,8 @@ HELD = ("truth_sha256", "diagnosis_sha256")  # what has to be the same from the 
 class Ran:
     """The verdicts of a campaign.
 
-    Attributes
-    ----------
-    results : list of Result
-        A case each; without a value where the diagnosis failed.
-    sha256 : str
-        Of the verdicts, times left out.
+    `results`: a case each; without a value where the diagnosis failed.
+    `sha256`: of the verdicts, times left out.
     """
 
     results: list[Result]
@@ -44,15 +40,8 @@ def run(
 ) -> Ran:
     """Diagnose every recording that has no verdict yet.
 
-    Parameters
-    ----------
-    scheduler : str, optional
-        A Dask scheduler, whose workers see the folder under the same path.
-
-    Raises
-    ------
-    ChallengeError
-        When the recordings or the code are not those that the campaign began with.
+    `scheduler`: a Dask scheduler, whose workers see the folder under the same path.
+    Raises ChallengeError when the recordings or the code are not those that the campaign began with.
     """
     campaign = layout.read_campaign(out)
     freeze(campaign)
@@ -111,10 +100,7 @@ def read_verdicts(campaign: Campaign) -> Ran:
 def items_of(campaign: Campaign, code: str | None = None) -> list[Item]:
     """A case each: recording, seed, and the code that its verdict hangs on.
 
-    Parameters
-    ----------
-    code : str, optional
-        Hash of the diagnosis' sources; of those here when left out.
+    `code`: hash of the diagnosis' sources; of those here when left out.
     """
     code = diagnosis_sha256() if code is None else code
     told = _told(campaign.folder / HASHES)

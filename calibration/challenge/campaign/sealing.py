@@ -28,15 +28,8 @@ class SealError(ChallengeError):
 def seal(folder: Path, contents: Mapping[str, Any], key: Path | None = None) -> str:
     """Encrypt, and commit to a hash.
 
-    Parameters
-    ----------
-    key : Path, optional
-        Where the key goes; into the seal's folder when left out.
-
-    Returns
-    -------
-    str
-        SHA-256 of the plain text.
+    `key`: where the key goes; into the seal's folder when left out.
+    Returns SHA-256 of the plain text.
     """
     from cryptography.fernet import Fernet
 
@@ -63,17 +56,8 @@ def is_sealed(folder: Path) -> bool:
 def open_seal(folder: Path, key: Path | None = None) -> tuple[dict[str, Any], str]:
     """Decrypt.
 
-    Returns
-    -------
-    contents : dict
-        As sealed.
-    digest : str
-        SHA-256 of the plain text, which is that in ``sealed/hash``.
-
-    Raises
-    ------
-    SealError
-        When a file is missing, the key does not fit, or the hash differs.
+    Returns `contents`: as sealed; `digest`: SHA-256 of the plain text, which is that in ``sealed/hash``. Raises
+    SealError when a file is missing, the key does not fit, or the hash differs.
     """
     from cryptography.fernet import Fernet, InvalidToken
 

@@ -28,9 +28,9 @@ from calibration.challenge.second_rig.live import LivePlant
 from calibration.challenge.second_rig.machine.slots import BAR, DEFAULTS
 from calibration.challenge.second_rig.sizes import SWEEP_S
 from calibration.challenge.second_rig.truth import Truth, generator
+from configs.units import ZERO_C
 from rig.bench.bench import Bench
 from rig.virtual.__main__ import bench_of, options_of
-from rig.virtual.devices.sensors import ZERO_C
 from rig.virtual.plant.truth import LINE_TRUTH, LineTruth, read_truth
 from rig.virtual.serve import motor_in_room, serve
 
@@ -54,14 +54,9 @@ class ConcealError(ChallengeError):
 def command(seal: Path, key: Path | None, seed: int | None, only: str) -> tuple[str, ...]:
     """Module and options of the process, for `rig.virtual.launch`.
 
-    Parameters
-    ----------
-    key : Path or None
-        Its key; `sealing.default_key` when left out.
-    seed : int or None
-        Of what is drawn; drawn itself when left out.
-    only : str
-        An effect's id or a category that is to be drawn; anything when empty.
+    `key`: its key; `sealing.default_key` when left out.
+    `seed`: of what is drawn; drawn itself when left out.
+    `only`: an effect's id or a category that is to be drawn; anything when empty.
     """
     more = [*(("--conceal-seed", str(seed)) if seed is not None else ()), *(("--only", only) if only else ())]
     place = key or sealing.default_key()
@@ -71,20 +66,9 @@ def command(seal: Path, key: Path | None, seed: int | None, only: str) -> tuple[
 def contents_of(bench: Bench, seed: int | str, only: str = "") -> dict[str, Any]:
     """What is concealed on a bench: the same for the same bench, seed and wish.
 
-    Parameters
-    ----------
-    only : str
-        An effect's id or a category that is to be drawn; anything when empty.
-
-    Returns
-    -------
-    dict
-        ``format``, ``truth``, ``line`` and ``bench``: what a seal holds.
-
-    Raises
-    ------
-    ConcealError
-        When no draw is as wished.
+    `only`: an effect's id or a category that is to be drawn; anything when empty.
+    Returns ``format``, ``truth``, ``line`` and ``bench``: what a seal holds. Raises ConcealError when no draw is as
+    wished.
     """
     in_time = bool(bench.file.sweep.captures)
     for index in range(MOST_DRAWS):
@@ -111,15 +95,8 @@ def contents_of(bench: Bench, seed: int | str, only: str = "") -> dict[str, Any]
 def plant_of(contents: Mapping[str, Any], bench: Bench) -> LivePlant:
     """The second rig as a seal describes it, behind a bench.
 
-    Parameters
-    ----------
-    bench : Bench
-        Its ``[virtual.truth]`` may set the line's figures, and none of the motor's.
-
-    Raises
-    ------
-    ConcealError
-        When the seal is of another bench, or the bench file sets the motor's figures.
+    `bench`: its ``[virtual.truth]`` may set the line's figures, and none of the motor's.
+    Raises ConcealError when the seal is of another bench, or the bench file sets the motor's figures.
     """
     if contents.get("format") != sealing.CONCEALED:
         raise ConcealError(f"the seal is no {sealing.CONCEALED}: it is that of a campaign")
@@ -141,17 +118,10 @@ def plant_of(contents: Mapping[str, Any], bench: Bench) -> LivePlant:
 def opened_or_drawn(bench: Bench, seal: Path, key: Path, seed: int | None, only: str) -> dict[str, Any]:
     """What is concealed: as sealed, or drawn now and sealed.
 
-    Parameters
-    ----------
-    seed : int or None
-        Of what is drawn; drawn itself when left out.
-    only : str
-        An effect's id or a category that is to be drawn; anything when empty.
-
-    Raises
-    ------
-    ConcealError
-        When a seal that is there holds something else than what is asked for, or the key lies in the seal's folder.
+    `seed`: of what is drawn; drawn itself when left out.
+    `only`: an effect's id or a category that is to be drawn; anything when empty.
+    Raises ConcealError when a seal that is there holds something else than what is asked for, or the key lies in the
+    seal's folder.
     """
     if seal.resolve() in key.resolve().parents:
         raise ConcealError(f"{key}: the key lies in the seal's own folder; name a place elsewhere with --key")
@@ -181,18 +151,11 @@ def serve_concealed(
 ) -> None:
     """Serve a bench that conceals something until told to stop.
 
-    Parameters
-    ----------
-    key : Path or None
-        Its key; `sealing.default_key` when left out.
-    conceal_seed : int or None
-        Of what is drawn; drawn itself when left out.
-    only : str
-        An effect's id or a category that is to be drawn; anything when empty.
-    rate : float or None
-        Seconds of the bench in one of the wall [-].
-    linger_s : float
-        How long after the owner this process ends, on the wall's clock [s].
+    `key`: its key; `sealing.default_key` when left out.
+    `conceal_seed`: of what is drawn; drawn itself when left out.
+    `only`: an effect's id or a category that is to be drawn; anything when empty.
+    `rate`: seconds of the bench in one of the wall [-].
+    `linger_s`: how long after the owner this process ends, on the wall's clock [s].
     """
 
     def made(bench: Bench) -> LivePlant:

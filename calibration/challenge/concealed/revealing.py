@@ -46,20 +46,9 @@ UNITS |= {"nm_s2": "N m s2", "pa_s2_m6": "Pa s2/m6", "pa_s_m3": "Pa s/m3", "w_m2
 def reveal(seal: Path, key: Path | None = None) -> dict[str, Any]:
     """Open a seal.
 
-    Parameters
-    ----------
-    key : Path or None
-        Its key; the user's when left out.
-
-    Returns
-    -------
-    dict
-        Of concealed/1, with its ``truth_sha256``.
-
-    Raises
-    ------
-    SealError
-        When the key does not open it, or it is no concealed bench's.
+    `key`: its key; the user's when left out.
+    The JSON of concealed/1, with its ``truth_sha256``. Raises SealError when the key does not open it, or it is no
+    concealed bench's.
     """
     contents, digest = open_seal(seal, key or default_key())
     if contents.get("format") != CONCEALED:
@@ -82,11 +71,9 @@ def in_words(contents: Mapping[str, Any]) -> list[str]:
 def score(contents: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
     """What a diagnosis is worth against what was concealed.
 
-    Returns
-    -------
-    dict
-        ``concealed`` and ``named`` (ids), ``verdict``, ``score`` (a word of `SCORES`, or a false name), ``p_value``,
-        ``f_overall`` with ``true``, ``q05``, ``q95`` and whether that interval ``holds`` it, None where there is none.
+    Returns ``concealed`` and ``named`` (ids), ``verdict``, ``score`` (a word of `SCORES`, or a false name),
+    ``p_value``, ``f_overall`` with ``true``, ``q05``, ``q95`` and whether that interval ``holds`` it, None where there
+    is none.
     """
     truth = contents["truth"]
     case = Case("", dict(truth), dict(diagnosis))
@@ -130,13 +117,7 @@ def score_in_words(scored: Mapping[str, Any]) -> list[str]:
 
 
 def read_diagnosis(file: Path) -> dict[str, Any]:
-    """A diagnosis/1 from its file.
-
-    Raises
-    ------
-    ChallengeError
-        When it is none.
-    """
+    """A diagnosis/1 from its file. Raises ChallengeError when it is none."""
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except ValueError as problem:

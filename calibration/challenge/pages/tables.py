@@ -32,13 +32,7 @@ LOCATED_WORDS = {
 
 @dataclass(frozen=True)
 class Grid:
-    """A table.
-
-    Attributes
-    ----------
-    header : tuple of str
-        Of its columns; the first holds words, the others figures.
-    """
+    """A table. `header`: of its columns; the first holds words, the others figures."""
 
     title: str
     header: tuple[str, ...]
@@ -105,65 +99,21 @@ def shares(title: str, pairs: Sequence[tuple[str, Mapping[str, Any] | None]]) ->
 
 def all_grids(found: Mapping[str, Any]) -> list[Grid]:
     """Every table of the page, in order."""
-    separable, confounded, coverage = found["separable"], found["confounded"], found["coverage"]
-    accuracy = [
-        (words(g), percent(a["unconditional"]), percent(a["with_truth_listed"]), percent(a["given_a_name"]))
-        for g, a in found["accuracy"].items()
-    ]
     nulls = [(name, percent(one["false_names"]), percent(one["false_alarms"])) for name, one in found["nulls"].items()]
     near = [(name, *(percent(got) for got in one.values())) for name, one in found["near"].items()]
-    located = [
-        (words(group), *(percent(one[key]) for key in LOCATED_WORDS), _sizes(one["by_group_size"]))
-        for group, one in found["located"].items()
-    ]
-    covered: list[tuple[str, ...]] = [
-        (name, percent(one["50"]), percent(one["90"])) for name, one in coverage["f_overall"].items()
-    ]
-    covered.append(("an effect's size, rightly named", *(percent(coverage["effect_size"][k]) for k in ("50", "90"))))
     return [
         goals(found),
         outcomes(found),
-        Grid(
-            "Accuracy, of all cases and of those with a name",
-            ("concealed", "right, of all", "right or truth listed, of all", "right, where something was named"),
-            accuracy,
-        ),
-        shares(
-            f"Separable by the scorer's account ({separable['not_computed']} not computed)",
-            [
-                ("separable, of one and two effects", separable["share"]),
-                ("right set where separable", separable["right_set"]),
-                ("... one effect", separable["right_set_single"]),
-                ("... two effects", separable["right_set_pair"]),
-                ("... one effect in another form", separable["right_set_other_form"]),
-                ("... the same, truth listed counted", separable["right_or_listed_other_form"]),
-            ],
-        ),
+        _accuracy(found["accuracy"]),
+        _separable(found["separable"]),
         by_signal(found),
         Grid("Where nothing is concealed", ("noise", "false names", "false alarms of any kind"), nulls),
         Grid("Near a nuisance's size", ("concealed", "right", "named", "consistent", "wrong name"), near),
         shares("Wrong names", [(words(group), got) for group, got in found["wrong_names"].items()]),
         shares("Effects in no library", [(key.replace("_", " "), got) for key, got in found["not_in_library"].items()]),
-        Grid("Located", ("concealed", *LOCATED_WORDS.values(), "right, by the group's size"), located),
-        shares(
-            f"Not separable though D is 7 or more: {confounded['not_separable_above_7']} cases",
-            [
-                ("said to be confounded, truth listed", confounded["flagged"]),
-                ("... the scorer's rival listed too", confounded["flagged_with_the_rival"]),
-                ("named rightly all the same", confounded["named_all_the_same"]),
-            ],
-        ),
-        shares(
-            f"With the recommended test added: {confounded['followed_up']} of {confounded['truth_listed']} cases",
-            [
-                ("resolved rightly", confounded["resolved"]),
-                ("resolved wrongly", confounded["resolved_wrongly"]),
-                ("still confounded, truth listed", confounded["still_confounded"]),
-                ("none of these", confounded["neither"]),
-                ("ended in an error", confounded["ended_in_an_error"]),
-            ],
-        ),
-        Grid("Intervals that hold the truth", ("f_overall", "50 % interval", "90 % interval"), covered),
+        _located(found["located"]),
+        *_confounded(found["confounded"]),
+        _coverage(found["coverage"]),
         *(
             _reliability(found["reliability"][key], title)
             for key, title in (
@@ -174,6 +124,66 @@ def all_grids(found: Mapping[str, Any]) -> list[Grid]:
         ),
         _held_out(found["held_out"]),
     ]
+
+
+def _accuracy(found: Mapping[str, Any]) -> Grid:
+    columns = ("unconditional", "with_truth_listed", "given_a_name")
+    return Grid(
+        "Accuracy, of all cases and of those with a name",
+        ("concealed", "right, of all", "right or truth listed, of all", "right, where something was named"),
+        [(words(group), *(percent(one[key]) for key in columns)) for group, one in found.items()],
+    )
+
+
+def _separable(found: Mapping[str, Any]) -> Grid:
+    return shares(
+        f"Separable by the scorer's account ({found['not_computed']} not computed)",
+        [
+            ("separable, of one and two effects", found["share"]),
+            ("right set where separable", found["right_set"]),
+            ("... one effect", found["right_set_single"]),
+            ("... two effects", found["right_set_pair"]),
+            ("... one effect in another form", found["right_set_other_form"]),
+            ("... the same, truth listed counted", found["right_or_listed_other_form"]),
+        ],
+    )
+
+
+def _located(found: Mapping[str, Any]) -> Grid:
+    rows = [
+        (words(group), *(percent(one[key]) for key in LOCATED_WORDS), _sizes(one["by_group_size"]))
+        for group, one in found.items()
+    ]
+    return Grid("Located", ("concealed", *LOCATED_WORDS.values(), "right, by the group's size"), rows)
+
+
+def _confounded(found: Mapping[str, Any]) -> tuple[Grid, Grid]:
+    """Confounded verdicts, and what they became with the recommended test."""
+    said = shares(
+        f"Not separable though D is 7 or more: {found['not_separable_above_7']} cases",
+        [
+            ("said to be confounded, truth listed", found["flagged"]),
+            ("... the scorer's rival listed too", found["flagged_with_the_rival"]),
+            ("named rightly all the same", found["named_all_the_same"]),
+        ],
+    )
+    followed_up = shares(
+        f"With the recommended test added: {found['followed_up']} of {found['truth_listed']} cases",
+        [
+            ("resolved rightly", found["resolved"]),
+            ("resolved wrongly", found["resolved_wrongly"]),
+            ("still confounded, truth listed", found["still_confounded"]),
+            ("none of these", found["neither"]),
+            ("ended in an error", found["ended_in_an_error"]),
+        ],
+    )
+    return said, followed_up
+
+
+def _coverage(found: Mapping[str, Any]) -> Grid:
+    intervals = {**found["f_overall"], "an effect's size, rightly named": found["effect_size"]}
+    rows = [(name, percent(one["50"]), percent(one["90"])) for name, one in intervals.items()]
+    return Grid("Intervals that hold the truth", ("f_overall", "50 % interval", "90 % interval"), rows)
 
 
 def as_rich(grid: Grid) -> Table:

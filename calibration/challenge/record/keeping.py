@@ -48,10 +48,8 @@ def _as_bytes(opened: Opened) -> bytes:
 def read(places: Sequence[Path], book: Path) -> Scored:
     """Count campaigns together that were kept.
 
-    Raises
-    ------
-    ChallengeError
-        When a file is damaged, is not what the ledger says, is there twice, or was run with other code than the first.
+    Raises ChallengeError when a file is damaged, is not what the ledger says, is there twice, or was run with other
+    code than the first.
     """
     lines = ledger.read_ledger(book)
     opened = [_read(place, lines, book) for place in places]
@@ -69,10 +67,7 @@ def read(places: Sequence[Path], book: Path) -> Scored:
 def hold_against_this_code(scored: Scored) -> None:
     """Refuse campaigns that were run or scored with other code than this: what it adds could not be counted with them.
 
-    Raises
-    ------
-    ChallengeError
-        When a hash differs.
+    Raises ChallengeError when a hash differs.
     """
     for key, here in (("diagnosis_sha256", diagnosis_sha256()), ("scorer_sha256", scorer_sha256())):
         for entry in scored.entries:

@@ -31,15 +31,8 @@ class LedgerError(ChallengeError):
 def read_ledger(place: Path) -> list[dict[str, Any]]:
     """All lines, their chain verified.
 
-    Parameters
-    ----------
-    place : Path
-        The ledger; one that does not exist is empty.
-
-    Raises
-    ------
-    LedgerError
-        When a line does not carry the hash of the one before, or is no JSON object.
+    `place`: the ledger; one that does not exist is empty.
+    Raises LedgerError when a line does not carry the hash of the one before, or is no JSON object.
     """
     return [entry for entry, _ in _chain(place, place.read_bytes() if place.exists() else b"")]
 
@@ -47,16 +40,9 @@ def read_ledger(place: Path) -> list[dict[str, Any]]:
 def append(place: Path, entry: Mapping[str, Any]) -> dict[str, Any] | None:
     """Add a scored campaign; None when it is there already.
 
-    Parameters
-    ----------
-    entry : mapping
-        What is told of the campaign, with the keys of SAME.
-
-    Returns
-    -------
-    dict or None
-        The line as written: with its number, the hash of the line before, and whether the ledger had seen these truths
-        before, or others drawn from the same seed, in which case nothing of it was blind any more.
+    `entry`: what is told of the campaign, with the keys of SAME.
+    Returns the line as written: with its number, the hash of the line before, and whether the ledger had seen these
+    truths before, or others drawn from the same seed, in which case nothing of it was blind any more.
     """
 
     def to_add(there: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
@@ -70,10 +56,7 @@ def append(place: Path, entry: Mapping[str, Any]) -> dict[str, Any] | None:
 def append_opening(place: Path, entry: Mapping[str, Any]) -> dict[str, Any] | None:
     """Tell that a seal is about to be opened; None when it has been told.
 
-    Parameters
-    ----------
-    entry : mapping
-        What is known of the campaign before, with its ``truth_sha256`` and ``verdicts_sha256``.
+    `entry`: what is known of the campaign before, with its ``truth_sha256`` and ``verdicts_sha256``.
     """
 
     def to_add(there: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:

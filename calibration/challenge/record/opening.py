@@ -28,14 +28,9 @@ Oracle = Callable[[Path, Sequence[str]], float]
 class Settings:
     """How a campaign is scored.
 
-    Attributes
-    ----------
-    key : Path or None
-        The key's file; beside the seal when None.
-    follow_ups : bool
-        Whether the tests recommended for confounded verdicts are simulated and diagnosed.
-    oracle : bool
-        Whether the held-out gain of the true set is computed.
+    `key`: the key's file; beside the seal when None.
+    `follow_ups`: whether the tests recommended for confounded verdicts are simulated and diagnosed.
+    `oracle`: whether the held-out gain of the true set is computed.
     """
 
     key: Path | None = None
@@ -50,10 +45,7 @@ class Settings:
 class Opened:
     """One campaign with its truths open.
 
-    Attributes
-    ----------
-    frozen : dict
-        What was frozen before the first verdict: commit, hashes, thresholds, versions.
+    `frozen`: what was frozen before the first verdict: commit, hashes, thresholds, versions.
     """
 
     entry: dict[str, Any]
@@ -96,15 +88,8 @@ def score(
 ) -> Scored:
     """Score campaigns; each enters the ledger by itself, the summary is of all their cases together.
 
-    Parameters
-    ----------
-    tell : callable
-        Given a step's name, it gives what is told of the step's progress.
-
-    Raises
-    ------
-    ChallengeError
-        When verdicts are missing, or the truths are not those that were committed to.
+    `tell`: given a step's name, it gives what is told of the step's progress.
+    Raises ChallengeError when verdicts are missing, or the truths are not those that were committed to.
     """
     ledger.read_ledger(book)  # a broken chain is refused before anything is opened
     campaigns = [layout.read_campaign(folder) for folder in folders]
@@ -148,6 +133,49 @@ def _open(campaign: Campaign, frozen: dict[str, Any], key: Path | None) -> dict[
     return contents
 
 
+@dataclass(frozen=True)
+class _Computing:
+    """What is computed of the cases of an opened campaign; failures go to the problems.
+
+    `arguments`: by a case's name, what every task is given.
+    """
+
+    campaign: Campaign
+    arguments: Mapping[str, dict[str, Any]]
+    settings: Settings
+    tell: Callable[[str], Tell]
+    problems: list[str]
+
+    def each(
+        self, step: str, task: Task, cases: Sequence[Case], mark: str, more: Callable[[Case], Any] = lambda case: None
+    ) -> dict[str, Any]:
+        """What a task gives for each of these cases, by name."""
+        words, place = step.replace("_", " "), self.campaign.folder / FOLDER / step
+        mark = f"{self.campaign.truth_sha256}/{mark}"
+        items = [Item(case.name, self.arguments[case.name] | {"more": more(case)}, mark) for case in cases]
+        done = run_many(task, items, place, self.settings.workers, self.settings.scheduler, self.tell(words))
+        self.problems.extend(f"{self.campaign.name}/{one.name}, {words}: {one.error}" for one in done if one.error)
+        return {one.name: one.value for one in done}
+
+    def follow_ups(self, cases: Sequence[Case], code: str) -> dict[str, Any]:
+        """The confounded ones diagnosed again, with the recommended test."""
+        chosen = [case for case in cases if case.outcome == LISTED and tests_of_this_bench(case.diagnosis)]
+        task = functools.partial(_follow_up, self.campaign.maker, self.settings.task or running.diagnose_case)
+        folder = self.campaign.folder / FOLDER / "with_the_test"
+        mark = f"{code}/{scorer_sha256()}"
+        return self.each("follow_ups", task, chosen, mark, lambda case: _next_test(case, code, folder))
+
+    def oracle(self, cases: Sequence[Case]) -> dict[str, Any]:
+        """Held-out gains of the true sets of the library."""
+        if _oracle() is None:
+            self.problems.append(
+                "the oracle's gain was not computed: the diagnosis offers no held_out_gain(folder, ids)"
+            )
+            return {}
+        listed = [case for case in cases if case.group != NONE and case.group in LISTED_IN_LIBRARY]
+        return self.each("oracle", _oracle_gain, listed, code_sha256())
+
+
 def _cases(
     campaign: Campaign,
     contents: dict[str, Any],
@@ -158,52 +186,27 @@ def _cases(
     problems: list[str],
 ) -> list[Case]:
     """The cases of one campaign, with what is computed once their truths are open."""
-    place, truths = campaign.folder / FOLDER, contents["truths"]
     apart = bool(campaign.only)
     plain = [
         Case(r.name, truth, (r.value or {}).get("diagnosis"), r.error, r.seconds, apart=apart)
-        for r, truth in zip(results, truths, strict=True)
+        for r, truth in zip(results, contents["truths"], strict=True)
     ]
     arguments = {
         case.name: {"truth": case.truth, "folder": str(campaign.recordings / case.name), "seed": campaign.seed(i)}
         for i, case in enumerate(plain)
     }
-
-    def each(step: str, task: Task, chosen: Sequence[Case], mark: str, more: Callable[[Case], Any]) -> dict[str, Any]:
-        items = [Item(c.name, arguments[c.name] | {"more": more(c)}, f"{campaign.truth_sha256}/{mark}") for c in chosen]
-        done = run_many(task, items, place / step, settings.workers, settings.scheduler, tell(step.replace("_", " ")))
-        problems.extend(
-            f"{campaign.name}/{one.name}, {step.replace('_', ' ')}: {one.error}" for one in done if one.error
-        )
-        return {one.name: one.value for one in done}
-
+    computing = _Computing(campaign, arguments, settings, tell, problems)
     concealed = [case for case in plain if case.group != NONE]
-    listed = [case for case in concealed if case.group in LISTED_IN_LIBRARY]
-    code_now = code_sha256()
-    signatures = each("signatures", functools.partial(_signatures, campaign.maker), concealed, code_now, lambda c: None)
-    again: dict[str, Any] = {}
-    if settings.follow_ups:
-        chosen = [case for case in plain if case.outcome == LISTED and tests_of_this_bench(case.diagnosis)]
-        follow = functools.partial(_follow_up, campaign.maker, settings.task or running.diagnose_case)
-        folder = place / "with_the_test"
-        mark = f"{code}/{scorer_sha256()}"
-        again = each("follow_ups", follow, chosen, mark, lambda c: _next_test(c, code, folder))
-    oracle: dict[str, Any] = {}
-    if settings.oracle and _oracle() is None:
-        problems.append("the oracle's gain was not computed: the diagnosis offers no held_out_gain(folder, ids)")
-    elif settings.oracle:
-        oracle = each("oracle", _oracle_gain, listed, code_now, lambda c: None)
+    task = functools.partial(_signatures, campaign.maker)
+    signatures = computing.each("signatures", task, concealed, code_sha256())
+    again = computing.follow_ups(plain, code) if settings.follow_ups else {}
+    gains = computing.oracle(plain) if settings.oracle else {}
     return [
-        Case(
-            case.name,
-            case.truth,
-            case.diagnosis,
-            case.error,
-            case.seconds,
-            signatures.get(case.name),
-            (again.get(case.name) or {}).get("diagnosis"),
-            (oracle.get(case.name) or {}).get("gain"),
-            apart,
+        replace(
+            case,
+            signatures=signatures.get(case.name),
+            again=(again.get(case.name) or {}).get("diagnosis"),
+            oracle_gain=(gains.get(case.name) or {}).get("gain"),
         )
         for case in plain
     ]
@@ -313,10 +316,7 @@ def result_of(cases: Sequence[Case]) -> dict[str, Any]:
 def refuse_twice(entry: Mapping[str, Any], others: Sequence[Mapping[str, Any]], place: Path) -> None:
     """Refuse a campaign some of whose cases others have: a case counts once.
 
-    Raises
-    ------
-    ChallengeError
-        When another has its truths, or truths drawn from the same seed that may be the same.
+    Raises ChallengeError when another has its truths, or truths drawn from the same seed that may be the same.
     """
     for other in others:
         if entry["truth_sha256"] == other["truth_sha256"]:

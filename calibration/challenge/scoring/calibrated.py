@@ -58,10 +58,7 @@ def held_out(cases: Sequence[Case]) -> dict[str, Any]:
 def stated(cases: Sequence[Case]) -> dict[str, Any]:
     """Stated probabilities against what was true: of whole sets, and of single effects in them.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-        All; named and confounded verdicts state probabilities.
+    `cases`: all; named and confounded verdicts state probabilities.
     """
     said = [c for c in cases if c.diagnosis and c.verdict in ("named", "confounded")]
     sets, effects = [], []

@@ -28,18 +28,11 @@ OUTCOMES = (RIGHT, LISTED, PART, REFUSED, MISSED, ALARM, ASTRAY, WRONG, FAILED)
 class Case:
     """Everything known of a case once its truth is open.
 
-    Attributes
-    ----------
-    diagnosis : dict or None
-        diagnosis/1 without its times; None where it failed.
-    seconds : float
-        Of the diagnosis [s].
-    again : dict or None
-        The diagnosis with the recommended test added, where one was made.
-    oracle_gain : float or None
-        Held-out gain of the true set, where it was computed [-].
-    apart : bool
-        Whether its campaign is of one category alone. It counts where that is asked for, not in the shares of all.
+    `diagnosis`: diagnosis/1 without its times; None where it failed.
+    `seconds`: of the diagnosis [s].
+    `again`: the diagnosis with the recommended test added, where one was made.
+    `oracle_gain`: held-out gain of the true set, where it was computed [-].
+    `apart`: whether its campaign is of one category alone. It counts where that is asked for, not in the shares of all.
     """
 
     name: str

@@ -11,14 +11,10 @@ from typing import Any
 class Located:
     """One place against the truth.
 
-    Attributes
-    ----------
-    balance, channel, coordinate : bool
-        Whether each is right; the coordinate also when it is in the group of those that cannot be told apart.
-    group : int
-        Size of that group, 1 where the diagnosis can tell the coordinate from all others; 0 where it is wrong [-].
-    overlaps : bool or None
-        Whether the ranges meet; None where they are along different coordinates, or the truth has none.
+    `balance`, `channel`, `coordinate`: whether each is right; the coordinate also when it is in the group of those that
+        cannot be told apart.
+    `group`: size of that group, 1 where the diagnosis can tell the coordinate from all others; 0 where it is wrong [-].
+    `overlaps`: whether the ranges meet; None where they are along different coordinates, or the truth has none.
     """
 
     balance: bool
@@ -39,10 +35,7 @@ NOWHERE = Located(False, False, False, 0, None)
 def first_place(truth: Mapping[str, Any], located: Sequence[Mapping[str, Any]]) -> Located:
     """The place that the diagnosis puts first.
 
-    Parameters
-    ----------
-    truth : mapping
-        ``balance``, ``channel``, ``coordinate`` (each a word, or a list of those that are right) and ``where``; of
+    `truth`: ``balance``, ``channel``, ``coordinate`` (each a word, or a list of those that are right) and ``where``; of
         several effects ``any_of``, a place each.
     """
     return compare(truth, located[0]) if located else NOWHERE

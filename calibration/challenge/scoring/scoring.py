@@ -36,13 +36,7 @@ PAIR_ROW, PAIR_COLUMN = "two effects", "two effects named"
 
 
 def summary(cases: Sequence[Case]) -> dict[str, Any]:
-    """Everything that is published of a campaign.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        All of them; none is dropped.
-    """
+    """Everything that is published of a campaign. `cases`: all of them; none is dropped."""
     by_group = {group: [case for case in cases if case.group == group] for group in GROUPS}
     found: dict[str, Any] = {
         "cases": len(cases),

@@ -5,13 +5,25 @@ Another integrator, gas that flows through ports at a finite rate, other functio
 it does, and how far it and the article's reference figures agree.
 
 machine     the motor
+supply      the line ahead of it, and where it stands under load
 concealed, instruments  effects: their laws on the motor, and on what is read
-bench       what the instruments would read without noise; loaded: where the line stands under load
+bench       what the instruments would read without noise
 readout     what tachometer and gauge make of a run in time
 sizes, draws, truth    what a case conceals; equipment: the line and the instruments that are drawn
 live        motor and line carried on in a bench's time, behind the virtual bench's instruments
 sheets, recordings     recording/1, and a further test
 signatures, runs_seen, small_torques, separable  what a recording can tell apart
+
+What stands in many signatures: `p` figures of the motor as `slots` lays them out, `rows`, shape (n, k), of a motor a
+row; `y` its state as `motor` lays it out, changed in place, and `table` of `curve`; `line` and `lines` pressure at the
+gauge [Pa]; `figures`, shape (6,), of `Supply`, and `s`, shape (5,), the state of the line, changed in place; `target`
+what the regulator is set to [Pa]; `less` how much less than the line's pressure the motor gets [Pa]; `clock` the
+recording's [s]; `cell` duration of a cell and `dt` (largest) step [s]; `theta` the shaft's angle and `psi` that within
+a lobe [rad]; `gauge` and `line_gauge` pressure of the line above the ambient's [Pa]; `nuisances` figures of the motor
+off their defaults [SI]; `omega` and `speed` the shaft's speed [rad/s], `pressure` that at the gauge [Pa], `T`
+temperature [K], `mass_flow` out of the line [kg/s].
+
+Kernels take their arrays one by one, however many: in a tuple they cost a short kernel time at every call.
 """
 
 from calibration.challenge.second_rig.draws import draw

@@ -10,12 +10,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from calibration.challenge.second_rig import concealed, instruments, line
+from calibration.challenge.second_rig import concealed, instruments
 from calibration.challenge.second_rig.concealed import Concealed
-from calibration.challenge.second_rig.line import Supply
-from calibration.challenge.second_rig.loaded import under_load
 from calibration.challenge.second_rig.machine import marches, motor
 from calibration.challenge.second_rig.machine.slots import BAR, L_MIN, PULSE, R_AIR
+from calibration.challenge.second_rig.supply import line
+from calibration.challenge.second_rig.supply.line import Supply
+from calibration.challenge.second_rig.supply.loaded import under_load
 
 SAMPLE_S = 0.005  # between samples of a run in time
 CELL_S = 0.0005  # in which a run in time is kept before it is sampled
@@ -24,15 +25,7 @@ Steady = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Plateaus:
-    """Steady rows that are to be measured, arrays of shape (n,).
-
-    Attributes
-    ----------
-    lines : ndarray
-        Pressure at the gauge [Pa].
-    clock : ndarray
-        On the recording's clock [s].
-    """
+    """Steady rows that are to be measured, arrays of shape (n,)."""
 
     lines: np.ndarray
     clock: np.ndarray
@@ -44,16 +37,10 @@ class Plateaus:
 class Run:
     """A run in time that is to be measured: the supply opens or shuts while the speed is sampled.
 
-    Attributes
-    ----------
-    line : float
-        What the regulator is set to; with an ideal supply, the line's pressure when it is open [Pa].
-    opened : ndarray of bool, shape (n,)
-        Whether the valve is driven towards the regulator, a sample of `SAMPLE_S` each.
-    start_s : float
-        On the recording's clock [s].
-    angle : float
-        Shaft angle at which the supply changes, within a pulse [rad].
+    `line`: what the regulator is set to; with an ideal supply, the line's pressure when it is open [Pa].
+    `opened`, shape (n,): whether the valve is driven towards the regulator, a sample of `SAMPLE_S` each.
+    `start_s`: on the recording's clock [s].
+    `angle`: shaft angle at which the supply changes, within a pulse [rad].
     """
 
     line: float
@@ -66,17 +53,11 @@ class Run:
 class Rig:
     """The motor as built, and the errors of its instruments.
 
-    Attributes
-    ----------
-    nuisances : mapping of str to float
-        Figures of the motor off their defaults [SI].
-    errors : mapping of str to float
-        ``pressure_offset_bar``, ``pressure_scale``, ``flow_offset_l_min``, ``flow_scale``, ``speed_offset_rpm`` and
-        ``speed_scale``; scales less 1.
-    added_inertia : float
-        Of a flywheel [kg m2].
-    supply : Supply or None
-        The line; None where the pressure steps.
+    `nuisances`: figures of the motor off their defaults [SI].
+    `errors`: ``pressure_offset_bar``, ``pressure_scale``, ``flow_offset_l_min``, ``flow_scale``, ``speed_offset_rpm``
+        and ``speed_scale``; scales less 1.
+    `added_inertia`: of a flywheel [kg m2].
+    `supply`: the line; None where the pressure steps.
     """
 
     nuisances: Mapping[str, float]
@@ -96,14 +77,7 @@ class Rig:
 class Readings:
     """What the instruments show without noise, arrays of shape (n,).
 
-    Attributes
-    ----------
-    pressure : ndarray
-        Of the line, at the gauge [Pa].
-    flow : ndarray
-        Volume at the line's state [m3/s]; nan along a run in time.
-    speed : ndarray
-        Of the shaft [rad/s].
+    `flow`: volume at the line's state [m3/s]; nan along a run in time.
     """
 
     pressure: np.ndarray
@@ -115,12 +89,7 @@ class Readings:
 class History:
     """A run in time as it goes, at the ends of cells of `CELL_S`, arrays of shape (n + 1,).
 
-    Attributes
-    ----------
-    turned : ndarray
-        Angle by which the tachometer's wheel seems to have turned [rad].
-    pressure : ndarray
-        Of the line, at the gauge [Pa].
+    `turned`: angle by which the tachometer's wheel seems to have turned [rad].
     """
 
     turned: np.ndarray
@@ -133,26 +102,12 @@ def figures_of(rig: Rig, asked: Plateaus) -> tuple[np.ndarray, np.ndarray]:
 
 
 def marched(rows: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Speed [rad/s], mass flow [kg/s] and gas torque [N m] of plateaus, shape (n, 3).
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n, k)
-        Figures of the motor, a row a plateau, laid out as in `slots`.
-    lines : ndarray, shape (n,)
-        Pressure of the line [Pa].
-    """
+    """Speed [rad/s], mass flow [kg/s] and gas torque [N m] of plateaus, shape (n, 3)."""
     return _plateaus(rows.tobytes(), lines.tobytes())
 
 
 def plateaus(rig: Rig, asked: Plateaus, steady: Steady = marched) -> Readings:
-    """Readings of steady rows.
-
-    Parameters
-    ----------
-    steady : callable
-        What gives speed and mass flow of rows of figures at pressures of the line.
-    """
+    """Readings of steady rows. `steady`: what gives speed and mass flow of rows of figures at pressures of the line."""
     rows, lines = figures_of(rig, asked)
     inlet_k = rows[:, motor.TIN]
     if asked.locked:
@@ -178,10 +133,7 @@ def at_rest(rig: Rig, rows: int) -> Readings:
 def delivered(rig: Rig, asked: Plateaus) -> np.ndarray:
     """Pressure of the line in steady rows [Pa], of what the regulator is set to: it droops, and the valve takes some.
 
-    Parameters
-    ----------
-    asked : Plateaus
-        The rows, the regulator's setting in place of the line's pressure.
+    `asked`: the rows, the regulator's setting in place of the line's pressure.
     """
     if rig.supply is None:
         return asked.lines
@@ -192,12 +144,8 @@ def delivered(rig: Rig, asked: Plateaus) -> np.ndarray:
 def history(rig: Rig, asked: Run, dt: float = marches.STEP_S, ripple: bool = True) -> History:
     """What a run does in time, as tachometer and gauge are given it.
 
-    Parameters
-    ----------
-    dt : float
-        Largest step of the march [s].
-    ripple : bool
-        Whether the pulses of single cylinders are seen; without them a small change stays small however long the run.
+    `ripple`: whether the pulses of single cylinders are seen; without them a small change stays small however long the
+        run.
     """
     moment = np.array([asked.start_s])
     rows, lines = concealed.row_figures(rig.figures(), rig.effects, moment, np.zeros(1), np.array([asked.line]))
@@ -214,12 +162,7 @@ def run(
 ) -> Readings:
     """Readings of a run at every `SAMPLE_S`; a speed is the mean since the sample before. No flow is read.
 
-    Parameters
-    ----------
-    dt : float
-        Largest step of the march [s].
-    jitter : ndarray, shape (n,), optional
-        How late each sample really is [s].
+    `jitter`, shape (n,), optional: how late each sample really is [s].
     """
     found = history(rig, asked, dt, ripple)
     grid = np.arange(found.turned.size) * CELL_S
@@ -294,13 +237,7 @@ def _from_pulse_to_pulse(angle: np.ndarray) -> np.ndarray:
 
 
 def shown_pressure(rig: Rig, pressure: np.ndarray) -> np.ndarray:
-    """What the gauge shows of a pressure [Pa]: effects on it come before its own errors.
-
-    Parameters
-    ----------
-    pressure : ndarray, shape (n,)
-        At the gauge [Pa].
-    """
+    """What the gauge shows of a pressure [Pa]: effects on it come before its own errors."""
     e = rig.errors
     found = instruments.read_pressure(rig.effects, pressure)
     return found * (1.0 + e.get("pressure_scale", 0.0)) + e.get("pressure_offset_bar", 0.0) * BAR
@@ -309,12 +246,7 @@ def shown_pressure(rig: Rig, pressure: np.ndarray) -> np.ndarray:
 def shown_speed(rig: Rig, speed: np.ndarray, clock: np.ndarray) -> np.ndarray:
     """What the tachometer shows of a speed [rad/s]: effects on it come before its own errors.
 
-    Parameters
-    ----------
-    speed : ndarray, shape (n,)
-        Of the shaft [rad/s].
-    clock : ndarray, shape (n,)
-        On the recording's clock [s].
+    `speed`, shape (n,): of the shaft [rad/s].
     """
     e = rig.errors
     found = instruments.read_speed(rig.effects, speed, clock)
@@ -324,10 +256,7 @@ def shown_speed(rig: Rig, speed: np.ndarray, clock: np.ndarray) -> np.ndarray:
 def shown_flow(rig: Rig, flow: np.ndarray) -> np.ndarray:
     """What the flow meter shows of a flow that effects have changed [m3/s].
 
-    Parameters
-    ----------
-    flow : ndarray, shape (n,)
-        Volume at the line's state [m3/s].
+    `flow`, shape (n,): volume at the line's state [m3/s].
     """
     e = rig.errors
     return flow * (1.0 + e.get("flow_scale", 0.0)) + e.get("flow_offset_l_min", 0.0) / L_MIN

@@ -22,12 +22,8 @@ Values = Mapping[str, float]
 class Concealed:
     """One effect at work.
 
-    Attributes
-    ----------
-    form : str
-        The `USUAL` one of the id, or one of `sizes.OTHER_FORMS`.
-    values : mapping of str to float
-        Its sizes [SI].
+    `form`: the `USUAL` one of the id, or one of `sizes.OTHER_FORMS`.
+    `values`: its sizes [SI].
     """
 
     id: str
@@ -106,13 +102,7 @@ _ADDED = ("roller_factor", "heat_factor")
 
 
 def figures(nuisances: Mapping[str, float], effects: Sequence[Concealed]) -> dict[str, float]:
-    """Figures of the motor with a set of effects, as they are at any time.
-
-    Parameters
-    ----------
-    nuisances : mapping of str to float
-        Figures off their defaults [SI].
-    """
+    """Figures of the motor with a set of effects, as they are at any time."""
     found = dict(DEFAULTS) | {name: value for name, value in nuisances.items() if name in DEFAULTS}
     for effect in effects:
         for name, value in _FIGURES.get((effect.id, effect.form), lambda v: {})(effect.values).items():
@@ -130,21 +120,10 @@ def row_figures(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Figures and line pressures of rows, with what depends on the clock and on the sweep's direction.
 
-    Parameters
-    ----------
-    clock : ndarray, shape (n,)
-        On the recording's clock [s].
-    way : ndarray, shape (n,)
-        1 upwards, -1 downwards, 0 neither [-].
-    lines : ndarray, shape (n,)
-        Pressure where the gauge sits [Pa].
-
-    Returns
-    -------
-    rows : ndarray, shape (n, k)
-        Figures of the motor, laid out as in `slots`.
-    lines : ndarray, shape (n,)
-        Pressure that the motor gets [Pa].
+    `way`, shape (n,): 1 upwards, -1 downwards, 0 neither [-].
+    `lines`, shape (n,): pressure where the gauge sits [Pa].
+    Returns `rows`, shape (n, k): figures of the motor, laid out as in `slots`; `lines`, shape (n,): pressure that the
+    motor gets [Pa].
     """
     rows = np.tile(np.array(list(base.values())), (clock.size, 1))
     for effect in effects:

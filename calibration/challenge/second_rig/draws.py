@@ -50,15 +50,8 @@ ERRORS = {
 def draw(family: str, index: int, seed: int | bytes | str) -> Truth:
     """Draw a case.
 
-    Parameters
-    ----------
-    index : int
-        Of the case [-]; twenty in a row have the whole make-up.
-
-    Raises
-    ------
-    ValueError
-        When there is no such family.
+    `index`: of the case [-]; twenty in a row have the whole make-up.
+    Raises ValueError when there is no such family.
     """
     if family not in sizes.FAMILIES:
         raise ValueError(f"no family of draws {family!r}; there are {' and '.join(sizes.FAMILIES)}")

@@ -40,7 +40,7 @@ BEYOND = 2.0
 
 
 def draw_supply(rng: np.random.Generator) -> dict[str, float]:
-    """A line, as `line.supply_of` takes it; empty for an ideal step."""
+    """A line, as `supply.line.supply_of` takes it; empty for an ideal step."""
     if rng.random() < IDEAL_SHARE:
         return {}
     found = {name: _log(rng, span) for name, span in LINES.items()}

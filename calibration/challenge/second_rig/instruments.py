@@ -12,10 +12,7 @@ from calibration.challenge.second_rig.concealed import Concealed
 def read_pressure(effects: Sequence[Concealed], true: np.ndarray) -> np.ndarray:
     """What the gauge makes of the pressure at it [Pa]: errors of its zero and its span, and a made-up sawtooth.
 
-    Parameters
-    ----------
-    true : ndarray, shape (n,)
-        Pressure at the gauge [Pa].
+    `true`, shape (n,): pressure at the gauge [Pa].
     """
     for effect in effects:
         v = effect.values
@@ -36,16 +33,10 @@ def read_flow(
     A variable-area meter whose scale was drawn for 1 atm and 20 C reads the flow times the root of the density ratio:
     its float balances the drag. The other form takes another power of the ratio.
 
-    Parameters
-    ----------
-    true : ndarray, shape (n,)
-        Flow at the line's state [m3/s].
-    line : ndarray, shape (n,)
-        Pressure of the line [Pa].
-    line_k : float
-        Temperature of the line [K].
-    follows : ndarray of bool, shape (n,)
-        Whether a row follows the one before it without the flow having been shut.
+    `true`, shape (n,): flow at the line's state [m3/s].
+    `line`, shape (n,): pressure of the line [Pa].
+    `line_k`: temperature of the line [K].
+    `follows`, shape (n,): whether a row follows the one before it without the flow having been shut.
     """
     for effect in effects:
         v = effect.values
@@ -66,12 +57,7 @@ def read_flow(
 def read_speed(effects: Sequence[Concealed], true: np.ndarray, clock: np.ndarray) -> np.ndarray:
     """What the tachometer makes of a steady speed [rad/s]: miscounted pulses, and a coupling that begins to slip.
 
-    Parameters
-    ----------
-    true : ndarray, shape (n,)
-        Speed of the shaft [rad/s].
-    clock : ndarray, shape (n,)
-        On the recording's clock [s].
+    `true`, shape (n,): speed of the shaft [rad/s].
     """
     for effect in effects:
         v = effect.values
@@ -85,12 +71,7 @@ def read_speed(effects: Sequence[Concealed], true: np.ndarray, clock: np.ndarray
 def lagged(effects: Sequence[Concealed], speed: np.ndarray, cell_s: float) -> np.ndarray:
     """What a slow tachometer makes of the speed in time [rad/s]: a first-order lag, a pure delay or a moving average.
 
-    Parameters
-    ----------
-    speed : ndarray, shape (n,)
-        Of cells of equal duration [rad/s].
-    cell_s : float
-        Duration of a cell [s].
+    `speed`, shape (n,): of cells of equal duration [rad/s].
     """
     for effect in effects:
         if effect.id != "speed_lag":
@@ -118,12 +99,8 @@ def lagged(effects: Sequence[Concealed], speed: np.ndarray, cell_s: float) -> np
 def misread(effects: Sequence[Concealed], channel: str, readings: np.ndarray) -> np.ndarray:
     """Readings of the sweep with single ones misread.
 
-    Parameters
-    ----------
-    channel : str
-        ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
-    readings : ndarray, shape (n,)
-        As they would be [SI].
+    `channel`: ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
+    `readings`, shape (n,): as they would be [SI].
     """
     readings = readings.copy()
     for effect in effects:

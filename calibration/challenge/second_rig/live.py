@@ -18,10 +18,10 @@ from numba import njit
 from calibration.challenge.second_rig import concealed, instruments
 from calibration.challenge.second_rig.bench import Rig
 from calibration.challenge.second_rig.concealed import Concealed
-from calibration.challenge.second_rig.line import LINE, Supply, at_rest, together
 from calibration.challenge.second_rig.machine import marches, motor
 from calibration.challenge.second_rig.machine.motor import OMEGA, PA, THETA
 from calibration.challenge.second_rig.machine.slots import BAR, L_MIN, R_AIR, RPM
+from calibration.challenge.second_rig.supply.line import LINE, Supply, at_rest, together
 
 NS = 1_000_000_000
 SAMPLE_NS = 1_000_000  # of the shaft's angle
@@ -35,6 +35,7 @@ SETTLED_BAR = 1e-7
 Listener = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 
 
+# Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
 def carry_on(
     p: np.ndarray,
@@ -50,22 +51,8 @@ def carry_on(
 ) -> None:
     """March motor and line together.
 
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of `motor`; changed.
-    s : ndarray, shape (5,)
-        State of the line; changed.
-    figures : ndarray, shape (6,)
-        Of `line.Supply`.
-    target : float
-        What the regulator is set to [Pa].
-    less : float
-        How much less than the line's pressure the motor gets [Pa].
-    dt : float
-        Step [s].
-    samples : ndarray, shape (n, 4)
-        Filled: angle [rad], speed [rad/s], pressure of the line [Pa], mean mass flow into the motor [kg/s].
+    `samples`, shape (n, 4): filled: angle [rad], speed [rad/s], pressure of the line [Pa], mean mass flow into the
+        motor [kg/s].
     """
     for k in range(samples.shape[0]):
         passed = 0.0
@@ -93,14 +80,9 @@ class Tachometer:
     def follow(self, speeds: np.ndarray, span_s: float, clock_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Angles [rad] and speeds [rad/s] as they are seen, shape (n,).
 
-        Parameters
-        ----------
-        speeds : ndarray, shape (n,)
-            Mean speed of the shaft in each sample [rad/s].
-        span_s : float
-            Of a sample [s].
-        clock_s : float
-            At the start of the first [s].
+        `speeds`, shape (n,): mean speed of the shaft in each sample [rad/s].
+        `span_s`: of a sample [s].
+        `clock_s`: at the start of the first [s].
         """
         shown = instruments.read_speed(self.effects, speeds, clock_s + span_s * (1.0 + np.arange(speeds.size)))
         shown = self._late(shown, span_s)
@@ -129,15 +111,9 @@ class Tachometer:
 class LivePlant:
     """Line and motor; `advance` carries them on, the attributes tell how they stand.
 
-    Parameters
-    ----------
-    rig : Rig
-        The motor as built, and what is concealed; the instruments' own errors are not taken from it.
-    line : object
-        Figures of a bench's line: ``regulator_lag_s``, ``regulator_gain``, ``regulator_droop_bar_min_l``,
+    `rig`: the motor as built, and what is concealed; the instruments' own errors are not taken from it.
+    `line`: figures of a bench's line: ``regulator_lag_s``, ``regulator_gain``, ``regulator_droop_bar_min_l``,
         ``line_volume_l``, ``valve_time_s``, ``valve_area_mm2``; the instruments read what else there is of it.
-    room_k : float
-        Temperature of the room [K].
     """
 
     def __init__(self, rig: Rig, line: Any, room_k: float) -> None:
@@ -205,13 +181,7 @@ class LivePlant:
         return self.target_bar <= self.ambient_bar
 
     def order(self, pressure_bar_abs: float) -> None:
-        """Order a pressure, now.
-
-        Parameters
-        ----------
-        pressure_bar_abs : float
-            Absolute [bar]; the ambient's or less vents the line.
-        """
+        """Order a pressure, now. `pressure_bar_abs`: absolute [bar]; the ambient's or less vents the line."""
         gauge = max(0.0, pressure_bar_abs - self.ambient_bar) * self.line.regulator_gain
         target = self.ambient_bar + gauge
         if abs(target - self.target_bar) > SETTLED_BAR:
@@ -222,25 +192,11 @@ class LivePlant:
             self.setpoints.append((self.time_ns / NS, target))
 
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
-        """The present mass flow as a volume flow at a state.
-
-        Parameters
-        ----------
-        pressure_bar_abs : float
-            Absolute pressure of the state [bar].
-        temperature_k : float
-            Its temperature [K].
-        """
+        """The present mass flow as a volume flow at a state."""
         return self.flow_kg_s * R_AIR * temperature_k / (pressure_bar_abs * BAR) * L_MIN
 
     def advance(self, to_ns: int) -> None:
-        """Carry line and motor on to a time; an earlier one changes nothing.
-
-        Parameters
-        ----------
-        to_ns : int
-            Time of the bench [ns].
-        """
+        """Carry line and motor on to a time; an earlier one changes nothing. `to_ns`: time of the bench [ns]."""
         while self.time_ns < to_ns:
             self._carry_on(min(to_ns, self.time_ns + CHUNK_NS))
 

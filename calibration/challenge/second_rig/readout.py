@@ -37,12 +37,7 @@ BEFORE_S = 0.04  # over which the speed before the first sample is taken
 def slowed(values: np.ndarray, lag_s: float) -> np.ndarray:
     """What an instrument with a first-order lag makes of a quantity in time, from rest at its first value.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        At the ends of cells of `bench.CELL_S` [own unit].
-    lag_s : float
-        Its lag [s].
+    `values`, shape (n,): at the ends of cells of `bench.CELL_S` [own unit].
     """
     if lag_s <= 0.0:
         return values
@@ -56,12 +51,7 @@ def slowed(values: np.ndarray, lag_s: float) -> np.ndarray:
 def wheel(turned: np.ndarray, lag_s: float) -> np.ndarray:
     """The angle that a tachometer with a lag sees [rad]; before the start the shaft turned as it does there.
 
-    Parameters
-    ----------
-    turned : ndarray, shape (n + 1,)
-        Angle of the shaft [rad].
-    lag_s : float
-        Its lag [s].
+    `turned`, shape (n + 1,): angle of the shaft [rad].
     """
     if lag_s <= 0.0:
         return turned
@@ -71,13 +61,7 @@ def wheel(turned: np.ndarray, lag_s: float) -> np.ndarray:
 
 
 def first_speed(turned: np.ndarray) -> float:
-    """Mean speed at the start of a run [rad/s].
-
-    Parameters
-    ----------
-    turned : ndarray, shape (n + 1,)
-        Angle of the shaft [rad].
-    """
+    """Mean speed at the start of a run [rad/s]. `turned`, shape (n + 1,): angle of the shaft [rad]."""
     cells = min(round(BEFORE_S / CELL_S), turned.size - 1)
     return float(turned[cells] - turned[0]) / (cells * CELL_S)
 
@@ -87,14 +71,9 @@ def speeds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """When a tachometer gives a reading [s], and what speed it gives [rad/s]; arrays of shape (n,).
 
-    Parameters
-    ----------
-    turned : ndarray, shape (m + 1,)
-        Angle of its wheel at the ends of cells of `bench.CELL_S` [rad].
-    pitch : ndarray, shape (teeth,)
-        Where each tooth stands, off its place, as a share of the distance between two.
-    jitter_s : float
-        By how much a reading is later or earlier than it says, 1 sd [s].
+    `turned`, shape (m + 1,): angle of its wheel at the ends of cells of `bench.CELL_S` [rad].
+    `pitch`, shape (teeth,): where each tooth stands, off its place, as a share of the distance between two.
+    `jitter_s`: by how much a reading is later or earlier than it says, 1 sd [s].
     """
     last = (turned.size - 1) * CELL_S
     if told["tachometer"] == TOOTH:
@@ -111,12 +90,8 @@ def speeds(
 def angle_at(turned: np.ndarray, times: np.ndarray) -> np.ndarray:
     """The wheel's angle at any time [rad]; before the start it turned as it does there.
 
-    Parameters
-    ----------
-    turned : ndarray, shape (m + 1,)
-        Angle at the ends of cells of `bench.CELL_S` [rad].
-    times : ndarray, shape (n,)
-        From the run's start [s].
+    `turned`, shape (m + 1,): angle at the ends of cells of `bench.CELL_S` [rad].
+    `times`, shape (n,): from the run's start [s].
     """
     found: np.ndarray = np.interp(times, np.arange(turned.size) * CELL_S, turned)
     return found + first_speed(turned) * np.minimum(times, 0.0)
@@ -149,10 +124,7 @@ def _teeth(
 def pressures(told: Mapping[str, Any], line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """When a gauge is read [s], and the pressure at it [Pa]; arrays of shape (n,).
 
-    Parameters
-    ----------
-    line : ndarray, shape (m + 1,)
-        Pressure at the ends of cells of `bench.CELL_S` [Pa].
+    `line`, shape (m + 1,): pressure at the ends of cells of `bench.CELL_S` [Pa].
     """
     period = 1.0 / told["gauge_hz"]
     last = (line.size - 1) * CELL_S

@@ -41,10 +41,7 @@ def make_recording(truth: Truth, folder: Path) -> None:
 
     A level at which the motor stands still is left out, as an operator would.
 
-    Parameters
-    ----------
-    folder : Path
-        Where to; made when it is not there. Files of a recording in it are overwritten.
+    `folder`: where to; made when it is not there. Files of a recording in it are overwritten.
     """
     _write(truth, folder, _files(truth, 0.0, ""), 0.0)
 
@@ -55,10 +52,7 @@ def follow_up(truth: Truth, test: str | Mapping[str, Any], folder: Path) -> None
     Where the folder holds no recording yet, the case's own is made first, to the bit. A flywheel changes every reading
     of a run, so with one the whole recording is taken again and declares it.
 
-    Parameters
-    ----------
-    test : str or mapping
-        The test in words, or an entry of ``next_tests`` with the words under ``test``. Understood are coast-down,
+    `test`: the test in words, or an entry of ``next_tests`` with the words under ``test``. Understood are coast-down,
         spin-up, flywheel, zero, locked rotor, reversed sweep, cold, and a pressure before "bar"; all else is taken for
         plateaus.
     """
@@ -206,10 +200,7 @@ def valve(truth: Truth, up: bool, longer: float = 1.0) -> np.ndarray:
 
     A slow line, a slow gauge and a slow tachometer are given their time.
 
-    Parameters
-    ----------
-    longer : float
-        By what factor it is longer, with a flywheel [-].
+    `longer`: by what factor it is longer, with a flywheel [-].
     """
     first, supply = before(truth, up), truth.supply
     after = (SPIN_UP_SAMPLES if up else COAST_DOWN_SAMPLES) * bench.SAMPLE_S

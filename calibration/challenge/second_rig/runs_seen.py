@@ -16,11 +16,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.ndimage import uniform_filter1d
 
-from calibration.challenge.second_rig import bench, loaded, readout, recordings
+from calibration.challenge.second_rig import bench, readout, recordings
 from calibration.challenge.second_rig.bench import CELL_S, Rig
-from calibration.challenge.second_rig.line import Supply
 from calibration.challenge.second_rig.machine.slots import BAR, PULSE, RPM
 from calibration.challenge.second_rig.sheets import COLUMN, UNIT
+from calibration.challenge.second_rig.supply import loaded
+from calibration.challenge.second_rig.supply.line import Supply
 from calibration.challenge.second_rig.truth import Truth
 from rig.recording import Recording, RecordingFile
 
@@ -57,16 +58,10 @@ OF_RUN = 3  # nuisances of each run: setting, angle, moment
 class RunAsked:
     """A run of a recording, and what was read of it.
 
-    Attributes
-    ----------
-    begins, ends : ndarray, shape (n,)
-        Between which each speed is the mean [s].
-    tooth, tooth_before : ndarray of int, shape (n,)
-        Numbers of the teeth at which each speed ends and begins.
-    gauged : ndarray, shape (m,)
-        When the gauge was read [s].
-    taken : int
-        How many readings each speed is the mean of [-].
+    `begins`, `ends`, shape (n,): between which each speed is the mean [s].
+    `tooth`, `tooth_before`, shape (n,): numbers of the teeth at which each speed ends and begins.
+    `gauged`, shape (m,): when the gauge was read [s].
+    `taken`: how many readings each speed is the mean of [-].
     """
 
     run: bench.Run
@@ -95,13 +90,7 @@ def told_of(recording: Recording, truth: Truth) -> dict[str, Any]:
 
 
 def run_of(file: RecordingFile, truth: Truth, told: Mapping[str, Any], rig: Rig, angle: float) -> RunAsked:
-    """A run of a recording, behind the line that the case has.
-
-    Parameters
-    ----------
-    angle : float
-        At which its supply changes [rad].
-    """
+    """A run of a recording, behind the line that the case has. `angle`: at which its supply changes [rad]."""
     time, pressure = file.columns["time_s"].values, file.columns["pressure_bar_abs"].values
     up = not file.columns["supply_open"].values[0] > 0.5
     if truth.is_behind_wires:
@@ -143,12 +132,8 @@ def spans(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Between which times each speed is the mean [s], and the speed [rpm], a row each that has one.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Of the rows [s].
-    speed_rpm : ndarray, shape (n,)
-        nan where no speed was read.
+    `time`, shape (n,): of the rows [s].
+    `speed_rpm`, shape (n,): nan where no speed was read.
     """
     counts = told["tachometer"] == readout.TOOTH
     read = np.isfinite(speed_rpm) & ((speed_rpm > 0.0) | (not counts))
@@ -171,13 +156,7 @@ def line_sds(told: Mapping[str, Any]) -> np.ndarray:
 
 
 def moved_supply(supply: Supply, logs: np.ndarray) -> Supply:
-    """A line with other figures.
-
-    Parameters
-    ----------
-    logs : ndarray, shape (k,)
-        Logarithms of the factors, in the order of `LINE_SDS` [-].
-    """
+    """A line with other figures. `logs`, shape (k,): logarithms of the factors, in the order of `LINE_SDS` [-]."""
     factors = zip(LINE_SDS, np.exp(logs), strict=True)
     return replace(supply, **{name: float(getattr(supply, name) * factor) for name, factor in factors})
 
@@ -189,36 +168,20 @@ def noise_of(recording: Recording) -> dict[str, tuple[float, float]]:
 
 
 def noise_sd(noise: tuple[float, float], scale: float) -> float:
-    """Declared noise of a reading, its rounding included [SI].
-
-    Parameters
-    ----------
-    noise : (float, float)
-        Of its channel, of `noise_of` [SI].
-    """
+    """Declared noise of a reading, its rounding included [SI]. `noise`: of its channel, of `noise_of` [SI]."""
     return float(np.hypot(noise[0] * scale, noise[1] / np.sqrt(12.0)))
 
 
 def thinned(times: np.ndarray) -> np.ndarray:
-    """At most `MOST` of some times [s].
-
-    Parameters
-    ----------
-    times : ndarray, shape (n,)
-        The times [s].
-    """
+    """At most `MOST` of some times [s]. `times`, shape (n,): the times [s]."""
     return times[:: max(1, -(-times.size // MOST))]
 
 
 class RunsSeen:
     """The readings of a recording's runs as vectors of unit noise.
 
-    Parameters
-    ----------
-    noise : mapping
-        Of each channel, of `noise_of` [SI].
-    base : Rig
-        Without effects; which readings count is decided here.
+    `noise`: of each channel, of `noise_of` [SI].
+    `base`: without effects; which readings count is decided here.
     """
 
     def __init__(
@@ -254,10 +217,7 @@ class RunsSeen:
     def readings(self, rig: Rig, z: np.ndarray | None = None) -> list[np.ndarray]:
         """Readings of a rig in units of noise, an array a run: speeds, then pressures.
 
-        Parameters
-        ----------
-        z : ndarray, shape (k,), or None
-            By how many declared sds the nuisances are off; nothing for None [-].
+        `z`, shape (k,), or None: by how many declared sds the nuisances are off; nothing for None [-].
         """
         z = np.zeros(self.size) if z is None else z
         lines = self.line_sds.size

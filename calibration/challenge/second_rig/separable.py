@@ -45,11 +45,8 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
     Of two effects each is weighed with the other one free, and the worse one counts. The other one in another form is a
     rival too: it alone may pass for both. What is too small to be seen, or in no library, is not held against rivals.
 
-    Returns
-    -------
-    dict
-        ``D``, ``rho``, ``rival`` (the id that rho is with), ``form`` (its form) and ``separable``; D 0 where nothing is
-        concealed, None for rho, rival and form where no rival was tried.
+    Returns ``D``, ``rho``, ``rival`` (the id that rho is with), ``form`` (its form) and ``separable``; D 0 where
+    nothing is concealed, None for rho, rival and form where no rival was tried.
     """
     found: dict[str, Any] = {"D": 0.0, "rho": None, "rival": None, "form": None, "separable": False}
     if not truth.effects:
@@ -87,12 +84,8 @@ def separable(truth: Truth, folder: Path) -> dict[str, Any]:
 class Seen:
     """A change of the readings as it is seen once the nuisances have taken up what they can.
 
-    Parameters
-    ----------
-    change : ndarray, shape (m,)
-        Of the readings [-].
-    nuisances : ndarray, shape (m, k)
-        What each of them changes per declared sd [-].
+    `change`, shape (m,): of the readings [-].
+    `nuisances`, shape (m, k): what each of them changes per declared sd [-].
     """
 
     def __init__(self, change: np.ndarray, nuisances: np.ndarray) -> None:
@@ -108,10 +101,7 @@ class Seen:
     def nearest(self, rivals: Sequence[Probed], rows: np.ndarray) -> dict[str, Any]:
         """The likest of the rivals: ``rho``, ``rival``, ``form`` and the probability that a best fit prefers the truth.
 
-        Parameters
-        ----------
-        rows : ndarray, shape (m, rows)
-            What one misread reading changes [-].
+        `rows`, shape (m, rows): what one misread reading changes [-].
         """
         like = [(self._likeness(one.id, one.change, one.one_sided), one.id, one.form) for one in rivals]
         if rows.size:

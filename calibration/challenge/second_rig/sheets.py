@@ -26,13 +26,7 @@ DRIFT_S = 1000.0  # in which the gauge drifts by the whole of a case's drift
 
 @dataclass(frozen=True)
 class File:
-    """A file of a recording.
-
-    Attributes
-    ----------
-    start_s : float or None
-        On the recording's clock [s]; None: left out.
-    """
+    """A file of a recording. `start_s`: on the recording's clock [s]; None: left out."""
 
     name: str
     kind: str
@@ -44,15 +38,7 @@ class File:
 def noisy(
     true: Readings, sensors: Mapping[str, float], noise_scale: float, clock: np.ndarray, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Readings with noise, by channel and in the columns' units.
-
-    Parameters
-    ----------
-    true : Readings
-        Without noise [SI].
-    clock : ndarray, shape (n,)
-        On the recording's clock [s].
-    """
+    """Readings with noise, by channel and in the columns' units. `true`: without noise [SI]."""
     return {channel: noisy_one(channel, getattr(true, channel), sensors, noise_scale, clock, rng) for channel in NOISE}
 
 
@@ -64,15 +50,7 @@ def noisy_one(
     clock: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Readings of one channel with noise, shape (n,), in its column's unit.
-
-    Parameters
-    ----------
-    true : ndarray, shape (n,)
-        Without noise [SI].
-    clock : ndarray, shape (n,)
-        On the recording's clock [s].
-    """
+    """Readings of one channel with noise, shape (n,), in its column's unit. `true`, shape (n,): without noise [SI]."""
     sd = NOISE[channel] * noise_scale * sensors["noise_scale"]
     found = true * UNIT[channel] + sd * unit_noise(sensors, clock.size, rng)
     return found + sensors["drift_bar"] * (clock / DRIFT_S - 0.5) if channel == "pressure" else found
@@ -94,12 +72,8 @@ def together(
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Channels that were read at times of their own, on one list of times: shape (n,), and the same by channel.
 
-    Parameters
-    ----------
-    readings : mapping of str to (ndarray, ndarray)
-        By channel, times [s] and readings [own unit].
-    held : tuple of str
-        Channels of which the last reading is written again until the next; nan stands between those of others.
+    `readings`: by channel, times [s] and readings [own unit].
+    `held`: channels of which the last reading is written again until the next; nan stands between those of others.
     """
     at = {channel: np.round(times, 6) for channel, (times, _) in readings.items()}
     times = np.unique(np.concatenate(list(at.values())))
@@ -115,10 +89,7 @@ def together(
 def cells(readings: Mapping[str, np.ndarray]) -> dict[str, list[str]]:
     """Readings as an instrument of limited resolution shows them; a tachometer shows no negative speed.
 
-    Parameters
-    ----------
-    readings : mapping of str to ndarray
-        By channel, in the columns' units; nan where one was not sampled.
+    `readings`: by channel, in the columns' units; nan where one was not sampled.
     """
     found = {}
     for channel, values in readings.items():
@@ -142,12 +113,8 @@ def write_file(folder: Path, file: File) -> None:
 def head(files: list[File], added_inertia: float, told: Mapping[str, Any], higher_bar: float = 0.0) -> str:
     """recording.toml: every case declares the same noise and errors; how a speed is made, and the line, as it has them.
 
-    Parameters
-    ----------
-    added_inertia : float
-        Of a flywheel [kg m2].
-    higher_bar : float
-        By which the room's pressure is another day's [bar].
+    `added_inertia`: of a flywheel [kg m2].
+    `higher_bar`: by which the room's pressure is another day's [bar].
     """
     lines = ['format = "recording/1"', 'motor = "ptm3600"', "files = ["]
     for file in files:
@@ -179,11 +146,5 @@ def head(files: list[File], added_inertia: float, told: Mapping[str, Any], highe
 
 
 def stamps(time: np.ndarray) -> list[str]:
-    """Times as cells.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        From the file's start [s].
-    """
+    """Times as cells. `time`, shape (n,): from the file's start [s]."""
     return [repr(round(float(t), 6)) for t in time]

@@ -65,14 +65,9 @@ BESIDES: dict[str, tuple[dict[str, float], ...]] = {
 class Asked:
     """What a recording's files ask of the rig.
 
-    Attributes
-    ----------
-    steady : list of (Plateaus, float, bool)
-        Rows, the file's noise scale, and whether it is the first sweep.
-    noise : dict
-        Declared noise and resolution of each channel [SI].
-    errors : dict
-        Declared sds of the instruments' errors, by the names that a truth gives them.
+    `steady`: rows, the file's noise scale, and whether it is the first sweep.
+    `noise`: declared noise and resolution of each channel [SI].
+    `errors`: declared sds of the instruments' errors, by the names that a truth gives them.
     """
 
     steady: list[tuple[bench.Plateaus, float, bool]]
@@ -87,10 +82,7 @@ class Asked:
 class Probed:
     """What a small effect does to the readings.
 
-    Attributes
-    ----------
-    change : ndarray, shape (m, shapes)
-        Change of the readings for each shape of the form [-].
+    `change`, shape (m, shapes): change of the readings for each shape of the form [-].
     """
 
     id: str
@@ -102,12 +94,8 @@ class Probed:
 def asked_of(recording: Recording, truth: Truth, angle: float = 0.1) -> Asked:
     """The rows and runs of a recording, at the pressures that its gauge read.
 
-    Parameters
-    ----------
-    truth : Truth
-        The case: its gauge's errors are taken off, its line and its instruments are those of the runs.
-    angle : float
-        At which a supply changes, the same for all [rad].
+    `truth`: the case: its gauge's errors are taken off, its line and its instruments are those of the runs.
+    `angle`: at which a supply changes, the same for all [rad].
     """
     base = bench.without(truth.rig(recording.added_inertia_kg_m2), ())
     steady, zeros, runs, told = [], [], [], told_of(recording, truth)
@@ -172,12 +160,9 @@ class Whitened:
     ) -> np.ndarray:
         """Whitened readings of a rig, shape (m,) [-].
 
-        Parameters
-        ----------
-        line : ndarray, shape (k,), or None
-            By how many declared sds the nuisances of the line and of the runs are off; nothing when left out [-].
-        plateaus : sequence of callable
-            By file of steady rows, what gives its plateaus; marched when left out.
+        `line`, shape (k,), or None: by how many declared sds the nuisances of the line and of the runs are off; nothing
+            when left out [-].
+        `plateaus`: by file of steady rows, what gives its plateaus; marched when left out.
         """
         parts = []
         steady = plateaus or [bench.marched] * len(self.asked.steady)
@@ -198,12 +183,8 @@ class Whitened:
         Figures of the motor come first, then the instruments' errors, then those of the line and of each run, see
         `RunsSeen`.
 
-        Parameters
-        ----------
-        rig : Rig or None
-            The rig; None for the base.
-        z : ndarray, shape (k,), or None
-            By how many declared sds its nuisances are off already; nothing for None [-].
+        `rig`: the rig; None for the base.
+        `z`, shape (k,), or None: by how many declared sds its nuisances are off already; nothing for None [-].
         """
         rig, steps = rig or self.base, self.steps
         z = np.zeros(steps.size) if z is None else z
@@ -238,10 +219,7 @@ class Whitened:
     def moved(self, rig: Rig, z: np.ndarray) -> np.ndarray:
         """Whitened readings of a rig whose nuisances are off by so many declared sds, shape (m,) [-].
 
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            In the order of `nuisances` [-].
+        `z`, shape (k,): in the order of `nuisances` [-].
         """
         width, own = WIDTHS["declared"], dict(rig.nuisances)
         f_overall, lap, roller_factor, ambient, inlet, inertia = z[:6]
@@ -264,10 +242,7 @@ class Whitened:
 
         Where an effect follows the shaft, a pulse on is another angle: then nothing is taken off.
 
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            In the order of `nuisances` [-].
+        `z`, shape (k,): in the order of `nuisances` [-].
         """
         if any(one.id == "once_per_rev_torque" for one in rig.effects):
             return z
@@ -279,10 +254,7 @@ class Whitened:
     def grown(self, z: np.ndarray) -> np.ndarray:
         """By what a slope with each nuisance has grown at so many declared sds: a factor does as its value, shape (k,).
 
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            In the order of `nuisances` [-].
+        `z`, shape (k,): in the order of `nuisances` [-].
         """
         width, found = WIDTHS["declared"], np.ones(z.size)
         found[0], found[2], found[5] = np.exp(np.array([FLAT, width["roller_factor"], width["inertia"]]) * z[[0, 2, 5]])

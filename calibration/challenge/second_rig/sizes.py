@@ -123,10 +123,7 @@ PLACES: dict[str, dict[str, Any]] = {
 def usual(name: str, family: str, near: bool, rng: np.random.Generator) -> Concealed:
     """A listed effect in its usual form.
 
-    Parameters
-    ----------
-    near : bool
-        Whether its size is to be near that of the nuisance which has its form; for those that have none, ignored.
+    `near`: whether its size is to be near that of the nuisance which has its form; for those that have none, ignored.
     """
     if name == "bad_reading":
         return Concealed(name, "misread", _bad_rows(family, rng))
@@ -163,10 +160,7 @@ def other(name: str, family: str, rng: np.random.Generator) -> Concealed:
 def in_form(name: str, form: str, like: Mapping[str, float]) -> Concealed:
     """A listed effect in another form, as large as in its usual one.
 
-    Parameters
-    ----------
-    like : mapping of str to float
-        Values of the usual form, and what the other one has besides.
+    `like`: values of the usual form, and what the other one has besides.
     """
     values: Callable[[], dict[str, float]] = {
         ("windage", "power"): lambda: {
@@ -193,10 +187,7 @@ def in_form(name: str, form: str, like: Mapping[str, float]) -> Concealed:
 def unlisted(family: str, rng: np.random.Generator, transients: bool) -> tuple[Concealed, list[float] | None]:
     """An effect that resembles no listed one, and where along its coordinate it acts [SI].
 
-    Parameters
-    ----------
-    transients : bool
-        Whether the recording has runs in time after the sweep.
+    `transients`: whether the recording has runs in time after the sweep.
     """
     kinds = UNLISTED[family]
     kind = kinds[int(rng.integers(len(kinds)))]

@@ -29,15 +29,7 @@ class SmallTorques:
         self.slope = (bench.marched(more, self.lines) - bench.marched(less, self.lines)) / (2.0 * PROBE_NM)
 
     def __call__(self, rows: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Speed [rad/s], mass flow [kg/s] and gas torque [N m] of plateaus, shape (n, 3).
-
-        Parameters
-        ----------
-        rows : ndarray, shape (n, k)
-            Figures of the motor, a row a plateau, laid out as in `slots`.
-        lines : ndarray, shape (n,)
-            Pressure of the line [Pa].
-        """
+        """Speed [rad/s], mass flow [kg/s] and gas torque [N m] of plateaus, shape (n, 3)."""
         changed = np.any(rows != self.rows, axis=0)
         if np.any(changed & ~ON_SHAFT) or not np.array_equal(lines, self.lines):
             return bench.marched(rows, lines)
@@ -49,14 +41,6 @@ class SmallTorques:
 
 
 def lost(p: np.ndarray, speed: float, line: float) -> float:
-    """Mean torque that is lost on the shaft at a speed [N m].
-
-    Parameters
-    ----------
-    speed : float
-        Of the shaft [rad/s].
-    line : float
-        Pressure of the line [Pa].
-    """
+    """Mean torque that is lost on the shaft at a speed [N m]."""
     viscous, dry = drag(p, speed, line - p[AT["ambient_pa"]])
     return float(viscous * speed + dry)

@@ -10,44 +10,30 @@ import numpy as np
 
 from calibration.challenge.second_rig import concealed
 from calibration.challenge.second_rig.bench import Rig
-from calibration.challenge.second_rig.line import supply_of
 from calibration.challenge.second_rig.readout import PLAIN
+from calibration.challenge.second_rig.supply.line import supply_of
 
 
 @dataclass(frozen=True)
 class Truth:
     """A case.
 
-    Attributes
-    ----------
-    seed : str
-        Of everything random in the case; the campaign's seed cannot be told from it.
-    ids : list of str
-        What would be right to name; ``unknown`` for what is in no library.
-    effects : list of dict
-        ``id``, ``form`` and ``values`` [SI] of each effect at work; an unlisted one has this rig's word as id.
-    sizes : dict
-        By id, the values in SI under the names that a diagnosis reports; only effects in their usual form.
-    place : dict
-        ``balance``, ``channel``, ``coordinate`` (a word or a list of right ones), ``where`` (a range in SI, or None);
-        of two effects ``any_of``, such a place each.
-    f_overall : float
-        The motor's [N m s].
-    nuisances : dict
-        Figures of the motor off their defaults [SI].
-    errors : dict
-        Of the instruments: offsets in the columns' units, scales less 1.
-    with_transients : bool
-        Whether a spin-up and a coast-down stand beside the sweep.
-    near_nuisance : bool
-        Whether an effect with the form of a nuisance has, alone or with it, at most 4 declared standard deviations.
-    total_sds : dict
-        By id, effect and nuisance together in declared standard deviations [-].
-    supply : dict
-        The line between regulator and motor, as `line.Supply.of` takes it; empty for an ideal step in pressure.
-    instruments : dict
-        Tachometer and gauge of the runs in time, and what the recording says of them, as in `readout.PLAIN`; what is
-        not there is as it says.
+    `seed`: of everything random in the case; the campaign's seed cannot be told from it.
+    `ids`: what would be right to name; ``unknown`` for what is in no library.
+    `effects`: ``id``, ``form`` and ``values`` [SI] of each effect at work; an unlisted one has this rig's word as id.
+    `sizes`: by id, the values in SI under the names that a diagnosis reports; only effects in their usual form.
+    `place`: ``balance``, ``channel``, ``coordinate`` (a word or a list of right ones), ``where`` (a range in SI, or
+        None); of two effects ``any_of``, such a place each.
+    `f_overall`: the motor's [N m s].
+    `nuisances`: figures of the motor off their defaults [SI].
+    `errors`: of the instruments: offsets in the columns' units, scales less 1.
+    `with_transients`: whether a spin-up and a coast-down stand beside the sweep.
+    `near_nuisance`: whether an effect with the form of a nuisance has, alone or with it, at most 4 declared standard
+        deviations.
+    `total_sds`: by id, effect and nuisance together in declared standard deviations [-].
+    `supply`: the line between regulator and motor, as `line.Supply.of` takes it; empty for an ideal step in pressure.
+    `instruments`: tachometer and gauge of the runs in time, and what the recording says of them, as in `readout.PLAIN`;
+        what is not there is as it says.
     """
 
     family: str
@@ -70,13 +56,7 @@ class Truth:
     instruments: dict[str, Any] = field(default_factory=dict)
 
     def rig(self, added_inertia: float = 0.0) -> Rig:
-        """The motor and its instruments as this case has them.
-
-        Parameters
-        ----------
-        added_inertia : float
-            Of a flywheel [kg m2].
-        """
+        """The motor and its instruments as this case has them. `added_inertia`: of a flywheel [kg m2]."""
         effects = concealed.from_json(self.effects)
         return Rig(self.nuisances, self.errors, effects, added_inertia, supply_of(self.supply))
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.report import style
+from configs.units import BAR
 from model import layout as at
 from model.article.reproduction import FRICTIONS, Reproduction
-from model.operation.performance import BAR
 
 PRESSURE = ("absolute inlet pressure", "bar")
 SPEED = ("speed", "rpm")
@@ -24,18 +24,7 @@ CAPTIONS = {
 
 
 def draw_all(found: Reproduction, lap_deg: float) -> dict[str, bytes]:
-    """All figures.
-
-    Parameters
-    ----------
-    lap_deg : float
-        Port lap, for the shading [deg].
-
-    Returns
-    -------
-    dict of str to bytes
-        PNG files by the names of `CAPTIONS`.
-    """
+    """All figures. `lap_deg`: port lap, for the shading [deg]. Returns PNG files by the names of `CAPTIONS`."""
     return {
         "fig05_volume": volume(found),
         "fig09_spin_up": spin_up(found),
@@ -108,13 +97,7 @@ def diameter(found: Reproduction) -> bytes:
 
 
 def cycle(found: Reproduction, lap_deg: float) -> bytes:
-    """Fig. 13 as a PNG file.
-
-    Parameters
-    ----------
-    lap_deg : float
-        Port lap [deg].
-    """
+    """Fig. 13 as a PNG file. `lap_deg`: port lap [deg]."""
     with style.drawing(2, 1, height_in=5.2, sharex=True) as (figure, (upper, lower)):
         angle = np.degrees(found.cycle.angle_rad)
         upper.plot(angle, found.cycle.mass_kg * 1e6, **style.series(0))

@@ -6,9 +6,9 @@ from dataclasses import asdict
 from typing import Any
 
 from calibration.report.model.paper_figures import CAPTIONS, draw_all
+from configs.units import BAR
 from model.article.comparison import Comparison, compare
 from model.article.reproduction import FRICTIONS, Reproduction
-from model.operation.performance import BAR
 from model.solvers.published import TIME_STEP
 from rig.recording.files import json_bytes
 
@@ -19,15 +19,8 @@ JSON, HTML, PAGE = "reproduce.json", "reproduce.html", "reproduce.md"
 def report(found: Reproduction, lap_deg: float) -> dict[str, bytes]:
     """Everything but the Markdown page.
 
-    Parameters
-    ----------
-    lap_deg : float
-        Port lap of the motor, for the shading of Fig. 13 [deg].
-
-    Returns
-    -------
-    dict of str to bytes
-        PNG files, reproduce.json and reproduce.html by file name.
+    `lap_deg`: port lap of the motor, for the shading of Fig. 13 [deg].
+    Returns PNG files, reproduce.json and reproduce.html by file name.
     """
     files = {f"{name}.png": content for name, content in draw_all(found, lap_deg).items()}
     return files | {
@@ -37,13 +30,7 @@ def report(found: Reproduction, lap_deg: float) -> dict[str, bytes]:
 
 
 def page(found: Reproduction, figures: str) -> bytes:
-    """The Markdown page.
-
-    Parameters
-    ----------
-    figures : str
-        Folder of the figures, relative to the page; empty when they are beside it.
-    """
+    """The Markdown page. `figures`: folder of the figures, relative to the page; empty when they are beside it."""
     return _rendered("reproduction.md.j2", found, f"{figures}/" if figures else "")
 
 

@@ -62,10 +62,7 @@ def points_data(motor: Motor, points: Sequence[OperatingPoint]) -> dict[str, Any
 def transient_data(motor: Motor, kind: str, pressure_bar: float, run: Transient) -> dict[str, Any]:
     """simulation/1 of a run in time: arrays by time.
 
-    Parameters
-    ----------
-    pressure_bar : float
-        Absolute inlet pressure while the supply is open [bar].
+    `pressure_bar`: absolute inlet pressure while the supply is open [bar].
     """
     return _head(motor) | {
         "transient": kind,
@@ -80,13 +77,7 @@ def transient_data(motor: Motor, kind: str, pressure_bar: float, run: Transient)
 
 
 def sensitivity_data(motor: Motor, pressures_bar: Sequence[float], ranking: Sequence[Sensitivity]) -> dict[str, Any]:
-    """sensitivity/1: the ranking, a list by pressure in every effect; null where the motor would stall.
-
-    Parameters
-    ----------
-    pressures_bar : sequence of float
-        Absolute inlet pressures [bar].
-    """
+    """sensitivity/1: the ranking, a list by pressure in every effect; null where the motor would stall."""
     rows = [
         {key: _plain(value) if isinstance(value, np.ndarray) else value for key, value in vars(one).items()}
         for one in ranking
@@ -130,13 +121,7 @@ def transient_table(run: Transient, rows: int = 12) -> Table:
 
 
 def sensitivity_table(pressure_bar: float, ranking: Sequence[Sensitivity], index: int) -> Table:
-    """The ranking at one pressure.
-
-    Parameters
-    ----------
-    pressure_bar : float
-        For the title [bar].
-    """
+    """The ranking at one pressure."""
     right = ("value", "rpm\n/ 1 %", "L/min\n/ 1 %", "prior\nsd", "rpm\n/ sd", "L/min\n/ sd")
     table = _table(f"{pressure_bar:g} bar abs", ("parameter", "left"), *((name, "right") for name in right))
     for one in ranking:
@@ -153,13 +138,7 @@ def sensitivity_table(pressure_bar: float, ranking: Sequence[Sensitivity], index
 
 
 def remarks(points: Sequence[OperatingPoint], limit_rpm: float) -> list[str]:
-    """What a person should know of the points beyond their figures.
-
-    Parameters
-    ----------
-    limit_rpm : float
-        The manufacturer's limit [rpm].
-    """
+    """What a person should know of the points beyond their figures. `limit_rpm`: the manufacturer's limit [rpm]."""
     stalled = [f"{point.pressure_bar_abs:g}" for point in points if point.state == "stalled"]
     fast = [f"{point.pressure_bar_abs:g}" for point in points if point.speed_rpm > limit_rpm]
     found = [f"the motor stalls at {_some(stalled)} bar: its friction holds it (speed 0)"] if stalled else []
@@ -167,13 +146,7 @@ def remarks(points: Sequence[OperatingPoint], limit_rpm: float) -> list[str]:
 
 
 def transient_remarks(run: Transient, limit_rpm: float) -> list[str]:
-    """What a person should know of a run beyond its figures.
-
-    Parameters
-    ----------
-    limit_rpm : float
-        The manufacturer's limit [rpm].
-    """
+    """What a person should know of a run beyond its figures. `limit_rpm`: the manufacturer's limit [rpm]."""
     fastest = float(run.speed_rad_s.max()) * at.RPM
     if fastest == 0.0:
         return ["the motor does not start: friction holds it at its starting angle"]

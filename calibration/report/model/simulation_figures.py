@@ -13,10 +13,7 @@ from model.solvers.transient import Transient
 def sweep_plot(points: Sequence[OperatingPoint], limit_rpm: float) -> bytes:
     """Speed and flow against pressure, a PNG file.
 
-    Parameters
-    ----------
-    limit_rpm : float
-        The manufacturer's limit, drawn where the speeds come near [rpm].
+    `limit_rpm`: the manufacturer's limit, drawn where the speeds come near [rpm].
     """
     pressure = [point.pressure_bar_abs for point in points]
     speed = [point.speed_rpm for point in points]

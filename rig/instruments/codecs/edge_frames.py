@@ -31,10 +31,7 @@ class Frame:
 class Mark:
     """A frame's place on the device's own clock and count, both carried on over their wraps.
 
-    Attributes
-    ----------
-    fault : str
-        Why what lies between the mark before and this one cannot be trusted; empty when it can.
+    `fault`: why what lies between the mark before and this one cannot be trusted; empty when it can.
     """
 
     is_edge: bool
@@ -72,14 +69,7 @@ def encode(frame: Frame) -> bytes:
 def cut(buffer: bytes) -> tuple[list[Frame], bytes, int]:
     """The whole frames of a buffer.
 
-    Returns
-    -------
-    frames : list of Frame
-        Oldest first.
-    rest : bytes
-        What may become a frame.
-    skipped : int
-        Bytes that belong to no frame [-].
+    Returns `frames`: oldest first; `rest`: what may become a frame; `skipped`: bytes that belong to no frame [-].
     """
     frames, place, skipped = [], 0, 0
     while len(buffer) - place >= FRAME_BYTES:
@@ -96,10 +86,7 @@ def cut(buffer: bytes) -> tuple[list[Frame], bytes, int]:
 class Counting:
     """Carries ticks and edges on over their wraps, and notices what is missing.
 
-    Parameters
-    ----------
-    most_ticks : int
-        Between two frames when none is missing [-]; heartbeats see to it. More is a clock that began anew.
+    `most_ticks`: between two frames when none is missing [-]; heartbeats see to it. More is a clock that began anew.
     """
 
     def __init__(self, most_ticks: int = 1 << 31) -> None:
@@ -148,12 +135,8 @@ class DeviceClock:
     def saw(self, arrival_ns: int, device_ns: int) -> None:
         """Note a frame.
 
-        Parameters
-        ----------
-        arrival_ns : int
-            When it came, on the bench's clock [ns].
-        device_ns : int
-            When it was made, on the device's [ns].
+        `arrival_ns`: when it came, on the bench's clock [ns].
+        `device_ns`: when it was made, on the device's [ns].
         """
         self._now_ns = arrival_ns
         if self._seen is None or arrival_ns - device_ns <= self.offset_ns:

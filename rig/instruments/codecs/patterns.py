@@ -15,10 +15,7 @@ OPEN_SPAN = 16  # a repeat that may take so many characters more or less is open
 def groups_of(pattern: str, key: str) -> set[str]:
     """The named groups of a pattern that cannot take long.
 
-    Raises
-    ------
-    ValueError
-        When it is no regular expression, or could take forever on some text.
+    Raises ValueError when it is no regular expression, or could take forever on some text.
     """
     try:
         compiled = re.compile(pattern)

@@ -20,15 +20,8 @@ def width_of(kind: Kind) -> int:
 def number_of(words: Sequence[int], kind: Kind, order: WordOrder = "big") -> int | float:
     """The number in one or two registers, as it came: before scale and offset.
 
-    Parameters
-    ----------
-    order : str
-        ``big``: the high word first. Within a register the high byte is always first.
-
-    Returns
-    -------
-    int or float
-        NaN and infinities included.
+    `order`: ``big``: the high word first. Within a register the high byte is always first.
+    NaN and infinities included.
     """
     ordered = words if order == "big" else list(reversed(words))
     number: int | float = struct.unpack(_FORMATS[kind], struct.pack(f">{len(ordered)}H", *ordered))[0]
@@ -36,18 +29,7 @@ def number_of(words: Sequence[int], kind: Kind, order: WordOrder = "big") -> int
 
 
 def words_of(number: float, kind: Kind, order: WordOrder = "big") -> tuple[int, ...]:
-    """A number as registers; whole kinds are rounded.
-
-    Returns
-    -------
-    tuple of int
-        0-65535 each.
-
-    Raises
-    ------
-    ValueError
-        When it does not fit.
-    """
+    """A number as registers; whole kinds are rounded. Each is 0-65535. Raises ValueError when it does not fit."""
     try:
         packed = struct.pack(_FORMATS[kind], number if kind == "f32" else round(number))
     except (struct.error, OverflowError, ValueError):

@@ -26,24 +26,9 @@ class Stream:
     def frames(self, line: Line, wait_s: float) -> tuple[int, list[bytes]]:
         """Wait for at least one whole frame.
 
-        Parameters
-        ----------
-        wait_s : float
-            How long [s].
-
-        Returns
-        -------
-        time_ns : int
-            When the last bytes came [ns].
-        frames : list of bytes
-            Oldest first.
-
-        Raises
-        ------
-        NoReplyError
-            When the device was silent.
-        BadReplyError
-            When bytes came, but no frame.
+        `wait_s`: how long [s].
+        Returns `time_ns`: when the last bytes came [ns]; `frames`: oldest first. Raises NoReplyError when the device
+        was silent; BadReplyError when bytes came, but no frame.
         """
         came = 0
         give_up_ns = None
@@ -64,13 +49,7 @@ class Stream:
 
 
 def cut_lines(terminator: bytes, most_bytes: int) -> Cut:
-    """What cuts text into lines; longer ones than a reply can be are dropped.
-
-    Returns
-    -------
-    callable
-        Of the form that `Stream` takes.
-    """
+    """What cuts text into lines; longer ones than a reply can be are dropped. It has the form that `Stream` takes."""
 
     def cut(buffer: bytes) -> tuple[list[bytes], bytes]:
         *lines, rest = buffer.split(terminator)

@@ -39,15 +39,8 @@ class Times:
 def bounded(value: Value, channel: ChannelFile) -> Value:
     """A value held against the channel's limits: NaN is a fault, beyond the scale is over-range.
 
-    Parameters
-    ----------
-    value : Value
-        As decoded; infinities allowed.
-
-    Returns
-    -------
-    Value
-        The same, or one that says what is wrong; off the scale it holds the limit, where the file gives one.
+    `value`: as decoded; infinities allowed.
+    Returns the same, or one that says what is wrong; off the scale it holds the limit, where the file gives one.
     """
     number = value.value
     if number is None or value.quality is Quality.OVER_RANGE:
@@ -93,13 +86,7 @@ def failures(device: str, channels: Mapping[str, ChannelFile], error: LineError,
 
 
 def joined(first: str, second: str) -> str:
-    """Two remarks as one.
-
-    Parameters
-    ----------
-    first, second : str
-        Either may be empty.
-    """
+    """Two remarks as one. `first`, `second`: either may be empty."""
     return f"{first}; {second}" if first and second else first or second
 
 

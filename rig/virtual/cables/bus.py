@@ -41,13 +41,7 @@ class Bus:
         self._is_modbus = any(device.speaks == "modbus" for device in devices)
 
     def receive(self, caller: int, data: bytes, whole_ns: int) -> None:
-        """Take what has crossed the wire.
-
-        Parameters
-        ----------
-        whole_ns : int
-            When its last byte had crossed [ns].
-        """
+        """Take what has crossed the wire. `whole_ns`: when its last byte had crossed [ns]."""
         now_ns = self.loop.clock.now_ns()
         self.world.plant.advance(now_ns)
         self._whole_ns = whole_ns
@@ -60,10 +54,7 @@ class Bus:
     def tick(self, time_ns: int) -> None:
         """Let watchdogs look at the time, and devices that send unasked send.
 
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench, to which the plant has been carried on [ns].
+        `time_ns`: time of the bench, to which the plant has been carried on [ns].
         """
         for device in self.devices:
             until_ns = self.without_power.get(device.device)
@@ -78,13 +69,7 @@ class Bus:
         self.wire.flush()
 
     def switch_off(self, device: str, until_ns: int) -> None:
-        """Take a device's power for some time.
-
-        Parameters
-        ----------
-        until_ns : int
-            When it comes back [ns].
-        """
+        """Take a device's power for some time. `until_ns`: when it comes back [ns]."""
         self.without_power[device] = until_ns
 
     def _forget(self, caller: int, rest: bytes) -> None:

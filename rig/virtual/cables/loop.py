@@ -25,33 +25,15 @@ class Loop:
         self._files = selectors.SelectSelector()  # its time-out is finer than a millisecond
 
     def at(self, time_ns: int, action: Callable[[], None]) -> None:
-        """Call something at a time.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench; at once when past [ns].
-        """
+        """Call something at a time. `time_ns`: time of the bench; at once when past [ns]."""
         heapq.heappush(self._due, (time_ns, next(self._order), action))
 
     def after(self, span_s: float, action: Callable[[], None]) -> None:
-        """Call something after a span of the bench's time.
-
-        Parameters
-        ----------
-        span_s : float
-            How long [s].
-        """
+        """Call something after a span of the bench's time. `span_s`: how long [s]."""
         self.at(self.clock.now_ns() + int(span_s * NS), action)
 
     def every(self, real_s: float, action: Callable[[], None]) -> None:
-        """Call something again and again.
-
-        Parameters
-        ----------
-        real_s : float
-            How often, on the wall's clock [s].
-        """
+        """Call something again and again. `real_s`: how often, on the wall's clock [s]."""
 
         def again() -> None:
             action()

@@ -43,15 +43,7 @@ class SocketWire:
             self._hang_up(caller)
 
     def send(self, caller: int, data: bytes, from_ns: int = 0) -> bool:
-        """Send in one piece.
-
-        Parameters
-        ----------
-        caller : int
-            Number of the connection; 0 for all [-].
-        from_ns : int
-            When; now, when that is past [ns].
-        """
+        """Send in one piece. `caller`: number of the connection; 0 for all [-]."""
         if from_ns > self.loop.clock.now_ns():
 
             def later() -> None:

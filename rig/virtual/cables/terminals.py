@@ -23,12 +23,8 @@ MOST_BACKLOG = 65536
 class PtyWire:
     """A serial line: a pseudo-terminal behind a symbolic link that stays when the cable is pulled and put back.
 
-    Parameters
-    ----------
-    byte_s : float
-        Time of one byte on the wire, on the bench's clock [s]; 0 when not paced.
-    baud : int
-        The devices'; a caller who sets another one reads and writes garbage, unless the line is not paced [1/s].
+    `byte_s`: time of one byte on the wire, on the bench's clock [s]; 0 when not paced.
+    `baud`: the devices'; a caller who sets another one reads and writes garbage, unless the line is not paced [1/s].
     """
 
     def __init__(self, loop: Loop, link: Path, byte_s: float, baud: int, receive: Receive) -> None:
@@ -73,13 +69,7 @@ class PtyWire:
         os.close(self._master)
 
     def send(self, caller: int, data: bytes, from_ns: int = 0) -> bool:
-        """Send byte after byte at the line's pace.
-
-        Parameters
-        ----------
-        from_ns : int
-            When to begin; now, when that is past [ns].
-        """
+        """Send byte after byte at the line's pace. `from_ns`: when to begin; now, when that is past [ns]."""
         if not self.plugged or len(self._backlog) + len(data) > MOST_BACKLOG:
             return False
         now_ns = self.loop.clock.now_ns()

@@ -24,13 +24,7 @@ class Wire(Protocol):
         """Pull the cable; what is on its way is lost."""
 
     def send(self, caller: int, data: bytes, from_ns: int = 0) -> bool:
-        """Send, and return whether there was room.
-
-        Parameters
-        ----------
-        from_ns : int
-            When to begin; now, when that is past [ns].
-        """
+        """Send, and return whether there was room. `from_ns`: when to begin; now, when that is past [ns]."""
 
     def forget_backlog(self) -> None:
         """Throw away what nobody has read yet."""

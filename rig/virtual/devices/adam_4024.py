@@ -48,13 +48,7 @@ class Adam4024(ModbusDevice):
         super().__init__(device, place.table.unit_id or 0, {frames.READ_HOLDING: table, frames.READ_COILS: coils})
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back: outputs at zero, and the safety as it was switched, which the module keeps.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back: outputs at zero, and the safety as it was switched, which the module keeps."""
         super().restart(time_ns)
         self.occurred = 0
         self.switch_off()
@@ -65,25 +59,13 @@ class Adam4024(ModbusDevice):
         self._drive()
 
     def tick(self, time_ns: int) -> None:
-        """The communications safety looks at the time.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """The communications safety looks at the time."""
         if self.safety and not self.occurred and time_ns - self.last_heard_ns > self.safety_ns:
             self.occurred = 1
             self.switch_off()
 
     def write(self, address: int, values: list[int], time_ns: int) -> None:
-        """Take outputs, or switch the communications safety.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Take outputs, or switch the communications safety."""
         if address >= OUTPUTS and address + len(values) <= OUTPUTS + COUNT:
             self.outputs[address : address + len(values)] = values
             self.occurred = 0

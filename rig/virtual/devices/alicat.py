@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rig.bench.bench import Place
-from rig.virtual.devices.base import World
+from rig.virtual.devices.base import Served, World
 from rig.virtual.devices.sensors import Sensor
 
 ORDER = re.compile(r"S *([+-]?[0-9]{1,8}(?:\.[0-9]{0,8})?)")
@@ -37,13 +37,7 @@ class AlicatPart:
             self.setpoint = -settings.setpoint.offset / settings.setpoint.scale
 
     def read(self, time_ns: int) -> tuple[dict[str, float], list[str]]:
-        """Numbers as the device shows them, by channel, and flags.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Numbers as the device shows them, by channel, and flags."""
         numbers, flags = {}, ["HLD"] if self.held else []
         for name, sensor in self.sensors.items():
             channel = self.settings.channels[name]
@@ -58,13 +52,7 @@ class AlicatPart:
         return numbers, list(dict.fromkeys(flags))
 
     def order(self, number: float) -> bool:
-        """Take a set-point in the device's unit, and return whether it is one.
-
-        Parameters
-        ----------
-        number : float
-            Of the device [own unit].
-        """
+        """Take a set-point in the device's unit, and return whether it is one. `number`: of the device [own unit]."""
         table = self.settings.setpoint
         if table is None:
             return False
@@ -93,7 +81,7 @@ class AlicatPart:
         self.plant.order(0.0 if self.held else value + above)
 
 
-class Alicat:
+class Alicat(Served):
     """A unit that answers to its letter."""
 
     speaks = "text"
@@ -104,36 +92,15 @@ class Alicat:
         self.part = AlicatPart(device, settings, world)
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back, with no set-point.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back, with no set-point."""
         self.switch_off()
 
     def switch_off(self) -> None:
         """Without power the valve is closed."""
         self.part.switch_off()
 
-    def tick(self, time_ns: int) -> None:
-        """It has no watchdog.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """A frame, or a question mark; None for another unit's letter.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """A frame, or a question mark; None for another unit's letter."""
         text = line.decode("ascii", errors="replace").strip()
         if not text.startswith(self.letter):
             return None

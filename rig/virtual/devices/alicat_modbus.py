@@ -34,13 +34,7 @@ class AlicatModbus(ModbusDevice):
         super().__init__(device, unit, {frames.READ_HOLDING: fields})
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back, with no set-point.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back, with no set-point."""
         super().restart(time_ns)
         self.switch_off()
 
@@ -49,13 +43,7 @@ class AlicatModbus(ModbusDevice):
         self.part.switch_off()
 
     def write(self, address: int, values: list[int], time_ns: int) -> None:
-        """Take a set-point.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Take a set-point."""
         if address != SETPOINT - self.less or len(values) != 2:
             raise Refusal(frames.ILLEGAL_ADDRESS)
         if not self.part.order(value_of(values, "f32")):

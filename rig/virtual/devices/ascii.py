@@ -11,8 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rig.bench.bench import Place
-from rig.readings import NS
-from rig.virtual.devices.base import World
+from rig.virtual.devices.base import Sender, World
 
 UNASKED_S = 1.0  # between two lines of a device without a query, when the file does not say
 FORMATS = ("{:.{d}f}", "{:+.{d}f}", "{:08.{d}f}", "{:+08.{d}f}", "{:8.{d}f}", "{:.0f}", "{:+.0f}", "{:.3e}", "{:+.3E}")
@@ -24,27 +23,18 @@ PRINTABLE = "".join(map(chr, range(32, 127)))
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> TextDevice:
-    """A device after its file.
-
-    Raises
-    ------
-    ValueError
-        When no line can be made of the pattern.
-    """
+    """A device after its file. Raises ValueError when no line can be made of the pattern."""
     return TextDevice(device, settings, place.table.serial_number or SERIAL, world)
 
 
-class TextDevice:
+class TextDevice(Sender):
     """Answers its query, or sends a line now and then where it has none."""
 
     def __init__(self, device: str, settings: Any, serial: str, world: World) -> None:
-        self.device, self.settings = device, settings
-        self.query, self.identity = settings.query.encode("ascii"), settings.identity_query.encode("ascii")
-        self.speaks = "text" if self.query else "stream"
+        super().__init__(device, settings, UNASKED_S)
+        self.identity = settings.identity_query.encode("ascii")
         self.terminator = (self.query or self.identity)[-1:] or b"\n"
         self.end = settings.terminator.encode("ascii")
-        self.period_ns = int((settings.update_s or UNASKED_S) * NS)
-        self._next_ns = 0
         self._sensors = {
             name: world.sensor(device, name, channel, settings.update_s) for name, channel in settings.channels.items()
         }
@@ -53,53 +43,15 @@ class TextDevice:
             self._who = line_of(settings.identity_pattern, {"serial": [serial]})
         self._line(0)  # refuses a pattern at the start, not at the first question
 
-    def restart(self, time_ns: int) -> None:
-        """Power comes back.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-        self._next_ns = time_ns + self.period_ns
-
-    def tick(self, time_ns: int) -> None:
-        """Nothing to look at.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """The line of values, or who it is.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """The line of values, or who it is."""
         asked = line + self.terminator
         if self.identity and asked == self.identity:
             return self._who + self.end
         return self._line(time_ns) + self.end if self.query and asked == self.query else None
 
-    def stream(self, time_ns: int) -> list[bytes]:
-        """A line, when it is time for one.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-        if time_ns < self._next_ns:
-            return []
-        self._next_ns = time_ns + self.period_ns
+    def _sent(self, time_ns: int) -> list[bytes]:
         return [self._line(time_ns) + self.end]
-
-    def overrun(self) -> None:
-        """A line that nobody reads is lost."""
 
     def _line(self, time_ns: int) -> bytes:
         numbers = {}
@@ -121,20 +73,8 @@ def _texts(value: float, channel: Any) -> list[str]:
 def line_of(pattern: str, values: Mapping[str, Sequence[str]]) -> bytes:
     """A line that fits a pattern.
 
-    Parameters
-    ----------
-    values : mapping of str to sequence of str
-        For each named group the texts to try in its place, best first.
-
-    Returns
-    -------
-    bytes
-        Without an end of line.
-
-    Raises
-    ------
-    ValueError
-        When none fits.
+    `values`: for each named group the texts to try in its place, best first.
+    It is without an end of line. Raises ValueError when none fits.
     """
     tree = parser.parse(pattern)
     names = {number: name for name, number in tree.state.groupdict.items()}

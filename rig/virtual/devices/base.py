@@ -6,14 +6,16 @@ to know of a new one. Frames are written here from the makers' documents, not wi
 
 from __future__ import annotations
 
+import abc
 import importlib
 import importlib.util
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from configs import ConfigError
 from rig.bench.bench import Bench, Place
 from rig.bench.instrument import ChannelFile
+from rig.readings import NS
 from rig.virtual.devices.faults import Faults
 from rig.virtual.devices.sensors import Sensor, truth_of
 from rig.virtual.plant.truth import Turning
@@ -29,75 +31,59 @@ class World:
     rate: float = 1.0
 
     def sensor(self, device: str, channel: str, figures: ChannelFile, update_s: float = 0.0) -> Sensor:
-        """A channel with errors of its own.
-
-        Parameters
-        ----------
-        update_s : float
-            How often it has a new value [s].
-        """
+        """A channel with errors of its own. `update_s`: how often it has a new value [s]."""
         truth = truth_of(self.plant, channel, figures.reference)
         return Sensor(device, channel, figures, truth, self.faults, self.seed, update_s)
 
 
-class Served(Protocol):
-    """A simulated instrument. Line and motor have been carried on to the time of every call.
+class Served:
+    """A simulated instrument. Line and motor have been carried on to the time of every call, the bench's [ns].
 
-    Attributes
-    ----------
-    speaks : str
-        ``modbus``, ``text`` (lines, each with an answer or none), or ``stream`` (unasked; hears lines).
+    `speaks`: ``modbus``, ``text`` (lines, each with an answer or none), or ``stream`` (unasked; hears lines).
     """
 
     device: str
     speaks: str
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back: everything as from the factory.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back: everything as from the factory."""
 
     def tick(self, time_ns: int) -> None:
-        """Time has passed; watchdogs look at it.
+        """Time has passed; watchdogs look at it."""
 
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+    def overrun(self) -> None:
+        """What was sent unasked found no room, and is lost."""
 
 
-class TextServed(Served, Protocol):
-    """An instrument that is asked in lines of text."""
+class Sender(Served, abc.ABC):
+    """One that answers a question in text, or sends now and then where its file has none."""
 
-    terminator: bytes
+    def __init__(self, device: str, settings: Any, apart_s: float) -> None:
+        self.device, self.settings = device, settings
+        self.query = settings.query.encode("ascii")
+        self.speaks = "text" if self.query else "stream"
+        self.period_ns = int((settings.update_s or apart_s) * NS)
+        self._next_ns = 0
 
-    def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """The whole answer, or None: not its address, or nothing to say.
+    def restart(self, time_ns: int) -> None:
+        """Power comes back: the first value takes a while."""
+        self._next_ns = time_ns + self.period_ns
 
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+    def stream(self, time_ns: int) -> list[bytes]:
+        """What is sent, when it is time for it."""
+        if time_ns < self._next_ns:
+            return []
+        self._next_ns = time_ns + self.period_ns
+        return self._sent(time_ns)
+
+    @abc.abstractmethod
+    def _sent(self, time_ns: int) -> list[bytes]: ...
 
 
 def serve_bench(bench: Bench, world: World, devices: list[str]) -> dict[str, Any]:
     """The simulated instruments of a bench.
 
-    Returns
-    -------
-    dict of str to Served
-        By name.
-
-    Raises
-    ------
-    ConfigError
-        All devices that cannot be simulated, a line each.
+    By name. Raises ConfigError: all devices that cannot be simulated, a line each.
     """
     served, mistakes = {}, []
     for device in devices:

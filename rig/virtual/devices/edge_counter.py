@@ -12,7 +12,7 @@ import numpy as np
 
 from rig.bench.bench import Place
 from rig.readings import NS
-from rig.virtual.devices.base import World
+from rig.virtual.devices.base import Served, World
 from rig.virtual.devices.sensors import generator
 
 TURN = 2.0 * math.pi
@@ -40,7 +40,7 @@ def crc8(data: bytes) -> int:
     return register
 
 
-class EdgeCounter:
+class EdgeCounter(Served):
     """Sends a frame for each edge once it is started, and a heartbeat where there is none."""
 
     speaks = "stream"
@@ -65,13 +65,7 @@ class EdgeCounter:
         self.plant.listeners.append(self._watch)
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back: stopped, with a clock that starts again.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back: stopped, with a clock that starts again."""
         self._started_ns, self._first_ticks = time_ns, 0
         self._count = self._sequence = 0
         self.switch_off()
@@ -81,23 +75,8 @@ class EdgeCounter:
         self._running = False
         self._edges.clear()
 
-    def tick(self, time_ns: int) -> None:
-        """Nothing to look at.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """Start, stop, or tell who this is; empty where there is nothing to say.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Start, stop, or tell who this is; empty where there is nothing to say."""
         order = line.strip()
         if order == b"S":
             if not self._running:
@@ -117,13 +96,7 @@ class EdgeCounter:
         return None
 
     def stream(self, time_ns: int) -> list[bytes]:
-        """Frames of the edges since the last call, and of the heartbeats between them.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Frames of the edges since the last call, and of the heartbeats between them."""
         if not self._running:
             return []
         edges, self._edges = self._edges, []
@@ -186,10 +159,7 @@ class EdgeCounter:
 def wheel(teeth: int, pitch_error_sd: float, seed: int, device: str) -> np.ndarray:
     """Where the edges of a wheel are within a turn [rad], shape (teeth,); the first at 0, and they stay in order.
 
-    Parameters
-    ----------
-    pitch_error_sd : float
-        Error of each edge's place as a share of the pitch, 1 sigma [-].
+    `pitch_error_sd`: error of each edge's place as a share of the pitch, 1 sigma [-].
     """
     errors = np.clip(pitch_error_sd * generator(seed, device, "pitch").standard_normal(teeth), -0.45, 0.45)
     errors[0] = 0.0  # the turn counts from it
@@ -197,19 +167,10 @@ def wheel(teeth: int, pitch_error_sd: float, seed: int, device: str) -> np.ndarr
 
 
 def crossing_ns(times_ns: np.ndarray, angles: np.ndarray, speeds: np.ndarray, angle: float) -> float:
-    """When the shaft passes an angle between two samples, on the cubic through both with their speeds.
+    """When the shaft passes an angle between two samples [ns], on the cubic through both with their speeds.
 
-    Parameters
-    ----------
-    times_ns, angles, speeds : ndarray, shape (2,)
-        The samples [ns], [rad], [rad/s].
-    angle : float
-        Between the two [rad].
-
-    Returns
-    -------
-    float
-        The time [ns].
+    `times_ns`, `angles`, `speeds`, shape (2,): the samples [ns], [rad], [rad/s].
+    `angle`: between the two [rad].
     """
     span_s = float(times_ns[1] - times_ns[0]) / NS
     turned = float(angles[1] - angles[0])

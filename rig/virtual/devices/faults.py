@@ -45,14 +45,9 @@ NotNegative = Annotated[float, pydantic.Field(ge=0.0, le=MOST_S)]
 class Fault(Strict):
     """One fault.
 
-    Attributes
-    ----------
-    line, device : str
-        Where: the one or the other; a line means every device on it.
-    from_s, to_s : float
-        Window on the bench's clock [s].
-    by_s : float or None
-        How late, how far apart, or how long [s]; the kind's own when left out.
+    `line`, `device`: where: the one or the other; a line means every device on it.
+    `from_s`, `to_s`: window on the bench's clock [s].
+    `by_s`: how late, how far apart, or how long [s]; the kind's own when left out.
     """
 
     kind: str
@@ -82,15 +77,8 @@ class Place:
 def read_fault(table: Mapping[str, Any], place: Place, where: str) -> Fault:
     """A fault from its table.
 
-    Parameters
-    ----------
-    table : mapping
-        Of the bench file, or of a request to the running bench.
-
-    Raises
-    ------
-    ConfigError
-        One line a mistake.
+    `table`: of the bench file, or of a request to the running bench.
+    Raises ConfigError: one line a mistake.
     """
     whole_numbers = {"chance", "from_s", "to_s", "by_s"}
     table = {key: float(v) if key in whole_numbers and type(v) is int else v for key, v in table.items()}
@@ -136,10 +124,7 @@ def _mistakes(fault: Fault, table: Mapping[str, Any], place: Place) -> Iterable[
 class Faults:
     """The faults in force.
 
-    Attributes
-    ----------
-    active : list of Fault
-        Those laid on replies and values; those that happen once are the bench's to carry out.
+    `active`: those laid on replies and values; those that happen once are the bench's to carry out.
     """
 
     chance: np.random.Generator
@@ -156,13 +141,7 @@ class Faults:
         self.active.clear()
 
     def happening(self, device: str, time_ns: int, kinds: Iterable[str]) -> list[Fault]:
-        """Which faults befall a device now; chance is drawn anew at each call.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Which faults befall a device now; chance is drawn anew at each call."""
         now_s = time_ns / 1e9
         found = []
         for fault in self.active:
@@ -177,13 +156,7 @@ class Faults:
         return found
 
     def happens(self, kind: str, device: str, time_ns: int) -> bool:
-        """Whether a fault of one kind befalls a device now.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Whether a fault of one kind befalls a device now."""
         return bool(self.happening(device, time_ns, (kind,)))
 
 
@@ -192,15 +165,8 @@ def damage(
 ) -> list[tuple[float, bytes]]:
     """What is sent in place of a reply.
 
-    Parameters
-    ----------
-    request : bytes
-        What it answers; empty for what comes unasked.
-
-    Returns
-    -------
-    list of (float, bytes)
-        Parts to be sent, each so long [s] after the reply was due.
+    `request`: what it answers; empty for what comes unasked.
+    Returns parts to be sent, each so long [s] after the reply was due.
     """
     kinds = {fault.kind: fault for fault in faults}
     if "dropped" in kinds:

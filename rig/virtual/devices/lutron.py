@@ -10,7 +10,7 @@ from typing import Any
 
 from rig.bench.bench import Place
 from rig.readings import NS
-from rig.virtual.devices.base import World
+from rig.virtual.devices.base import Sender, World
 from rig.virtual.devices.sensors import Sensor
 
 DISPLAY_S = 1.0  # between two values, when the file does not say
@@ -22,16 +22,14 @@ def serve(device: str, settings: Any, place: Place, world: World) -> Lutron:
     return Lutron(device, settings, world)
 
 
-class Lutron:
+class Lutron(Sender):
     """Shows, and sends, the mean over the time since the display changed last; speed by the turns of the shaft."""
 
     def __init__(self, device: str, settings: Any, world: World) -> None:
-        self.device, self.settings, self.plant = device, settings, world.plant
-        self.query = settings.query.encode("ascii")
-        self.speaks = "text" if self.query else "stream"
+        super().__init__(device, settings, DISPLAY_S)
+        self.plant = world.plant
         self.terminator = self.query[-1:] or b"\r"
-        self.period_ns = int((settings.update_s or DISPLAY_S) * NS)
-        self._next_ns = self._last_ns = 0
+        self._last_ns = 0
         self._angle = 0.0
         self._mean_rpm = 0.0
         self._sensors = {}
@@ -39,54 +37,13 @@ class Lutron:
             truth = (lambda: self._mean_rpm) if name == "speed_rpm" else world.sensor(device, name, channel).truth
             self._sensors[name] = Sensor(device, name, channel, truth, world.faults, world.seed)
 
-    def restart(self, time_ns: int) -> None:
-        """Power comes back: the first value takes a while.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-        self._next_ns = time_ns + self.period_ns
-
-    def tick(self, time_ns: int) -> None:
-        """Nothing to look at.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-
     def answer(self, line: bytes, time_ns: int) -> bytes | None:
-        """The frames, for a meter that is asked.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """The frames, for a meter that is asked."""
         if not self.query or line + self.terminator != self.query:
             return None
-        return b"".join(self._frames(time_ns))
+        return b"".join(self._sent(time_ns))
 
-    def stream(self, time_ns: int) -> list[bytes]:
-        """The frames of a display that has changed.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
-        if time_ns < self._next_ns:
-            return []
-        self._next_ns = time_ns + self.period_ns
-        return self._frames(time_ns)
-
-    def overrun(self) -> None:
-        """A frame that nobody reads is lost, and nothing tells of it."""
-
-    def _frames(self, time_ns: int) -> list[bytes]:
+    def _sent(self, time_ns: int) -> list[bytes]:
         if time_ns > self._last_ns:
             turned = abs(self.plant.angle_rad - self._angle)
             self._mean_rpm = turned / (2.0 * math.pi) / (time_ns - self._last_ns) * NS * 60.0

@@ -40,13 +40,7 @@ class DescribedDevice(ModbusDevice):
         super().__init__(device, unit, tables)
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back, with no set-point.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back, with no set-point."""
         super().restart(time_ns)
         self.switch_off()
 
@@ -57,13 +51,7 @@ class DescribedDevice(ModbusDevice):
             self.plant.order(0.0)
 
     def write(self, address: int, values: list[int], time_ns: int) -> None:
-        """Take a set-point.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Take a set-point."""
         table = self.setpoint
         if table is None or address != table.address or len(values) != width_of(table.type):
             raise Refusal(frames.ILLEGAL_ADDRESS)

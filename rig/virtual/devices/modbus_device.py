@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig.virtual.devices import frames
+from rig.virtual.devices.base import Served
 from rig.virtual.devices.sensors import Sensor
 
 MOST_REGISTERS = 125
@@ -37,17 +38,9 @@ def width_of(kind: str) -> int:
 def words_of(value: float, kind: str, low_word_first: bool = False) -> list[int]:
     """A number as registers.
 
-    Parameters
-    ----------
-    value : float
-        The number; cut off at an integer's limits, and not a number is all ones in an integer [-].
-    low_word_first : bool
-        Order of the words; within each the high byte comes first.
-
-    Returns
-    -------
-    list of int
-        0-65535 each.
+    `value`: the number; cut off at an integer's limits, and not a number is all ones in an integer [-].
+    `low_word_first`: order of the words; within each the high byte comes first.
+    Each is 0-65535.
     """
     code, lowest, highest = PACKED[kind]
     if code == "f":
@@ -71,10 +64,7 @@ def value_of(words: list[int], kind: str, low_word_first: bool = False) -> float
 class Field:
     """Registers that belong together.
 
-    Attributes
-    ----------
-    words : callable
-        Time [ns] to the registers; called once a request, so that the words of one value belong together.
+    `words`: time [ns] to the registers; called once a request, so that the words of one value belong together.
     """
 
     address: int
@@ -92,13 +82,10 @@ def measured(address: int, sensor: Sensor, kind: str) -> Field:
     return Field(address, width_of(kind), lambda time_ns: words_of(sensor.read(time_ns), kind))
 
 
-class ModbusDevice:
+class ModbusDevice(Served):
     """Answers reads of its fields, and takes writes where there is a place for them.
 
-    Parameters
-    ----------
-    tables : dict of int to list of Field
-        Function code of a read to what it finds; a coil is a field of size 1.
+    `tables`: function code of a read to what it finds; a coil is a field of size 1.
     """
 
     speaks = "modbus"
@@ -108,47 +95,18 @@ class ModbusDevice:
         self.last_heard_ns = 0
 
     def restart(self, time_ns: int) -> None:
-        """Power comes back.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Power comes back."""
         self.last_heard_ns = time_ns
-
-    def tick(self, time_ns: int) -> None:
-        """Nothing happens by itself.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
 
     def write(self, address: int, values: list[int], time_ns: int) -> None:
         """Take a write; a device with registers to write says which.
 
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-
-        Raises
-        ------
-        Refusal
-            When there is no such register, or the value is not one for it.
+        Raises Refusal when there is no such register, or the value is not one for it.
         """
         raise Refusal(frames.ILLEGAL_ADDRESS)
 
     def answer(self, body: bytes, time_ns: int) -> bytes:
-        """Function code and data of the answer.
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """Function code and data of the answer."""
         self.tick(time_ns)
         self.last_heard_ns = time_ns
         try:

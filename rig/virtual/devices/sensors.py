@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from configs.units import ZERO_C
 from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS
 from rig.virtual.devices.faults import Faults
 from rig.virtual.plant.truth import Turning
 
-ZERO_C = 273.15
 DRIFT = 0.2  # of bias_sd in DRIFT_S, 1 sigma
 DRIFT_S = 1000.0
 
@@ -27,15 +27,8 @@ def generator(seed: int, *names: str) -> np.random.Generator:
 def truth_of(plant: Turning, channel: str, reference: Reference | None) -> Callable[[], float]:
     """What a channel would read without any error.
 
-    Parameters
-    ----------
-    reference : Reference or None
-        State of a standard volume, or of a rotameter's scale.
-
-    Raises
-    ------
-    ValueError
-        When the virtual bench has no such quantity.
+    `reference`: state of a standard volume, or of a rotameter's scale.
+    Raises ValueError when the virtual bench has no such quantity.
     """
     room_k, inlet_k = plant.room_k, plant.inlet_k
     if channel.startswith("flow"):
@@ -105,14 +98,9 @@ class _Averaged:
 class Sensor:
     """One channel of one instrument.
 
-    Parameters
-    ----------
-    figures : ChannelFile
-        The instrument's 1-sigma figures; what is left out is 0.
-    truth : callable
-        What it would read without error [own unit].
-    update_s : float
-        How often the instrument has a new value [s].
+    `figures`: the instrument's 1-sigma figures; what is left out is 0.
+    `truth`: what it would read without error [own unit].
+    `update_s`: how often the instrument has a new value [s].
     """
 
     def __init__(
@@ -136,13 +124,7 @@ class Sensor:
         self._last_ns = 0
 
     def read(self, time_ns: int) -> float:
-        """The instrument's value at a time to which the plant has been carried on [own unit].
-
-        Parameters
-        ----------
-        time_ns : int
-            Time of the bench [ns].
-        """
+        """The instrument's value at a time to which the plant has been carried on [own unit]."""
         fresh = self._last is None or time_ns - self._last_ns >= self.update_ns
         if self._last is None or (fresh and not self.faults.happens("frozen", self.device, time_ns)):
             self._last, self._last_ns = self._measure(time_ns), time_ns

@@ -20,22 +20,12 @@ PA, L, MM2 = 1e5, 1e-3, 1e-6  # in a bar [Pa], a litre [m3], a square millimetre
 class AirLine:
     """A line with a volume; `step` carries it on.
 
-    Parameters
-    ----------
-    volume_l : float
-        Of the line [L].
-    valve_time_s : float
-        From shut to open, and back [s].
-    valve_area_mm2 : float
-        Effective area of either way of the valve, fully open [mm2].
-    regulator_lag_s : float
-        Time constant of the regulator [s].
-    droop_bar_min_l : float
-        What the regulator loses for each L/min that the motor takes at the line's state [bar min/L].
-    ambient_bar : float
-        Absolute [bar].
-    gas_j_kg : float
-        Gas constant times the line's temperature [J/kg].
+    `volume_l`: of the line [L].
+    `valve_time_s`: from shut to open, and back [s].
+    `valve_area_mm2`: effective area of either way of the valve, fully open [mm2].
+    `regulator_lag_s`: time constant of the regulator [s].
+    `droop_bar_min_l`: what the regulator loses for each L/min that the motor takes at the line's state [bar min/L].
+    `gas_j_kg`: gas constant times the line's temperature [J/kg].
     """
 
     def __init__(
@@ -60,19 +50,10 @@ class AirLine:
     def step(self, target_bar: float, is_open: bool, taken_kg_s: float, span_s: float) -> float:
         """Carry the line on, in small steps.
 
-        Parameters
-        ----------
-        target_bar : float
-            What the regulator is set to, absolute [bar].
-        taken_kg_s : float
-            What the motor takes [kg/s].
-        span_s : float
-            How long [s].
-
-        Returns
-        -------
-        float
-            Mean pressure of the span, absolute [bar].
+        `target_bar`: what the regulator is set to, absolute [bar].
+        `taken_kg_s`: what the motor takes [kg/s].
+        `span_s`: how long [s].
+        Returns mean pressure of the span, absolute [bar].
         """
         steps = max(1, math.ceil(span_s / STEP_S - 1e-9))
         dt_s = span_s / steps

@@ -12,6 +12,7 @@ from collections import deque
 
 import numpy as np
 
+from configs.units import BAR
 from model.gas.air import gas_constant, water_fraction
 from model.gas.cylinder import gas_state
 from model.layout import RPM
@@ -22,7 +23,6 @@ from rig.readings import NS
 from rig.virtual.plant.air_line import AirLine
 from rig.virtual.plant.truth import LineTruth, Listener
 
-BAR = 1e5
 SAMPLE_NS = 1_000_000  # of the shaft's angle: between two samples it is a cubic
 SPAN_NS = 10_000_000  # the line's pressure is constant for so long
 CHUNK_NS = 250_000_000  # in one call of the model
@@ -92,13 +92,7 @@ class Plant:
         return self.target_bar <= self.ambient_bar
 
     def order(self, pressure_bar_abs: float) -> None:
-        """Order a pressure, now.
-
-        Parameters
-        ----------
-        pressure_bar_abs : float
-            Absolute [bar]; the ambient's or less opens the dump valve.
-        """
+        """Order a pressure, now. `pressure_bar_abs`: absolute [bar]; the ambient's or less opens the dump valve."""
         gauge = max(0.0, pressure_bar_abs - self.ambient_bar) * self.line.regulator_gain
         target = self.ambient_bar + gauge
         if abs(target - self.target_bar) > SETTLED_BAR:
@@ -107,26 +101,12 @@ class Plant:
             self.setpoints.append((self.time_ns / NS, target))
 
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
-        """The present mass flow as a volume flow at a state.
-
-        Parameters
-        ----------
-        pressure_bar_abs : float
-            Absolute pressure of the state [bar].
-        temperature_k : float
-            Its temperature [K].
-        """
+        """The present mass flow as a volume flow at a state."""
         density = pressure_bar_abs * BAR / (self.gas_constant * temperature_k)
         return self.flow_kg_s / density * 60e3
 
     def advance(self, to_ns: int) -> None:
-        """Carry line and motor on to a time; an earlier one changes nothing.
-
-        Parameters
-        ----------
-        to_ns : int
-            Time of the bench [ns].
-        """
+        """Carry line and motor on to a time; an earlier one changes nothing. `to_ns`: time of the bench [ns]."""
         while self.time_ns < to_ns:
             self._carry_on(min(to_ns, self.time_ns + CHUNK_NS))
 

@@ -35,27 +35,17 @@ Listener = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 class LineTruth:
     """How the bench besides the motor is.
 
-    Attributes
-    ----------
-    regulator_lag_s, vent_lag_s : float
-        Time constants of the pressure towards a set-point, and towards the ambient with the dump valve open [s]; the
-        second counts only where the line holds no air.
-    regulator_gain : float
-        Gauge pressure that the regulator makes of 1 bar ordered [-].
-    comm_safety_s : float
-        Silence after which an output module's communications safety acts [s].
-    regulator_droop_bar_min_l : float
-        What the regulator loses for each L/min that the motor takes at the line's state [bar min/L].
-    line_volume_l : float
-        Of the line between valve and motor [L]; 0 when the regulator's pressure is the motor's.
-    valve_time_s : float
-        From shut to open, and back [s].
-    valve_area_mm2 : float
-        Effective area of the valve, to the regulator and to the vent, where the line holds air [mm2].
-    pitch_error_sd : float
-        Errors of a toothed wheel, each tooth its own, as a share of the pitch, 1 sigma [-].
-    tachometer_window_s : float
-        Over which a tachometer that is asked takes its mean [s]; 0 when it tells the present speed.
+    `regulator_lag_s`, `vent_lag_s`: time constants of the pressure towards a set-point, and towards the ambient with
+        the dump valve open [s]; the second counts only where the line holds no air.
+    `regulator_gain`: gauge pressure that the regulator makes of 1 bar ordered [-].
+    `comm_safety_s`: silence after which an output module's communications safety acts [s].
+    `regulator_droop_bar_min_l`: what the regulator loses for each L/min that the motor takes at the line's state [bar
+        min/L].
+    `line_volume_l`: of the line between valve and motor [L]; 0 when the regulator's pressure is the motor's.
+    `valve_time_s`: from shut to open, and back [s].
+    `valve_area_mm2`: effective area of the valve, to the regulator and to the vent, where the line holds air [mm2].
+    `pitch_error_sd`: errors of a toothed wheel, each tooth its own, as a share of the pitch, 1 sigma [-].
+    `tachometer_window_s`: over which a tachometer that is asked takes its mean [s]; 0 when it tells the present speed.
     """
 
     regulator_lag_s: float = LINE_TRUTH["regulator_lag_s"][0]
@@ -80,14 +70,9 @@ class Turning(Protocol):
 
     What they tell is what an instrument without errors of its own would read.
 
-    Attributes
-    ----------
-    time_ns : int
-        To which it has been carried on [ns].
-    ambient_bar, target_bar : float
-        Of the room, and ordered, absolute [bar].
-    room_k, inlet_k : float
-        Temperature of the room, and of the line's air [K].
+    `time_ns`: to which it has been carried on [ns].
+    `ambient_bar`, `target_bar`: of the room, and ordered, absolute [bar].
+    `room_k`, `inlet_k`: temperature of the room, and of the line's air [K].
     """
 
     time_ns: int
@@ -125,52 +110,24 @@ class Turning(Protocol):
         """Whether the dump valve is open."""
 
     def order(self, pressure_bar_abs: float) -> None:
-        """Order a pressure, now.
-
-        Parameters
-        ----------
-        pressure_bar_abs : float
-            Absolute [bar]; the ambient's or less opens the dump valve.
-        """
+        """Order a pressure, now. `pressure_bar_abs`: absolute [bar]; the ambient's or less opens the dump valve."""
 
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
         """The present mass flow as a volume flow at a state.
 
-        Parameters
-        ----------
-        pressure_bar_abs : float
-            Absolute pressure of the state [bar].
-        temperature_k : float
-            Its temperature [K].
+        `pressure_bar_abs`: absolute pressure of the state [bar].
+        `temperature_k`: its temperature [K].
         """
 
     def advance(self, to_ns: int) -> None:
-        """Carry on to a time; an earlier one changes nothing.
-
-        Parameters
-        ----------
-        to_ns : int
-            Time of the bench [ns].
-        """
+        """Carry on to a time; an earlier one changes nothing. `to_ns`: time of the bench [ns]."""
 
 
 def read_truth(motor: Motor, truth: Mapping[str, float], place: str) -> tuple[Motor, LineTruth]:
     """The motor and the line as they really are on a virtual bench.
 
-    Parameters
-    ----------
-    truth : mapping of str to float
-        Changed figures: the motor's parameters each in its own unit, and those of the line [own unit].
-
-    Returns
-    -------
-    Motor, LineTruth
-        The truth.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown name, or a value out of its bounds.
+    `truth`: changed figures: the motor's parameters each in its own unit, and those of the line [own unit].
+    Raises ConfigError for an unknown name, or a value out of its bounds.
     """
     known = [*QUANTITIES, *LINE_TRUTH]
     mistakes = []

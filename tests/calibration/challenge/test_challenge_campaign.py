@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pkgutil
 import shutil
 import stat
 
@@ -17,6 +18,8 @@ from calibration.challenge.pages import page
 from calibration.challenge.record import ledger as ledgers
 from calibration.challenge.record import opening
 from calibration.challenge.record.opening import Settings, score
+from calibration.work.sources import DIAGNOSIS, imported
+from model.effects import definitions, effects
 from tests import fake_rig
 
 CASES = 12
@@ -217,6 +220,13 @@ def test_frozen_are_thresholds_versions_and_hashes():
     assert {"numpy", "scipy", "numba", "python"} <= set(found["versions"])
     assert len(found["code_sha256"]) == len(found["diagnosis_sha256"]) == 64
     assert found["commit"] is None or len(found["commit"]) == 40
+
+
+def test_the_hash_of_the_diagnosis_is_of_every_effect_s_law_too():
+    room = definitions.__name__
+    modules = {info.name for info in pkgutil.walk_packages(definitions.__path__, f"{room}.")}
+    assert len(modules) > len(effects())
+    assert modules <= set(imported(DIAGNOSIS))
 
 
 def test_other_code_is_refused_half_way(campaign):

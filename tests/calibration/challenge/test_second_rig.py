@@ -636,7 +636,7 @@ def imports_of(path):
 
 def test_it_shares_rig_recording_alone_with_the_project():
     ours = ("model", "rig", "calibration", "configs", "console", "spinbench")
-    for path in Path(second_rig.__file__).parent.glob("*.py"):
+    for path in Path(second_rig.__file__).parent.rglob("*.py"):
         for name in imports_of(path):
             if name.split(".")[0] in ours:
                 assert name == "rig.recording" or name.startswith("calibration.challenge.second_rig"), (path.name, name)

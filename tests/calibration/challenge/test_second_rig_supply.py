@@ -13,7 +13,6 @@ from calibration.challenge.second_rig import (
     bench,
     draw,
     equipment,
-    line,
     make_recording,
     readout,
     recordings,
@@ -21,11 +20,12 @@ from calibration.challenge.second_rig import (
     sheets,
 )
 from calibration.challenge.second_rig.concealed import Concealed
-from calibration.challenge.second_rig.line import Supply
 from calibration.challenge.second_rig.machine import flows, marches, motor, slots
 from calibration.challenge.second_rig.runs_seen import LINE_SDS, MOMENT_SD_S, moved_supply
 from calibration.challenge.second_rig.separable import Seen
 from calibration.challenge.second_rig.signatures import LINE, Whitened, asked_of
+from calibration.challenge.second_rig.supply import line
+from calibration.challenge.second_rig.supply.line import Supply
 from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.detect import MISMATCH_P
 from rig.recording import read_recording

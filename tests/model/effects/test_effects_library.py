@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import pkgutil
 import re
 import string
 import sys
@@ -72,8 +73,12 @@ def test_there_is_no_effect_that_the_list_above_leaves_out() -> None:
 @pytest.mark.parametrize("name", PROMISED)
 def test_an_effect_says_what_it_is_where_its_law_comes_from_and_what_it_looks_like(name: str) -> None:
     effect = effects()[name]
-    module = importlib.import_module(f"model.effects.definitions.{name}")
-    assert inspect.getdoc(module)
+    (module,) = [
+        info.name
+        for info in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")
+        if info.name.endswith(f".{name}")
+    ]
+    assert inspect.getdoc(importlib.import_module(module))
     assert len(effect.title) > 5 and len(effect.source) > 10
     assert "sweep: " in effect.signature
     assert re.search(r"transients: |coast-down: |spin-up: ", effect.signature)

@@ -22,10 +22,7 @@ VOLUME, SLOPE, GAS_ARM, ROLLER_ARM = 0, 1, 2, 3  # columns of the table
 def radius(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Motor centre to roller centre [m], and the signed angle phi between curve normal and piston [rad].
 
-    Parameters
-    ----------
-    psi : ndarray
-        Angle within a lobe [rad]; 0 where the piston is farthest out.
+    `psi`: angle within a lobe [rad]; 0 where the piston is farthest out.
     """
     folded = np.minimum(psi % LOBE, LOBE - psi % LOBE)
     side = np.where(psi % LOBE <= LOBE / 2.0, -1.0, 1.0)

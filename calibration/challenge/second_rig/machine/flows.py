@@ -33,12 +33,7 @@ PLENUM_IN, PLENUM_OUT = 2, 3  # in the state vector
 def uncovered(psi: float, opens: float, closes: float, p: np.ndarray) -> float:
     """Share of a port's area that is open [-]; a little of it at the angles where the article opens and closes it.
 
-    Parameters
-    ----------
-    psi : float
-        Angle within the lobe [rad].
-    opens, closes : float
-        The article's angles [rad].
+    `opens`, `closes`: the article's angles [rad].
     """
     return max(0.0, min(1.0, min(psi - opens, closes - psi) / p[RAMP] + p[LEAD]))
 
@@ -49,14 +44,9 @@ def nozzle(area: float, high: float, low: float, T: float) -> float:
 
     Choked flow of an ideal gas; from there to no flow at all the quarter of an ellipse that ISO 6358 draws.
 
-    Parameters
-    ----------
-    area : float
-        Effective area [m2].
-    high, low : float
-        Pressure ahead of it and behind it [Pa].
-    T : float
-        Temperature ahead of it [K].
+    `area`: effective area [m2].
+    `high`, `low`: pressure ahead of it and behind it [Pa].
+    `T`: temperature ahead of it [K].
     """
     ratio = low / high
     choked = NOZZLE * area / math.sqrt(R_AIR * T)
@@ -71,12 +61,8 @@ def relaxed(gap: float, rate: float) -> float:
 
     Backward Euler: left + rate sqrt(left) = gap, a quadratic equation in the root. At rate 0 all of it is left.
 
-    Parameters
-    ----------
-    gap : float
-        Before the step [Pa].
-    rate : float
-        Step times conductance times stiffness [Pa^0.5].
+    `gap`: before the step [Pa].
+    `rate`: step times conductance times stiffness [Pa^0.5].
     """
     root = 0.5 * (math.sqrt(rate * rate + 4.0 * gap) - rate)
     return root * root
@@ -89,10 +75,7 @@ def leak_flow(p: np.ndarray, high: float) -> float:
     Through a gap it flows laminar, in proportion to the difference of the squared pressures; through a hole as through
     a nozzle.
 
-    Parameters
-    ----------
-    high : float
-        Pressure behind the inlet's throttle [Pa].
+    `high`: pressure behind the inlet's throttle [Pa].
     """
     if high <= p[PA]:
         return 0.0
@@ -109,14 +92,9 @@ def heat(p: np.ndarray, P: float, T: float, V: float, piston_speed: float, filli
     Instead of the rows of Table 2, Nu = 0.09 Re^0.8 Pr^0.6 in all phases, between those rows; Re with the gas's speed
     added to the piston's. The other form is a wall at the ambient's temperature with a constant coefficient.
 
-    Parameters
-    ----------
-    P, T, V : float
-        Gas pressure [Pa], temperature [K] and volume [m3].
-    piston_speed : float
-        Size of it [m/s].
-    filling : float
-        Speed of the gas that passes the port, over the cylinder's surface [m/s].
+    `P`, `T`, `V`: gas pressure [Pa], temperature [K] and volume [m3].
+    `piston_speed`: size of it [m/s].
+    `filling`: speed of the gas that passes the port, over the cylinder's surface [m/s].
     """
     surface = math.pi * BORE * V / AREA + 2.0 * AREA
     if p[WALL] > 0.0:
@@ -136,16 +114,7 @@ def plenums(p: np.ndarray, y: np.ndarray, line: float, is_open: bool, entered: f
     Without a throttle they are the line's and the ambient's, less and plus the article's fixed losses. With one, a
     small volume between throttle and ports smooths the flow of single cylinders.
 
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of `motor`; changed.
-    line : float
-        Pressure of the line [Pa].
-    entered, left : float
-        Mass flows through the ports in this step [kg/s].
-    dt : float
-        Step [s].
+    `entered`, `left`: mass flows through the ports in this step [kg/s].
     """
     back = p[PA] + p[DROP_OUT]
     feed = line - p[DROP_IN] if is_open else back
@@ -164,6 +133,7 @@ def plenums(p: np.ndarray, y: np.ndarray, line: float, is_open: bool, entered: f
         y[PLENUM_OUT] = back
 
 
+# Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
 def settled(
     P: float,
@@ -179,22 +149,11 @@ def settled(
 ) -> float:
     """Pressure of a small volume behind a throttle after a step, backward Euler.
 
-    Parameters
-    ----------
-    P : float
-        Before the step [Pa].
-    far : float
-        On the other side of the throttle [Pa].
-    source : float
-        Mass flow into the volume from the ports [kg/s].
-    counted : float
-        Pressure at which the volume flow is counted [Pa].
-    T : float
-        Temperature [K].
-    reference : float
-        Density at which ``loss`` is given [kg/m3].
-    dt : float
-        Step [s].
+    `P`: before the step [Pa].
+    `far`: on the other side of the throttle [Pa].
+    `source`: mass flow into the volume from the ports [kg/s].
+    `counted`: pressure at which the volume flow is counted [Pa].
+    `reference`: density at which ``loss`` is given [kg/m3].
     """
     stiff = R_AIR * T / PLENUM_M3
     free = P + dt * stiff * source

@@ -28,13 +28,6 @@ def drag(p: np.ndarray, omega: float, line_gauge: float) -> tuple[float, float]:
     with speed as exp(-(w/ws)^2), exp(-w/ws) or 1/(1 + (w/ws)^2); the drag of the air as a power of the speed, 2 for a
     turbulent one; a seal that the line's pressure loads. A torque in a band of speeds and one above a speed are made
     up: they are to resemble nothing in a library.
-
-    Parameters
-    ----------
-    omega : float
-        Speed [rad/s].
-    line_gauge : float
-        Pressure of the line above the ambient's [Pa].
     """
     speed = abs(omega)
     viscous, dry = p[F], p[EXTRA] + p[SEAL] * max(line_gauge, 0.0)
@@ -62,11 +55,5 @@ def drag(p: np.ndarray, omega: float, line_gauge: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def swing(p: np.ndarray, theta: float) -> float:
-    """Torque fixed to the shaft's angle, as of an unbalanced rotor [N m], positive where it opposes turning forward.
-
-    Parameters
-    ----------
-    theta : float
-        Shaft angle [rad].
-    """
+    """Torque fixed to the shaft's angle, as of an unbalanced rotor [N m], positive where it opposes turning forward."""
     return p[SINE] * math.sin(theta) + p[COSINE] * math.cos(theta) + p[SECOND] * math.sin(2.0 * theta)

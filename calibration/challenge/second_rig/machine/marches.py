@@ -51,17 +51,7 @@ def swings(p: np.ndarray) -> bool:
 
 @njit(cache=True)
 def settle(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, dt: float) -> bool:
-    """March until the speed is periodic; whether the rotor still turns.
-
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of `motor`; changed.
-    line : float
-        Pressure of the line [Pa].
-    dt : float
-        Step [s].
-    """
+    """March until the speed is periodic; whether the rotor still turns."""
     block = TURN_PULSES if swings(p) else LOBE_PULSES
     width = block * PULSE
     took, _, _, runs = _to(p, table, y, line, y[THETA] + width, dt)
@@ -89,23 +79,9 @@ def settle(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, dt: flo
 def plateau(p: np.ndarray, table: np.ndarray, line: float, omega: float, dt: float) -> tuple[float, float, float]:
     """March at one pressure until it is periodic, and average over whole lobes, or turns where one is unlike the next.
 
-    Parameters
-    ----------
-    line : float
-        Pressure of the line [Pa].
-    omega : float
-        Speed to start from [rad/s].
-    dt : float
-        Step [s].
-
-    Returns
-    -------
-    speed : float
-        Mean over time [rad/s]; 0 when it stalls.
-    flow : float
-        Mass through the line [kg/s].
-    torque : float
-        Mean gas torque [N m].
+    `omega`: speed to start from [rad/s].
+    Returns `speed`: mean over time [rad/s]; 0 when it stalls; `flow`: mass through the line [kg/s]; `torque`: mean gas
+    torque [N m].
     """
     y = rest(p, table, 0.0, line, True)
     y[OMEGA] = omega
@@ -126,16 +102,7 @@ def plateau(p: np.ndarray, table: np.ndarray, line: float, omega: float, dt: flo
 def plateaus(rows: np.ndarray, table: np.ndarray, lines: np.ndarray, omegas: np.ndarray, dt: float) -> np.ndarray:
     """Plateaus one after the other: speed [rad/s], mass flow [kg/s] and gas torque [N m], shape (n, 3).
 
-    Parameters
-    ----------
-    rows : ndarray, shape (n, k)
-        Figures of the motor, a row a plateau.
-    lines : ndarray, shape (n,)
-        Pressure of the line [Pa].
-    omegas : ndarray, shape (n,)
-        Speeds to start from [rad/s].
-    dt : float
-        Step [s].
+    `omegas`, shape (n,): speeds to start from [rad/s].
     """
     found = np.empty((lines.size, 3))
     for i in range(lines.size):
@@ -149,18 +116,9 @@ def turning(
 ) -> np.ndarray:
     """The periodic state from which the rotor comes to an angle within a pulse after some time.
 
-    Parameters
-    ----------
-    line : float
-        Pressure of the line [Pa].
-    omega : float
-        Speed to start from [rad/s].
-    angle : float
-        Angle within a pulse [rad].
-    ahead : float
-        The time [s].
-    dt : float
-        Step [s].
+    `omega`: speed to start from [rad/s].
+    `angle`: angle within a pulse [rad].
+    `ahead`: the time [s].
     """
     y = rest(p, table, 0.0, line, True)
     y[OMEGA] = omega
@@ -178,18 +136,9 @@ def run_in_time(
 ) -> np.ndarray:
     """March over cells of equal duration; the angle at their ends [rad], shape (n + 1,).
 
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor at the start, laid out as at the top of `motor`; changed.
-    line : float
-        Pressure of the line when the supply is open [Pa].
-    opened : ndarray of bool, shape (n,)
-        Whether the supply is open in each cell.
-    cell : float
-        Duration of a cell [s].
-    dt : float
-        Largest step [s].
+    `y`: state of the motor at the start, laid out as at the top of `motor`; changed.
+    `line`: pressure of the line when the supply is open [Pa].
+    `opened`, shape (n,): whether the supply is open in each cell.
     """
     angle = np.empty(opened.size + 1)
     angle[0] = y[THETA]
@@ -203,37 +152,19 @@ def run_in_time(
 
 @njit(cache=True)
 def gas_torque(p: np.ndarray, gauge: float) -> float:
-    """Roughly, the mean torque of gas and rollers on a rotor that turns [N m]; within a few percent at the defaults.
-
-    Parameters
-    ----------
-    gauge : float
-        Pressure of the line above the ambient's [Pa].
-    """
+    """Roughly, the mean torque of gas and rollers on a rotor that turns [N m]; within a few percent at the defaults."""
     return 2.82e-5 * (gauge - 2000.0) - p[FR] * roller_arm(gauge)
 
 
 @njit(cache=True)
 def roller_arm(gauge: float) -> float:
-    """Roughly, the mean friction torque of the rollers over their factor [N m]; as good as `gas_torque`.
-
-    Parameters
-    ----------
-    gauge : float
-        Pressure of the line above the ambient's [Pa].
-    """
+    """Roughly, the mean friction torque of the rollers over their factor [N m]; as good as `gas_torque`."""
     return 5.9 + 1.02e-4 * gauge
 
 
 @njit(cache=True)
 def guess(p: np.ndarray, line: float) -> float:
-    """Speed to start from [rad/s]: gas torque proportional to gauge pressure, less what the losses take.
-
-    Parameters
-    ----------
-    line : float
-        Pressure of the line [Pa].
-    """
+    """Speed to start from [rad/s]: gas torque proportional to gauge pressure, less what the losses take."""
     gauge = line - p[PA]
     torque = gas_torque(p, gauge)
     low, high = 3.0, 120.0
@@ -250,14 +181,7 @@ def guess(p: np.ndarray, line: float) -> float:
 def steady(rows: np.ndarray, lines: np.ndarray, dt: float = STEP_S) -> np.ndarray:
     """Plateaus of rows of figures, or of one row for all: speed [rad/s], mass flow [kg/s], gas torque [N m].
 
-    Parameters
-    ----------
-    rows : ndarray, shape (k,) or (n, k)
-        Figures of the motor, laid out as in `slots`.
-    lines : ndarray, shape (n,)
-        Pressure of the line [Pa].
-    dt : float
-        Step [s].
+    `rows`, shape (k,) or (n, k): figures of the motor, laid out as in `slots`.
     """
     rows = np.ascontiguousarray(np.broadcast_to(rows, (lines.size, np.shape(rows)[-1])))
     omegas = np.array([guess(row, line) for row, line in zip(rows, lines, strict=True)])

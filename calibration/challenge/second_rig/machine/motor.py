@@ -57,13 +57,7 @@ FR, J, LAP, PORT = AT["roller_factor"], AT["inertia"], AT["lap"], AT["port_area_
 
 @njit(cache=True)
 def look_up(table: np.ndarray, psi: float, column: int) -> float:
-    """A column of the guide curve at an angle, linear between its cells [unit of the column].
-
-    Parameters
-    ----------
-    psi : float
-        Angle within the lobe [rad].
-    """
+    """A column of the guide curve at an angle, linear between its cells [unit of the column]."""
     place = psi * (CELLS / LOBE)
     cell = min(int(place), CELLS - 1)
     share = place - cell
@@ -74,14 +68,7 @@ def look_up(table: np.ndarray, psi: float, column: int) -> float:
 def rest(p: np.ndarray, table: np.ndarray, theta: float, line: float, is_open: bool) -> np.ndarray:
     """A motor at rest whose cylinders hold the pressure of the port that they see, and a mean where they see none.
 
-    Parameters
-    ----------
-    theta : float
-        Shaft angle [rad].
-    line : float
-        Pressure of the line [Pa].
-    is_open : bool
-        Whether the supply is open; the line is vented otherwise.
+    `is_open`: whether the supply is open; the line is vented otherwise.
     """
     y = np.zeros(SIZE)
     y[THETA] = theta
@@ -104,12 +91,8 @@ def opened(p: np.ndarray, start: float, end: float, half: float) -> float:
 
     Simpson's rule over start, middle and end.
 
-    Parameters
-    ----------
-    start, end : float
-        Angles within the lobe [rad].
-    half : float
-        Where the port's half of the lobe begins [rad].
+    `start`, `end`: angles within the lobe [rad].
+    `half`: where the port's half of the lobe begins [rad].
     """
     opens, closes = half + p[LAP], half + 0.5 * LOBE - p[LAP]
     return (
@@ -121,13 +104,7 @@ def opened(p: np.ndarray, start: float, end: float, half: float) -> float:
 
 @njit(cache=True)
 def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Gas torque and size of the roller friction's [N m]: forces of Eq. 22 at the article's arms, Eq. 23-25.
-
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of this module.
-    """
+    """Gas torque and size of the roller friction's [N m]: forces of Eq. 22 at the article's arms, Eq. 23-25."""
     gas = roller = 0.0
     for i in range(CYLINDERS):
         psi = y[PSI + i]
@@ -140,17 +117,7 @@ def torques(p: np.ndarray, table: np.ndarray, y: np.ndarray) -> tuple[float, flo
 
 @njit(cache=True)
 def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt: float) -> None:
-    """Change the speed over one step, Eq. 21; dry friction may hold the rotor, and never drives it.
-
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of this module; changed.
-    line_gauge : float
-        Pressure of the line above the ambient's [Pa].
-    dt : float
-        Step [s].
-    """
+    """Change the speed over one step, Eq. 21; dry friction may hold the rotor, and never drives it."""
     gas, roller = torques(p, table, y)
     viscous, dry = drag(p, y[OMEGA], line_gauge)
     free = gas - swing(p, y[THETA])
@@ -161,20 +128,12 @@ def kick(p: np.ndarray, table: np.ndarray, y: np.ndarray, line_gauge: float, dt:
     y[TURNED] += gas * dt
 
 
+# In one piece, its parts share their running values: `second_rig`.
 @njit(cache=True)
 def step(p: np.ndarray, table: np.ndarray, y: np.ndarray, line: float, is_open: bool, dt: float) -> None:
     """One step of the whole motor, in place.
 
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of this module; changed.
-    line : float
-        Pressure of the line [Pa].
-    is_open : bool
-        Whether the supply is open; both ports stand at the exhaust's pressure otherwise.
-    dt : float
-        Step [s].
+    `is_open`: whether the supply is open; both ports stand at the exhaust's pressure otherwise.
     """
     kick(p, table, y, line - p[PA] if is_open else 0.0, dt)
     turned = dt * y[OMEGA]

@@ -8,15 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def torque(p: Values, state: State) -> np.ndarray:
-    """Falls as a Gaussian with speed [N m].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``torque_nm`` and ``speed_rad_s``.
-    state : State
-        Operating state.
-    """
+    """Falls as a Gaussian with speed [N m]."""
     return p["torque_nm"] * np.exp(-((state.omega / p["speed_rad_s"]) ** 2))
 
 

@@ -8,15 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def torque(p: Values, state: State) -> np.ndarray:
-    """Quadratic drag [N m].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``drag_nm_s2``.
-    state : State
-        Operating state.
-    """
+    """Quadratic drag [N m]."""
     return p["drag_nm_s2"] * state.omega**2
 
 

@@ -6,10 +6,10 @@ import functools
 
 import numpy as np
 
-from calibration.challenge.second_rig import line
-from calibration.challenge.second_rig.line import Supply
 from calibration.challenge.second_rig.machine import marches, motor
 from calibration.challenge.second_rig.machine.slots import BAR
+from calibration.challenge.second_rig.supply import line
+from calibration.challenge.second_rig.supply.line import Supply
 
 ROUNDS, SETTLED_PA = 30, 1.0  # in which line and motor agree on the flow
 STEP_S = 5e-5  # of the march: the flow to a thousandth
@@ -17,13 +17,7 @@ KNOTS_PA = np.array([1.3, 1.6, 2.0, 2.5, 3.6]) * BAR  # the volume flow is nearl
 
 
 def under_load(p: np.ndarray, supply: Supply, target: float, locked: bool = False) -> tuple[float, float]:
-    """Pressures of line and regulator [Pa] where the motor takes what they let through.
-
-    Parameters
-    ----------
-    target : float
-        What the regulator is set to [Pa].
-    """
+    """Pressures of line and regulator [Pa] where the motor takes what they let through."""
     figures, at = supply.figures(), target
     found = (target, target)
     for _ in range(ROUNDS):
@@ -36,24 +30,12 @@ def under_load(p: np.ndarray, supply: Supply, target: float, locked: bool = Fals
 
 
 def set_for(p: np.ndarray, supply: Supply, pressure: float) -> float:
-    """What the regulator is set to where the line stands at a pressure under the motor's draught [Pa].
-
-    Parameters
-    ----------
-    pressure : float
-        Of the line [Pa].
-    """
+    """What the regulator is set to where the line stands at a pressure under the motor's draught [Pa]."""
     return line.needed(p, supply.figures(), pressure, draught(p, pressure))
 
 
 def draught(p: np.ndarray, feed: float) -> float:
-    """Mass flow that the motor takes at a pressure [kg/s].
-
-    Parameters
-    ----------
-    feed : float
-        Pressure of the line [Pa].
-    """
+    """Mass flow that the motor takes at a pressure [kg/s]."""
     place = min(int(np.searchsorted(KNOTS_PA, feed)), KNOTS_PA.size - 1)
     low_pa, low = p[motor.PA], 0.0
     if place > 0:

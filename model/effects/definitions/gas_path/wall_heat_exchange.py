@@ -6,13 +6,7 @@ from model.effects.effect import Effect, EffectParameter, Values
 
 
 def heat_factor(p: Values) -> float:
-    """Factor on the heat of Eq. 18 [-].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``extra_share``.
-    """
+    """Factor on the heat of Eq. 18 [-]."""
     return 1.0 + p["extra_share"]
 
 

@@ -2,25 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from model.effects.effect import Effect, EffectParameter, State, Values
-
-
-def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
-    """The true pressure times a factor [Pa].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``scale``.
-    true : ndarray, shape (n,)
-        Pressure [Pa].
-    state : State
-        Operating state.
-    """
-    return true * (1.0 + p["scale"])
-
+from model.effects.definitions.instruments import scaled
+from model.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id="pressure_gauge_scale",
@@ -30,6 +13,6 @@ EFFECT = Effect(
     source="span error of a gauge, a share of the reading: EN 837-1",
     signature="sweep: the slope of speed with pressure is wrong; spin-up: its end; coast-down: only its start",
     parameters=(EffectParameter("scale", "-", -0.15, 0.15, 0.02, text="reading over true pressure, less 1"),),
-    reads={"pressure": reads},
+    reads={"pressure": scaled},
     nuisance="pressure_scale",
 )

@@ -8,15 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def torque(p: Values, state: State) -> np.ndarray:
-    """A share of the viscous friction that dies away [N m].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``share_cold`` and ``time_s``.
-    state : State
-        Operating state.
-    """
+    """A share of the viscous friction that dies away [N m]."""
     return p["share_cold"] * np.exp(-state.time / p["time_s"]) * state.friction * state.omega
 
 

@@ -2,25 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from model.effects.effect import Effect, EffectParameter, State, Values
-
-
-def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
-    """The true speed times a factor [rad/s].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``scale``.
-    true : ndarray, shape (n,)
-        Speed [rad/s].
-    state : State
-        Operating state.
-    """
-    return true * (1.0 + p["scale"])
-
+from model.effects.definitions.instruments import scaled
+from model.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id="speed_scale",
@@ -30,6 +13,6 @@ EFFECT = Effect(
     source="counted pulses over pulses a turn: a wrong number of marks, pulses missed or counted twice",
     signature="sweep: speed wrong in proportion while the flow stays; transients: the same factor throughout",
     parameters=(EffectParameter("scale", "-", -0.6, 1.2, 0.05, text="reading over true speed, less 1"),),
-    reads={"speed": reads},
+    reads={"speed": scaled},
     nuisance="speed_scale",
 )

@@ -2,25 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from model.effects.effect import Effect, EffectParameter, State, Values
-
-
-def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
-    """The true flow times a factor [m3/s].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``scale``.
-    true : ndarray, shape (n,)
-        Flow [m3/s].
-    state : State
-        Operating state.
-    """
-    return true * (1.0 + p["scale"])
-
+from model.effects.definitions.instruments import scaled
+from model.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id="flow_scale",
@@ -30,6 +13,6 @@ EFFECT = Effect(
     source="span error of a variable-area meter: the share of the reading in VDI/VDE 3513, sheet 2",
     signature="sweep: flow wrong in proportion, speed untouched; transients: nothing, they read no flow",
     parameters=(EffectParameter("scale", "-", -0.5, 0.5, 0.12, text="reading over true flow, less 1"),),
-    reads={"flow": reads},
+    reads={"flow": scaled},
     nuisance="flow_scale",
 )

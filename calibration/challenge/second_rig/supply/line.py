@@ -36,18 +36,11 @@ DROOP, VALVE = 1, 3  # places among the figures
 class Supply:
     """A line as built; SI units, in the order that the march takes.
 
-    Attributes
-    ----------
-    regulator_time_s : float
-        Lag of the regulator [s].
-    droop : float
-        Pressure that it loses per volume flow at the line's state [Pa s/m3].
-    valve_time_s : float
-        From one way to the other [s].
-    valve_m2, vent_m2 : float
-        Effective areas to the regulator and to the ambient [m2].
-    volume_m3 : float
-        Between valve and motor [m3].
+    `regulator_time_s`: lag of the regulator [s].
+    `droop`: pressure that it loses per volume flow at the line's state [Pa s/m3].
+    `valve_time_s`: from one way to the other [s].
+    `valve_m2`, `vent_m2`: effective areas to the regulator and to the ambient [m2].
+    `volume_m3`: between valve and motor [m3].
     """
 
     regulator_time_s: float
@@ -69,18 +62,11 @@ class Supply:
     ) -> Supply:
         """A line from figures in the units of a bench.
 
-        Parameters
-        ----------
-        regulator_time_s : float
-            Lag of the regulator [s].
-        droop_bar_min_l : float
-            What it loses for each L/min at the line's state [bar min/L].
-        valve_time_s : float
-            From one way to the other [s].
-        valve_area_mm2, vent_area_mm2 : float
-            Effective areas to the regulator and to the ambient [mm2].
-        line_volume_l : float
-            Between valve and motor [L].
+        `regulator_time_s`: lag of the regulator [s].
+        `droop_bar_min_l`: what it loses for each L/min at the line's state [bar min/L].
+        `valve_time_s`: from one way to the other [s].
+        `valve_area_mm2`, `vent_area_mm2`: effective areas to the regulator and to the ambient [mm2].
+        `line_volume_l`: between valve and motor [L].
         """
         volume = max(line_volume_l * LITRE, LEAST_M3)
         droop = droop_bar_min_l * BAR * L_MIN
@@ -94,10 +80,7 @@ class Supply:
 def supply_of(data: Mapping[str, float]) -> Supply | None:
     """A line as a truth keeps it; None for an ideal step in pressure.
 
-    Parameters
-    ----------
-    data : mapping of str to float
-        What `Supply.of` takes, by name; empty for an ideal step.
+    `data`: what `Supply.of` takes, by name; empty for an ideal step.
     """
     return Supply.of(**data) if data else None
 
@@ -115,18 +98,7 @@ def follow(
 ) -> None:
     """The line after a step: the motor's draught, then each way of the valve by backward Euler.
 
-    Parameters
-    ----------
-    s : ndarray, shape (5,)
-        State of the line; changed.
-    figures : ndarray, shape (6,)
-        Of `Supply`.
-    target : float
-        What the regulator is set to [Pa].
-    taken : float
-        Mass that the motor took in this step [kg].
-    dt : float
-        Step [s].
+    `taken`: mass that the motor took in this step [kg].
     """
     lag, droop, valve_time, area, vent, volume = figures
     way = 1.0 if is_open else 0.0
@@ -153,16 +125,9 @@ def follow(
 def through(area: float, P: float, far: float, T: float, rate: float) -> float:
     """Pressure of a volume after a step in which an orifice joins it to another pressure [Pa].
 
-    Parameters
-    ----------
-    area : float
-        Of the orifice [m2].
-    P, far : float
-        Before the step, and beyond the orifice [Pa].
-    T : float
-        Temperature [K].
-    rate : float
-        Step times pressure per mass [Pa s/kg].
+    `area`: of the orifice [m2].
+    `P`, `far`: before the step, and beyond the orifice [Pa].
+    `rate`: step times pressure per mass [Pa s/kg].
     """
     gap = far - P
     if area <= 0.0 or abs(gap) < 0.1:
@@ -171,6 +136,7 @@ def through(area: float, P: float, far: float, T: float, rate: float) -> float:
     return far - math.copysign(relaxed(abs(gap), rate * one), gap)
 
 
+# Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
 def together(
     p: np.ndarray,
@@ -186,21 +152,6 @@ def together(
     """One step of motor and line; the mass that the motor took [kg].
 
     Where the line is as good as vented, both ports stand at the exhaust's pressure.
-
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor, laid out as at the top of `motor`; changed.
-    s : ndarray, shape (5,)
-        State of the line; changed.
-    figures : ndarray, shape (6,)
-        Of `Supply`.
-    target : float
-        What the regulator is set to [Pa].
-    less : float
-        How much less than the line's pressure the motor gets [Pa].
-    dt : float
-        Step [s].
     """
     feed = s[LINE] - less
     feeds = feed > p[PA] + p[DROP_IN] + p[DROP_OUT]
@@ -211,6 +162,7 @@ def together(
     return taken
 
 
+# Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
 def run_behind(
     p: np.ndarray,
@@ -228,24 +180,9 @@ def run_behind(
 
     While the valve is shut and rotor and line have long been at rest, nothing moves, and nothing is marched.
 
-    Parameters
-    ----------
-    y : ndarray
-        State of the motor at the start, laid out as at the top of `motor`; changed.
-    s : ndarray, shape (5,)
-        State of the line at the start; changed.
-    figures : ndarray, shape (6,)
-        Of `Supply`.
-    target : float
-        What the regulator is set to [Pa].
-    opened : ndarray of bool, shape (n,)
-        Whether the valve is driven towards the regulator in each cell.
-    less : float
-        How much less than the line's pressure the motor gets [Pa].
-    cell : float
-        Duration of a cell [s].
-    dt : float
-        Largest step [s].
+    `y`: state of the motor at the start, laid out as at the top of `motor`; changed.
+    `s`, shape (5,): state of the line at the start; changed.
+    `opened`, shape (n,): whether the valve is driven towards the regulator in each cell.
     """
     found = np.empty((opened.size + 1, 2))
     found[0, 0], found[0, 1] = y[THETA], s[LINE]
@@ -261,17 +198,7 @@ def run_behind(
 
 
 def settled(p: np.ndarray, figures: np.ndarray, target: float, mass_flow: float) -> tuple[float, float]:
-    """Pressures of a line that lets so much through, and of its regulator [Pa]: droop, and loss of the valve.
-
-    Parameters
-    ----------
-    figures : ndarray, shape (6,)
-        Of `Supply`.
-    target : float
-        What the regulator is set to [Pa].
-    mass_flow : float
-        Out of the line [kg/s].
-    """
+    """Pressures of a line that lets so much through, and of its regulator [Pa]: droop, and loss of the valve."""
     line = target
     for _ in range(ROUNDS):
         regulated = max(target - figures[DROOP] * mass_flow * R_AIR * p[TIN] / line, p[PA])
@@ -284,17 +211,7 @@ def settled(p: np.ndarray, figures: np.ndarray, target: float, mass_flow: float)
 
 
 def needed(p: np.ndarray, figures: np.ndarray, line: float, mass_flow: float) -> float:
-    """What the regulator is set to where a line that lets so much through stands at a pressure [Pa].
-
-    Parameters
-    ----------
-    figures : ndarray, shape (6,)
-        Of `Supply`.
-    line : float
-        Pressure of the line [Pa].
-    mass_flow : float
-        Out of the line [kg/s].
-    """
+    """What the regulator is set to where a line that lets so much through stands at a pressure [Pa]."""
     regulated = line + 1.0
     for _ in range(ROUNDS):
         regulated = line + max((mass_flow / nozzle(figures[VALVE], regulated, line, p[TIN])) ** 2, 1e-3)

@@ -10,15 +10,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def torque(p: Values, state: State) -> np.ndarray:
-    """One sine a turn; nothing where the angle is not known [N m].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``sine_nm`` and ``cosine_nm``.
-    state : State
-        Operating state.
-    """
+    """One sine a turn; nothing where the angle is not known [N m]."""
     found = p["sine_nm"] * np.sin(state.angle) + p["cosine_nm"] * np.cos(state.angle)
     return np.where(np.isfinite(found), found, 0.0)
 
@@ -28,8 +20,6 @@ def turned(p: Values, turn: float) -> Values:
 
     Parameters
     ----------
-    p : mapping of str to float
-        ``sine_nm`` and ``cosine_nm``.
     turn : float
         How far [rad].
     """

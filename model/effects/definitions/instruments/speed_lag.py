@@ -6,13 +6,7 @@ from model.effects.effect import Effect, EffectParameter, Values
 
 
 def time_constant(p: Values) -> float:
-    """First-order lag [s].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``time_s``.
-    """
+    """First-order lag [s]."""
     return p["time_s"]
 
 

@@ -6,13 +6,7 @@ from model.effects.effect import Effect, EffectParameter, Values
 
 
 def factor(p: Values) -> float:
-    """Factor on J [-].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``share``.
-    """
+    """Factor on J [-]."""
     return 1.0 + p["share"]
 
 

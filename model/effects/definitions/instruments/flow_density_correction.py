@@ -18,8 +18,6 @@ def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
         ``share``: 1 when the scale was made for 1 atm and 20 degC.
     true : ndarray, shape (n,)
         Flow at the line's state [m3/s].
-    state : State
-        Operating state.
     """
     ratio = state.pressure / SCALE_PRESSURE_PA * SCALE_TEMPERATURE_K / state.temperature
     return true * (1.0 + p["share"] * (np.sqrt(ratio) - 1.0))

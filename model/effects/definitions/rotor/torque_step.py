@@ -8,15 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def torque(p: Values, state: State) -> np.ndarray:
-    """The same at every speed, once the moment is past [N m].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``torque_nm`` and ``moment_s``.
-    state : State
-        Operating state.
-    """
+    """The same at every speed, once the moment is past [N m]."""
     return p["torque_nm"] * (state.time > p["moment_s"])
 
 

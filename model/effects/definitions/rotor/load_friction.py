@@ -8,15 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def torque(p: Values, state: State) -> np.ndarray:
-    """The roller friction of a larger factor [N m].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``roller_factor``.
-    state : State
-        Operating state.
-    """
+    """The roller friction of a larger factor [N m]."""
     return p["roller_factor"] * state.load
 
 

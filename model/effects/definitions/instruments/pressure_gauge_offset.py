@@ -8,17 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
-    """The true pressure and the offset [Pa].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``offset_pa``.
-    true : ndarray, shape (n,)
-        Pressure [Pa].
-    state : State
-        Operating state.
-    """
+    """The true pressure and the offset [Pa]."""
     return true + p["offset_pa"]
 
 

@@ -8,17 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
-    """The true flow and the offset [m3/s].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``offset_m3_s``.
-    true : ndarray, shape (n,)
-        Flow [m3/s].
-    state : State
-        Operating state.
-    """
+    """The true flow and the offset [m3/s]."""
     return true + p["offset_m3_s"]
 
 

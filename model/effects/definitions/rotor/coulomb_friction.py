@@ -8,15 +8,7 @@ from model.effects.effect import Effect, EffectParameter, State, Values
 
 
 def torque(p: Values, state: State) -> np.ndarray:
-    """The same at every speed [N m].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``torque_nm``.
-    state : State
-        Operating state.
-    """
+    """The same at every speed [N m]."""
     return np.full_like(state.omega, p["torque_nm"])
 
 

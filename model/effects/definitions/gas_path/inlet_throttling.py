@@ -10,15 +10,7 @@ REFERENCE_KG_M3 = 2.38  # air at 2 bar and 20 degC: the coefficient is the loss 
 
 
 def inlet_drop(p: Values, state: State) -> np.ndarray:
-    """Turbulent loss, proportional to density and the square of the volume flow [Pa].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``loss_pa_s2_m6``.
-    state : State
-        Operating state.
-    """
+    """Turbulent loss, proportional to density and the square of the volume flow [Pa]."""
     density = state.pressure / (state.gas_constant * state.temperature)
     volume_flow = state.mass_flow / density
     return p["loss_pa_s2_m6"] * density / REFERENCE_KG_M3 * volume_flow * np.abs(volume_flow)

@@ -21,8 +21,6 @@ def leak(p: Values, state: State) -> np.ndarray:
     p : mapping of str to float
         ``conductance_kg_s_pa2``, that of the flow at a line of twice the ambient pressure, and ``exponent``; laminar
         where there is none.
-    state : State
-        Operating state.
     """
     over = np.maximum(state.pressure**2 - state.ambient**2, 0.0)
     reference = 3.0 * state.ambient**2  # the same at twice the ambient pressure

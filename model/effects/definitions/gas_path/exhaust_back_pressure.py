@@ -10,15 +10,7 @@ REFERENCE_KG_M3 = 1.2  # air at ambient: the coefficient is the rise per flow sq
 
 
 def outlet_rise(p: Values, state: State) -> np.ndarray:
-    """Turbulent loss of the exhaust, at ambient density [Pa].
-
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``rise_pa_s2_m6``.
-    state : State
-        Operating state.
-    """
+    """Turbulent loss of the exhaust, at ambient density [Pa]."""
     density = state.ambient / (state.gas_constant * state.temperature)
     volume_flow = state.mass_flow / density
     return p["rise_pa_s2_m6"] * density / REFERENCE_KG_M3 * volume_flow * np.abs(volume_flow)

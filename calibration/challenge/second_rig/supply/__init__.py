@@ -1,0 +1,1 @@
+"""The line between regulator and motor."""

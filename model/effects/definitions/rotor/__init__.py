@@ -1,0 +1,1 @@
+"""Torques on the rotor, and its inertia."""
