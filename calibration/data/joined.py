@@ -43,7 +43,13 @@ def together(recordings: Sequence[Recording]) -> Recording:
             replace(file, file=f"{names[number - 1]}/{file.file}", start_s=start + file.start_s) for file in one.files
         ]
         start += max((_end(file) for file in one.files), default=0.0) + GAP_S
-    return replace(first, files=tuple(files), sha256="")
+    return replace(first, files=tuple(files), sha256="", origin=_origins(recordings))
+
+
+def _origins(recordings: Sequence[Recording]) -> dict[str, str]:
+    """Where recordings come from: of each key, what they say, each once."""
+    keys = dict.fromkeys(key for one in recordings for key in one.origin)
+    return {key: "; ".join(dict.fromkeys(one.origin[key] for one in recordings if key in one.origin)) for key in keys}
 
 
 def without_runs(recording: Recording) -> Recording:

@@ -130,6 +130,7 @@ class BenchFile(Strict):
     format: Literal["bench/1"]
     title: str
     motor: str = "ptm3600"
+    motor_serial: str = ""
     lubrication: str = ""
     added_inertia_kg_m2: Annotated[float, pydantic.Field(ge=0.0, le=100.0)] = 0.0  # a flywheel on the shaft
     ambient: AmbientTable = AmbientTable()

@@ -21,7 +21,7 @@ from rig.runlog.folder import HASHED, RunError, sha256_of, write_whole
 from rig.runlog.phases import DERIVED_DEVICE, ROOM, Phase, Series, captures, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
 from rig.runlog.reader import Run
-from rig.runlog.schema import AmbientRecord
+from rig.runlog.schema import AmbientRecord, StartRecord
 
 NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
@@ -46,13 +46,17 @@ class Exported:
     notes: list[str]
 
 
+class EmptyRunError(RunError):
+    """A run holds nothing that a recording could."""
+
+
 def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exported:
     """Write a run as a recording/1 folder.
 
     Raises
     ------
     RunError
-        When the run is being written, or holds nothing that a recording could.
+        When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
     RecordingError
         When the folder cannot be made.
     """
@@ -70,7 +74,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
     Raises
     ------
     RunError
-        When the run is being written, or holds nothing that a recording could.
+        When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
     """
     if run.state == "being written":
         raise RunError(f"{run.folder}: a program writes this run now; export it when it has ended")
@@ -91,7 +95,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
     ]
     notes += _counted(run, channels, plateaus)
     if not files:
-        raise RunError(
+        raise EmptyRunError(
             f"{run.folder}: nothing to export: {len(run.plateau_rows)} plateaus written, of which {len(plateaus)} can "
             f"be used, and no zero phase or capture with readings; {'; '.join(notes[1:]) or 'the run ended too early'}"
         )
@@ -113,14 +117,28 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
 def _origin(run: Run) -> dict[str, str]:
     """Where the recording comes from, as far as the run says it."""
     start = run.start
+    note = start.note[: MOST_TEXT // 2]  # the run's name comes behind it in any case
     said = {
-        "date": start.utc_start,
+        "date": _date(start),
         "operator": start.operator,
+        "motor_serial": start.motor_serial,
         "oil": start.lubrication,
-        "note": f"run {run.name}, bench {start.bench}",
-        "parent": start.parent or "",
+        "note": f"{note}{'; ' * bool(note)}run {run.name}, bench {start.bench}",
+        "parent": before(start),
     }
     return {key: text[:MOST_TEXT] for key, text in said.items() if text}
+
+
+def _date(start: StartRecord) -> str:
+    """When a run was taken: of data taken elsewhere as stated; of a bench that runs fast the day alone."""
+    if start.imported:
+        return start.imported.get("date", "")
+    return start.utc_start if start.clock.rate == 1.0 else start.utc_start[: len("2026-05-02")]
+
+
+def before(start: StartRecord) -> str:
+    """The name of the run that a run goes on from; a replay's parent holds the same readings, and is none."""
+    return start.parent if start.parent and start.kind != "replay" else ""
 
 
 def _about(run: Run) -> list[str]:

@@ -70,6 +70,8 @@ class Wanted:
     ----------
     kind : str
         ``sweep``, ``coast-down``, ``spin-up`` or ``zero``; a sweep of a manual bench is logged as ``manual``.
+    motor_serial : str or None
+        The bench file's when left out.
     rate : float or None
         Seconds of a virtual bench in one of the wall [-]; the file's when left out.
     server : tuple of str or None
@@ -83,6 +85,8 @@ class Wanted:
     kind: str
     root: Path
     operator: str = ""
+    motor_serial: str | None = None
+    note: str = ""
     parent: str | None = None
     wire: bool = True
     rate: float | None = None
@@ -243,7 +247,13 @@ class _Run:
         room, wanted = self.ambient, self.wanted
         kind: Any = "manual" if wanted.kind == "sweep" and is_manual(self.bench) else wanted.kind
         circumstances = Circumstances(
-            wanted.operator, room.record(), room.lubrication, room.minutes_running, wanted.parent
+            wanted.operator,
+            room.record(),
+            room.lubrication,
+            room.minutes_running,
+            wanted.parent,
+            wanted.motor_serial,
+            wanted.note,
         )
         simulated = self.place.virtual is not None
         return start_record(self.bench, kind, self.place.clock, self.acquisition.identities(), circumstances, simulated)
@@ -350,7 +360,16 @@ class _Run:
             return at_end(self.ambient, minutes)
 
 
-def enter(bench: Bench, text: str, ambient: Ambient, root: Path, operator: str = "") -> Path:
+def enter(
+    bench: Bench,
+    text: str,
+    ambient: Ambient,
+    root: Path,
+    operator: str = "",
+    motor_serial: str | None = None,
+    note: str = "",
+    date: str = "",
+) -> Path:
     """A run from a sheet that was filled in.
 
     Raises
@@ -359,8 +378,10 @@ def enter(bench: Bench, text: str, ambient: Ambient, root: Path, operator: str =
         Every mistake of the sheet; there is no run then.
     """
     rows = read_sheet(text, bench)
-    circumstances = Circumstances(operator, ambient.record(), ambient.lubrication, ambient.minutes_running)
-    writer = RunWriter.create(root, start_record(bench, "manual", Clock(), {}, circumstances))
+    room = (ambient.record(), ambient.lubrication, ambient.minutes_running)
+    circumstances = Circumstances(operator, *room, None, motor_serial, note)
+    more = {"imported": {"source": "a sheet that was filled in", "date": date}}
+    writer = RunWriter.create(root, start_record(bench, "manual", Clock(), {}, circumstances, more=more))
     with writer:
         outcome = enter_sheet(bench, rows, writer, ambient)
         kind: Any = outcome.outcome

@@ -105,9 +105,11 @@ class StartRecord(Record):
     utc_start: Text
     clock: ClockRecord
     operator: Text = ""
+    note: Text = ""
     simulated: bool = False
     parent: Text | None = None
     motor: Text | dict[str, Any] = "ptm3600"
+    motor_serial: Text = ""
     lubrication: Text = ""
     added_inertia_kg_m2: NotNegative = 0.0  # a flywheel on the shaft
     minutes_running: NotNegative | None = None
@@ -119,7 +121,7 @@ class StartRecord(Record):
     sources: dict[str, SourceRecord] = Field(default_factory=dict)
     sweep: dict[str, Any] = Field(default_factory=dict)
     safety: dict[str, Any] = Field(default_factory=dict)
-    imported: dict[str, Text] = Field(default_factory=dict)  # title, source and licence of data taken elsewhere
+    imported: dict[str, Text] = Field(default_factory=dict)  # title, source, licence and date of data taken elsewhere
 
 
 class EndRecord(Record):

@@ -12,7 +12,7 @@ import typer
 
 from spinbench import readings
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption, WithoutOption
+from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption, WithoutOption, WithParentsOption
 from spinbench.cli.progress import diagnosing
 from spinbench.cli.show import check_places, deliver, refuse_twice, remark
 
@@ -49,6 +49,7 @@ def diagnose(
         ),
     ] = None,
     left_out: WithoutOption = None,
+    parents: WithParentsOption = False,
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
@@ -61,7 +62,7 @@ def diagnose(
     from rig.recording import files
 
     check_places(out, json_file)
-    parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
+    parts = readings.all_named(recording, logs, parents)
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
     refuse_twice(parts, unseen)
     parts = without(parts, left_out or [])

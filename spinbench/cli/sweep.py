@@ -25,6 +25,8 @@ from spinbench.cli.options import (
     LogsOption,
     LubricationOption,
     MinutesRunningOption,
+    MotorSerialOption,
+    NoteOption,
     OnlyOption,
     OperatorOption,
     RateOption,
@@ -54,6 +56,8 @@ def sweep(
     bench: BenchArgument,
     logs: LogsOption = LOGS,
     operator: OperatorOption = "",
+    motor_serial: MotorSerialOption = None,
+    note: NoteOption = "",
     rate: RateOption = None,
     ambient_pressure_bar_abs: RoomPressureOption = None,
     ambient_temperature_c: RoomTemperatureOption = None,
@@ -87,7 +91,7 @@ def sweep(
         return sweep_course(read, ambient, have.steps, have.captures, have.plateaus)
 
     server = server_of(conceal, conceal_seed, only, key)
-    wanted = Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate, server)
+    wanted = Wanted("sweep", logs, operator, motor_serial, note, parent.name if parent else None, wire, rate, server)
     _take(bench, given, course, wanted, check)
 
 
@@ -97,8 +101,14 @@ def capture(
     level_bar_abs: Annotated[
         float | None, typer.Option(help="Pressure, absolute [bar]; the bench file's if left out.")
     ] = None,
+    after: Annotated[
+        str | None,
+        typer.Option(metavar="RUN", help="The run that it belongs to, such as its sweep; 'last' is the newest."),
+    ] = None,
     logs: LogsOption = LOGS,
     operator: OperatorOption = "",
+    motor_serial: MotorSerialOption = None,
+    note: NoteOption = "",
     rate: RateOption = None,
     ambient_pressure_bar_abs: RoomPressureOption = None,
     ambient_temperature_c: RoomTemperatureOption = None,
@@ -113,16 +123,27 @@ def capture(
     """Take a coast-down, a spin-up or a vented zero at the highest rate; refused where the bench cannot resolve it."""
     from rig.run.running import Wanted
     from rig.sweep.ambient import Given
+    from rig.sweep.continuing import refuse_another_motor
 
+    parent = None if after is None else readings.run_named(after, logs)
+    if parent is not None and parent.folder.resolve().parent != logs.resolve():
+        raise typer.BadParameter(f"--after {after}: it is not in {logs}, where this run is kept; say --logs")
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
 
     def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
         from rig.sweep.planning import capture_course
 
+        if parent is not None:
+            refuse_another_motor(parent, read, motor_serial)
         return capture_course(read, ambient, kind.value, level_bar_abs), []
 
     server = server_of(conceal, conceal_seed, only, key)
-    _take(bench, given, course, Wanted(kind.value, logs, operator, rate=rate, server=server))
+    _take(
+        bench,
+        given,
+        course,
+        Wanted(kind.value, logs, operator, motor_serial, note, parent and parent.name, rate=rate, server=server),
+    )
 
 
 def _take(
@@ -167,6 +188,8 @@ def _continuing(path: Path, folder: Path, wanted: Wanted, given: Given, check: b
     words = ["spinbench", "sweep", str(path), "--continue", folder.name]
     words += ["--logs", str(wanted.root)] if wanted.root != LOGS else []
     words += ["--operator", wanted.operator] if wanted.operator else []
+    words += [f"--motor-serial={wanted.motor_serial}"] if wanted.motor_serial is not None else []
+    words += [f"--note={wanted.note}"] if wanted.note else []
     words += [f"--rate={wanted.rate:g}"] if wanted.rate is not None else []
     stays = {name: value for name, value in vars(given).items() if value is not None and name != "minutes_running"}
     words += [f"{OPTIONS[name]}={value}" for name, value in stays.items()]
