@@ -19,6 +19,7 @@ from spinbench.cli.concealing import server_of
 from spinbench.cli.errors import RUN_FAILED
 from spinbench.cli.options import (
     LOGS,
+    AfterOption,
     BenchArgument,
     ConcealSeedOption,
     HumidityOption,
@@ -40,6 +41,7 @@ from spinbench.cli.show import remark
 if TYPE_CHECKING:
     from rig.bench.bench import Bench
     from rig.run.running import Wanted
+    from rig.runlog import Run
     from rig.sweep.ambient import Ambient, Given
     from rig.sweep.course import Course
 
@@ -101,10 +103,7 @@ def capture(
     level_bar_abs: Annotated[
         float | None, typer.Option(help="Pressure, absolute [bar]; the bench file's if left out.")
     ] = None,
-    after: Annotated[
-        str | None,
-        typer.Option(metavar="RUN", help="The run that it belongs to, such as its sweep; 'last' is the newest."),
-    ] = None,
+    after: AfterOption = None,
     logs: LogsOption = LOGS,
     operator: OperatorOption = "",
     motor_serial: MotorSerialOption = None,
@@ -125,9 +124,7 @@ def capture(
     from rig.sweep.ambient import Given
     from rig.sweep.continuing import refuse_another_motor
 
-    parent = None if after is None else readings.run_named(after, logs)
-    if parent is not None and parent.folder.resolve().parent != logs.resolve():
-        raise typer.BadParameter(f"--after {after}: it is not in {logs}, where this run is kept; say --logs")
+    parent = None if after is None else _among(after, logs)
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
 
     def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
@@ -137,13 +134,16 @@ def capture(
             refuse_another_motor(parent, read, motor_serial)
         return capture_course(read, ambient, kind.value, level_bar_abs), []
 
-    server = server_of(conceal, conceal_seed, only, key)
-    _take(
-        bench,
-        given,
-        course,
-        Wanted(kind.value, logs, operator, motor_serial, note, parent and parent.name, rate=rate, server=server),
-    )
+    server, name = server_of(conceal, conceal_seed, only, key), parent.name if parent else None
+    _take(bench, given, course, Wanted(kind.value, logs, operator, motor_serial, note, name, rate=rate, server=server))
+
+
+def _among(name: str, logs: Path) -> Run:
+    """The run that a capture is taken after; it is kept beside it, so that it is found again."""
+    found = readings.run_named(name, logs)
+    if found.folder.resolve().parent != logs.resolve():
+        raise typer.BadParameter(f"--after {name}: it is not in {logs}, where this run is kept; say --logs")
+    return found
 
 
 def _take(
