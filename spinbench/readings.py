@@ -112,14 +112,13 @@ def _back_from(folder: Path, known: Mapping[Path, Recording | None], logs: Path)
 
 def _with_its_parent(folder: Path, is_named: bool) -> tuple[Recording | None, str]:
     """A recording, and the name of what it goes on from; a parent that holds nothing is passed over with a remark."""
-    from rig.exchange.export import EmptyRunError, before
-    from rig.runlog.folder import START
+    from rig.runlog.folder import START, EmptyRunError
     from rig.runlog.reader import read_start
 
     if not (folder / START).exists():
         one = read(folder)
         return one, one.origin.get("parent", "")
-    parent = before(read_start(folder))
+    parent = read_start(folder).goes_on_from
     try:
         one = read(folder)
     except EmptyRunError as error:

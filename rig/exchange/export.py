@@ -17,11 +17,11 @@ from rig.exchange.figures import Figures
 from rig.readings import NS
 from rig.recording import Ambient, Column, Recording, RecordingFile, write_recording
 from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
-from rig.runlog.folder import HASHED, RunError, sha256_of, write_whole
+from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of, write_whole
 from rig.runlog.phases import DERIVED_DEVICE, ROOM, Phase, Series, captures, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
 from rig.runlog.reader import Run
-from rig.runlog.schema import AmbientRecord, StartRecord
+from rig.runlog.schema import AmbientRecord
 
 NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
@@ -44,10 +44,6 @@ class Exported:
 
     recording: Recording
     notes: list[str]
-
-
-class EmptyRunError(RunError):
-    """A run holds nothing that a recording could."""
 
 
 def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exported:
@@ -119,26 +115,14 @@ def _origin(run: Run) -> dict[str, str]:
     start = run.start
     note = start.note[: MOST_TEXT // 2]  # the run's name comes behind it in any case
     said = {
-        "date": _date(start),
+        "date": start.taken,
         "operator": start.operator,
         "motor_serial": start.motor_serial,
         "oil": start.lubrication,
         "note": f"{note}{'; ' * bool(note)}run {run.name}, bench {start.bench}",
-        "parent": before(start),
+        "parent": start.goes_on_from,
     }
     return {key: text[:MOST_TEXT] for key, text in said.items() if text}
-
-
-def _date(start: StartRecord) -> str:
-    """When a run was taken: of data taken elsewhere as stated; of a bench that runs fast the day alone."""
-    if start.imported:
-        return start.imported.get("date", "")
-    return start.utc_start if start.clock.rate == 1.0 else start.utc_start[: len("2026-05-02")]
-
-
-def before(start: StartRecord) -> str:
-    """The name of the run that a run goes on from; a replay's parent holds the same readings, and is none."""
-    return start.parent if start.parent and start.kind != "replay" else ""
 
 
 def _about(run: Run) -> list[str]:

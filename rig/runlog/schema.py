@@ -53,6 +53,7 @@ class ChannelRecord(Record):
     unit: Text = ""
     noise_sd: NotNegative | None = None
     bias_sd: NotNegative | None = None
+    drift_sd: NotNegative | None = None
     scale_sd: NotNegative | None = None
     resolution: NotNegative | None = None
     repeatability_sd: NotNegative | None = None
@@ -122,6 +123,18 @@ class StartRecord(Record):
     sweep: dict[str, Any] = Field(default_factory=dict)
     safety: dict[str, Any] = Field(default_factory=dict)
     imported: dict[str, Text] = Field(default_factory=dict)  # title, source, licence and date of data taken elsewhere
+
+    @property
+    def goes_on_from(self) -> str:
+        """The name of the run before it; a replay's parent holds the same readings, and is none."""
+        return self.parent if self.parent and self.kind != "replay" else ""
+
+    @property
+    def taken(self) -> str:
+        """When it was taken: of data taken elsewhere as stated; of a bench that runs fast the day alone."""
+        if self.imported:
+            return self.imported.get("date", "")
+        return self.utc_start if self.clock.rate == 1.0 else self.utc_start[: len("2026-05-28")]
 
 
 class EndRecord(Record):

@@ -4,16 +4,21 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
+from calibration.data.joined import as_given
+from calibration.systems.look_up import compared
 from rig.bench.bench import FOLDER
+from rig.recording import read_recording
 from rig.runlog import read_run
 from spinbench import readings
 from tests.synthetic_runs import write_sweep
 
 ENOUGH_S = 600.0
 TACH = "V00001"  # what the virtual edge counter calls itself
+GAUGE = "G-3"  # which the gauge does not tell
 
 
 def run(*arguments, cwd):
@@ -38,7 +43,7 @@ def refused(result):
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """The shipped virtual bench with three levels, short waits and a tachometer that is known by its number."""
+    """The shipped virtual bench with three levels and short waits; gauge and tachometer are known by their numbers."""
     path = tmp_path_factory.mktemp("parents") / "short.toml"
     text = (FOLDER / "virtual.toml").read_text()
     for key, value in {
@@ -52,7 +57,9 @@ def bench(tmp_path_factory):
         "motor": '"ptm3600"\nmotor_serial = "A-17"',
     }.items():
         text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
-    path.write_text(text.replace("[devices.tach]\n", f'[devices.tach]\nserial_number = "{TACH}"\n'))
+    for device, number in (("tach", TACH), ("gauge", GAUGE)):
+        text = text.replace(f"[devices.{device}]\n", f'[devices.{device}]\nserial_number = "{number}"\n')
+    path.write_text(text)
     return path
 
 
@@ -90,7 +97,35 @@ def test_a_sweep_and_its_capture_are_fitted_together_by_naming_the_last(taken):
     found = json.loads(result.stdout)
     assert f"{swept.name}/sweep.csv" in {one["file"] for one in found["files"]}
     assert found["parameters"]["f_overall"]["sd"] < 0.01
-    assert {f"{swept.name}: pressure_offset", f"{captured.name}: pressure_offset"} <= set(found["parameters"])
+    own = {f"{swept.name}: ambient_pressure", f"{captured.name}: ambient_pressure"}
+    assert own | {f"{GAUGE}: pressure_offset", f"{TACH}: speed_scale"} <= set(found["parameters"])
+    assert not any(name.endswith(f"{swept.name}: pressure_offset") for name in found["parameters"])
+
+
+def test_two_exported_sweeps_of_a_bench_share_the_errors_of_what_has_a_number(bench, taken, tmp_path):
+    """From the bench file through the run log and recording.toml to the unknowns of both."""
+    once = bench.parent / "once.toml"
+    gauge = (FOLDER.parent / "instruments" / "keller_30x_abs.toml").read_text()
+    drifting = gauge.replace("[channels.pressure_bar_abs]\n", "[channels.pressure_bar_abs]\ndrift_sd = 0.002\n")
+    (bench.parent / "drifting.toml").write_text(drifting)
+    levels = bench.read_text().replace("[1.30, 1.50, 1.80]", "[1.30]")
+    once.write_text(levels.replace('"keller_30x_abs"', '"drifting"'))
+    again = run("sweep", once, "--logs", tmp_path / "logs", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    for number, (name, logs) in enumerate(((taken[0], taken[0].parent), ("last", tmp_path / "logs"))):
+        exported = run("runs", "export", name, "--logs", logs, "-o", tmp_path / f"day{number}", cwd=tmp_path)
+        assert exported.returncode == 0, exported.stderr
+        assert f'serial = "{GAUGE}"' in (tmp_path / f"day{number}" / "recording.toml").read_text()
+    days = [read_recording(tmp_path / f"day{number}") for number in (0, 1)]
+    assert [one.channels["pressure_bar_abs"].drift_sd for one in days] == [0.0, 0.002]
+    names = [one.name for one in compared(as_given(days)).problem.nuisances]
+    shared = (f"{GAUGE}: pressure_offset", f"{GAUGE}: pressure_scale", f"{TACH}: speed_scale")
+    assert [names.count(name) for name in shared] == [1, 1, 1]
+    assert {"day0: flow_offset", "day1: flow_offset"} <= set(names)  # the flow meter has no number
+    assert not any("drift" in name for name in names)  # on one day nothing drifts
+    tomorrow = replace(days[1], origin={**days[1].origin, "date": "2099-01-01"})
+    names = [one.name for one in compared(as_given([days[0], tomorrow])).problem.nuisances]
+    assert names.count(f"{GAUGE}: pressure_offset") == names.count("day1: pressure_offset_drift") == 1
 
 
 # Which recordings go together, without a fit.
