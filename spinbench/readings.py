@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spinbench import published
+
+MOST_PARENTS = 100
 
 if TYPE_CHECKING:
     from rig.recording import Recording
@@ -62,6 +65,84 @@ def read(path: Path) -> Recording:
     for words in exported.notes:
         print(f"spinbench: {words}", file=sys.stderr)
     return exported.recording
+
+
+def all_named(named: Sequence[Path], logs: Path, parents: bool = False) -> list[Recording]:
+    """The recordings that a person names and, where asked for, what each goes on from, ahead of it.
+
+    Raises
+    ------
+    RecordingError
+        When a parent is missing, or parents go in a circle.
+    """
+    folders = [folder_named(one, logs) for one in named]
+    if not parents or len({folder.resolve() for folder in folders}) < len(folders):  # whoever calls refuses these
+        return [read(folder) for folder in folders]
+    found: dict[Path, Recording | None] = {}
+    for folder in folders:
+        found |= reversed(_back_from(folder, found, logs).items())
+    read_ones = [one for one in found.values() if one is not None]
+    zeros = [one for one in read_ones if all(file.kind == "zero" for file in one.files)]
+    for one in zeros if len(zeros) < len(read_ones) else []:
+        print(f"spinbench: passed over: {one.folder}: it holds zero rows alone", file=sys.stderr)
+        read_ones.remove(one)
+    return read_ones
+
+
+def _back_from(folder: Path, known: Mapping[Path, Recording | None], logs: Path) -> dict[Path, Recording | None]:
+    """A recording and what it goes on from, the last one first, up to one that is known."""
+    from rig.recording import RecordingError
+    from rig.recording.mistakes import shown
+
+    line: dict[Path, Recording | None] = {}
+    at = folder
+    while at.resolve() not in known:
+        if at.resolve() in line or len(line) >= MOST_PARENTS:
+            last = " after ".join(shown(place.name, 100) for place in [*line, at][-3:])
+            raise RecordingError(
+                f"{folder}: its parents go in a circle, or are more than {MOST_PARENTS}: ... {last}; name the "
+                "recordings one after the other, without --with-parents"
+            )
+        line[at.resolve()], parent = _with_its_parent(at, is_named=not line)
+        if not parent:
+            break
+        at = _place_of(parent, at, logs)
+    return line
+
+
+def _with_its_parent(folder: Path, is_named: bool) -> tuple[Recording | None, str]:
+    """A recording, and the name of what it goes on from; a parent that holds nothing is passed over with a remark."""
+    from rig.runlog.folder import START, EmptyRunError
+    from rig.runlog.reader import read_start
+
+    if not (folder / START).exists():
+        one = read(folder)
+        return one, one.origin.get("parent", "")
+    parent = read_start(folder).goes_on_from
+    try:
+        one = read(folder)
+    except EmptyRunError as error:
+        if is_named:
+            raise
+        print(f"spinbench: passed over: {error}", file=sys.stderr)
+        return None, parent
+    return one, parent
+
+
+def _place_of(parent: str, child: Path, logs: Path) -> Path:
+    """Where a parent is: beside what goes on from it, or among the runs."""
+    from rig.recording import RecordingError
+    from rig.recording.mistakes import shown
+
+    beside = child.resolve().parent
+    places = [place / parent for place in (beside, logs)] if Path(parent).name == parent else []
+    for place in places:
+        if is_recording(place):
+            return place
+    raise RecordingError(
+        f"{child}: goes on from '{shown(parent, 100)}', which is neither in {beside} nor in {logs}; name the "
+        "recordings one after the other, without --with-parents"
+    )
 
 
 def so_far(folder: Path) -> Recording:

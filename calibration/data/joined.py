@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.data.clock import day_of
 from calibration.data.refusals import refuse_unlike
 from rig.recording import Recording, RecordingError, RecordingFile
 
@@ -33,6 +34,7 @@ def together(recordings: Sequence[Recording]) -> Recording:
             ("[ambient]", one.ambient == first.ambient),
             ("[rig] added_inertia_kg_m2", one.added_inertia_kg_m2 == first.added_inertia_kg_m2),
             ("[channels]", dict(one.channels) == dict(first.channels)),
+            ("day, from which on instruments drift,", day_of(one) == day_of(first) or not _drifts(one)),
         ):
             if not same:
                 raise RecordingError(
@@ -43,7 +45,17 @@ def together(recordings: Sequence[Recording]) -> Recording:
             replace(file, file=f"{names[number - 1]}/{file.file}", start_s=start + file.start_s) for file in one.files
         ]
         start += max((_end(file) for file in one.files), default=0.0) + GAP_S
-    return replace(first, files=tuple(files), sha256="")
+    return replace(first, files=tuple(files), sha256="", origin=_origins(recordings))
+
+
+def _drifts(recording: Recording) -> bool:
+    return any(figures.drift_sd > 0.0 for figures in recording.channels.values())
+
+
+def _origins(recordings: Sequence[Recording]) -> dict[str, str]:
+    """Where recordings come from: of each key, what they say, each once."""
+    keys = dict.fromkeys(key for one in recordings for key in one.origin)
+    return {key: "; ".join(dict.fromkeys(one.origin[key] for one in recordings if key in one.origin)) for key in keys}
 
 
 def without_runs(recording: Recording) -> Recording:

@@ -1,4 +1,4 @@
-"""Rows and files that the user leaves out of a recording: they are told of, and count nowhere."""
+"""Rows, pressure levels and files that the user leaves out of a recording: they are told of, and count nowhere."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ import numpy as np
 
 from calibration.data.joined import names_of
 from rig.recording import Column, Recording, RecordingError, RecordingFile
-from rig.recording.columns import MEASURED
+from rig.recording.columns import MEASURED, PRESSURE
 
 _ROWS = re.compile(r"(\d+)(?:-(\d+))?")
+_LEVELS = re.compile(r"(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))? ?bar")
+ROUNDED = 1e-9  # bar, by which a reading may miss half a digit
 
 
 def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Recording]:
@@ -22,13 +24,14 @@ def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Re
     Parameters
     ----------
     left_out : sequence of str
-        ``FILE`` or ``FILE:ROWS``, rows as in ``3``, ``3-7`` or ``2,5-6``, 1 the first under the header. Of several
-        recordings a file's name has the recording's ahead, ``NAME/FILE``.
+        ``FILE`` or ``FILE:ROWS``, rows as in ``3``, ``3-7`` or ``2,5-6``, 1 the first under the header, or by pressure
+        levels, as in ``2.0bar`` or ``1.2-1.4bar``. Of several recordings a file's name has the recording's ahead,
+        ``NAME/FILE``.
 
     Raises
     ------
     RecordingError
-        When there is no such file or row, or rows of a run in time are named.
+        When there is no such file, row or level, or rows of a run in time are named.
     """
     found = list(recordings)
     for asked in left_out:
@@ -65,18 +68,39 @@ def _place(recordings: Sequence[Recording], asked: str) -> tuple[int, RecordingF
             f"--without {asked}: a speed of a run in time is the mean since the one before, so single rows of it "
             "cannot be left out; name the file alone"
         )
-    return k, file, sorted(set(_numbers(asked, rows, file.rows)))
+    return k, file, sorted(set(_numbers(asked, rows, file)))
 
 
-def _numbers(asked: str, rows: str, most: int) -> Iterator[int]:
+def _numbers(asked: str, rows: str, file: RecordingFile) -> Iterator[int]:
+    most = file.rows
     for part in rows.split(","):
+        if level := _LEVELS.fullmatch(part.strip()):
+            yield from _at_level(asked, level[1], level[2] or level[1], file)
+            continue
         match = _ROWS.fullmatch(part.strip())
         first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
         if not 1 <= first <= last <= most:
             raise RecordingError(
-                f"--without {asked}: '{part}' is no row of it; name rows as 3, 3-7 or 2,5-6, from 1 to {most}"
+                f"--without {asked}: '{part}' is no row of it; name rows as 3, 3-7 or 2,5-6, from 1 to {most}, "
+                "or levels as 2.0bar or 1.2-1.4bar"
             )
         yield from range(first, last + 1)
+
+
+def _at_level(asked: str, lowest: str, highest: str, file: RecordingFile) -> list[int]:
+    """The rows whose pressure, as the file has it, is within the levels when rounded to the digits that are written."""
+    name = next((name for name in file.columns if name in PRESSURE), None)
+    if name is None:
+        raise RecordingError(f"--without {asked}: {file.file} has no pressure; name its rows by their numbers")
+    read = file.columns[name].values
+    half = [0.5 * 10.0 ** -len(text.partition(".")[2]) + ROUNDED for text in (lowest, highest)]
+    rows: list[int] = (
+        np.flatnonzero((read >= float(lowest) - half[0]) & (read <= float(highest) + half[1])) + 1
+    ).tolist()
+    if not rows:
+        span = f"{np.nanmin(read):g} to {np.nanmax(read):g} bar" if np.isfinite(read).any() else "nothing"
+        raise RecordingError(f"--without {asked}: no row is at that level; {name} reads {span}")
+    return rows
 
 
 def _blank(file: RecordingFile, rows: Sequence[int]) -> RecordingFile:

@@ -83,14 +83,14 @@ def of_each_recording(found: Diagnosis) -> dict[str, Diagnosis]:
 
 def _of_one(found: Diagnosis, k: int) -> Diagnosis:
     several = found.comparison
-    at, columns = several.at[k], several.problem.at[k]
+    at, share = several.at[k], several.problem.share(k, len(several.problem.nuisances))
 
     def own(one: Candidate) -> Candidate:
         return replace(one, mode=several.of_part(k, one.mode))
 
     correction = found.correction
     if correction is not None:
-        z, z_sd = correction.z[columns], correction.z_sd[columns]
+        z, z_sd = share @ correction.z, np.sqrt(share**2 @ correction.z_sd**2)
         correction = replace(correction, column=correction.column[at], z=z, z_sd=z_sd)
     chosen = found.verdict.chosen
     return replace(
@@ -101,5 +101,5 @@ def _of_one(found: Diagnosis, k: int) -> Diagnosis:
         candidates=[own(one) for one in found.candidates],
         verdict=replace(found.verdict, chosen=None if chosen is None else own(chosen)),
         correction=correction,
-        beside=None if found.beside is None else (found.beside[0][columns], found.beside[1][columns]),
+        beside=None if found.beside is None else (share @ found.beside[0], np.sqrt(share**2 @ found.beside[1] ** 2)),
     )

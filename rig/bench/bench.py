@@ -66,7 +66,7 @@ class DeviceTable(Strict):
     unit_id: Annotated[int, pydantic.Field(ge=0, le=255)] | None = None  # Modbus
     address: str = ""  # other protocols, such as Alicat's letter
     period_s: Positive = 0.2
-    serial_number: str = ""  # refused when another answers; of devices that tell theirs
+    serial_number: str = ""  # as on its plate; another one that answers is refused
     calibration: str = ""  # certificate, for the record
     channel: Annotated[int, pydantic.Field(ge=0, le=15)] | None = None  # output of a many-channel device
     span: Annotated[list[float], pydantic.Field(min_length=2, max_length=2)] | None = (
@@ -130,6 +130,7 @@ class BenchFile(Strict):
     format: Literal["bench/1"]
     title: str
     motor: str = "ptm3600"
+    motor_serial: str = ""
     lubrication: str = ""
     added_inertia_kg_m2: Annotated[float, pydantic.Field(ge=0.0, le=100.0)] = 0.0  # a flywheel on the shaft
     ambient: AmbientTable = AmbientTable()

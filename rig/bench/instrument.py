@@ -51,6 +51,7 @@ class ChannelFile(SpeedKeys):
     highest: float | None = None
     noise_sd: NotNegative | None = None
     bias_sd: NotNegative | None = None
+    drift_sd: NotNegative | None = None  # of the offset, from one day to another
     scale_sd: NotNegative | None = None
     resolution: NotNegative | None = None
     repeatability_sd: NotNegative | None = None  # scatter from plateau to plateau that averaging within one leaves

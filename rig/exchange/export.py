@@ -17,7 +17,7 @@ from rig.exchange.figures import Figures
 from rig.readings import NS
 from rig.recording import Ambient, Column, Recording, RecordingFile, write_recording
 from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
-from rig.runlog.folder import HASHED, RunError, sha256_of, write_whole
+from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of, write_whole
 from rig.runlog.phases import DERIVED_DEVICE, ROOM, Phase, Series, captures, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
 from rig.runlog.reader import Run
@@ -52,7 +52,7 @@ def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exporte
     Raises
     ------
     RunError
-        When the run is being written, or holds nothing that a recording could.
+        When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
     RecordingError
         When the folder cannot be made.
     """
@@ -70,7 +70,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
     Raises
     ------
     RunError
-        When the run is being written, or holds nothing that a recording could.
+        When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
     """
     if run.state == "being written":
         raise RunError(f"{run.folder}: a program writes this run now; export it when it has ended")
@@ -91,7 +91,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
     ]
     notes += _counted(run, channels, plateaus)
     if not files:
-        raise RunError(
+        raise EmptyRunError(
             f"{run.folder}: nothing to export: {len(run.plateau_rows)} plateaus written, of which {len(plateaus)} can "
             f"be used, and no zero phase or capture with readings; {'; '.join(notes[1:]) or 'the run ended too early'}"
         )
@@ -113,12 +113,14 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
 def _origin(run: Run) -> dict[str, str]:
     """Where the recording comes from, as far as the run says it."""
     start = run.start
+    note = start.note[: MOST_TEXT // 2]  # the run's name comes behind it in any case
     said = {
-        "date": start.utc_start,
+        "date": start.taken,
         "operator": start.operator,
+        "motor_serial": start.motor_serial,
         "oil": start.lubrication,
-        "note": f"run {run.name}, bench {start.bench}",
-        "parent": start.parent or "",
+        "note": f"{note}{'; ' * bool(note)}run {run.name}, bench {start.bench}",
+        "parent": start.goes_on_from,
     }
     return {key: text[:MOST_TEXT] for key, text in said.items() if text}
 

@@ -40,6 +40,7 @@ class Figures:
         stated: dict[str, Any] = {
             "noise_sd": self.noise_sd(name),
             "bias_sd": record.bias_sd,
+            "drift_sd": record.drift_sd,
             "scale_sd": record.scale_sd,
             "resolution": record.resolution,
             "serial": device.serial_number[:MOST_TEXT] or None,
@@ -102,6 +103,7 @@ class Figures:
         return ChannelRecord(
             noise_sd=None if meter.noise_sd is None else meter.noise_sd * factor,
             bias_sd=None if meter.bias_sd is None else meter.bias_sd * factor,
+            drift_sd=None if meter.drift_sd is None else meter.drift_sd * factor,
             scale_sd=None if meter.scale_sd is None else math.hypot(meter.scale_sd, TEMPERATURE_SHARE),
             resolution=None if meter.resolution is None else meter.resolution * factor,
             repeatability_sd=None if meter.repeatability_sd is None else meter.repeatability_sd * factor,

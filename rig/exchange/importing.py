@@ -122,7 +122,9 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path) -> P
     )
     Path(folder).parent.mkdir(parents=True, exist_ok=True)
     try:
-        write_recording(Recording(Path(folder), mapping.file.motor, ambient, channels, recorded), Path(folder))
+        origin = mapping.file.origin.model_dump(exclude_none=True)
+        made = Recording(Path(folder), mapping.file.motor, ambient, channels, recorded, origin=origin)
+        write_recording(made, Path(folder))
     except RecordingError as error:
         raise RecordingError(_of_sources(str(error), Path(folder), named, parts)) from None
     paths = sorted({path for path, _ in _entries(files, mapping)})
@@ -207,13 +209,18 @@ def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
         title=file.title,
         utc_start=utc_text(now_ns),
         clock=ClockRecord(utc_start_ns=now_ns),
+        operator=file.origin.operator or "",
+        note=file.origin.note or "",
+        parent=file.origin.parent,
         motor=file.motor,
+        motor_serial=file.origin.motor_serial or "",
+        lubrication=file.origin.oil or "",
         ambient=AmbientRecord(**file.ambient.model_dump()),
         roles={"pressure": f"{DEVICE}.{pressure}" if pressure else None, **roles},
         devices={DEVICE: DeviceRecord(instrument=file.title, channels=channels)},
         versions=versions(),
         sources={mapping.path.name: source(mapping.data)},
-        imported={"title": file.title, "source": file.source, "licence": file.licence},
+        imported={"title": file.title, "source": file.source, "licence": file.licence, "date": file.origin.date or ""},
     )
 
 

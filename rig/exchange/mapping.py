@@ -14,6 +14,7 @@ from configs import Strict, read_toml, validate
 from rig.exchange.units import unit_of
 from rig.recording.columns import MEASURED, NAMES, nearest
 from rig.recording.mistakes import shown
+from rig.recording.schema import OriginTable
 from rig.runlog.folder import RunError
 
 FORMAT = "import/1"
@@ -115,6 +116,7 @@ class MappingFile(Strict):
     motor: str | dict[str, Any]  # a name in configs/motors, or the table of another rig
     kind: Kind | None = None  # of every file, when there is no [[files]]
     ambient: AmbientTable = AmbientTable()
+    origin: OriginTable = OriginTable()
     table: TableTable
     columns: Annotated[dict[str, ColumnTable], Field(min_length=1)]
     files: Annotated[list[FileTable], Field(max_length=1000)] = Field(default_factory=list)

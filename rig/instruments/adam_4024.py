@@ -13,7 +13,7 @@ import pydantic
 from configs import ConfigError, Strict
 from rig.bench.instrument import ChannelFile, IdentityError, InstrumentError, InstrumentFile
 from rig.instruments.codecs.values import Value
-from rig.instruments.placing import modbus_unit, refuse_serial_number
+from rig.instruments.placing import modbus_unit
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
 from rig.instruments.setting import set_and_read_back
 from rig.lines import Line, LineError, LostError
@@ -187,5 +187,4 @@ class Adam4024(Polled):
 def build(device: str, settings: InstrumentFile, place: Place) -> Adam4024:
     """The driver of one output of an ADAM-4024."""
     chosen = cast(Settings, settings)
-    refuse_serial_number(device, place, chosen.title)
     return Adam4024(device, chosen, place)

@@ -17,7 +17,7 @@ from configs import ConfigError, Strict
 from rig.bench.instrument import InstrumentError, InstrumentFile, Positive
 from rig.instruments.ascii import NUMBER, ends_with
 from rig.instruments.codecs.values import Value, joined, printable
-from rig.instruments.placing import refuse_keyboard, refuse_serial_number
+from rig.instruments.placing import refuse_keyboard
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
 from rig.instruments.setting import set_and_read_back
 from rig.lines import BadReplyError, Line
@@ -204,7 +204,6 @@ def build(device: str, settings: InstrumentFile, place: Place) -> Alicat:
     """The driver of an Alicat device that speaks text."""
     chosen = cast(Settings, settings)
     refuse_keyboard(device, place)
-    refuse_serial_number(device, place, chosen.title)
     address = place.table.address
     if not re.fullmatch("[A-Z]", address):
         raise ConfigError(f"devices.{device}.address: '{printable(address)}' is no unit; it is one letter, A to Z")

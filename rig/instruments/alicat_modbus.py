@@ -16,7 +16,7 @@ from rig.bench.instrument import ChannelFile, InstrumentError, InstrumentFile, P
 from rig.instruments.alicat import NO_FAILSAFE, judge
 from rig.instruments.codecs.registers import number_of, words_of
 from rig.instruments.codecs.values import Value
-from rig.instruments.placing import modbus_unit, refuse_serial_number
+from rig.instruments.placing import modbus_unit
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
 from rig.instruments.setting import set_and_read_back
 from rig.lines import Line
@@ -146,7 +146,6 @@ class AlicatModbusController(AlicatModbus):
 def build(device: str, settings: InstrumentFile, place: Place) -> AlicatModbus:
     """The driver of an Alicat device that speaks Modbus."""
     chosen = cast(Settings, settings)
-    refuse_serial_number(device, place, chosen.title)
     return (
         AlicatModbus(device, chosen, place)
         if chosen.setpoint is None

@@ -15,7 +15,7 @@ from rig.bench.instrument import IdentityError, InstrumentFile
 from rig.instruments.codecs.patterns import groups_of
 from rig.instruments.codecs.streaming import Stream, cut_lines
 from rig.instruments.codecs.values import Value, printable
-from rig.instruments.placing import refuse_keyboard, refuse_serial_number
+from rig.instruments.placing import refuse_keyboard
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
 from rig.lines import BadReplyError, Line
 from rig.lines.line import Complete, Reply
@@ -151,7 +151,7 @@ class AsciiDevice(Polled):
         match = re.fullmatch(self.settings.identity_pattern, text)
         if match is None:
             raise IdentityError(f"{self.device}: '{printable(text)}' answers, which is not a {self.settings.title}")
-        serial = match.groupdict().get(SERIAL_GROUP) or ""
+        serial = match.groupdict().get(SERIAL_GROUP, self._serial_number) or ""
         if self._serial_number and serial != self._serial_number:
             raise IdentityError(
                 f"{self.device}: number '{printable(serial)}' answers, the bench file says '{self._serial_number}'"
@@ -181,6 +181,4 @@ def build(device: str, settings: InstrumentFile, place: Place) -> AsciiDevice:
     """The driver of a generic ASCII device."""
     chosen = cast(Settings, settings)
     refuse_keyboard(device, place)
-    if SERIAL_GROUP not in (re.compile(chosen.identity_pattern or "").groupindex):
-        refuse_serial_number(device, place, chosen.title)
     return AsciiDevice(device, chosen, place.table.serial_number)

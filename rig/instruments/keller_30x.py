@@ -14,7 +14,7 @@ import pydantic
 from rig.bench.instrument import ChannelFile, IdentityError, InstrumentFile
 from rig.instruments.codecs.registers import number_of
 from rig.instruments.codecs.values import Value, bounded
-from rig.instruments.placing import modbus_unit, refuse_serial_number
+from rig.instruments.placing import modbus_unit
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
 from rig.lines import Line
 from rig.lines.modbus import registers_of
@@ -86,5 +86,4 @@ class Keller30X(Polled):
 def build(device: str, settings: InstrumentFile, place: Place) -> Keller30X:
     """The driver of a Keller transmitter."""
     chosen = cast(Settings, settings)
-    refuse_serial_number(device, place, chosen.title)
     return Keller30X(device, chosen, place)

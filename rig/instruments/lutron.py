@@ -15,7 +15,7 @@ import pydantic
 from rig.bench.instrument import InstrumentFile
 from rig.instruments.codecs.streaming import Stream
 from rig.instruments.codecs.values import Value
-from rig.instruments.placing import refuse_keyboard, refuse_serial_number
+from rig.instruments.placing import refuse_keyboard
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
 from rig.lines import BadReplyError, Line
 from rig.readings import Quality
@@ -154,5 +154,4 @@ def build(device: str, settings: InstrumentFile, place: Place) -> LutronMeter:
     """The driver of a meter with Lutron's frames."""
     chosen = cast(Settings, settings)
     refuse_keyboard(device, place)
-    refuse_serial_number(device, place, chosen.title)
     return LutronMeter(device, chosen)

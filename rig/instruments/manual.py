@@ -16,7 +16,6 @@ from configs import ConfigError
 from rig.bench.instrument import ChannelFile, InstrumentFile
 from rig.instruments.codecs.streaming import Stream, cut_lines
 from rig.instruments.codecs.values import Times, Value, failures, printable, reading_of
-from rig.instruments.placing import refuse_serial_number
 from rig.instruments.polling import ChannelName
 from rig.lines import BadReplyError, Line, NoReplyError
 from rig.lines.line import MOST_REPLY_BYTES
@@ -148,5 +147,4 @@ def build(device: str, settings: InstrumentFile, place: Place) -> ManualEntry:
     chosen = cast(Settings, settings)
     if place.line.kind != "keyboard":
         raise ConfigError(f"devices.{device}.line: manual entry needs a line of kind 'keyboard'")
-    refuse_serial_number(device, place, chosen.title)
     return ManualEntry(device, chosen)

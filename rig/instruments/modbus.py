@@ -15,7 +15,7 @@ from configs import Strict
 from rig.bench.instrument import ChannelFile, IdentityError, InstrumentError, InstrumentFile, Positive
 from rig.instruments.codecs.registers import Kind, WordOrder, number_of, width_of, words_of
 from rig.instruments.codecs.values import Value, joined
-from rig.instruments.placing import modbus_unit, refuse_serial_number
+from rig.instruments.placing import modbus_unit
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
 from rig.instruments.setting import set_and_read_back
 from rig.lines import Line
@@ -208,7 +208,6 @@ class ModbusRegulator(ModbusDevice):
 def build(device: str, settings: InstrumentFile, place: Place) -> ModbusDevice:
     """The driver of a generic Modbus device, with a set-point if its file has one."""
     chosen = cast(Settings, settings)
-    refuse_serial_number(device, place, chosen.title)
     return ModbusDevice(device, chosen, place) if chosen.setpoint is None else ModbusRegulator(device, chosen, place)
 
 

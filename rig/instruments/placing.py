@@ -50,15 +50,6 @@ def modbus_unit(device: str, place: Place) -> ModbusUnit:
     return ModbusUnit(unit, framing)
 
 
-def refuse_serial_number(device: str, place: Place, title: str) -> None:
-    """Refuse a serial number that nothing would check. Raises ConfigError when the bench file gives one."""
-    if place.table.serial_number:
-        raise ConfigError(
-            f"devices.{device}.serial_number: {title} does not tell its number over the wire as far as its file knows; "
-            "leave the key out, and write the number into 'calibration'"
-        )
-
-
 def refuse_keyboard(device: str, place: Place) -> None:
     """Refuse a keyboard line for a device that has a cable. Raises ConfigError when the line is a keyboard."""
     if place.line.kind == "keyboard":

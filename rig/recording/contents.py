@@ -38,6 +38,8 @@ class Channel:
         speed_rpm only: a sample is the mean over this time [s]; None: since the sample before.
     lag_s : float or None
         speed_rpm only: time constant of a first-order lag [s].
+    drift_sd : float
+        Of the offset, from one day to another; for an instrument that is known by its serial number.
     serial : str or None
         The instrument's serial number; the same instrument in several recordings shares its errors.
     """
@@ -52,6 +54,7 @@ class Channel:
     pitch_error_sd: float | None = None
     window_s: float | None = None
     lag_s: float | None = None
+    drift_sd: float = 0.0
     serial: str | None = None
     calibrated: str | None = None
 

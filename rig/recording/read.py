@@ -5,9 +5,12 @@ from __future__ import annotations
 import codecs
 import contextlib
 import hashlib
+import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from configs import ConfigError, read_toml, validate
 from rig.recording.columns import MEASURED, NAMES, PRESSURE, siblings
@@ -28,6 +31,7 @@ from rig.recording.schema import (
 from rig.recording.table import EXTRA_BYTES, Plan, Table, read_table
 
 TOML = "recording.toml"
+OWN_ZERO_S = 1.0  # a file without start_s that begins no later may count from a zero of its own
 PROGRESS_BYTES = 20_000_000  # below it, reading ends before a bar would be seen
 
 
@@ -67,6 +71,7 @@ def read_recording(path: Path) -> Recording:
             else:
                 tables.append(None)
     _check_used(table, tables, str(toml), mistakes)
+    _check_clock(table, tables, str(toml), mistakes)
     mistakes.raise_any()
     return _assembled(folder, table, [found for found in tables if found is not None], digest.hexdigest())
 
@@ -154,6 +159,43 @@ def _check_used(table: RecordingTable, tables: list[Table | None], toml: str, mi
             if entry.kind == "transient":
                 what = f"inertia_kg_m2 is missing, which the transient '{shown(entry.file)}' needs"
                 mistakes.add(f"{toml}, [motor]", what)
+
+
+def _check_clock(table: RecordingTable, tables: list[Table | None], toml: str, mistakes: Mistakes) -> None:
+    """No instrument reads two runs in time at once, nor a plateau within a run; zero rows may be anywhere."""
+    timed = [
+        (entry, when, {name for name in MEASURED if name in found.columns})
+        for entry, found in zip(table.files, tables, strict=True)
+        if found is not None and entry.kind != "zero" and (when := _when(entry, found)).size
+    ]
+    for (one, when, mine), (other, then, theirs) in itertools.combinations(timed, 2):
+        both = [name for name in MEASURED if name in mine & theirs]
+        if not both or one.kind == other.kind == "steady":
+            continue
+        if not one.start_s and not other.start_s and min(when[0], then[0]) <= OWN_ZERO_S:
+            continue
+        if one.kind != other.kind:  # a plateau is a point in time
+            run, rows = (when, then) if one.kind == "transient" else (then, when)
+            shared = rows[(rows > run[0]) & (rows < run[-1])]
+        else:
+            shared = np.array([max(when[0], then[0]), min(when[-1], then[-1])])
+            shared = shared[: 2 * (shared[1] > shared[0])]
+        if shared.size:
+            mistakes.add(
+                toml,
+                f"'{shown(one.file)}' and '{shown(other.file)}' overlap by {shared[-1] - shared[0]:.6g} s, from "
+                f"{shared[0]:.10g} to {shared[-1]:.10g} s on the recording's clock, and one instrument ({both[0]}) "
+                "cannot have read both; put right start_s or time_s",
+            )
+
+
+def _when(entry: FileTable, found: Table) -> np.ndarray:
+    """When the rows of a file were read, in order, on the recording's clock [s]; of a run its first and last."""
+    if "time_s" not in found.columns:
+        return np.empty(0)
+    time = found.columns["time_s"].values
+    time = time[[0, -1]] if entry.kind == "transient" else time
+    return entry.start_s + np.sort(time[np.isfinite(time)])
 
 
 def _assembled(folder: Path, table: RecordingTable, tables: list[Table], sha256: str) -> Recording:

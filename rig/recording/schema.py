@@ -90,6 +90,7 @@ class ChannelTable(SpeedKeys):
     bias_sd: NotNegative | None = None
     scale_sd: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     resolution: NotNegative | None = None
+    drift_sd: NotNegative | None = None
     serial: Text | None = None
     calibrated: Text | None = None
 

@@ -161,7 +161,8 @@ def _table(header: str, table: Mapping[str, Any]) -> str:
 
 def _figures(channel: Channel) -> dict[str, float | str | None]:
     stated = [name for name in FIGURES if name not in channel.defaulted]
-    return {name: getattr(channel, name) for name in (*stated, *OF_SPEED, "serial", "calibrated")}
+    told = {name: getattr(channel, name) for name in (*stated, *OF_SPEED, "serial", "calibrated")}
+    return told | {"drift_sd": channel.drift_sd or None}
 
 
 def _key(key: str) -> str:

@@ -67,6 +67,7 @@ class Wanted:
     """What a run is to be.
 
     `kind`: ``sweep`` or a capture's; a sweep of a manual bench is logged as ``manual``.
+    `motor_serial`: the bench file's when left out.
     `rate`: seconds of a virtual bench in one of the wall [-]; the file's when left out.
     `server`: module and options of the process that serves a virtual bench, see `rig.virtual.launch`; its own when left
         out.
@@ -78,6 +79,8 @@ class Wanted:
     kind: str
     root: Path
     operator: str = ""
+    motor_serial: str | None = None
+    note: str = ""
     parent: str | None = None
     wire: bool = True
     rate: float | None = None
@@ -222,7 +225,13 @@ class _Run:
         room, wanted = self.ambient, self.wanted
         kind: Any = "manual" if wanted.kind == "sweep" and is_manual(self.bench) else wanted.kind
         circumstances = Circumstances(
-            wanted.operator, room.record(), room.lubrication, room.minutes_running, wanted.parent
+            wanted.operator,
+            room.record(),
+            room.lubrication,
+            room.minutes_running,
+            wanted.parent,
+            wanted.motor_serial,
+            wanted.note,
         )
         simulated = self.place.virtual is not None
         return start_record(self.bench, kind, self.place.clock, self.acquisition.identities(), circumstances, simulated)
@@ -329,11 +338,22 @@ class _Run:
             return at_end(self.ambient, minutes)
 
 
-def enter(bench: Bench, text: str, ambient: Ambient, root: Path, operator: str = "") -> Path:
+def enter(
+    bench: Bench,
+    text: str,
+    ambient: Ambient,
+    root: Path,
+    operator: str = "",
+    motor_serial: str | None = None,
+    note: str = "",
+    date: str = "",
+) -> Path:
     """A run from a sheet that was filled in. Raises SheetError: every mistake of the sheet; there is no run then."""
     rows = read_sheet(text, bench)
-    circumstances = Circumstances(operator, ambient.record(), ambient.lubrication, ambient.minutes_running)
-    writer = RunWriter.create(root, start_record(bench, "manual", Clock(), {}, circumstances))
+    room = (ambient.record(), ambient.lubrication, ambient.minutes_running)
+    circumstances = Circumstances(operator, *room, None, motor_serial, note)
+    more = {"imported": {"source": "a sheet that was filled in", "date": date}}
+    writer = RunWriter.create(root, start_record(bench, "manual", Clock(), {}, circumstances, more=more))
     with writer:
         outcome = enter_sheet(bench, rows, writer, ambient)
         kind: Any = outcome.outcome

@@ -30,6 +30,10 @@ class RunError(ValueError):
     """A run cannot be written, read, exported or imported. The text names the file, the line and what to do."""
 
 
+class EmptyRunError(RunError):
+    """A run holds nothing that a recording could."""
+
+
 def run_name(utc_ns: int, bench: str, kind: str) -> str:
     """The folder's name, ``YYYYMMDD-HHMMSS_<bench>_<kind>``, UTC.
 

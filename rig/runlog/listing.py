@@ -103,16 +103,19 @@ def _start_lines(run: Run) -> list[str]:
         "humidity not noted" if ambient.relative_humidity is None else f"{100.0 * ambient.relative_humidity:.0f} % RH",
     ]
     motor = start.motor if isinstance(start.motor, str) else str(start.motor.get("kind", "a motor given in full"))
+    number = f" no. {_text(start.motor_serial)}" if start.motor_serial else ""
     lines = [
         f"{shown(run.name, 100)}: {start.kind} on bench {_text(start.bench)}{', simulated' if start.simulated else ''}",
         f"state      {run.state}",
         f"start      {_text(start.utc_start)} UTC, operator {_text(start.operator) or 'not noted'}",
-        f"motor      {_text(motor)}, lubrication {_text(start.lubrication) or 'not noted'}",
+        f"motor      {_text(motor)}{number}, lubrication {_text(start.lubrication) or 'not noted'}",
         f"room       {', '.join(room)}",
     ]
+    if start.note:
+        lines.append(f"note       {_text(start.note)}")
     if start.parent:
         lines.append(f"parent     {_text(start.parent)}")
-    lines += [f"{key:<10} {_text(value)}" for key, value in start.imported.items()]
+    lines += [f"{key:<10} {_text(value)}" for key, value in start.imported.items() if value]
     for name, device in start.devices.items():
         known = ", ".join(_text(part) for part in (device.instrument, device.identity, device.calibration) if part)
         lines.append(f"device     {_text(name)}: {known}{f' ({_text(device.trust)})' if device.trust else ''}")

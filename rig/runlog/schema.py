@@ -53,6 +53,7 @@ class ChannelRecord(Record):
     unit: Text = ""
     noise_sd: NotNegative | None = None
     bias_sd: NotNegative | None = None
+    drift_sd: NotNegative | None = None
     scale_sd: NotNegative | None = None
     resolution: NotNegative | None = None
     repeatability_sd: NotNegative | None = None
@@ -105,9 +106,11 @@ class StartRecord(Record):
     utc_start: Text
     clock: ClockRecord
     operator: Text = ""
+    note: Text = ""
     simulated: bool = False
     parent: Text | None = None
     motor: Text | dict[str, Any] = "ptm3600"
+    motor_serial: Text = ""
     lubrication: Text = ""
     added_inertia_kg_m2: NotNegative = 0.0  # a flywheel on the shaft
     minutes_running: NotNegative | None = None
@@ -119,7 +122,19 @@ class StartRecord(Record):
     sources: dict[str, SourceRecord] = Field(default_factory=dict)
     sweep: dict[str, Any] = Field(default_factory=dict)
     safety: dict[str, Any] = Field(default_factory=dict)
-    imported: dict[str, Text] = Field(default_factory=dict)  # title, source and licence of data taken elsewhere
+    imported: dict[str, Text] = Field(default_factory=dict)  # title, source, licence and date of data taken elsewhere
+
+    @property
+    def goes_on_from(self) -> str:
+        """The name of the run before it; a replay's parent holds the same readings, and is none."""
+        return self.parent if self.parent and self.kind != "replay" else ""
+
+    @property
+    def taken(self) -> str:
+        """When it was taken: of data taken elsewhere as stated; of a bench that runs fast the day alone."""
+        if self.imported:
+            return self.imported.get("date", "")
+        return self.utc_start if self.clock.rate == 1.0 else self.utc_start[: len("2026-05-28")]
 
 
 class EndRecord(Record):

@@ -35,7 +35,7 @@ class Circumstances:
     ----------
     ambient : AmbientRecord or None
         The room; the bench file's when left out.
-    lubrication : str or None
+    lubrication, motor_serial : str or None
         The bench file's when left out.
     minutes_running : float or None
         How long the motor has run before [min].
@@ -46,6 +46,8 @@ class Circumstances:
     lubrication: str | None = None
     minutes_running: float | None = None
     parent: str | None = None
+    motor_serial: str | None = None
+    note: str = ""
 
 
 def start_record(
@@ -72,9 +74,11 @@ def start_record(
         "utc_start": utc_text(clock.utc_start_ns),
         "clock": ClockRecord(rate=clock.rate, utc_start_ns=clock.utc_start_ns),
         "operator": clean(circumstances.operator),
+        "note": clean(circumstances.note),
         "simulated": simulated,
         "parent": circumstances.parent,
         "motor": file.motor,
+        "motor_serial": clean(file.motor_serial if circumstances.motor_serial is None else circumstances.motor_serial),
         "lubrication": file.lubrication if circumstances.lubrication is None else circumstances.lubrication,
         "added_inertia_kg_m2": file.added_inertia_kg_m2,
         "minutes_running": circumstances.minutes_running,

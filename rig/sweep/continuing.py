@@ -9,6 +9,7 @@ from rig.bench.bench import Bench
 from rig.plateaus.plan import Step
 from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import NS
+from rig.recording.mistakes import shown
 from rig.runlog import Run, RunError, columns_of, read_run
 from rig.runlog.listing import find_run
 from rig.runlog.phases import captures
@@ -50,6 +51,27 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
         kinds |= {phase.kind for phase in captures(at) if not phase.cut_short}
         at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
     return Taken(tuple(steps), frozenset(kinds), tuple(plateaus))
+
+
+def refuse_another_motor(run: Run, bench: Bench, motor_serial: str | None = None) -> None:
+    """Refuse to take a run after one of another motor.
+
+    Parameters
+    ----------
+    motor_serial : str or None
+        Of the motor that is on the bench; the bench file's when left out.
+
+    Raises
+    ------
+    RunError
+        When the motors, or the serial numbers of both, differ.
+    """
+    serial = bench.file.motor_serial if motor_serial is None else motor_serial
+    motors = [(run.start.motor, run.start.motor_serial), (bench.file.motor, serial)]
+    named = all(number for _, number in motors)
+    theirs, ours = (f"the motor {motor}{f' no. {number}' * named}" for motor, number in motors)
+    if theirs != ours:
+        raise RunError(f"{run.name} is of {shown(theirs, 200)}, not of {shown(ours, 200)}, which is on the bench now")
 
 
 def _plateaus(run: Run) -> list[Plateau]:

@@ -13,7 +13,7 @@ import typer
 from spinbench import readings
 from spinbench.cli.earlier import RECORDINGS, made_of, read_earlier
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption, WithoutOption
+from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption, WithoutOption, WithParentsOption
 from spinbench.cli.progress import diagnosing
 from spinbench.cli.show import check_places, deliver, refuse_twice, remark
 
@@ -56,6 +56,7 @@ def diagnose(
             "--continue", metavar="OUT", help="Go on with the diagnosis in this folder: what it took, and more."
         ),
     ] = None,
+    parents: WithParentsOption = False,
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
@@ -69,7 +70,7 @@ def diagnose(
 
     check_places(out, json_file)
     earlier = None if resume is None else read_earlier(resume)
-    new = [readings.read(readings.folder_named(named, logs)) for named in recording]
+    new = readings.all_named(recording, logs, parents)
     parts = [*(earlier.recordings if earlier else []), *new]
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
     refuse_twice(parts, unseen)

@@ -20,6 +20,7 @@ from spinbench.cli.options import (
     SeedOption,
     SetOption,
     WithoutOption,
+    WithParentsOption,
 )
 from spinbench.cli.progress import sampling, waiting
 from spinbench.cli.show import check_places, deliver, refuse_twice, remark
@@ -98,6 +99,7 @@ def fit(
         str, typer.Option(metavar="ID,ID", help="Effects that the model holds too; their sizes become unknowns.")
     ] = "",
     left_out: WithoutOption = None,
+    parents: WithParentsOption = False,
     logs: LogsOption = LOGS,
 ) -> None:
     """Fit f_overall and what it hangs on to recordings of one motor; exit code 3 if the sampler does not converge, 5
@@ -109,12 +111,12 @@ def fit(
     from calibration.fit.sampling import Settings
 
     check_places(out, json_file)
-    parts = [readings.read(readings.folder_named(named, logs)) for named in recording]
+    parts = readings.all_named(recording, logs, parents)
     refuse_twice(parts)
     parts = without(parts, left_out or [])
     remark(*(words for part in parts for words in part.warnings))
     if steady_only and len(parts) > 1:
-        parts = [without_runs(one) for one in parts]
+        parts = [without_runs(one) for one in parts if any(file.kind == "steady" for file in one.files)] or parts[:1]
     read = parts if steady_only and len(parts) == 1 else as_given(parts)
     held = [name.strip() for name in effects.split(",") if name.strip()]
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)

@@ -22,7 +22,13 @@ WithoutOption = Annotated[
     typer.Option(
         "--without",
         metavar="FILE[:ROWS]",
-        help="Leave a file out, or rows of it: sweep.csv:3,7-9. Of several recordings as NAME/FILE.",
+        help="Leave out a file, or rows (sweep.csv:3,7-9) or levels (sweep.csv:2.0bar) of it. Of several as NAME/FILE.",
+    ),
+]
+WithParentsOption = Annotated[
+    bool,
+    typer.Option(
+        "--with-parents", help="Take in what each goes on from: the sweep that a run continues or a capture follows."
     ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed; the same seed gives the same result to the bit.")]
@@ -40,6 +46,12 @@ RateOption = Annotated[
     typer.Option(min=0.1, max=50.0, help="Of a virtual bench: its seconds in one of the wall; the file's if left out."),
 ]
 OperatorOption = Annotated[str, typer.Option(help="Who runs the bench.")]
+MotorSerialOption = Annotated[str | None, typer.Option(help="The motor's serial number; the bench file's if left out.")]
+AfterOption = Annotated[
+    str | None,
+    typer.Option(metavar="RUN", help="The run that it belongs to, such as its sweep; 'last' is the newest."),
+]
+NoteOption = Annotated[str, typer.Option(help="What whoever reads the run should know; goes along with its export.")]
 RoomPressureOption = Annotated[float | None, typer.Option(help="Of the room [bar].")]
 RoomTemperatureOption = Annotated[float | None, typer.Option(help="Of the room [degC].")]
 HumidityOption = Annotated[float | None, typer.Option(help="Of the room, 0 to 1.")]

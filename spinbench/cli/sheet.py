@@ -13,13 +13,15 @@ from spinbench.cli.options import (
     HumidityOption,
     LogsOption,
     LubricationOption,
+    MotorSerialOption,
+    NoteOption,
     RoomPressureOption,
     RoomTemperatureOption,
 )
 
 if TYPE_CHECKING:
     from rig.bench.bench import Bench
-    from rig.sweep.ambient import Given
+    from rig.sweep.ambient import Ambient, Given
 
 
 def sheet(
@@ -33,6 +35,9 @@ def sheet(
     ] = None,
     logs: LogsOption = LOGS,
     operator: Annotated[str, typer.Option(help="Who read the instruments.")] = "",
+    motor_serial: MotorSerialOption = None,
+    note: NoteOption = "",
+    date: Annotated[str, typer.Option(help="When they were read, such as 2026-05-28.")] = "",
     ambient_pressure_bar_abs: RoomPressureOption = None,
     ambient_temperature_c: RoomTemperatureOption = None,
     relative_humidity: HumidityOption = None,
@@ -41,6 +46,8 @@ def sheet(
 ) -> None:
     """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
     from rig.bench.bench import bench_path, read_bench
+    from rig.by_hand.sheet_entry import SheetError
+    from rig.run.running import enter
     from rig.sweep.ambient import Given
 
     if (out is None) == (entered is None):
@@ -50,7 +57,11 @@ def sheet(
         _print(read, out)
     if entered is not None:
         given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
-        _enter(read, entered, given, logs, operator)
+        text, room = _filled_in(read, entered, given)
+        try:
+            print(enter(read, text, room, logs, operator, motor_serial, note, date))
+        except SheetError as error:
+            raise SheetError("\n".join(f"{entered}: {line}" for line in str(error).splitlines())) from None
 
 
 def _print(bench: Bench, out: Path) -> None:
@@ -66,18 +77,14 @@ def _print(bench: Bench, out: Path) -> None:
     print(out)
 
 
-def _enter(bench: Bench, entered: Path, given: Given, logs: Path, operator: str) -> None:
+def _filled_in(bench: Bench, entered: Path, given: Given) -> tuple[str, Ambient]:
+    """The sheet's text, and the room that it was filled in in."""
     from rig.by_hand.sheet_entry import SheetError
-    from rig.run.running import enter
     from rig.run.terminal import ask, somebody_is_there
     from rig.sweep.ambient import at_start
 
     room = at_start(bench, given, ask if somebody_is_there() else None)
     try:
-        text = entered.read_text(encoding="utf-8")
+        return entered.read_text(encoding="utf-8"), room
     except UnicodeDecodeError:
         raise SheetError(f"{entered}: not UTF-8 text; save it as UTF-8") from None
-    try:
-        print(enter(bench, text, room, logs, operator))
-    except SheetError as error:
-        raise SheetError("\n".join(f"{entered}: {line}" for line in str(error).splitlines())) from None

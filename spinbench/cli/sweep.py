@@ -19,12 +19,15 @@ from spinbench.cli.concealing import server_of
 from spinbench.cli.errors import RUN_FAILED
 from spinbench.cli.options import (
     LOGS,
+    AfterOption,
     BenchArgument,
     ConcealSeedOption,
     HumidityOption,
     LogsOption,
     LubricationOption,
     MinutesRunningOption,
+    MotorSerialOption,
+    NoteOption,
     OnlyOption,
     OperatorOption,
     RateOption,
@@ -38,6 +41,7 @@ from spinbench.cli.show import remark
 if TYPE_CHECKING:
     from rig.bench.bench import Bench
     from rig.run.running import Wanted
+    from rig.runlog import Run
     from rig.sweep.ambient import Ambient, Given
     from rig.sweep.course import Course
 
@@ -55,6 +59,8 @@ def sweep(
     bench: BenchArgument,
     logs: LogsOption = LOGS,
     operator: OperatorOption = "",
+    motor_serial: MotorSerialOption = None,
+    note: NoteOption = "",
     rate: RateOption = None,
     ambient_pressure_bar_abs: RoomPressureOption = None,
     ambient_temperature_c: RoomTemperatureOption = None,
@@ -88,7 +94,7 @@ def sweep(
         return sweep_course(read, ambient, have.steps, have.captures, have.plateaus)
 
     server = server_of(conceal, conceal_seed, only, key)
-    wanted = Wanted("sweep", logs, operator, parent.name if parent else None, wire, rate, server)
+    wanted = Wanted("sweep", logs, operator, motor_serial, note, parent.name if parent else None, wire, rate, server)
     _take(bench, given, course, wanted, check)
 
 
@@ -102,8 +108,11 @@ def capture(
     added_inertia_kg_m2: Annotated[
         float | None, typer.Option(help="Of a flywheel on the shaft [kg m2]; the bench file's if left out.")
     ] = None,
+    after: AfterOption = None,
     logs: LogsOption = LOGS,
     operator: OperatorOption = "",
+    motor_serial: MotorSerialOption = None,
+    note: NoteOption = "",
     rate: RateOption = None,
     ambient_pressure_bar_abs: RoomPressureOption = None,
     ambient_temperature_c: RoomTemperatureOption = None,
@@ -121,17 +130,30 @@ def capture(
     """
     from rig.run.running import Wanted
     from rig.sweep.ambient import Given
+    from rig.sweep.continuing import refuse_another_motor
 
+    parent = None if after is None else _among(after, logs)
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
 
     def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
         from rig.sweep.planning import capture_course
 
+        if parent is not None:
+            refuse_another_motor(parent, read, motor_serial)
         return capture_course(read, ambient, kind.value, level_bar_abs, plateaus), []
 
-    server = server_of(conceal, conceal_seed, only, key)
-    wanted = Wanted(kind.value, logs, operator, rate=rate, server=server, added_inertia_kg_m2=added_inertia_kg_m2)
+    server, name = server_of(conceal, conceal_seed, only, key), parent.name if parent else None
+    flywheel = added_inertia_kg_m2
+    wanted = Wanted(kind.value, logs, operator, motor_serial, note, name, True, rate, server, flywheel)
     _take(bench, given, course, wanted)
+
+
+def _among(name: str, logs: Path) -> Run:
+    """The run that a capture is taken after; it is kept beside it, so that it is found again."""
+    found = readings.run_named(name, logs)
+    if found.folder.resolve().parent != logs.resolve():
+        raise typer.BadParameter(f"--after {name}: it is not in {logs}, where this run is kept; say --logs")
+    return found
 
 
 def _take(
@@ -176,6 +198,8 @@ def _continuing(path: Path, folder: Path, wanted: Wanted, given: Given, check: b
     words = ["spinbench", "sweep", str(path), "--continue", folder.name]
     words += ["--logs", str(wanted.root)] if wanted.root != LOGS else []
     words += ["--operator", wanted.operator] if wanted.operator else []
+    words += [f"--motor-serial={wanted.motor_serial}"] if wanted.motor_serial is not None else []
+    words += [f"--note={wanted.note}"] if wanted.note else []
     words += [f"--rate={wanted.rate:g}"] if wanted.rate is not None else []
     stays = {name: value for name, value in vars(given).items() if value is not None and name != "minutes_running"}
     words += [f"{OPTIONS[name]}={value}" for name, value in stays.items()]

@@ -1,4 +1,4 @@
-"""Rows and files that the user leaves out, by the command line."""
+"""Rows, pressure levels and files that the user leaves out, by the command line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import tests.diagnosis_recordings as recordings
 from calibration.data.left_out import without
-from rig.recording import read_recording
+from rig.recording import RecordingError, read_recording
 
 SLIP_RPM = 30.0
 
@@ -60,12 +60,48 @@ def test_of_several_recordings_a_file_has_the_name_of_its_own_ahead(bench, tmp_p
     assert found[0].sha256 != both[0].sha256 and found[1].sha256 != both[1].sha256
 
 
+def test_a_level_stands_for_the_rows_that_read_it_as_it_is_written(bench):
+    (recording,) = without([read_recording(bench / "bench")], ["sweep.csv:1.4bar,2"])
+    read = read_recording(bench / "bench").files[0].columns["pressure_bar_abs"].values
+    at = [i + 1 for i, value in enumerate(read) if round(value, 1) == 1.4]
+    assert len(at) >= 2  # up and down
+    assert sorted(recording.files[0].left_out) == sorted({*at, 2})
+    one = f"{read[4]:.2f}"  # as a person reads it off
+    for levels, low, high in (
+        (f"{one}bar", float(one) - 0.005, float(one) + 0.005),
+        ("1.4-1.6bar", 1.35, 1.65),
+        ("1.40-1.6 bar", 1.395, 1.65),
+    ):
+        (recording,) = without([read_recording(bench / "bench")], [f"sweep.csv:{levels}"])
+        assert list(recording.files[0].left_out) == [i + 1 for i, value in enumerate(read) if low <= value <= high]
+
+
+def test_a_level_is_that_of_the_column_as_it_stands(put_recording):
+    gauge = "pressure_bar_gauge,speed_rpm\n0.3,90\n0.5,180\n0.45,150\n"
+    folder = put_recording(("sweep.csv", "steady", gauge), ("none.csv", "zero", "speed_rpm\n0\n"))
+    (found,) = without([read_recording(folder)], ["sweep.csv:0.5bar"])
+    assert found.files[0].left_out == (2, 3)
+    with pytest.raises(RecordingError, match=r"none\.csv has no pressure; name its rows by their numbers"):
+        without([read_recording(folder)], ["none.csv:0.5bar"])
+
+
+def test_a_diagnosis_without_a_level_says_so(bench, spinbench_here):
+    left_out = told(bench, spinbench_here, "--without", "coast_down.csv", "--without", "sweep.csv:1.4bar,4-7")
+    (file,) = left_out["files"]
+    assert file["rows"] - file["rows_used"] >= 5 and file["why"].endswith("rows: left out by --without")
+    assert "sweep.csv:1.4bar,4-7: left out (--without)" in (bench / "out" / "report.html").read_text()
+
+
 BAD = {
     "no_such_file": ("swep.csv", "there is no such file; there are sweep.csv, coast_down.csv"),
     "no_such_row": ("sweep.csv:27", "from 1 to 26"),
     "row_0": ("sweep.csv:0", "from 1 to 26"),
     "backwards": ("sweep.csv:5-3", "'5-3' is no row of it"),
     "no_number": ("sweep.csv:x", "'x' is no row of it"),
+    "no_such_level": ("sweep.csv:3.7bar", "no row is at that level; pressure_bar_abs reads 1."),
+    "no_level": ("sweep.csv:-2bar", "or levels as 2.0bar or 1.2-1.4bar"),
+    "levels_backwards": ("sweep.csv:1.6-1.4bar", "no row is at that level"),
+    "level_of_a_run": ("coast_down.csv:2.0bar", "name the file alone"),
     "rows_of_a_run": ("coast_down.csv:3", "name the file alone"),
     "everything": ("sweep.csv:1-26", "no steady row"),
 }

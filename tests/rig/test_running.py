@@ -20,6 +20,7 @@ import pytest
 from rig.acquisition.opening import port_of
 from rig.bench.bench import FOLDER, bench_path
 from rig.clock import Clock
+from rig.exchange.export import recording_of
 from rig.recording import read_recording
 from rig.run import running
 from rig.runlog import read_run, verify
@@ -29,6 +30,8 @@ PROGRAM = [sys.executable, "-m", "spinbench"]
 ENOUGH_S = 90.0
 ROOM = ["--ambient-pressure-bar-abs", "1.013", "--ambient-temperature-c", "20", "--relative-humidity", "0.5"]
 DAY = ["--lubrication", "none", "--minutes-running", "0"]
+NOTE = '<b>"new seals"</b>\n=1+1 \u20ac'  # markup, a line of its own, what a spreadsheet would run
+MOTOR = ["--motor-serial", "A-17", "--note", NOTE]
 LOW, HIGH = 1.25, 1.35  # the guard allows the first from rest, and the second from there
 
 
@@ -98,7 +101,7 @@ def bench(tmp_path_factory):
 def finished(bench, tmp_path_factory):
     """A sweep, and what the command said."""
     logs = tmp_path_factory.mktemp("finished") / "logs"
-    result = run("sweep", bench, "--logs", logs, "--operator", "tester", *DAY)
+    result = run("sweep", bench, "--logs", logs, "--operator", "tester", *DAY, *MOTOR)
     return result, only_run(logs)
 
 
@@ -144,6 +147,20 @@ def test_a_finished_run_exports_to_a_recording_that_can_be_read(finished, tmp_pa
     assert steady.columns["speed_rpm"].values.tolist() == [row.means["speed_rpm"].mean for row in turning]
     assert {file.kind for file in read.files} == {"steady", "zero"}
     assert read.ambient.pressure_bar_abs == 1.01325
+    assert read.origin == {
+        "date": read_run(folder).start.utc_start[:10],  # ten of its seconds pass in one of the wall's
+        "operator": "tester",
+        "motor_serial": "A-17",
+        "oil": "none",
+        "note": f"{NOTE}; run {folder.name}, bench short",
+    }
+
+
+def test_a_run_is_shown_with_its_motors_number_and_its_note(finished):
+    _, folder = finished
+    shown = run("runs", "show", folder).stdout
+    assert "motor      ptm3600 no. A-17, lubrication none" in shown
+    assert 'note       <b>"new seals"</b>\\n=1+1' in shown
 
 
 def test_the_guard_is_made_before_the_bench_is_touched(bench, tmp_path, monkeypatch):
@@ -168,7 +185,18 @@ def test_the_guard_is_made_before_the_bench_is_touched(bench, tmp_path, monkeypa
 def stopped(bench, tmp_path_factory):
     """A sweep that got one Ctrl-C under pressure, with one plateau taken."""
     logs = tmp_path_factory.mktemp("stopped") / "logs"
-    command = [*PROGRAM, "sweep", str(bench), "--logs", str(logs), *DAY]
+    command = [
+        *PROGRAM,
+        "sweep",
+        str(bench),
+        "--logs",
+        str(logs),
+        *DAY,
+        "--motor-serial",
+        "A-17",
+        "--note",
+        '"new" <b>seals',
+    ]
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -221,7 +249,7 @@ def test_the_command_that_a_stopped_sweep_prints_takes_what_is_missing_and_names
     result = run(*arguments)
     assert result.returncode == 0, result.stderr
     child = read_run(Path(result.stdout.partition(": ")[0]))
-    assert child.start.parent == folder.name
+    assert (child.start.parent, child.start.motor_serial, child.start.note) == (folder.name, "A-17", '"new" <b>seals')
     asked = [plateau for plateau in child.plateaus if "added on the guard's account" not in plateau.note]
     assert [plateau.level_bar_abs for plateau in asked] == [HIGH]
     assert [event.details["which"] for event in child.events if event.event == "zero"] == ["start", "end"]
@@ -484,9 +512,12 @@ def test_a_filled_in_sheet_becomes_a_sealed_run(by_hand, sheet, tmp_path):
             ("14:12", "1.01", "<10", "0"),
         ],
     )
-    result = run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY)
+    who = ["--motor-serial", "A-17", "--date", "2026-05-28"]
+    result = run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY, *who)
     assert result.returncode == 0, result.stderr
     folder = only_run(tmp_path / "logs")
+    origin = recording_of(read_run(folder)).recording.origin
+    assert (origin["date"], origin["motor_serial"]) == ("2026-05-28", "A-17")
     found = read_run(folder)
     assert verify(folder) == []
     assert [row.start_s for row in found.plateaus] == [300.0, 480.0]

@@ -17,6 +17,7 @@ from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
 from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit.words import LEAST_P, figure, probability, rounded
+from calibration.report.origin import origins
 from calibration.report.render import render
 from calibration.report.sets_in_words import in_a_row, title, titles
 from model.effects import effects
@@ -63,6 +64,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
     problem, held_out = found.comparison.problem, document["improvement"]["held_out"]
     return {
         "name": problem.recording.folder.resolve().name,
+        "origins": origins([problem.recording]),
         "motor": problem.motor.name,
         "description": problem.motor.description,
         "kind": document["verdict"],

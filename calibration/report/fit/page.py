@@ -16,6 +16,7 @@ from calibration.report.fit import numbers
 from calibration.report.fit import words as fit_words
 from calibration.report.fit.numbers import TARGET
 from calibration.report.fit.words import AnyFit, figure, probability, rounded, uncertainty, with_unit
+from calibration.report.origin import origins
 from calibration.report.render import render
 from model.motor import Motor
 from rig.recording import Recording
@@ -111,6 +112,7 @@ def common(found: AnyFit) -> dict[str, Any]:
     pairs = numbers.trade_offs(found.posterior)
     return {
         "name": " and ".join(one.folder.resolve().name for one in found.recordings),
+        "origins": origins(found.recordings),
         "motor": found.motor.name,
         "description": found.motor.description,
         "verdict": fit_words.verdict(found.posterior),

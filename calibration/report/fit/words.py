@@ -17,6 +17,7 @@ from calibration.unknowns.priors import Unknown
 from model.effects import effects
 
 INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
+ERRORS = {"offset": "offset", "scale": "scale", "noise_scale": "noise", "offset_drift": "drift of the offset"}
 FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
 LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
 WEAK = 0.25  # a correlation below it is not worth a word
@@ -58,8 +59,8 @@ def called(name: str) -> str:
         effect, _, parameter = name.partition(".")
         return f"{effects()[effect].title}, its {parameter}"
     channel, _, error = name.partition("_")
-    if channel in INSTRUMENTS and error in ("offset", "scale", "noise_scale"):
-        return f"{INSTRUMENTS[channel]}'s {error.removesuffix('_scale') if error == 'noise_scale' else error}"
+    if channel in INSTRUMENTS and error in ERRORS:
+        return f"{INSTRUMENTS[channel]}'s {ERRORS[error]}"
     return f"the {name.replace('_', ' ')}"
 
 

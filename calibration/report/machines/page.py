@@ -14,6 +14,7 @@ from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit.words import probability
 from calibration.report.machines import words
 from calibration.report.machines.picture import picture
+from calibration.report.origin import origins
 from calibration.report.render import render
 from calibration.report.sets_in_words import in_a_row
 from model.effects import effects
@@ -34,6 +35,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
     recording = found.comparison.problem.recording
     return {
         "name": recording.folder.resolve().name,
+        "origins": origins([recording]),
         "rig": str(document["rig"]).replace("_", " "),
         "kind": document["verdict"],
         "verdict": words.sentence(document),

@@ -141,9 +141,12 @@ class Several:
         z, weight = np.zeros(len(self.problem.nuisances)), np.zeros(len(self.problem.nuisances))
         for k, mode in enumerate(alone):
             precision = 1.0 / np.diag(mode.covariance)
-            np.add.at(z, self.problem.at[k], mode.z * precision)
-            np.add.at(weight, self.problem.at[k], precision)
-        z /= weight
+            places = self.problem.at[k].copy()
+            for place, first in self.problem.before[k].items():
+                places[place] = first  # a drift begins at 0
+            np.add.at(z, places, mode.z * precision)
+            np.add.at(weight, places, precision)
+        z[weight > 0.0] /= weight[weight > 0.0]
         predicted = self.problem.predict(z, {})
         D, nothing = np.zeros((self.read.size, z.size)), np.zeros(self.read.size)
         u = self.noise.joined([mode.u for mode in alone])
@@ -176,8 +179,7 @@ class Several:
         """A step along the valley of the recording with the most plateaus."""
         k = max(range(len(self.parts)), key=lambda i: self.parts[i].n)
         part, own, ahead = self.parts[k], self._own(k, f, z), self._own(k, f, tried)
-        columns = D[np.ix_(self.at[k], self._columns(k, z.size))]
-        moved = part.along_valley(Function(part, f.names), own, ahead, here[k], columns)
+        moved = part.along_valley(Function(part, f.names), own, ahead, here[k], self._derivatives(k, D))
         found: np.ndarray = tried.copy()
         self._take_up(k, found, ahead, moved)
         return f.clip(found)
@@ -188,12 +190,12 @@ class Several:
             return None
         n, found = len(self.problem.nuisances), np.zeros(self.read.size)
         for k, part in enumerate(self.parts):
-            for place in np.flatnonzero(self.problem.at[k] == i):
+            for place, share in self.problem.moved_by(k, i):
                 own = np.append(self.problem.of_part(k, z[:n]), z[n:])
-                column = part.known_derivative(int(place), own, raw[self.at[k]], names)
+                column = part.known_derivative(place, own, raw[self.at[k]], names)
                 if column is None:
                     return None
-                found[self.at[k]] = column
+                found[self.at[k]] += share * column
         return found
 
     def channels(self) -> dict[str, np.ndarray]:
@@ -295,17 +297,17 @@ class Several:
         mode : Mode
             Of all recordings.
         """
-        at, columns = self.at[k], self._columns(k, mode.z.size)
+        at, share = self.at[k], self.problem.share(k, mode.z.size)
         n = len(self.problem.nuisances)
         z = np.append(self.problem.of_part(k, mode.z[:n]), mode.z[n:])
         return replace(
             mode,
             z=z,
             u=mode.u[self.noise.places(k)],
-            D=mode.D[np.ix_(at, columns)],
-            J=mode.J[np.ix_(at, columns)],
+            D=self._derivatives(k, mode.D),
+            J=self._derivatives(k, mode.J),
             r=mode.r[at],
-            covariance=mode.covariance[np.ix_(columns, columns)],
+            covariance=share @ mode.covariance @ share.T,
             bad=mode.bad[at],
             prediction=mode.prediction[k],
         )
@@ -317,13 +319,19 @@ class Several:
         """Places of a recording's unknowns among those of all, the effects' behind."""
         return np.append(self.problem.at[k], np.arange(len(self.problem.nuisances), size))
 
+    def _derivatives(self, k: int, D: np.ndarray) -> np.ndarray:
+        """A recording's share of derivatives, with its own unknowns."""
+        columns = self._columns(k, D.shape[1])
+        return D[np.ix_(self.at[k], columns)] / self.problem.scales(k, columns.size)
+
     def _own(self, k: int, f: Function, z: np.ndarray) -> np.ndarray:
         """A recording's share of a point."""
         return np.append(self.problem.of_part(k, z[: f.k]), z[f.k :])
 
     def _take_up(self, k: int, found: np.ndarray, own: np.ndarray, moved: np.ndarray) -> None:
         """Put what a recording moved of its share into a point of all."""
-        found[self._columns(k, found.size)] += moved - own
+        columns = self._columns(k, found.size)
+        found[columns] += (moved - own) / self.problem.scales(k, columns.size)
 
     def _joined(self, each: Sequence[np.ndarray]) -> np.ndarray:
         out = np.zeros(sum(one.shape[0] for one in each), dtype=each[0].dtype)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.clock import day_of
 from calibration.likelihood.compared import Chosen
 from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
@@ -15,6 +16,7 @@ from calibration.unknowns.priors import Unknown, column_of
 from model.effects import Effect, EffectParameter
 
 Predictions = tuple[Prediction, ...]
+DRIFT = "_drift"
 
 
 class SeveralProblem:
@@ -25,7 +27,12 @@ class SeveralProblem:
     parts : sequence of Problem
         Of each recording.
     at : list of ndarray of int
-        Where each recording's nuisances stand among those of all.
+        Where each recording's nuisances stand among those of all. Where an instrument has drifted since another day, it
+        is where the drift stands, the offset of that day being in ``before``.
+    scale : list of ndarray
+        What a nuisance of all is multiplied by to be that of each recording: of a drift its sd over the offset's [-].
+    before : list of dict of int to int
+        For each recording, the places of offsets that are another day's and a drift, and where that day's stands.
     """
 
     friction = "f_overall"
@@ -36,18 +43,28 @@ class SeveralProblem:
         self.nuisances: list[Unknown] = []
         self.at: list[np.ndarray] = []
         self._of: list[tuple[int, int]] = []  # the recording that a nuisance stands in first, and its place there
+        self.scale: list[np.ndarray] = []
+        self.before: list[dict[int, int]] = []
         shared: dict[Hashable, int] = {}
+        day_of_first: dict[Hashable, str] = {}
         # What was read from one folder was taken with the same instruments on one day, whatever was on the shaft.
         places = [(str(part.recording.folder), part.recording.sha256) for part in parts]
         is_whole = [bool(place[1]) and places.count(place) > 1 for place in places]
         for k, (part, name) in enumerate(zip(parts, names, strict=True)):
-            mine = []
+            mine: list[int] = []
+            self.scale.append(np.ones(len(part.nuisances)))
+            self.before.append({})
+            day = day_of(part.recording)
             for i, one in enumerate(part.nuisances):
                 key, of = _whose(part, i, name, is_whole[k])
+                drift = _drift(part, one)
+                if drift is not None and day_of_first.get(key, day) != day:
+                    self.scale[k][i], self.before[k][i] = drift.b / one.b, shared[key]
+                    key, of, one = (key, day), name, drift
                 if key in shared:
                     mine.append(shared[key])
                     continue
-                shared[key] = len(self.nuisances)
+                shared[key], day_of_first[key] = len(self.nuisances), day
                 mine.append(len(self.nuisances))
                 self.nuisances.append(replace(one, name=f"{of}: {one.name}") if of else one)
                 self._of.append((k, i))
@@ -62,12 +79,33 @@ class SeveralProblem:
         z : ndarray, shape (n_nuisances,)
             Of all [-].
         """
-        found: np.ndarray = z[self.at[k]].copy()
+        found: np.ndarray = z[self.at[k]] * self.scale[k]
+        for i, first in self.before[k].items():
+            found[i] += z[first]
         place = self.parts[k].place("inertia")
         if place is not None and self._added[k] != self._added[0]:
             i = self.at[k][place]
             rotor = float(self.nuisances[i].value(z[i])) - self._added[0]
             found[place] = self.parts[k].nuisances[place].z(max(rotor, 1e-12) + self._added[k])
+        return found
+
+    def moved_by(self, k: int, i: int) -> list[tuple[int, float]]:
+        """Places of a recording's nuisances that one of all moves, and by how much [-]."""
+        found = [(int(place), float(self.scale[k][place])) for place in np.flatnonzero(self.at[k] == i)]
+        return found + [(place, 1.0) for place, first in self.before[k].items() if first == i]
+
+    def scales(self, k: int, size: int) -> np.ndarray:
+        """``scale`` with ones behind it for the effects, shape (size,) [-]."""
+        return np.append(self.scale[k], np.ones(size - self.scale[k].size))
+
+    def share(self, k: int, size: int) -> np.ndarray:
+        """How a recording's unknowns follow from those of all, the effects' behind, shape (n, size) [-]."""
+        n, own = len(self.nuisances), self.at[k].size
+        found = np.zeros((own + size - n, size))
+        found[np.arange(own), self.at[k]] = self.scale[k]
+        found[own:, n:] = np.eye(size - n)
+        for i, first in self.before[k].items():
+            found[i, first] = 1.0
         return found
 
     def effects_that_could(self) -> list[Effect]:
@@ -103,7 +141,7 @@ class SeveralProblem:
 
     def in_si(self, nuisance: str) -> float:
         """What a nuisance's value is multiplied by to be SI [-]."""
-        return self.parts[0].in_si(nuisance.rpartition(": ")[2])
+        return self.parts[0].in_si(nuisance.rpartition(": ")[2].removesuffix(DRIFT))
 
     def run_of(self, i: int) -> int | None:
         """The run in time that a nuisance belongs to alone, counted through all recordings [-]; else None."""
@@ -144,6 +182,16 @@ class SeveralProblem:
 
     def _before(self, k: int) -> int:
         return sum(len(part.blocks.runs) for part in self.parts[:k])
+
+
+def _drift(part: Problem, one: Unknown) -> Unknown | None:
+    """How far an instrument's offset may have drifted since another day; None where it is not said to."""
+    column = column_of(part.recording, one.name.partition("_")[0]) if one.name.endswith("_offset") else None
+    figures = None if column is None else part.recording.channels[column]
+    if figures is None or not figures.serial or figures.drift_sd == 0.0:
+        return None
+    why = f"recording, channels.{column} drift_sd"
+    return Unknown(f"{one.name}{DRIFT}", one.unit, "normal", 0.0, figures.drift_sd, why)
 
 
 def _whose(part: Problem, i: int, name: str, is_whole: bool) -> tuple[Hashable, str]:

@@ -47,7 +47,8 @@ def hostile(folder: Path) -> Path:
     """The recording with its data file renamed by someone unfriendly."""
     (folder / "sweep.csv").rename(folder / HOSTILE)
     description = folder / "recording.toml"
-    description.write_text(description.read_text().replace('"sweep.csv"', f'"{HOSTILE}"'))
+    origin = '\n[origin]\noperator = "<i>leaky"\noil = "VG 32"\n'
+    description.write_text(description.read_text().replace('"sweep.csv"', f'"{HOSTILE}"') + origin)
     return folder
 
 
@@ -374,6 +375,7 @@ def test_text_from_the_recording_is_escaped(page):
     assert "<i>leak" not in page
     assert "&lt;i&gt;leak" in page
     assert "a<b>" not in page
+    assert '<p class="origin">The recording: by &lt;i&gt;leaky; oil: VG 32</p>' in page
 
 
 def test_the_page_needs_nothing_from_outside(page):

@@ -200,11 +200,14 @@ def spinbench(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_page_has_what_was_found_and_escapes_what_is_foreign(dry_axis: Recording) -> None:
-    foreign = replace(dry_axis, folder=Path("/<b>axis"), warnings=("<script>alert(1)</script>",))
+    foreign = replace(
+        dry_axis, folder=Path("/<b>axis"), warnings=("<script>alert(1)</script>",), origin={"note": "<b>worn"}
+    )
     found = diagnose(foreign, 1)
     text = report(found, as_json(found))["report.html"].decode()
     assert "<script>" not in text and "<b>" not in text
     for words in (
+        "note: &lt;b&gt;worn",
         "dry friction",
         "N s/m",
         "held-out readings",

@@ -31,7 +31,8 @@ def found(tmp_path_factory) -> Fit:
     shutil.copytree(ROOT / "logs" / "published_sweep", folder)
     (folder / "sweep.csv").rename(folder / HOSTILE)
     description = folder / "recording.toml"
-    description.write_text(description.read_text().replace('"sweep.csv"', f'"{HOSTILE}"'))
+    origin = '\n[origin]\ndate = "2026-04-01"\nmotor_serial = "<i>A-17"\nnote = "</p><script>alert(1)</script>"\n'
+    description.write_text(description.read_text().replace('"sweep.csv"', f'"{HOSTILE}"') + origin)
     return fit(read_recording(folder), Settings(seed=1, effective_samples=500, most_steps=800, times_tau=12.0))
 
 
@@ -171,6 +172,11 @@ def test_every_unknown_is_in_the_table_with_its_prior(found, page):
 def test_a_hostile_file_name_is_escaped(page):
     assert "a<b>" not in page
     assert "a&lt;b&gt;$x$.csv" in page
+
+
+def test_the_page_says_where_the_recording_comes_from(page):
+    (line,) = re.findall(r'<p class="origin">The recording: (.*?)</p>', page)
+    assert line == ("taken 2026-04-01; motor no. &lt;i&gt;A-17; note: &lt;/p&gt;&lt;script&gt;alert(1)&lt;/script&gt;")
 
 
 def test_the_page_needs_nothing_from_outside(page):

@@ -385,7 +385,6 @@ def test_a_generic_device_has_no_failsafe(bench):
     [
         (place(), r"devices\.box\.unit_id: the key is missing"),
         (place(unit_id=0), "0 is no unit of an RTU bus"),
-        (place(unit_id=1, serial_number="7"), r"devices\.box\.serial_number: .* leave the key out"),
         (place(kind="keyboard", unit_id=1), "cannot be on a keyboard"),
     ],
 )
@@ -594,8 +593,13 @@ def test_a_text_device_s_number_is_checked(bench):
     assert monarch("1234", **keys).identify(line) == "ACT-3X 1234"
     with pytest.raises(IdentityError, match="number '1234' answers, the bench file says '99'"):
         monarch("99", **keys).identify(line)
-    with pytest.raises(ValueError, match=r"devices\.tach\.serial_number"):
-        monarch("99")
+
+
+@pytest.mark.parametrize("pattern", [None, "ACT-3X.{0,20}"])
+def test_the_number_of_a_text_device_that_does_not_tell_it_is_taken_as_it_is_said(bench, pattern):
+    keys = {"identity_query": "@PI\r", "identity_pattern": pattern} if pattern else {}
+    line, _ = bench(monarch(), lambda request: b"ACT-3X 1234\r\n" if pattern else b"394.8\r\n")
+    assert monarch("99", **keys).identify(line)
 
 
 def test_another_text_device_is_told(bench):

@@ -106,6 +106,9 @@ def test_the_supply_and_how_a_speed_is_made_go_with_the_export(tmp_path):
         devices=start.devices | {"tach": tach},
         supply=supply,
         lubrication="none",
+        motor_serial="A-17",
+        note="n" * 5000,
+        parent="an_earlier_run",
     )
     export_recording(run, tmp_path / "recording")
     for recording in (read_recording(tmp_path / "recording"), recording_of(run).recording):
@@ -115,6 +118,14 @@ def test_the_supply_and_how_a_speed_is_made_go_with_the_export(tmp_path):
         assert recording.supply == SupplyFigures(regulator_time_s=0.3, regulator_time_s_sd=0.1, line_volume_l=0.2)
         assert (recording.origin["operator"], recording.origin["oil"]) == ("a test", "none")
         assert recording.origin["date"] == start.utc_start
+        assert (recording.origin["motor_serial"], recording.origin["parent"]) == ("A-17", "an_earlier_run")
+        assert len(recording.origin["note"]) <= 2000
+        assert recording.origin["note"].endswith(f"nnn; run {run.name}, bench {start.bench}")
+
+
+def test_a_replay_has_no_parent_for_it_holds_the_same_readings(tmp_path):
+    run = written(tmp_path, lambda bench: bench.plateau(1, SWEEP[0], "up"), kind="replay", parent="what_it_replays")
+    assert "parent" not in recording_of(run).recording.origin
 
 
 def test_zero_phases_become_the_zero_file_a_row_each(exported):

@@ -257,6 +257,32 @@ def test_a_workbook_with_xml_entities_is_refused(put, tmp_path):
         import_table([tmp_path / "data.xlsx"], mapping, tmp_path / "runs")
 
 
+ORIGIN = """
+[origin]
+date = "2019-05-02"
+operator = "Ms Novak"
+motor_serial = "A-17"
+oil = "VG 32"
+note = "<b>old</b> seals"
+parent = "spring"
+"""
+
+
+def test_where_imported_data_come_from_goes_through_the_run_into_the_recording(imported):
+    """The day of the import is not the day of the test."""
+    told = {
+        "date": "2019-05-02",
+        "operator": "Ms Novak",
+        "motor_serial": "A-17",
+        "oil": "VG 32",
+        "parent": "spring",
+    }
+    run = imported(columns=COLUMNS + ORIGIN)
+    note = f"<b>old</b> seals; run {run.name}, bench elsewhere"
+    assert recording_of(run).recording.origin == told | {"note": note}
+    assert list(recording_of(imported()).recording.origin) == ["note"]
+
+
 AXIS = """
 format = "import/1"
 title = "a slide"
@@ -300,9 +326,10 @@ SLIDE = "0\t0\t1\n100\t-10\t1\n200\t-30\t1\n0\t0\t2\n100\t-10\t2\n200\t-20\t2\n3
 
 
 def test_another_rig_s_data_become_a_recording(put, tmp_path):
-    mapping = read_mapping(put("slide.toml", AXIS))
+    mapping = read_mapping(put("slide.toml", AXIS + ORIGIN))
     folder = import_files([put("slide.txt", SLIDE)], mapping, tmp_path / "recording")
     recording = read_recording(folder)
+    assert (recording.origin["motor_serial"], recording.origin["note"]) == ("A-17", "<b>old</b> seals")
     assert recording.motor == {"kind": "driven_axis", "mass_kg": 2.0}
     first, second = recording.files
     assert (first.file, second.file, second.start_s) == ("first.csv", "second.csv", 10.0)

@@ -1,0 +1,26 @@
+"""Where recordings come from, in words for a page, which escapes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rig.recording import Recording
+
+WORDS = {
+    "date": "taken {}",
+    "operator": "by {}",
+    "motor_serial": "motor no. {}",
+    "oil": "oil: {}",
+    "note": "note: {}",
+    "parent": "after {}",
+}
+
+
+def origins(recordings: Sequence[Recording]) -> list[str]:
+    """A line for each recording that says where it comes from, with its name ahead where there are several."""
+    lines = []
+    for one in recordings:
+        said = "; ".join(words.format(one.origin[key]) for key, words in WORDS.items() if one.origin.get(key))
+        if said:
+            lines.append(f"{one.folder.resolve().name}: {said}" if len(recordings) > 1 else said)
+    return list(dict.fromkeys(lines))
