@@ -3,6 +3,7 @@
 nulls, nulls_draw, nulls_table     how often a mismatch is seen where there is none
 evidence_check, evidence_cases, evidence_target, evidence_reference, evidence_numbers, evidence_page
                                    the evidence that sets are weighed by, against sampling
+follow_ups                         what tests that are asked for promise, and what they give
 sbc                                simulation-based calibration of the fit
 campaigns                          what they share
 """

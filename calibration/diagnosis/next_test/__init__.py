@@ -2,4 +2,5 @@
 
 information  what a test is expected to tell
 recommend    the tests in their order
+promised     what a test promised, against what it gave
 """
