@@ -12,7 +12,7 @@ import typer
 
 from spinbench import readings
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption, WithoutOption
+from spinbench.cli.options import LOGS, JsonOption, LogsOption, PerRecordingOption, SeedOption, WithoutOption
 from spinbench.cli.progress import diagnosing
 from spinbench.cli.show import check_places, deliver, refuse_twice, remark
 
@@ -49,6 +49,7 @@ def diagnose(
         ),
     ] = None,
     left_out: WithoutOption = None,
+    per_recording: PerRecordingOption = None,
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
@@ -58,6 +59,7 @@ def diagnose(
     from calibration.diagnosis.document import as_json
     from calibration.report.diagnosis import sets as diagnosis_sets
     from calibration.report.diagnosis.page import JSON
+    from calibration.systems.several.sharing import own_of_each
     from rig.recording import files
 
     check_places(out, json_file)
@@ -66,10 +68,11 @@ def diagnose(
     refuse_twice(parts, unseen)
     parts = without(parts, left_out or [])
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
-    given = as_given(parts)
+    sharing = own_of_each(per_recording or [], len(parts))
+    given = as_given(parts, apart=bool(sharing.own))
     read = given[0] if len(given) == 1 else given
     with diagnosing() as tell:
-        diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1))
+        diagnosis = look(read, seed, tell, unseen, workers or min(2, os.cpu_count() or 1), sharing)
         found = as_json(diagnosis)
         data = files.json_bytes(found)
         page, table, words = _told_by(found)

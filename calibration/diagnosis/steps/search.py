@@ -24,7 +24,6 @@ from calibration.likelihood.mode import Mode, cost_of
 from calibration.likelihood.signatures import Signature, signatures
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import Tell
-from model.effects import effects
 
 SINGLES = 6  # most single effects refitted
 SINGLES_WITH_RUNS = 5  # ... where each takes seconds
@@ -94,9 +93,13 @@ class Search:
         most = SINGLES_WITH_RUNS if in_time else SINGLES
         ranked = screen(comparison, base, found, u, -math.inf)
         jobs = [_Job((name,), base, in_time, first) for name, _, first in ranked]
-        chosen = jobs if every else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:most]
+        chosen = (
+            jobs
+            if every or comparison.thorough
+            else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:most]
+        )
         if in_time:
-            chosen += [job for job in jobs if effects()[job.names[0]].hidden and job not in chosen]
+            chosen += [job for job in jobs if comparison.problem.effect(job.names[0]).hidden and job not in chosen]
         self._refit(chosen)
         if in_time and len(self.modes) > 1:
             self._tell("refit the base model again")
@@ -121,7 +124,9 @@ class Search:
             screened = screen(self.comparison, mode, self.signatures_at(seed), mode.u, -math.inf)
             chosen = [one for one in screened if one[1] > WORTH][: PAIRS // SEEDS]
             if self.comparison.in_time and seed == order[0]:
-                chosen += [one for one in screened if effects()[one[0]].hidden and one not in chosen]
+                chosen += [
+                    one for one in screened if self.comparison.problem.effect(one[0]).hidden and one not in chosen
+                ]
             for name, _, first in chosen:
                 names = tuple(sorted((*seed, name)))
                 if all(job.names != names for job in jobs):

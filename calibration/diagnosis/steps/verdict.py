@@ -9,6 +9,7 @@ from typing import Generic
 from calibration.diagnosis.steps.candidate import Candidate, Fitted, Reason
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.detect import MISMATCH_P
+from calibration.unknowns.effects import unchanged
 from model.effects import effects
 
 RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
@@ -51,9 +52,14 @@ def not_excluded(found: Sequence[Candidate[Fitted]]) -> list[Candidate[Fitted]]:
 
 def is_small(candidate: Candidate[Fitted]) -> bool:
     """Whether all that a set says is that instruments have errors as large as declared."""
-    of_instruments = all(name in effects() and effects()[name].nuisance for name in candidate.names)
+    of_instruments = _are_of_instruments(candidate.names)
     refused = candidate.refused
     return bool(candidate.names) and of_instruments and refused is not None and refused.reason is Reason.NO_LARGER
+
+
+def _are_of_instruments(names: Sequence[str]) -> bool:
+    known = effects()
+    return all((name := unchanged(one)) in known and known[name].nuisance for one in names)
 
 
 def judge(
@@ -115,7 +121,7 @@ def judge(
         passing = [best, *(c for c in passing if not set(core.names) <= set(c.names))]
         blocked = [c for c in allowed if c.probability > best.probability and not set(core.names) <= set(c.names)]
     gained = held_out is None or held_out.gain > max(LEAST_GAIN, ERRORS * held_out.gain_se)
-    if held_out is not None and all(name in effects() and effects()[name].nuisance for name in best.names):
+    if held_out is not None and _are_of_instruments(best.names):
         # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
         gained = held_out.gain > -max(LEAST_GAIN, ERRORS * held_out.gain_se)
     rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]

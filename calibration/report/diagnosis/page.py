@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.dates import parsed
 from calibration.data.runs_in_time import few_used
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.misread import MISREAD
+from calibration.report import along_dates
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
 from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
@@ -45,6 +47,8 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
         figures["odds"] = draw.ranked(found)
     if intervals:
         figures["friction"] = draw.friction(found, intervals)
+    if panels := _panels(document):
+        figures["along"] = along_dates.picture(panels)
     filled = context(found, document)
     inline = {name: f"data:image/png;base64,{base64.b64encode(one).decode()}" for name, one in figures.items()}
     return {
@@ -93,6 +97,24 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
         "sha256": problem.recording.sha256,
     }
+
+
+def _panels(document: Mapping[str, Any]) -> list[along_dates.Panel]:
+    """The size of each effect that each recording has for itself, along the dates."""
+    made = []
+    for effect in document["effects"]:
+        if "recordings" not in effect:
+            continue
+        size, points = effects()[effect["id"]].amplitude, []
+        for one in effect["recordings"]:
+            told = one["parameters"][size.name]
+            mean, low, high = (
+                words.for_people(told[key], 0.0, size.unit, size.name)[0] for key in ("mean", "q05", "q95")
+            )
+            points.append(along_dates.Point(one["recording"], parsed(one["date"]), mean, low, high))
+        unit = words.for_people(0.0, 0.0, size.unit, size.name)[2]
+        made.append(along_dates.Panel(effects()[effect["id"]].title, size.text or size.name, unit, points))
+    return made
 
 
 def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:

@@ -80,6 +80,7 @@ class Comparison:
     """
 
     rig = ""
+    thorough = False
     check: tuple[str, ...] = CHECK
 
     def __init__(self, problem: Problem) -> None:
