@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibration.report import style
+from calibration.report.units import RAISED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,7 +94,7 @@ def _draw(axis: Axes, panel: Panel) -> None:
     else:
         axis.set_xticks(x, [_under(one) for one in panel.points], fontsize=7.5)
         axis.set_xlim(-0.6, len(dates) - 0.4)
-    scaled = f"10{str(power).translate(style.RAISED)} {panel.unit}".strip() if power else panel.unit or "1"
+    scaled = f"10{str(power).translate(RAISED)} {panel.unit}".strip() if power else panel.unit or "1"
     axis.set_ylabel(textwrap.fill(style.label(panel.quantity, scaled), MOST_WIDE), parse_math=False)
     axis.set_title(panel.title, fontsize=8.5, parse_math=False)
 

@@ -10,7 +10,7 @@ A figure that shapes a law is log-normal, a factor of 2. An amplitude is as larg
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 from calibration.unknowns.priors import SHAPE_FACTOR, Unknown
 from model.effects import effects
@@ -23,6 +23,11 @@ OFF_ZERO_SDS = 5.0  # of an amplitude that cannot be 0, from one of its bounds t
 def unchanged(name: str) -> str:
     """The effect, or the parameter of the motor, that a change is of; of what is none, itself."""
     return name.removesuffix(CHANGED)
+
+
+def holds(names: Iterable[str]) -> frozenset[str]:
+    """The members of a set, and what they hold: an effect that changed is that effect, and more."""
+    return frozenset(one for name in names for one in (name, unchanged(name)))
 
 
 def of_recording(parameter: str) -> tuple[str, str]:

@@ -21,6 +21,7 @@ from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit.words import LEAST_P, figure, probability, rounded
 from calibration.report.render import render
 from calibration.report.sets_in_words import in_a_row, title, titles
+from calibration.report.units import FAMILIAR, on_an_axis
 from model.effects import effects
 from model.effects.effect import EffectParameter
 
@@ -106,13 +107,11 @@ def _panels(document: Mapping[str, Any]) -> list[along_dates.Panel]:
         if "recordings" not in effect:
             continue
         size, points = effects()[effect["id"]].amplitude, []
+        factor, unit = on_an_axis(size.unit, size.name)
         for one in effect["recordings"]:
             told = one["parameters"][size.name]
-            mean, low, high = (
-                words.for_people(told[key], 0.0, size.unit, size.name)[0] for key in ("mean", "q05", "q95")
-            )
+            mean, low, high = (factor * told[key] for key in ("mean", "q05", "q95"))
             points.append(along_dates.Point(one["recording"], parsed(one["date"]), mean, low, high))
-        unit = words.for_people(0.0, 0.0, size.unit, size.name)[2]
         made.append(along_dates.Panel(effects()[effect["id"]].title, size.text or size.name, unit, points))
     return made
 
@@ -239,7 +238,7 @@ def _error_table(held_out: Mapping[str, Any]) -> Grid:
     rows = []
     for key, before in held_out["rmse_before"].items():
         channel, _, unit = key.partition("_")
-        familiar, factor = words.FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
+        familiar, factor = FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
         after = held_out["rmse_after"].get(key, before)
         rows.append((channel, f"{before * factor:.3g} {familiar}", f"{after * factor:.3g} {familiar}"))
     return Grid(("held-out error, rms", "before", "after"), tuple(rows))

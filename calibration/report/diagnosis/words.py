@@ -10,12 +10,10 @@ from typing import Any
 from calibration.diagnosis.next_test.recommend import NOTHING
 from calibration.report.fit.words import p_in_words, rounded, uncertainty
 from calibration.report.sets_in_words import in_a_row, listed
-from calibration.report.style import RAISED
+from calibration.report.units import FAMILIAR, RAISED, for_people, powers
 from model.effects import effects
-from model.layout import L_MIN, RPM
 
 MOST_ROWS = 6
-FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
 BALANCES = {"torque": "torque balance", "mass": "flow balance", "sensor": "reading of an instrument"}
 OTHER_WAY = {"low": "high", "smaller": "larger"}
 VARIABLES = (("omega", "ω", "rad/s"), ("P", "P", "Pa"), ("t", "t", "s"), ("theta", "θ", "rad"))
@@ -163,11 +161,6 @@ def of_each_in_words(effect: Mapping[str, Any]) -> str:
     return "; ".join(said)
 
 
-def powers(text: str) -> str:
-    """Digits behind a letter raised, as in m3/s; names in braces are left alone."""
-    return re.sub(r"\{[^}]*\}|(?<=[A-Za-z])\d\b", lambda m: m[0] if m[0][0] == "{" else m[0].translate(RAISED), text)
-
-
 def steps_in_words(seconds: Mapping[str, float]) -> str:
     """The time of each step, those of a kind together, in a line.
 
@@ -208,16 +201,6 @@ def stability_in_words(shares: Sequence[float]) -> str:
     told = listed([f"{100.0 * share:.0f} %" for share in shares])
     each = "its terms were" if len(shares) > 1 else "it was"
     return f"Of recordings drawn from this one, level by level and part by part, {each} found again in {told}."
-
-
-def for_people(mean: float, sd: float, unit: str, name: str) -> tuple[float, float, str]:
-    """A figure, its uncertainty and its unit as a person uses them."""
-    if unit == "-":
-        return (100.0 * mean, 100.0 * sd, "%") if "share" in name or "scale" in name else (mean, sd, "")
-    if unit == "s" and abs(mean) < 0.5:
-        return 1e3 * mean, 1e3 * sd, "ms"
-    unit, factor = FAMILIAR.get(unit, (powers(unit), 1.0))
-    return factor * mean, factor * sd, unit
 
 
 def _signed(text: str, value: float) -> str:

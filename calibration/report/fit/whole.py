@@ -8,12 +8,12 @@ import numpy as np
 
 from calibration.fit.whole import WholeFit, parts_of
 from calibration.report import along_dates, style
-from calibration.report.diagnosis.words import for_people
 from calibration.report.fit import figures as fit_figures
 from calibration.report.fit import page
 from calibration.report.fit import words as fit_words
 from calibration.report.fit.figures import BANDS
 from calibration.report.fit.words import rounded, uncertainty
+from calibration.report.units import on_an_axis
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, SPEED
 from calibration.systems.several.problem import SeveralProblem
@@ -94,14 +94,11 @@ def _panels(found: WholeFit) -> list[along_dates.Panel]:
     for name in sorted(problem.sharing.own & set(found.effects)):
         size, points = problem.effect(name).amplitude, []
         own = of_recording(size.name)[1]
+        factor, unit = on_an_axis(size.unit, own)
         for mine in problem.along_dates():
             one = found.posterior[f"{mine}: {name}.{own}"]
-            figures = (
-                for_people(value, 0.0, size.unit, own)[0]
-                for value in (one.mean, one.quantiles["q05"], one.quantiles["q95"])
-            )
+            figures = (factor * value for value in (one.mean, one.quantiles["q05"], one.quantiles["q95"]))
             points.append(along_dates.Point(mine, problem.dates[mine], *figures))
-        unit = for_people(0.0, 0.0, size.unit, own)[2]
         made.append(along_dates.Panel(problem.effect(name).title, size.text or own, unit, points))
     return made
 

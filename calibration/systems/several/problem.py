@@ -189,10 +189,11 @@ class SeveralProblem:
             one.name: z[:, i] for i, (name, one) in enumerate(self.effect_unknowns(names), start=n) if name == change
         }
         if change not in OF_THE_MOTOR_CHANGED:
-            pairs = []
+            pairs: list[tuple[Unknown, np.ndarray, np.ndarray]] = []
             for parameter in effects()[unchanged(change)].parameters:
                 one = replace(searched(parameter), why=parameter.text)
-                pairs.append((one, *(one.value(mine[f"{day}: {one.name}"]) for day in (self.days[0], self.days[-1]))))
+                before, after = (one.value(mine[f"{day}: {one.name}"]) for day in (self.days[0], self.days[-1]))
+                pairs.append((one, before, after))
             return pairs
         i = next(i for i, one in enumerate(self.nuisances) if one.name == unchanged(change))
         added = self._added[0] if unchanged(change) == "inertia" else 0.0
