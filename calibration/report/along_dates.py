@@ -59,7 +59,7 @@ class Panel:
 
 def picture(panels: Sequence[Panel]) -> bytes:
     """The panels as PNG, two beside each other."""
-    rows = -(-len(panels) // COLUMNS)
+    rows = max(-(-len(panels) // COLUMNS), 1)
     with style.drawing(rows, COLUMNS, height_in=2.7 * rows, squeeze=False) as (figure, axes):
         for axis, panel in zip(axes.flat, panels, strict=False):
             _draw(axis, panel)

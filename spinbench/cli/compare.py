@@ -34,6 +34,7 @@ def compare(
     logs: LogsOption = LOGS,
 ) -> None:
     """Say what changed from one recording of a motor to another, or that nothing did; 0 whatever the answer."""
+    from calibration.data.dates import date_of
     from calibration.data.left_out import without
     from calibration.data.runs_in_time import few_used
     from calibration.diagnosis import changes
@@ -47,6 +48,9 @@ def compare(
     refuse_twice(parts)
     parts = without(parts, left_out or [])
     remark(*(warning for part in parts for warning in part.warnings))
+    dates = [date_of(part) for part in parts]
+    if dates[0] and dates[1] and dates[0] > dates[1]:
+        remark(f"{parts[1].folder} is the earlier one by its date; before and after are told in the order given")
     with diagnosing("comparison") as tell:
         found = changes.compare(parts[0], parts[1], seed, tell, min(2, os.cpu_count() or 1))
         document = as_json(found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,8 +59,12 @@ class SeveralProblem:
             self.at.append(np.array(mine, dtype=int))
         self._added = [part.recording.added_inertia_kg_m2 for part in parts]
         # Parts of one recording, with other flywheels, are of one day: an effect has the same sizes in all of them.
-        whole = [part.recording.folder.name for part in parts]
-        self.day_of = [day if one else name for one, day, name in zip(is_whole, whole, names, strict=True)]
+        folders = [Path(folder).name for folder, _ in dict.fromkeys(places)]
+        self.day_of = [
+            name if not whole else folder if folders.count(folder) == 1 else self.names[places.index(place)]
+            for name, whole, place in zip(names, is_whole, places, strict=True)
+            for folder in [Path(place[0]).name]
+        ]
         self.days = list(dict.fromkeys(self.day_of))
         self.dates = {day: date_of(part.recording) for day, part in zip(self.day_of, parts, strict=True)}
 

@@ -12,6 +12,10 @@ import pytest
 import tests.diagnosis_recordings as recordings
 from calibration.diagnosis import changes
 from calibration.diagnosis.changes_document import as_json
+from calibration.diagnosis.steps.candidate import Candidate
+from calibration.diagnosis.steps.search import Search
+from calibration.diagnosis.steps.verdict import judge
+from calibration.likelihood.descent import find
 from calibration.systems.look_up import compared
 from calibration.systems.several.sharing import Sharing
 from model.motor import Motor, read_motor
@@ -85,6 +89,34 @@ def test_a_change_acts_in_the_later_recording_alone(tmp_path: Path, monkeypatch:
     z[place] = problem.nuisances[place].z(1.1 * float(problem.nuisances[place].value(z[place])))
     by_hand = several.raw(problem.predict(z, {}))
     assert by_hand[several.at[1]] == pytest.approx(more[several.at[1]], rel=1e-9)
+
+
+def test_what_both_days_have_alike_is_tried_where_a_change_of_it_was_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drag = {"windage": {"drag_nm_s2": 2e-4}}
+    pair = [recorded(tmp_path / name, seed, drag, monkeypatch) for name, seed in (("may", 3), ("june", 8))]
+    several = compared(pair, sharing=Sharing(changes=True))
+    base = several.base()
+    search = Search(several, base)
+    search.modes[("windage_changed",)] = find(several, ("windage_changed",), base)
+    search.share()
+    alike, changed = search.modes[("windage",)], search.modes[("windage_changed",)]
+    assert alike.log_evidence > changed.log_evidence > base.log_evidence
+
+
+@pytest.mark.parametrize(("probability", "said"), [(0.30, ("windage",)), (0.97, ("windage_changed",))])
+def test_an_effect_has_changed_only_if_the_recordings_ask_for_it(probability: float, said: tuple[str, ...]) -> None:
+    """The effect that both have alike is part of it: 20 to 1 is asked for, as of any further effect."""
+    found = [
+        Candidate(("windage_changed",), None, 0.0, probability),
+        Candidate(("windage",), None, 0.0, 0.999 - probability if probability < 0.5 else 0.005),
+        Candidate((), None, 0.0, 1e-9),
+    ]
+    tested = {one.names: 0.5 for one in found[:2]} | {(): 1e-9}
+    verdict = judge(1e-9, sorted(found, key=lambda one: -one.probability), tested, None)
+    assert verdict.kind == "named"
+    assert verdict.chosen is not None and verdict.chosen.names == said
 
 
 def with_serial(folder: Path, serial: str) -> Recording:

@@ -78,6 +78,27 @@ def test_sizes_of_each_recording_act_in_it_alone(two_days: Path) -> None:
     assert moved[several.at[1]].max() > 0.0
 
 
+def test_a_recording_with_a_flywheel_in_one_run_is_one_day(tmp_path: Path) -> None:
+    """Its two parts share the size; another recording in a folder of the same name has its own."""
+    for place, seed in (("may", 3), ("june", 8)):
+        recordings.sweep(tmp_path / place / "bench", seed, {})
+        recordings.add_coast_down(tmp_path / place / "bench", seed, {})
+        toml = tmp_path / place / "bench" / "recording.toml"
+        text = toml.read_text(encoding="utf-8")
+        toml.write_text(
+            text.replace("noise_scale = 2.0 }", "noise_scale = 2.0, added_inertia_kg_m2 = 0.01 }"), encoding="utf-8"
+        )
+    read = [read_recording(tmp_path / place / "bench") for place in ("may", "june")]
+    problem = compared(read, sharing=Sharing(frozenset({"windage"}))).problem
+    assert len(problem.parts) == 4
+    sizes = [one.name for _, one in problem.effect_unknowns(["windage"])]
+    assert len(sizes) == len(set(sizes)) == 2
+    chosen = problem.chosen(["windage"], np.array([1.0, 2.0]))
+    z = np.zeros(len(problem.nuisances))
+    alone = [list(problem.of_part(k, np.append(z, [1.0, 2.0]), ["windage"]))[-1] for k in range(4)]
+    assert alone == [1.0, 1.0, 2.0, 2.0] and len(chosen["windage"]) == 2
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
