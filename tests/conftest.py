@@ -59,7 +59,7 @@ SLOW = {
     "test_readings_as_they_come": 36,
     "test_diagnosis_side_by_side": 32,
     "test_fit_effects": 31,
-    "test_trend": 30,
+    "test_trend": 40,
     "test_fit_quality": 28,
     "test_acquisition": 26,
     "test_second_rig_supply": 24,

@@ -78,6 +78,16 @@ def test_effects_that_are_named_have_their_trend_and_what_is_unresolved_has_none
     assert [row["reliable"] for row in table] == ["True", "True", "True", "False"]
 
 
+def test_fits_have_the_trend_of_f_overall_where_the_model_fits() -> None:
+    rows = [
+        {"recording": f"r{i}", "date": f"2026-0{i}-01", "error": "", "model_fits": i != 3}
+        | {"f_overall_mean": 0.06 + 0.001 * i, "f_overall_sd": 0.001}
+        for i in (1, 2, 3, 4)
+    ]
+    (found,) = trend.trends(rows)
+    assert [one.recording for one in found.figures] == ["r1", "r2", "r4"]
+
+
 def test_without_a_date_recordings_stand_in_the_order_given(tmp_path: Path) -> None:
     rows = [diagnosed("b", "2026-03-01", 0.070, None), diagnosed("a", None, 0.072, None)]
     (words,) = fleet.write_trend(tmp_path, rows)
@@ -87,7 +97,7 @@ def test_without_a_date_recordings_stand_in_the_order_given(tmp_path: Path) -> N
     assert (tmp_path / "trend.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_many_fits_of_a_motor_that_wears_in_tell_it_along_the_dates(
+def test_a_motor_that_wears_is_told_along_the_dates_of_its_recordings(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for seed, (date, factor) in enumerate((("2026-05-01", 1.2), ("2026-01-01", 1.0), ("2026-03-01", 1.1)), start=3):
@@ -100,8 +110,8 @@ def test_many_fits_of_a_motor_that_wears_in_tell_it_along_the_dates(
         recordings.sweep(tmp_path / "runs" / date, seed, {})
         with (tmp_path / "runs" / date / "recording.toml").open("a", encoding="utf-8") as file:
             file.write(f'[origin]\ndate = "{date}"\n')
-    command = [sys.executable, "-m", "spinbench", "many", "fit", tmp_path / "runs", "-o", tmp_path / "out"]
-    more = ["--effective-samples", "200", "--workers", "2"]
+    command = [sys.executable, "-m", "spinbench", "many", "diagnose", tmp_path / "runs", "-o", tmp_path / "out"]
+    more = ["--workers", "2"]
     done = subprocess.run([*map(str, command), *more], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader((tmp_path / "out" / "trend.csv").read_text(encoding="utf-8").splitlines()))
