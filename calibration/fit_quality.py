@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import bdtrc
 
 from calibration.data import rows_used
+from calibration.data.dates import as_text
 from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis.diagnose import CERTAIN_P
 from calibration.diagnosis.mismatch import Detected, detect_mismatch, fit_base, test_base
@@ -26,6 +27,7 @@ from calibration.report.diagnosis.words import place_in_words
 from calibration.systems.radial_piston.batch.effects import refuse_effects
 from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
 from calibration.systems.several.comparison import Several
+from calibration.systems.several.sharing import SHARED, Sharing
 from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, at_ambient
 from calibration.work.step_clock import Tell
 from calibration.work.threads import threads
@@ -85,6 +87,7 @@ def judge_whole(
     effects: Sequence[str] = (),
     tell: Tell = lambda _: None,
     workers: int = 1,
+    sharing: Sharing = SHARED,
 ) -> tuple[list[Recording], Detected, FitQuality]:
     """The most probable point of a fit to everything in recordings of one motor, and whether its model explains them.
 
@@ -96,6 +99,8 @@ def judge_whole(
         Channels that the likelihood sees; pressure always.
     workers : int
         Threads that simulate side by side; the result is the same [-].
+    sharing : Sharing
+        Of which effects each recording has its own sizes.
 
     Returns
     -------
@@ -126,7 +131,7 @@ def judge_whole(
             motor = set_values(read_motor(one.motor), list(assignments))
             there = set_values(at_ambient(read_motor(one.motor), one), list(assignments))
             used[-1] = replace(used[-1], ambient=_ambient_of(there, one.ambient))
-    comparison, base = fit_base(used[0] if len(used) == 1 else used, tell, workers, motor)
+    comparison, base = fit_base(used[0] if len(used) == 1 else used, tell, workers, motor, sharing)
     refuse_effects(effects, {effect.id for effect in comparison.problem.effects_that_could()})
     tell("test")
     with threads(workers):
@@ -159,7 +164,12 @@ def _each(found: Detected) -> Iterator[tuple[str, Any, Mode]]:
 def as_json(found: fits.Fit | WholeFit) -> dict[str, Any]:
     """A fit as posterior/1."""
     if isinstance(found, WholeFit):
-        return posterior.as_json(found.posterior, found.quality, found.comparison.rows_used())
+        told = posterior.as_json(found.posterior, found.quality, found.comparison.rows_used())
+        if not isinstance(found.comparison, Several):
+            return told
+        problem = found.comparison.problem
+        days = [{"recording": day, "date": as_text(problem.dates[day])} for day in problem.along_dates()]
+        return told | {"recordings": days}
     return posterior.as_json(found.posterior, found.quality, rows_used.by_fit(found.recording, found.measured))
 
 

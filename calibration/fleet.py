@@ -14,6 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from calibration.data.dates import as_text, date_of
 from calibration.work import many_table
 from calibration.work.many import Item, Result, Task, Tell, run_many
 from calibration.work.sources import imported_sha256
@@ -71,6 +72,24 @@ def fit_all(
     done = _each(task, folders, {"settings": asdict(settings)}, out, workers, scheduler, tell)
     rows = [many_table.fit_row(result) for result in done]
     return _write(out, rows, many_table.fit_columns(rows), folders)
+
+
+def write_trend(out: Path, rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Write f_overall and the effects that are named along the dates, as ``trend.csv`` and ``trend.png``.
+
+    Returns
+    -------
+    list of str
+        Each trend in a sentence; none where fewer than two recordings tell of anything.
+    """
+    from calibration.report.comparison import trend
+
+    found = trend.trends(rows)
+    contents = {trend.CSV: trend.table(rows)}
+    if found:
+        contents[trend.PNG] = trend.picture(found)
+    write_files(out, contents)
+    return [trend.sentence(one) for one in found]
 
 
 def recordings_in(folders: Sequence[Path], is_recording: Callable[[Path], bool]) -> list[Path]:
@@ -133,7 +152,7 @@ def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
     from calibration.diagnosis import as_json, diagnose
 
     recording, seed = read(Path(argument["folder"])), argument["seed"]
-    return {"diagnosis": as_json(diagnose(recording, seed=seed))}
+    return {"date": as_text(date_of(recording)), "diagnosis": as_json(diagnose(recording, seed=seed))}
 
 
 def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
@@ -143,4 +162,5 @@ def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
 
     recording, settings = read(Path(argument["folder"])), Settings(**argument["settings"])
     quality = fit_quality.judge(recording, settings.seed)
-    return {"posterior": fit_quality.as_json(replace(fit.fit(recording, settings), quality=quality))}
+    found = fit_quality.as_json(replace(fit.fit(recording, settings), quality=quality))
+    return {"date": as_text(date_of(recording)), "posterior": found}

@@ -7,18 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from model.effects.effect import Effect
-from rig.recording import Recording, RecordingFile
+from rig.recording import RecordingFile
 
 
 def times_of(file: RecordingFile) -> np.ndarray:
     """Time of each row of a file on the recording's clock [s], shape (n,); nan where none was taken."""
     stamps = file.columns.get("time_s")
     return np.full(file.rows, np.nan) if stamps is None else file.start_s + stamps.values
-
-
-def day_of(recording: Recording) -> str:
-    """The day on which a recording was taken, by its date; where it has none, one of its own."""
-    return recording.origin.get("date", "")[: len("2026-05-28")] or str(recording.folder)
 
 
 def needs_clock(effect: Effect) -> bool:

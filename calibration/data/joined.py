@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.data.clock import day_of
+from calibration.data.dates import day_of
 from calibration.data.refusals import refuse_unlike
 from rig.recording import Recording, RecordingError, RecordingFile
 
@@ -92,8 +92,8 @@ def by_flywheel(recording: Recording) -> list[Recording]:
     ]
 
 
-def as_given(recordings: Sequence[Recording]) -> list[Recording]:
-    """Recordings that are diagnosed or fitted together: one wherever they can be one.
+def as_given(recordings: Sequence[Recording], apart: bool = False) -> list[Recording]:
+    """Recordings that are diagnosed or fitted together: one wherever they can be one, unless they are to stay apart.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def as_given(recordings: Sequence[Recording]) -> list[Recording]:
     """
     refuse_unlike(recordings)
     parts = [part for one in recordings for part in by_flywheel(one)]
-    return [together(parts)] if can_be_one(parts) else parts
+    return [together(parts)] if not apart and can_be_one(parts) else parts
 
 
 def names_of(recordings: Sequence[Recording]) -> list[str]:

@@ -7,6 +7,7 @@ sizes       how large effects are, and which would be seen
 next_test   which test would tell explanations apart
 f_overall   of the base model, and over what the verdict leaves open
 document    the result as diagnosis/1
+changes     what changed between two recordings; changes_document as comparison/1
 live_check  a first look at a sweep that is not over
 """
 

@@ -34,9 +34,9 @@ from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import Mode
 from calibration.systems.look_up import compared
+from calibration.systems.several.sharing import SHARED, Sharing
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import StepClock, Tell
-from model.effects import effects
 from rig.recording import Recording, RecordingError, read_recording
 
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
@@ -88,6 +88,7 @@ def diagnose(
     hold_out: Recording | None = None,
     workers: int = 1,
     promises: Sequence[Promise] = (),
+    sharing: Sharing = SHARED,
 ) -> Diagnosis:
     """Diagnose a recording, or several of one motor: the motor and the effects are shared, the rest is each one's own.
 
@@ -99,6 +100,8 @@ def diagnose(
         Processes that refit sets side by side, of a recording with runs in time; the result is the same [-].
     promises : sequence of Promise
         Of tests that an earlier diagnosis asked for and that are among the recordings now.
+    sharing : Sharing
+        Of which effects each of several recordings has its own sizes.
 
     Raises
     ------
@@ -117,7 +120,7 @@ def diagnose(
     in_time = of_the_motor and any(file.kind == "transient" for one in several for file in one.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)
-        comparison, base = fit_base(recording, clock, workers if in_time else 1)
+        comparison, base = fit_base(recording, clock, workers if in_time else 1, sharing=sharing)
         clock("detect")
         side_by_side.begin(["calibration.diagnosis.diagnose"])  # the base model's threads had all cores to themselves
         first = test_base(comparison, base, rng)
@@ -324,7 +327,7 @@ def _places(comparison: Compared, first: Detected, said: _Said, base: Mode) -> l
         return []
     if verdict.kind == "named" and chosen is None:
         return rows_as_places(said.bad)
-    acts_in = effects()[chosen.names[0]].acts_in if chosen and len(chosen.names) == 1 else ""
+    acts_in = comparison.problem.effect(chosen.names[0]).acts_in if chosen and len(chosen.names) == 1 else ""
     places = locate(comparison, base, said.detection, first.free, acts_in)
     if chosen and chosen.names in said.misread:
         places += rows_as_places(said.bad)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.dates import as_text
 from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.result import Diagnosis
@@ -17,6 +18,7 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
 from calibration.diagnosis.steps.verdict import Verdict
+from calibration.unknowns.effects import of_recording
 from calibration.unknowns.priors import Unknown
 
 FORMAT = "diagnosis/1"
@@ -124,7 +126,7 @@ def _effects(found: Diagnosis) -> list[dict[str, Any]]:
                 "id": name,
                 "probability": min(1.0, p) * (1.0 if found.comparison.rig else THERE),
                 "log10_bayes_factor": _factor(found.candidates, verdict.chosen, name),
-                "parameters": _parameters(found, verdict.chosen, name),
+                **_sizes(found, verdict.chosen, name),
             }
         )
     return sorted(listed, key=lambda e: -(e["log10_bayes_factor"] or 0.0))
@@ -152,6 +154,24 @@ def _factor(candidates: Sequence[Candidate], chosen: Candidate, name: str) -> fl
     if without is None:
         without = max((c for c in candidates if name not in c.names), key=lambda c: c.log_evidence, default=None)
     return None if without is None else (chosen.log_evidence - without.log_evidence) / math.log(10.0)
+
+
+def _sizes(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, Any]:
+    """The parameters of an effect; of one that each recording has for itself those of each, along the dates."""
+    told = _parameters(found, chosen, name)
+    shared = {key: one for key, one in told.items() if not of_recording(key)[0]}
+    if len(shared) == len(told):
+        return {"parameters": shared}
+    problem = found.comparison.problem
+    recordings = [
+        {
+            "recording": mine,
+            "date": as_text(problem.dates[mine]),
+            "parameters": {of_recording(key)[1]: one for key, one in told.items() if of_recording(key)[0] == mine},
+        }
+        for mine in problem.along_dates()
+    ]
+    return {"parameters": shared, "recordings": recordings}
 
 
 def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dict[str, Any]]:

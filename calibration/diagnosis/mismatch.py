@@ -14,6 +14,7 @@ from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Force
 from calibration.likelihood.signatures import Signature, signatures
 from calibration.systems.look_up import compared
+from calibration.systems.several.sharing import SHARED, Sharing
 from calibration.work.step_clock import Tell
 from calibration.work.threads import threads
 from model.motor import Motor
@@ -58,7 +59,11 @@ def detect_mismatch(
 
 
 def fit_base(
-    recording: Recording | Sequence[Recording], tell: Tell, workers: int = 1, motor: Motor | None = None
+    recording: Recording | Sequence[Recording],
+    tell: Tell,
+    workers: int = 1,
+    motor: Motor | None = None,
+    sharing: Sharing = SHARED,
 ) -> tuple[Compared, Mode]:
     """The recording as a vector, and the base model at its most probable point.
 
@@ -70,7 +75,7 @@ def fit_base(
     tell("base model")
     with threads(workers):
         try:
-            comparison = compared(recording, motor)
+            comparison = compared(recording, motor, sharing)
             return comparison, comparison.base()
         except RecordingError:
             raise

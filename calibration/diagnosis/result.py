@@ -83,7 +83,7 @@ def of_each_recording(found: Diagnosis) -> dict[str, Diagnosis]:
 
 def _of_one(found: Diagnosis, k: int) -> Diagnosis:
     several = found.comparison
-    at, share = several.at[k], several.problem.share(k, len(several.problem.nuisances))
+    at, share = several.at[k], several.problem.share(k)
 
     def own(one: Candidate) -> Candidate:
         return replace(one, mode=several.of_part(k, one.mode))

@@ -21,6 +21,7 @@ from calibration.likelihood.tails import log_ratio
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.comparison import Several
 from calibration.systems.several.problem import SeveralProblem
+from calibration.unknowns.effects import unknown_name
 from calibration.unknowns.priors import Unknown, factors_at, values_of
 from calibration.work.threads import each
 
@@ -86,7 +87,10 @@ class Integrated:
         self.f = Function(comparison, mode.names)
         problem, noise = comparison.problem, comparison.noise
         of_effects = problem.effect_unknowns(mode.names)
-        everything = [*problem.nuisances, *(replace(one, name=f"{name}.{one.name}") for name, one in of_effects)]
+        everything = [
+            *problem.nuisances,
+            *(replace(one, name=unknown_name(name, one.name)) for name, one in of_effects),
+        ]
         is_of_run = np.array([i < self.f.k and problem.run_of(i) is not None for i in range(len(everything))])
         is_own = is_of_run.copy()
         if isinstance(problem, SeveralProblem):

@@ -61,6 +61,12 @@ class Problem(Protocol):
     def effects_that_could(self) -> list[Effect]:
         """The effects that this recording could show."""
 
+    def effect(self, name: str) -> Effect:
+        """An effect that could be, by its id."""
+
+    def nuisance_of(self, effect: str, parameter: str) -> str:
+        """The nuisance that a parameter of an effect has the form of; empty where there is none."""
+
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
         """Effect id and unknown of each parameter of a set, in its order."""
 
@@ -193,6 +199,8 @@ class Compared(Protocol):
         The first readings that are rows by themselves.
     in_time : bool
         Whether there are runs in time: a refit takes seconds.
+    thorough : bool
+        Whether every effect is refitted, whatever the straight model says of it.
     trusting : bool
         Whether no reading is taken for bad.
     check : tuple of str
@@ -210,6 +218,7 @@ class Compared(Protocol):
     of_a_kind: tuple[np.ndarray, ...]
     again: tuple[np.ndarray, ...]
     in_time: bool
+    thorough: bool
     trusting: bool
     check: tuple[str, ...]
     rig: str

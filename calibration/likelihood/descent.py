@@ -12,8 +12,8 @@ import numpy as np
 from calibration.likelihood.compared import Compared, Prediction
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode, close, cost_at, robust_weights, suiting_noise
+from calibration.unknowns.effects import is_size
 from calibration.unknowns.priors import NOISE_SD
-from model.effects import effects
 
 LARGEST_MOVE = 6.0
 MOST_PASSES = 30
@@ -98,8 +98,9 @@ def _handed_over(comparison: Compared, f: Function, point: _Point) -> _Point | N
     """
     problem, z = comparison.problem, point.z.copy()
     for i, (name, unknown) in enumerate(problem.effect_unknowns(f.names), start=f.k):
-        effect = effects()[name]
-        place = problem.place(effect.nuisance) if effect.nuisance and unknown.name == effect.amplitude.name else None
+        effect, nuisance_of = problem.effect(name), problem.nuisance_of(name, unknown.name)
+        is_handed = nuisance_of and is_size(unknown.name, effect.amplitude)
+        place = problem.place(nuisance_of) if is_handed else None
         if place is None or abs(z[place]) < PULLED:
             continue
         nuisance = problem.nuisances[place]
@@ -136,9 +137,9 @@ def _begin(comparison: Compared, f: Function, start: Mode | None, first: dict[tu
     amplitudes = []
     for i, (name, unknown) in enumerate(extra):
         z[k + i] = values.get((name, unknown.name), 0.0)
-        if unknown.name == effects()[name].amplitude.name:
+        if is_size(unknown.name, problem.amplitude(name)):
             amplitudes.append(k + i)
-            if len(effects()[name].parameters) > 1 and abs(z[k + i]) < 0.05:
+            if len(problem.effect(name).parameters) > 1 and abs(z[k + i]) < 0.05:
                 z[k + i] = 0.1  # at an amplitude of 0 nothing can be said of its shape
     z = f.clip(z)
     for _ in range(HALVINGS):

@@ -18,6 +18,7 @@ from scipy.special import log_ndtr
 
 from calibration.likelihood.compared import Compared, Prediction, Problem
 from calibration.likelihood.tails import marginals
+from calibration.unknowns.effects import is_size
 
 BAD = 0.01
 BAD_WIDTH = 10.0  # a bad reading's error is as dense at 0 as a normal one of so many sds of a good one
@@ -197,6 +198,6 @@ def folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: n
     total = 0.0
     for i, (name, unknown) in enumerate(problem.effect_unknowns(names)):
         amplitude = problem.amplitude(name)
-        if unknown.name == amplitude.name and amplitude.low == 0.0 and unknown.kind == "normal":
+        if is_size(unknown.name, amplitude) and amplitude.low == 0.0 and unknown.kind == "normal":
             total += math.log(2.0) + float(log_ndtr(z[k + i] / math.sqrt(covariance[k + i, k + i])))
     return total

@@ -11,6 +11,7 @@ from scipy.special import log_ndtr
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
+from calibration.unknowns.effects import is_size, unchanged
 from model.effects.effect import Effect
 
 PROBE = 0.1  # amplitude at which a signature is taken, in ordinary sizes of the effect, at most
@@ -44,28 +45,30 @@ class Signature:
 def signatures(comparison: Compared, mode: Mode) -> list[Signature]:
     """Signatures of the effects that a mode does not hold."""
     problem, found = comparison.problem, []
+    of_set = {unchanged(name) for name in mode.names}
     for effect in problem.effects_that_could():
-        if effect.id in mode.names:
+        if unchanged(effect.id) in of_set:  # shared or each recording's own, a set holds it once
             continue
         unknown = [u for _, u in problem.effect_unknowns([effect.id])]
         shapes = [u.name for u in unknown if u.kind != "normal"]
         for amplitude in (u for u in unknown if u.kind == "normal"):
             for at_z in SHAPES if shapes else (0.0,):
-                same = _of_the_nuisance(comparison, mode, effect)
+                same = _of_the_nuisance(comparison, mode, effect, amplitude.name)
                 column, probe = (
                     answer(comparison, mode, effect, amplitude.name, at_z) if same is None else (same, PROBE)
                 )
                 where = {(effect.id, amplitude.name): probe} | {(effect.id, name): at_z for name in shapes}
                 size = problem.amplitude(effect.id)
-                bounded = size.low >= 0.0 and amplitude.name == size.name
+                bounded = size.low >= 0.0 and is_size(amplitude.name, size)
                 unit = amplitude.a or amplitude.b
                 found.append(Signature(effect.id, where, column, amplitude.a / unit, amplitude.b / unit, bounded))
     return found
 
 
-def _of_the_nuisance(comparison: Compared, mode: Mode, effect: Effect) -> np.ndarray | None:
+def _of_the_nuisance(comparison: Compared, mode: Mode, effect: Effect, amplitude: str) -> np.ndarray | None:
     """The signature of an effect that has the form of a nuisance: that nuisance's own derivative, in its unit [SI]."""
-    i = comparison.problem.place(effect.nuisance) if effect.nuisance else None
+    nuisance = comparison.problem.nuisance_of(effect.id, amplitude)
+    i = comparison.problem.place(nuisance) if nuisance else None
     if i is None:
         return None
     one, scale = comparison.problem.nuisances[i], comparison.problem.amplitude(effect.id).scale

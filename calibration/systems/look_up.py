@@ -11,20 +11,26 @@ from calibration.likelihood.compared import Compared
 from calibration.systems.machines import comparison as machines
 from calibration.systems.machines.problem import Problem as MachineProblem
 from calibration.systems.machines.system import has_system
+from calibration.systems.radial_piston.batch.effects import refuse_effects
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.systems.several.comparison import Several
+from calibration.systems.several.sharing import SHARED, Sharing
 from model.motor import Motor
 from rig.recording import Recording, RecordingError
 
 
-def compared(recordings: Recording | Sequence[Recording], motor: Motor | None = None) -> Compared:
+def compared(
+    recordings: Recording | Sequence[Recording], motor: Motor | None = None, sharing: Sharing = SHARED
+) -> Compared:
     """A recording, or several of one motor, as their system compares them.
 
     Parameters
     ----------
     motor : Motor or None
         The motor that it names, when left out.
+    sharing : Sharing
+        Of which effects each recording has its own sizes.
 
     Raises
     ------
@@ -47,4 +53,8 @@ def compared(recordings: Recording | Sequence[Recording], motor: Motor | None = 
     each = [Comparison(Problem(one, motor, any_turn=k > 0)) for k, one in enumerate(parts)]
     if not any(one.n for one in each):
         gather(parts[0])  # says that a plateau is missing
-    return each[0] if is_one else Several(each, names_of(parts))
+    if is_one:
+        return each[0]
+    several = Several(each, names_of(parts), sharing)
+    refuse_effects(sorted(sharing.own), {effect.id for effect in several.problem.effects_that_could()})
+    return several

@@ -10,13 +10,41 @@ A figure that shapes a law is log-normal, a factor of 2. An amplitude is as larg
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 from calibration.unknowns.priors import SHAPE_FACTOR, Unknown
 from model.effects import effects
 from model.effects.effect import EffectParameter
 
+CHANGED = "_changed"  # behind the id of an effect, or of a parameter of the motor, that is another in one recording
 OFF_ZERO_SDS = 5.0  # of an amplitude that cannot be 0, from one of its bounds to the other
+
+
+def unchanged(name: str) -> str:
+    """The effect, or the parameter of the motor, that a change is of; of what is none, itself."""
+    return name.removesuffix(CHANGED)
+
+
+def holds(names: Iterable[str]) -> frozenset[str]:
+    """The members of a set, and what they hold: an effect that changed is that effect, and more."""
+    return frozenset(one for name in names for one in (name, unchanged(name)))
+
+
+def of_recording(parameter: str) -> tuple[str, str]:
+    """The recording that has a parameter for itself, empty where all share it, and the parameter's own name."""
+    recording, _, own = parameter.rpartition(": ")
+    return recording, own
+
+
+def unknown_name(effect: str, parameter: str) -> str:
+    """What a parameter of an effect is called among the unknowns of a fit."""
+    recording, own = of_recording(parameter)
+    return f"{recording}: {effect}.{own}" if recording else f"{effect}.{own}"
+
+
+def is_size(parameter: str, amplitude: EffectParameter) -> bool:
+    """Whether a parameter is the size of an effect, be it of one recording."""
+    return of_recording(parameter)[1] == of_recording(amplitude.name)[1]
 
 
 def sampled(effect: str, parameter: EffectParameter) -> Unknown:

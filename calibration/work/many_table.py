@@ -15,6 +15,7 @@ FIGURES = ("mean", "sd", "q05", "q95")
 TEXT, NUMBER, WHOLE, FLAG, SET, SETS = "text", "number", "whole", "flag", "set", "sets"
 DIAGNOSIS_COLUMNS = {
     "name": TEXT,
+    "date": TEXT,
     "verdict": TEXT,
     "error": TEXT,
     "seconds": NUMBER,
@@ -29,6 +30,7 @@ DIAGNOSIS_COLUMNS = {
 }
 FIT_FIRST = {
     "name": TEXT,
+    "date": TEXT,
     "error": TEXT,
     "seconds": NUMBER,
     "p_value": NUMBER,
@@ -46,6 +48,7 @@ def diagnosis_row(result: Result) -> dict[str, Any]:
     found = (result.value or {}).get("diagnosis")
     if found is None:
         return made | {"verdict": "failed"}
+    made["date"] = (result.value or {}).get("date")
     place = found["located"][0] if found["located"] else {}
     held_out = (found.get("improvement") or {}).get("held_out") or {}
     made |= {
@@ -70,6 +73,7 @@ def fit_row(result: Result) -> dict[str, Any]:
     found = (result.value or {}).get("posterior")
     if found is None:
         return made
+    made["date"] = (result.value or {}).get("date")
     made |= {key: found["fit_quality"][key] for key in ("p_value", "model_fits")}
     made |= {key: found["convergence"][key] for key in ("rhat_max", "ess_min")}
     for name, one in found["parameters"].items():

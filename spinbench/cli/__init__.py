@@ -3,7 +3,6 @@
 What is slow to import is imported inside the commands, so that `spinbench --help` answers at once.
 
     model, fit, diagnose, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
-    earlier     the diagnosis that another one goes on with
     options     arguments and options that several of them share
     show        tables, JSON, files and remarks
     progress    what a person sees meanwhile
@@ -43,6 +42,7 @@ for command in (
     model.sensitivity,
     fit.fit,
     diagnose.diagnose,
+    diagnose.compare,
     model.reproduce,
     sweep.sweep,
     sweep.capture,

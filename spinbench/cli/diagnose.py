@@ -1,4 +1,4 @@
-"""`diagnose`: whether the model explains a recording and, if not, which physics is missing."""
+"""`diagnose`: which physics a recording shows that the model leaves out; `compare`: what changed between two."""
 
 from __future__ import annotations
 
@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from spinbench import readings
-from spinbench.cli.earlier import RECORDINGS, made_of, read_earlier
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.options import LOGS, JsonOption, LogsOption, SeedOption, WithoutOption, WithParentsOption
+from spinbench.cli.options import (
+    LOGS,
+    JsonOption,
+    LogsOption,
+    PerRecordingOption,
+    SeedOption,
+    WithoutOption,
+    WithParentsOption,
+)
 from spinbench.cli.progress import diagnosing
 from spinbench.cli.show import check_places, deliver, refuse_twice, remark
+from spinbench.earlier import RECORDINGS, made_of, read_earlier
 
 if TYPE_CHECKING:
     from rig.recording import Recording
@@ -57,6 +65,7 @@ def diagnose(
         ),
     ] = None,
     parents: WithParentsOption = False,
+    per_recording: PerRecordingOption = None,
     logs: LogsOption = LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
@@ -66,6 +75,7 @@ def diagnose(
     from calibration.diagnosis.document import as_json
     from calibration.report.diagnosis import sets as diagnosis_sets
     from calibration.report.diagnosis.page import JSON
+    from calibration.systems.several.sharing import own_of_each
     from rig.recording import files
 
     check_places(out, json_file)
@@ -79,11 +89,12 @@ def diagnose(
         remark(f"nothing given now is a test that {resume} asks for, so nothing was promised of it")
     parts = without(parts, left_out or [])
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
-    given = as_given(parts)
+    sharing = own_of_each(per_recording or [], len(parts))
+    given = as_given(parts, apart=bool(sharing.own))
     read = given[0] if len(given) == 1 else given
     with diagnosing() as tell:
         processes = workers or min(2, os.cpu_count() or 1)
-        diagnosis = look(read, seed, tell, unseen, processes, [promise] if promise else [])
+        diagnosis = look(read, seed, tell, unseen, processes, [promise] if promise else [], sharing)
         found = as_json(diagnosis)
         found["promised"] = [*(earlier.promised if earlier else []), *found["promised"]]
         found[RECORDINGS] = made_of(earlier, new, left_out or [], out)
@@ -100,6 +111,55 @@ def diagnose(
     if len(given) > 1 and out is not None:
         remark(f"each of the {len(given)} recordings has a page of its own there, report_NAME.html")
     _tell_how_it_went(unseen, found, diagnosis.seconds, out)
+
+
+def _kept_of_both(out: Path | None) -> str:
+    return "nothing is kept of an unfinished comparison; the same command begins again"
+
+
+@kept_when_interrupted(_kept_of_both)
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="A", help="A recording/1 folder, or a run: the earlier one.")],
+    after: Annotated[Path, typer.Argument(metavar="B", help="The later one, of the same motor.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="Write report.html, .png and comparison.json there."),
+    ] = None,
+    json_file: JsonOption = None,
+    seed: SeedOption = 1,
+    left_out: WithoutOption = None,
+    logs: LogsOption = LOGS,
+) -> None:
+    """Say what changed from one recording of a motor to another, or that nothing did; 0 whatever the answer."""
+    from calibration.data.dates import date_of
+    from calibration.data.left_out import without
+    from calibration.data.runs_in_time import few_used
+    from calibration.diagnosis import changes
+    from calibration.diagnosis.changes_document import as_json
+    from calibration.report.comparison import page, words
+    from calibration.report.diagnosis.words import steps_in_words
+    from rig.recording import files
+
+    check_places(out, json_file)
+    parts = [readings.read(readings.folder_named(named, logs)) for named in (before, after)]
+    refuse_twice(parts)
+    parts = without(parts, left_out or [])
+    remark(*(warning for part in parts for warning in part.warnings))
+    dates = [date_of(part) for part in parts]
+    if dates[0] and dates[1] and dates[0] > dates[1]:
+        remark(f"{parts[1].folder} is the earlier one by its date; before and after are told in the order given")
+    with diagnosing("comparison") as tell:
+        found = changes.compare(parts[0], parts[1], seed, tell, min(2, os.cpu_count() or 1))
+        document = as_json(found)
+        data = files.json_bytes(document)
+        if out is not None:
+            tell("report")
+            files.write_files(out, {page.JSON: data} | page.report(found, document))
+    deliver(data, [words.table(document)], json_file)
+    print(words.sentence(document), file=sys.stderr)
+    remark(*few_used(document["files"]), steps_in_words(found.seconds))
+    if out is not None:
+        remark(f"the report is {out / 'report.html'}")
 
 
 def _pages(page: Any, diagnosis: Any, found: Mapping[str, Any]) -> dict[str, bytes]:

@@ -17,6 +17,7 @@ from spinbench.cli.options import (
     LOGS,
     JsonOption,
     LogsOption,
+    PerRecordingOption,
     SeedOption,
     SetOption,
     WithoutOption,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from calibration.fit.posterior import Posterior
     from calibration.fit.sampling import Settings
     from calibration.fit.whole import WholeFit
+    from calibration.systems.several.sharing import Sharing
     from rig.recording import Recording
 
 STEADY, WHOLE = (10_000, 12_000), (2000, 400)  # effective samples and steps, where the command line leaves them out
@@ -44,6 +46,7 @@ class Asked:
     channels: tuple[str, ...]
     effects: list[str]
     steady_only: bool
+    sharing: Sharing
 
     def within(self, usual: tuple[int, int]) -> Settings:
         """The settings, with what is usual where the command line says nothing (0)."""
@@ -100,6 +103,7 @@ def fit(
     ] = "",
     left_out: WithoutOption = None,
     parents: WithParentsOption = False,
+    per_recording: PerRecordingOption = None,
     logs: LogsOption = LOGS,
 ) -> None:
     """Fit f_overall and what it hangs on to recordings of one motor; exit code 3 if the sampler does not converge, 5
@@ -109,6 +113,7 @@ def fit(
     from calibration.data.left_out import without
     from calibration.fit import fit as fits
     from calibration.fit.sampling import Settings
+    from calibration.systems.several.sharing import own_of_each
 
     check_places(out, json_file)
     parts = readings.all_named(recording, logs, parents)
@@ -117,11 +122,12 @@ def fit(
     remark(*(words for part in parts for words in part.warnings))
     if steady_only and len(parts) > 1:
         parts = [without_runs(one) for one in parts if any(file.kind == "steady" for file in one.files)] or parts[:1]
-    read = parts if steady_only and len(parts) == 1 else as_given(parts)
     held = [name.strip() for name in effects.split(",") if name.strip()]
+    sharing = own_of_each(per_recording or [], len(parts), held)
+    read = parts if steady_only and len(parts) == 1 else as_given(parts, apart=bool(sharing.own))
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     channels = ("pressure", "speed") if speed_only else fits.ALL_CHANNELS
-    asked = Asked(settings, assignments or [], channels, held, steady_only)
+    asked = Asked(settings, assignments or [], channels, held, steady_only, sharing)
     planned = fits.variants(read, channels, compare, gauge_span_bar)
     found = _fitted(read, asked, out)
     if out is not None and planned:  # one of them may not converge
@@ -168,7 +174,7 @@ def _fitted_whole(read: Sequence[Recording], asked: Asked, out: Path | None) -> 
     settings, workers = asked.within(WHOLE), min(2, os.cpu_count() or 1)
     with waiting("does the model explain the readings?") as tell:
         used, start, quality = fit_quality.judge_whole(
-            read, settings.seed, asked.assignments, asked.channels, asked.effects, tell, workers
+            read, settings.seed, asked.assignments, asked.channels, asked.effects, tell, workers, asked.sharing
         )
     chain = out / "chain" if out else None
     try:
@@ -186,7 +192,9 @@ def _variant(asked: Asked, name: str, changed: Sequence[Recording], channels: tu
     from calibration.fit import fit as fits
     from calibration.systems.radial_piston.batch import effects as with_effects
 
-    again = replace(asked, channels=channels, effects=with_effects.seen(asked.effects, channels))
+    held = with_effects.seen(asked.effects, channels)
+    sharing = replace(asked.sharing, own=asked.sharing.own & set(held))
+    again = replace(asked, channels=channels, effects=held, sharing=sharing)
     if _is_whole(changed, asked):
         return name, _fitted_whole(changed, again, None).posterior
     settings = fits.brief(asked.within(STEADY))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -40,7 +41,7 @@ def diagnose(
     with bars() as begin:
         rows = fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
     shown = [(str(row["recording"]), row["verdict"], " + ".join(row["effects"] or [])) for row in rows]
-    _tell(("recording", "verdict", "effects"), shown, rows, out / fleet.CSV)
+    _tell(("recording", "verdict", "effects"), shown, rows, out)
 
 
 def fit(
@@ -68,7 +69,7 @@ def fit(
         (str(row["recording"]), "failed" if mean is None else f"{mean:.4f} +- {sd:.4f}", fits_well[row["model_fits"]])
         for row, (mean, sd) in zip(rows, figures, strict=True)
     ]
-    _tell(("recording", "f_overall, N m s", "the model fits"), shown, rows, out / fleet.CSV)
+    _tell(("recording", "f_overall, N m s", "the model fits"), shown, rows, out)
 
 
 def _need_packages(scheduler: str | None) -> None:
@@ -78,16 +79,20 @@ def _need_packages(scheduler: str | None) -> None:
         need("distributed")
 
 
-def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[dict[str, Any]], place: Path) -> None:
-    """The table on the terminal, what failed on standard error."""
+def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[dict[str, Any]], out: Path) -> None:
+    """The table on the terminal, the trends and what failed on standard error."""
     from rich.markup import escape
     from rich.table import Table
+
+    from calibration import fleet
 
     table = Table(*header)
     for cells in shown:
         table.add_row(*(escape(cell) for cell in cells))
     on_terminal(table)
-    print(place)
+    print(out / fleet.CSV)
+    for words in fleet.write_trend(out, rows):
+        print(words, file=sys.stderr)
     failed = [row for row in rows if row["error"]]
     remark(*(f"{row['recording']}: {row['error']}" for row in failed))
     if failed:

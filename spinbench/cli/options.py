@@ -31,6 +31,14 @@ WithParentsOption = Annotated[
         "--with-parents", help="Take in what each goes on from: the sweep that a run continues or a capture follows."
     ),
 ]
+PerRecordingOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--per-recording",
+        metavar="EFFECT",
+        help="An effect whose sizes are each recording's own, and not shared; may be given several times.",
+    ),
+]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed; the same seed gives the same result to the bit.")]
 EffectiveSamplesOption = Annotated[
     int, typer.Option(min=200, max=1_000_000, help="Least effective sample size of every unknown.")

@@ -51,12 +51,12 @@ def bars() -> Iterator[Callable[[str], Callable[[int, int, str], None]]]:
 
 
 @contextlib.contextmanager
-def diagnosing() -> Iterator[Callable[[str], None]]:
+def diagnosing(what: str = "diagnosis") -> Iterator[Callable[[str], None]]:
     """A bar that names the step; it is gone once there is a result or a refusal."""
     from rig.progress import TASK, Bar, Elapsed, bar_of
 
     done = 0.0
-    with bar_of("diagnosis", Bar, Elapsed, TASK, passing=True, seen_by_a_person=True) as bar:
+    with bar_of(what, Bar, Elapsed, TASK, passing=True, seen_by_a_person=True) as bar:
         task = bar.add_task("", total=100)
 
         def tell(step: str) -> None:

@@ -24,7 +24,8 @@ from calibration.challenge.scoring.judging import (
     Case,
 )
 from calibration.challenge.second_rig.concealed import USUAL
-from calibration.report.diagnosis.words import effect_in_words, powers
+from calibration.report.diagnosis.words import effect_in_words
+from calibration.report.units import powers
 from model.effects.library import effects
 
 FALSE_NAME, FALSE_ALARM = "false name", "false alarm"

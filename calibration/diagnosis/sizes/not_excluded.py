@@ -54,7 +54,7 @@ def faint(comparison: Compared, mode: Mode, found: Sequence[Signature], rng: np.
         g_perp = project(J, g)
         gain, mean = log_gain(replace(one, one_sided=False), g, g_perp, r)
         sd = (float(g @ g_perp) + one.sd**-2) ** -0.5
-        declared = declared_size(problem, one.effect)
+        declared = declared_size(problem, one.effect, next(iter(one.unknowns))[1])
         places = [f] if declared is None or declared[1] is None else [f, declared[1]]
         a = mean + sd * rng.standard_normal(DRAWS)
         others = rng.multivariate_normal(mode.z[places], A_inverse[np.ix_(places, places)], DRAWS, method="cholesky")

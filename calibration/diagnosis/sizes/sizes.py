@@ -10,8 +10,9 @@ import numpy as np
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Problem
 from calibration.likelihood.tails import marginals
+from calibration.unknowns.effects import of_recording
 from calibration.unknowns.priors import Unknown
-from model.effects import EffectParameter, effects
+from model.effects import EffectParameter
 
 # Share of a size that is not known (1 sd), for an effect's law is no more exact than the motor's. In the challenge's
 # sixth to tenth campaign, opened, 104 instead of 94 intervals of 112 held the size of what was rightly named then.
@@ -48,10 +49,11 @@ def sizes_of(problem: Problem, one: Candidate) -> list[Size]:
     chosen = problem.chosen(one.names, z)
     found = []
     for i, (name, unknown) in enumerate(members):
-        declared = {p.name: problem.parameter(name, p.name) for p in effects()[name].parameters}
+        declared = {p.name: problem.parameter(name, p.name) for p in problem.effect(name).parameters}
         parameter = declared[unknown.name]
         # Sine and cosine are one size in two parts; a figure of the shape stands alone.
-        mine = [unknown.name] if parameter.shape else [p for p in chosen[name] if not declared[p].shape]
+        own = [p for p in chosen[name] if of_recording(p)[0] == of_recording(unknown.name)[0]]
+        mine = [unknown.name] if parameter.shape else [p for p in own if not declared[p].shape]
         off = LAW * math.hypot(*(chosen[name][p] for p in mine))
         low, high = unknown.value(z[i] + STEP * np.array([-1.0, 1.0]))
         slope = float(high - low) / (2.0 * STEP)

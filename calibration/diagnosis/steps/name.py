@@ -19,7 +19,7 @@ from calibration.likelihood.compared import Compared, Problem
 from calibration.likelihood.linearized import GOOD
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.signatures import Signature, log_gain, project
-from model.effects import effects
+from calibration.unknowns.effects import is_size
 
 WORTH = 1.0  # nats in the linear model below which nothing is refitted; far from it that model orders poorly
 BEYOND_SD = 3.0  # of the declared size of a nuisance
@@ -124,13 +124,27 @@ def beyond(problem: Problem, mode: Mode, name: str) -> float:
 
 
 def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, float, bool] | None:
-    """Mean, sd and prior sd of a nuisance and the effect together, in declared sds; None where the effect has none."""
-    declared = declared_size(problem, name)
+    """Mean, sd and prior sd of a nuisance and the effect together, in declared sds; None where the effect has none.
+
+    Of an effect that each recording has for itself those where it is largest.
+    """
+    k, amplitude = len(problem.nuisances), problem.amplitude(name)
+    found = [
+        size
+        for i, (effect, unknown) in enumerate(problem.effect_unknowns(mode.names), start=k)
+        if effect == name and is_size(unknown.name, amplitude)
+        if (size := _size_at(problem, mode, name, i, unknown.name)) is not None
+    ]
+    return max(found, key=lambda size: abs(size[0]), default=None)
+
+
+def _size_at(
+    problem: Problem, mode: Mode, name: str, place: int, parameter: str
+) -> tuple[float, float, float, bool] | None:
+    declared = declared_size(problem, name, parameter)
     if declared is None:
         return None
     ratio, nuisance = declared
-    k = len(problem.nuisances)
-    place = k + next(i for i, (e, _) in enumerate(problem.effect_unknowns(mode.names)) if e == name)
     weights = {place: ratio} if nuisance is None else {place: ratio, nuisance: 1.0}
     index = np.array(list(weights))
     w = np.array(list(weights.values()))
@@ -139,7 +153,7 @@ def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, f
     return mean, sd, math.sqrt(float(w @ w)), problem.amplitude(name).low >= 0.0
 
 
-def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | None:
+def declared_size(problem: Problem, name: str, parameter: str) -> tuple[float, int | None] | None:
     """An effect's ordinary size in declared sds of the nuisance that it has the form of [-], and that one's place.
 
     Returns
@@ -147,8 +161,7 @@ def declared_size(problem: Problem, name: str) -> tuple[float, int | None] | Non
     tuple of (float, int or None), or None
         Without a place where the nuisance is no unknown of the recording; None where the effect has the form of none.
     """
-    effect = effects()[name]
-    declared = effect.nuisance or ("wall_heat" if name == "wall_heat_exchange" else "")
+    declared = problem.nuisance_of(name, parameter) or ("wall_heat" if name == "wall_heat_exchange" else "")
     if not declared:
         return None
     nuisance = problem.place(declared)
@@ -171,17 +184,23 @@ def refusal(comparison: Compared, mode: Mode) -> Refusal | None:
     """
     problem = comparison.problem
     k = len(problem.nuisances)
-    for i, (name, unknown) in enumerate(problem.effect_unknowns(mode.names)):
-        parameter, amplitude = problem.parameter(name, unknown.name), problem.amplitude(name).name
+    members = problem.effect_unknowns(mode.names)
+    for i, (name, unknown) in enumerate(members):
+        parameter, amplitude = problem.parameter(name, unknown.name), problem.amplitude(name)
         value = float(unknown.value(mode.z[k + i]))
         span = parameter.high - parameter.low
         component = parameter.low == -parameter.high
-        if (unknown.name == amplitude or component) and (
+        if (is_size(unknown.name, amplitude) or component) and (
             value >= parameter.high - AT_BOUND * span
             or (parameter.low != 0.0 and value <= parameter.low + AT_BOUND * span)
         ):
             return at_bound(name, unknown.name)
-        if unknown.name == amplitude and parameter.low == 0.0 and mode.z[k + i] <= 1e-6:
+        mine = [
+            z
+            for z, (one, other) in zip(mode.z[k:], members, strict=True)
+            if one == name and is_size(other.name, amplitude)
+        ]
+        if amplitude.low == 0.0 and max(mine, default=1.0) <= 1e-6:
             return vanishes(name)
     if mode.names and (loud := comparison.noise.too_loud(mode.u)):
         return Refusal(Reason.TOO_LOUD, f"the noise would be {loud[1]:.1f} times as large as declared")

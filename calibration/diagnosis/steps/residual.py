@@ -12,6 +12,7 @@ from calibration.diagnosis.steps.verdict import RESIDUAL_P, SHARE, SUPERSET_ODDS
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.signatures import signatures
+from calibration.unknowns.effects import holds
 from calibration.work.side_by_side import SideBySide
 
 TESTED = 3  # sets whose residual is tested; more only where one of these passes
@@ -73,7 +74,7 @@ class Residuals:
         for one in namable:
             self.test([one])
             if self.passes(one):
-                parts = [c for c in namable if set(c.names) < set(one.names)]
+                parts = [c for c in namable if holds(c.names) < holds(one.names)]
                 self.test([c for c in parts if one.probability < SUPERSET_ODDS * c.probability])
                 return
 

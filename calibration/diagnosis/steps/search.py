@@ -22,15 +22,16 @@ from calibration.likelihood.compared import Compared, Problem
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import Mode, cost_of
 from calibration.likelihood.signatures import Signature, signatures
+from calibration.unknowns.effects import of_recording, unchanged
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import Tell
-from model.effects import effects
 
 SINGLES = 6  # most single effects refitted
 SINGLES_WITH_RUNS = 5  # ... where each takes seconds
 PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
+SHARED = 4  # sets in which an effect that changed is tried as one that did not
 SWAPS = 4  # sets tried in the place of the best, one member changed
 CLOSE = 10.0  # nats behind the best set within which another is looked for from the best's point too
 # Not tried is what promises less than half of what the member is worth, and is this far behind it in nats: the linear
@@ -94,9 +95,13 @@ class Search:
         most = SINGLES_WITH_RUNS if in_time else SINGLES
         ranked = screen(comparison, base, found, u, -math.inf)
         jobs = [_Job((name,), base, in_time, first) for name, _, first in ranked]
-        chosen = jobs if every else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:most]
+        chosen = (
+            jobs
+            if every or comparison.thorough
+            else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:most]
+        )
         if in_time:
-            chosen += [job for job in jobs if effects()[job.names[0]].hidden and job not in chosen]
+            chosen += [job for job in jobs if comparison.problem.effect(job.names[0]).hidden and job not in chosen]
         self._refit(chosen)
         if in_time and len(self.modes) > 1:
             self._tell("refit the base model again")
@@ -126,14 +131,18 @@ class Search:
             screened = screen(self.comparison, mode, self.signatures_at(seed), mode.u, -math.inf)
             chosen = [one for one in screened if one[1] > WORTH][: PAIRS // SEEDS]
             if self.comparison.in_time and seed == order[0]:
-                chosen += [one for one in screened if effects()[one[0]].hidden and one not in chosen]
+                chosen += [
+                    one for one in screened if self.comparison.problem.effect(one[0]).hidden and one not in chosen
+                ]
             for name, _, first in chosen:
                 names = tuple(sorted((*seed, name)))
                 if all(job.names != names for job in jobs):
                     start = {**values_of(self.comparison.problem, mode), **first}
                     jobs.append(_Job(names, mode, self.comparison.in_time, start))
         self._refit(jobs)
+        self.share()
         self.swap()
+        self.share()
         if self.comparison.in_time and not self.comparison.noise.too_loud(self.modes[self._best()].u):
             self.again()  # where the best leaves too much to noise, its parts leave more
 
@@ -152,6 +161,21 @@ class Search:
                 start = {one: z for one, z in own.items() if one[0] in names}
                 jobs.append(_Job(names, mode, self.comparison.in_time, start))
         self._refit(jobs)
+
+    def share(self) -> None:
+        """Refit the best sets with an effect that changed in them as one that is the same in all recordings."""
+        could = {effect.id for effect in self.comparison.problem.effects_that_could()}
+        jobs: list[_Job] = []
+        for best in sorted(self.modes, key=lambda key: -self.modes[key].log_evidence)[:SHARED]:
+            values = values_of(self.comparison.problem, self.modes[best])
+            for member in best:
+                names = tuple(sorted({*best, unchanged(member)} - {member}))
+                if unchanged(member) == member or unchanged(member) not in could or names in self.modes:
+                    continue
+                start = {one: z for one, z in values.items() if one[0] != member}
+                start |= _mean_of_each(values, member)
+                jobs.append(_Job(names, self.modes[best], self.comparison.in_time, start))
+        self._refit(list({job.names: job for job in jobs}.values()))
 
     def swap(self) -> None:
         """Refit what may stand in the place of a member of the best set.
@@ -212,6 +236,15 @@ def _found(comparison: Compared, job: _Job, best: float) -> Mode | None:
         return find(comparison, job.names, *job.starts, first=job.first, best=best)
     except ArithmeticError:  # nothing of it can be simulated
         return None
+
+
+def _mean_of_each(values: First, member: str) -> First:
+    """Values of an effect that all recordings share, from those that each has of it."""
+    each: dict[str, list[float]] = {}
+    for (name, parameter), z in values.items():
+        if name == member:
+            each.setdefault(of_recording(parameter)[1], []).append(z)
+    return {(unchanged(member), own): float(np.mean(z)) for own, z in each.items()}
 
 
 def values_of(problem: Problem, mode: Mode) -> First:

@@ -9,6 +9,7 @@ from typing import Generic
 from calibration.diagnosis.steps.candidate import Candidate, Fitted, Reason
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.detect import MISMATCH_P
+from calibration.unknowns.effects import holds, unchanged
 from model.effects import effects
 
 RESIDUAL_P = 0.003  # a set whose own residual is below this leaves something unexplained; several sets are tried
@@ -51,9 +52,14 @@ def not_excluded(found: Sequence[Candidate[Fitted]]) -> list[Candidate[Fitted]]:
 
 def is_small(candidate: Candidate[Fitted]) -> bool:
     """Whether all that a set says is that instruments have errors as large as declared."""
-    of_instruments = all(name in effects() and effects()[name].nuisance for name in candidate.names)
+    of_instruments = _are_of_instruments(candidate.names)
     refused = candidate.refused
     return bool(candidate.names) and of_instruments and refused is not None and refused.reason is Reason.NO_LARGER
+
+
+def _are_of_instruments(names: Sequence[str]) -> bool:
+    known = effects()
+    return all((name := unchanged(one)) in known and known[name].nuisance for one in names)
 
 
 def judge(
@@ -104,25 +110,27 @@ def judge(
     total = sum(c.probability for c in passing)
     share = best.probability / total
     blocked = [c for c in allowed if c.probability > best.probability]
-    larger = [c for c in found if set(best.names) < set(c.names)]
+    larger = [c for c in found if holds(best.names) < holds(c.names)]
     core = best if all(c.probability < SUPERSET_ODDS * best.probability for c in larger) else None
-    smaller = [c for c in tested if set(c.names) < set(best.names) and best.probability < SUPERSET_ODDS * c.probability]
+    smaller = [
+        c for c in tested if holds(c.names) < holds(best.names) and best.probability < SUPERSET_ODDS * c.probability
+    ]
     if smaller:  # the further members are not certain: what they add is left unsaid
         best = core = min(smaller, key=lambda c: (len(c.names), -c.probability))
         blocked = []
     if core is not None:
-        share = sum(c.probability for c in passing if set(core.names) <= set(c.names)) / total
-        passing = [best, *(c for c in passing if not set(core.names) <= set(c.names))]
-        blocked = [c for c in allowed if c.probability > best.probability and not set(core.names) <= set(c.names)]
+        share = sum(c.probability for c in passing if holds(core.names) <= holds(c.names)) / total
+        passing = [best, *(c for c in passing if not holds(core.names) <= holds(c.names))]
+        blocked = [c for c in allowed if c.probability > best.probability and not holds(core.names) <= holds(c.names)]
     gained = held_out is None or held_out.gain > max(LEAST_GAIN, ERRORS * held_out.gain_se)
-    if held_out is not None and all(name in effects() and effects()[name].nuisance for name in best.names):
+    if held_out is not None and _are_of_instruments(best.names):
         # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
         gained = held_out.gain > -max(LEAST_GAIN, ERRORS * held_out.gain_se)
     rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]
     if share < NAMED and not rivals:  # none of them is likely, and all together they are
         rivals = [c for c in passing if c is not best]
     # The model itself is not perfect to the last digit: a further member must be needed by more than a hair.
-    rivals += [c for c in allowed if set(c.names) < set(best.names) and c not in passing and _nearly(c, residual_p)]
+    rivals += [c for c in allowed if holds(c.names) < holds(best.names) and c not in passing and _nearly(c, residual_p)]
     if share >= NAMED and gained and not blocked and not rivals:
         return Verdict("named", best, (), share, "one set explains it alone")
     listed, sum_of = [], best.probability

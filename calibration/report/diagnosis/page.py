@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.dates import parsed
 from calibration.data.runs_in_time import few_used
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.misread import MISREAD
+from calibration.report import along_dates
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
 from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
@@ -20,6 +22,7 @@ from calibration.report.fit.words import LEAST_P, figure, probability, rounded
 from calibration.report.origin import origins
 from calibration.report.render import render
 from calibration.report.sets_in_words import in_a_row, title, titles
+from calibration.report.units import FAMILIAR, on_an_axis
 from model.effects import effects
 from model.effects.effect import EffectParameter
 
@@ -46,6 +49,8 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
         figures["odds"] = draw.ranked(found)
     if intervals:
         figures["friction"] = draw.friction(found, intervals)
+    if panels := _panels(document):
+        figures["along"] = along_dates.picture(panels)
     filled = context(found, document)
     inline = {name: f"data:image/png;base64,{base64.b64encode(one).decode()}" for name, one in figures.items()}
     return {
@@ -96,6 +101,22 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
         "sha256": problem.recording.sha256,
     }
+
+
+def _panels(document: Mapping[str, Any]) -> list[along_dates.Panel]:
+    """The size of each effect that each recording has for itself, along the dates."""
+    made = []
+    for effect in document["effects"]:
+        if "recordings" not in effect:
+            continue
+        size, points = effects()[effect["id"]].amplitude, []
+        factor, unit = on_an_axis(size.unit, size.name)
+        for one in effect["recordings"]:
+            told = one["parameters"][size.name]
+            mean, low, high = (factor * told[key] for key in ("mean", "q05", "q95"))
+            points.append(along_dates.Point(one["recording"], parsed(one["date"]), mean, low, high))
+        made.append(along_dates.Panel(effects()[effect["id"]].title, size.text or size.name, unit, points))
+    return made
 
 
 def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
@@ -220,7 +241,7 @@ def _error_table(held_out: Mapping[str, Any]) -> Grid:
     rows = []
     for key, before in held_out["rmse_before"].items():
         channel, _, unit = key.partition("_")
-        familiar, factor = words.FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
+        familiar, factor = FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
         after = held_out["rmse_after"].get(key, before)
         rows.append((channel, f"{before * factor:.3g} {familiar}", f"{after * factor:.3g} {familiar}"))
     return Grid(("held-out error, rms", "before", "after"), tuple(rows))

@@ -15,9 +15,10 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.misread import MISREAD
 from calibration.fit.posterior import UNINFORMED
 from calibration.report.diagnosis.numbers import Q95, of_mode
-from calibration.report.diagnosis.words import FAMILIAR, gain_in_figures, is_corrected, is_unseen, quantity
+from calibration.report.diagnosis.words import gain_in_figures, is_corrected, is_unseen, quantity
 from calibration.report.fit.words import rounded, uncertainty
 from calibration.report.sets_in_words import listed, titles
+from calibration.report.units import FAMILIAR
 from calibration.systems.radial_piston.predict.kinds import RUN, STANDING, VENTED
 from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.effects import laws

@@ -21,7 +21,7 @@ def table(found: Mapping[str, Any]) -> Table:
     made = Table("what", "finding", show_header=False)
     made.add_row("verdict", f"{found['verdict']} ({words.p_in_words(found['mismatch']['p_value'])})")
     for effect in found["effects"]:
-        made.add_row(effect["id"], f"probability {effect['probability']:.3f}; {figures(effect)}".rstrip("; "))
+        made.add_row(effect["id"], escape(f"probability {effect['probability']:.3f}; {figures(effect)}".rstrip("; ")))
     for names in found["alternatives"][: words.MOST_ROWS]:
         made.add_row("or", titles(names))
     for place in found["located"][: words.MOST_ROWS]:
@@ -53,6 +53,8 @@ def table(found: Mapping[str, Any]) -> Table:
 
 def figures(effect: Mapping[str, Any]) -> str:
     """An effect's parameters with their uncertainties."""
+    if "recordings" in effect:
+        return words.of_each_in_words(effect)
     known = effects().get(effect["id"])
     units = {parameter.name: parameter.unit for parameter in known.parameters} if known else {}
     parts = (

@@ -10,14 +10,12 @@ from typing import Any
 from calibration.diagnosis.next_test.recommend import NOTHING
 from calibration.report.fit.words import p_in_words, rounded, uncertainty
 from calibration.report.sets_in_words import in_a_row, listed
+from calibration.report.units import FAMILIAR, RAISED, for_people, powers
 from model.effects import effects
-from model.layout import L_MIN, RPM
 
 MOST_ROWS = 6
-FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
 BALANCES = {"torque": "torque balance", "mass": "flow balance", "sensor": "reading of an instrument"}
 OTHER_WAY = {"low": "high", "smaller": "larger"}
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 VARIABLES = (("omega", "ω", "rad/s"), ("P", "P", "Pa"), ("t", "t", "s"), ("theta", "θ", "rad"))
 
 
@@ -112,7 +110,7 @@ def quantity(mean: float, sd: float, unit: str, name: str = "") -> str:
     name : str
         The parameter's name: shares and scales are told in percent.
     """
-    mean, sd, unit = _for_people(mean, sd, unit, name)
+    mean, sd, unit = for_people(mean, sd, unit, name)
     size = max(abs(mean), sd)
     if not math.isfinite(size) or size == 0.0:
         return f"{mean:.3g} {unit}".strip()
@@ -133,6 +131,8 @@ def effect_in_words(effect: Mapping[str, Any], at_top: Mapping[str, str]) -> str
     known = effects().get(effect["id"])
     if known is None:
         return "An effect that is in no list."
+    if "recordings" in effect:
+        return f"{known.title[:1].upper()}{known.title[1:]}, of each recording by itself: {of_each_in_words(effect)}."
     text, units = powers(known.sentence), {parameter.name: parameter.unit for parameter in known.parameters}
     for name, one in effect["parameters"].items():
         mean = one["mean"]
@@ -147,9 +147,18 @@ def effect_in_words(effect: Mapping[str, Any], at_top: Mapping[str, str]) -> str
     return text
 
 
-def powers(text: str) -> str:
-    """Digits behind a letter raised, as in m3/s; names in braces are left alone."""
-    return re.sub(r"\{[^}]*\}|(?<=[A-Za-z])\d\b", lambda m: m[0] if m[0][0] == "{" else m[0].translate(RAISED), text)
+def of_each_in_words(effect: Mapping[str, Any]) -> str:
+    """The parameters of an effect in each recording, along the dates."""
+    units = {parameter.name: parameter.unit for parameter in effects()[effect["id"]].parameters}
+    said = []
+    for one in effect["recordings"]:
+        figures = (
+            f"{name} {quantity(size['mean'], size['sd'], units[name], name)}"
+            for name, size in one["parameters"].items()
+        )
+        when = f" ({one['date']})" if one["date"] else ""
+        said.append(f"{one['recording']}{when}: {', '.join(figures)}")
+    return "; ".join(said)
 
 
 def steps_in_words(seconds: Mapping[str, float]) -> str:
@@ -192,15 +201,6 @@ def stability_in_words(shares: Sequence[float]) -> str:
     told = listed([f"{100.0 * share:.0f} %" for share in shares])
     each = "its terms were" if len(shares) > 1 else "it was"
     return f"Of recordings drawn from this one, level by level and part by part, {each} found again in {told}."
-
-
-def _for_people(mean: float, sd: float, unit: str, name: str) -> tuple[float, float, str]:
-    if unit == "-":
-        return (100.0 * mean, 100.0 * sd, "%") if "share" in name or "scale" in name else (mean, sd, "")
-    if unit == "s" and abs(mean) < 0.5:
-        return 1e3 * mean, 1e3 * sd, "ms"
-    unit, factor = FAMILIAR.get(unit, (powers(unit), 1.0))
-    return factor * mean, factor * sd, unit
 
 
 def _signed(text: str, value: float) -> str:

@@ -12,6 +12,7 @@ from scipy.special import ndtri
 from calibration.data.measurement import MISSING, OBSERVED, Rows
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior, SuspectRow, thinned
+from calibration.unknowns.effects import of_recording
 from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of
 from model import layout as at
 from model.effects import effects
@@ -205,8 +206,14 @@ def samples(posterior: Posterior, name: str) -> np.ndarray:
 
 def is_of_effect(name: str) -> bool:
     """Whether an unknown is an effect's: they are called ``effect.parameter``."""
-    effect, dot, _ = name.partition(".")
+    effect, dot, _ = of_recording(name)[1].partition(".")
     return bool(dot) and effect in effects()
+
+
+def sizes_in(posterior: Posterior, effect: str) -> list[tuple[str, str]]:
+    """The recording, empty where all share it, and the unknown of each parameter of an effect."""
+    names = [estimate.unknown.name for estimate in posterior.estimates]
+    return [(of_recording(name)[0], name) for name in names if of_recording(name)[1].startswith(f"{effect}.")]
 
 
 def prior_density(unknown: Unknown, values: np.ndarray) -> np.ndarray:

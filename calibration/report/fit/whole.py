@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 
 from calibration.fit.whole import WholeFit, parts_of
-from calibration.report import style
+from calibration.report import along_dates, style
 from calibration.report.fit import figures as fit_figures
 from calibration.report.fit import page
 from calibration.report.fit import words as fit_words
 from calibration.report.fit.figures import BANDS
 from calibration.report.fit.words import rounded, uncertainty
+from calibration.report.units import on_an_axis
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, SPEED
+from calibration.systems.several.problem import SeveralProblem
+from calibration.unknowns.effects import of_recording
 from calibration.unknowns.priors import PASCAL_PER_BAR
 from model.layout import L_MIN, RPM
 
@@ -31,6 +34,8 @@ def report(found: WholeFit, variants: page.Variants) -> dict[str, bytes]:
         "density": fit_figures.density(found.posterior),
         "ridge": fit_figures.ridge(found.posterior),
     }
+    if panels := _panels(found):
+        pictures["along"] = along_dates.picture(panels)
     if variants:
         pictures["forest"] = fit_figures.forest(found.posterior, variants)
     filled = _context(found, variants) | {"figures": {name: page.inline(png) for name, png in pictures.items()}}
@@ -79,6 +84,23 @@ def run_in_time(found: WholeFit, part: Comparison, at: np.ndarray, i: int) -> by
         style.name_axes(axes[0], ("", "1"), ("speed", "rpm"))
         style.name_axes(axes[1], ("time", "s"), ("residual", "rpm"))
         return style.png(figure)
+
+
+def _panels(found: WholeFit) -> list[along_dates.Panel]:
+    """The size of each effect that each recording has for itself, along the dates."""
+    problem, made = found.comparison.problem, []
+    if not isinstance(problem, SeveralProblem):
+        return []
+    for name in sorted(problem.sharing.own & set(found.effects)):
+        size, points = problem.effect(name).amplitude, []
+        own = of_recording(size.name)[1]
+        factor, unit = on_an_axis(size.unit, own)
+        for mine in problem.along_dates():
+            one = found.posterior[f"{mine}: {name}.{own}"]
+            figures = (factor * value for value in (one.mean, one.quantiles["q05"], one.quantiles["q95"]))
+            points.append(along_dates.Point(mine, problem.dates[mine], *figures))
+        made.append(along_dates.Panel(problem.effect(name).title, size.text or own, unit, points))
+    return made
 
 
 def remarks(found: WholeFit) -> list[str]:

@@ -12,6 +12,7 @@ from calibration.data.measurement import OBSERVED
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior
 from calibration.fit.whole import WholeFit
+from calibration.report.fit import numbers
 from calibration.report.fit.numbers import TARGET, UNITS, Suspect, is_of_effect
 from calibration.unknowns.priors import Unknown
 from model.effects import effects
@@ -80,11 +81,12 @@ def held_effects(found: AnyFit) -> list[str]:
     sentences = []
     for name in found.effects:
         sizes = []
-        for parameter in effects()[name].parameters:
-            one = found.posterior[f"{name}.{parameter.name}"]
+        for recording, unknown in numbers.sizes_in(found.posterior, name):
+            one, parameter = found.posterior[unknown], unknown.rpartition(".")[2]
             value = f"{rounded(one.mean, one.sd)} ± {uncertainty(one.sd)}"
             low, high = (rounded(one.quantiles[q], one.sd) for q in ("q05", "q95"))
-            words = f"{parameter.name} {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})"
+            mine = f"{recording}: {parameter}" if recording else parameter
+            words = f"{mine} {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})"
             sizes.append(f"{words}, which is its prior" if found.posterior.prior_dominates(one.unknown.name) else words)
         sentences.append(f"{effects()[name].title} ({name}): {'; '.join(sizes)}")
     return sentences

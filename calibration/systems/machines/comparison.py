@@ -51,6 +51,7 @@ class Comparison:
     """
 
     in_time = False
+    thorough = False
     trusting = True  # foreign noise has tails of its own
     end = 0
     again: tuple[np.ndarray, ...] = ()

@@ -98,6 +98,14 @@ class Problem:
             found = [name for name in found if not needs_clock(effects()[name])]
         return [effects()[name] for name in sorted(found)]
 
+    def effect(self, name: str) -> Effect:
+        """An effect by its id."""
+        return effects()[name]
+
+    def nuisance_of(self, effect: str, parameter: str) -> str:
+        """The nuisance that an effect has the form of; empty where there is none."""
+        return effects()[effect].nuisance
+
     def parameter(self, effect: str, name: str) -> EffectParameter:
         """A parameter of an effect: its bounds and its scale on this rig."""
         return self._parameters[effect, name]

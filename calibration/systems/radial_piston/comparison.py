@@ -79,6 +79,7 @@ class Comparison:
     """
 
     rig = ""
+    thorough = False
     check: tuple[str, ...] = CHECK
 
     def __init__(self, problem: Problem) -> None:

@@ -19,6 +19,7 @@ from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.noise import Noises, Whiteners
 from calibration.systems.several.problem import Predictions, SeveralProblem
+from calibration.systems.several.sharing import SHARED, Sharing
 from calibration.unknowns.priors import Unknown
 from rig.recording import Recording
 
@@ -32,13 +33,15 @@ class Several:
     ----------
     names : sequence of str
         What each recording is called, each another.
+    sharing : Sharing
+        Of which effects each has its own sizes.
     """
 
     rig = ""
 
-    def __init__(self, parts: Sequence[Comparison], names: Sequence[str]) -> None:
+    def __init__(self, parts: Sequence[Comparison], names: Sequence[str], sharing: Sharing = SHARED) -> None:
         self.parts, self.names = list(parts), list(names)
-        self.problem = SeveralProblem([part.problem for part in parts], names)
+        self.problem = SeveralProblem([part.problem for part in parts], names, sharing)
         self.noise = Noises(parts, names)
         cuts = [(0, 2 * part.n, part.end, part.read.size) for part in parts]
         ends = np.cumsum([[cut[j + 1] - cut[j] for cut in cuts] for j in range(3)])
@@ -52,6 +55,7 @@ class Several:
         self.of_a_kind = tuple(self.at[k][mine] for k, part in enumerate(parts) for mine in part.of_a_kind)
         self.again = tuple(self.at[k][mine] for k, part in enumerate(parts) for mine in part.again)
         self.in_time = any(part.in_time for part in parts)
+        self.thorough = sharing.changes and not self.in_time  # what else could explain a change is to be complete
         self.check: tuple[str, ...] = parts[0].check
         self.trusting = False
 
@@ -115,7 +119,7 @@ class Several:
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Several:
         """The same, with other parameters of effects given, by (effect, parameter) [own unit]."""
-        return Several([part.giving(given) for part in self.parts], self.names)
+        return Several([part.giving(given) for part in self.parts], self.names, self.problem.sharing)
 
     def of(self, recording: Recording) -> Comparison:
         """Another recording of the same motor."""
@@ -165,8 +169,9 @@ class Several:
         found, there = z.copy(), list(here)
         for k, part in enumerate(self.parts):
             own = self._own(k, f, found)
-            moved, there[k] = part.turned(Function(part, f.names), own, u[self.noise.places(k)], there[k])
-            self._take_up(k, found, own, moved)
+            mine = Function(part, self.problem.names_in(f.names))
+            moved, there[k] = part.turned(mine, own, u[self.noise.places(k)], there[k])
+            self._take_up(k, f, found, own, moved)
         return found, tuple(there)
 
     def loosened(self, f: Function, z: np.ndarray, here: Predictions, D: np.ndarray) -> list[np.ndarray]:
@@ -179,20 +184,21 @@ class Several:
         """A step along the valley of the recording with the most plateaus."""
         k = max(range(len(self.parts)), key=lambda i: self.parts[i].n)
         part, own, ahead = self.parts[k], self._own(k, f, z), self._own(k, f, tried)
-        moved = part.along_valley(Function(part, f.names), own, ahead, here[k], self._derivatives(k, D))
+        columns = self._derivatives(k, f.names, D)
+        moved = part.along_valley(Function(part, self.problem.names_in(f.names)), own, ahead, here[k], columns)
         found: np.ndarray = tried.copy()
-        self._take_up(k, found, ahead, moved)
+        self._take_up(k, f, found, ahead, moved)
         return f.clip(found)
 
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
         """What a nuisance of recordings does to their readings [SI], shape (m,), where that needs no simulation."""
         if self.problem.is_of_the_motor(i):
             return None
-        n, found = len(self.problem.nuisances), np.zeros(self.read.size)
+        found, mine = np.zeros(self.read.size), self.problem.names_in(names)
         for k, part in enumerate(self.parts):
             for place, share in self.problem.moved_by(k, i):
-                own = np.append(self.problem.of_part(k, z[:n]), z[n:])
-                column = part.known_derivative(place, own, raw[self.at[k]], names)
+                own = self.problem.of_part(k, z, names)
+                column = part.known_derivative(place, own, raw[self.at[k]], mine)
                 if column is None:
                     return None
                 found[self.at[k]] += share * column
@@ -297,15 +303,14 @@ class Several:
         mode : Mode
             Of all recordings.
         """
-        at, share = self.at[k], self.problem.share(k, mode.z.size)
-        n = len(self.problem.nuisances)
-        z = np.append(self.problem.of_part(k, mode.z[:n]), mode.z[n:])
+        at, share = self.at[k], self.problem.share(k, mode.names)
         return replace(
             mode,
-            z=z,
+            names=self.problem.names_in(mode.names),
+            z=self.problem.of_part(k, mode.z, mode.names),
             u=mode.u[self.noise.places(k)],
-            D=self._derivatives(k, mode.D),
-            J=self._derivatives(k, mode.J),
+            D=self._derivatives(k, mode.names, mode.D),
+            J=self._derivatives(k, mode.names, mode.J),
             r=mode.r[at],
             covariance=share @ mode.covariance @ share.T,
             bad=mode.bad[at],
@@ -315,22 +320,18 @@ class Several:
     def _numbered(self) -> Iterator[tuple[int, tuple[str, Comparison]]]:
         return enumerate(zip(self.names, self.parts, strict=True))
 
-    def _columns(self, k: int, size: int) -> np.ndarray:
-        """Places of a recording's unknowns among those of all, the effects' behind."""
-        return np.append(self.problem.at[k], np.arange(len(self.problem.nuisances), size))
-
-    def _derivatives(self, k: int, D: np.ndarray) -> np.ndarray:
+    def _derivatives(self, k: int, names: Sequence[str], D: np.ndarray) -> np.ndarray:
         """A recording's share of derivatives, with its own unknowns."""
-        columns = self._columns(k, D.shape[1])
+        columns = self.problem.columns(k, names)
         return D[np.ix_(self.at[k], columns)] / self.problem.scales(k, columns.size)
 
     def _own(self, k: int, f: Function, z: np.ndarray) -> np.ndarray:
         """A recording's share of a point."""
-        return np.append(self.problem.of_part(k, z[: f.k]), z[f.k :])
+        return self.problem.of_part(k, z, f.names)
 
-    def _take_up(self, k: int, found: np.ndarray, own: np.ndarray, moved: np.ndarray) -> None:
+    def _take_up(self, k: int, f: Function, found: np.ndarray, own: np.ndarray, moved: np.ndarray) -> None:
         """Put what a recording moved of its share into a point of all."""
-        columns = self._columns(k, found.size)
+        columns = self.problem.columns(k, f.names)
         found[columns] += (moved - own) / self.problem.scales(k, columns.size)
 
     def _joined(self, each: Sequence[np.ndarray]) -> np.ndarray:

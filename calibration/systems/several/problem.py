@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration.data.clock import day_of
+from calibration.data.dates import date_of, day_of
 from calibration.likelihood.compared import Chosen
 from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
+from calibration.systems.several.sharing import CHANGE, OF_THE_MOTOR_CHANGED, SHARED, Sharing
+from calibration.unknowns.effects import CHANGED, of_recording, searched, unchanged
 from calibration.unknowns.priors import Unknown, column_of
-from model.effects import Effect, EffectParameter
+from model.effects import Effect, EffectParameter, effects
 
+END = 1e-6  # share by which a value keeps from the end of its prior
 Predictions = tuple[Prediction, ...]
 DRIFT = "_drift"
 
@@ -37,8 +41,8 @@ class SeveralProblem:
 
     friction = "f_overall"
 
-    def __init__(self, parts: Sequence[Problem], names: Sequence[str]) -> None:
-        self.parts, self.names = list(parts), list(names)
+    def __init__(self, parts: Sequence[Problem], names: Sequence[str], sharing: Sharing = SHARED) -> None:
+        self.parts, self.names, self.sharing = list(parts), list(names), sharing
         self.recording = parts[0].recording
         self.nuisances: list[Unknown] = []
         self.at: list[np.ndarray] = []
@@ -70,23 +74,59 @@ class SeveralProblem:
                 self._of.append((k, i))
             self.at.append(np.array(mine, dtype=int))
         self._added = [part.recording.added_inertia_kg_m2 for part in parts]
+        # Parts of one recording, with other flywheels, are of one day: an effect has the same sizes in all of them.
+        folders = [Path(folder).name for folder, _ in dict.fromkeys(places)]
+        self.day_of = [
+            name if not whole else folder if folders.count(folder) == 1 else self.names[places.index(place)]
+            for name, whole, place in zip(names, is_whole, places, strict=True)
+            for folder in [Path(place[0]).name]
+        ]
+        self.days = list(dict.fromkeys(self.day_of))
+        self.dates = {day: date_of(part.recording) for day, part in zip(self.day_of, parts, strict=True)}
 
-    def of_part(self, k: int, z: np.ndarray) -> np.ndarray:
-        """One recording's nuisances [-]: with another flywheel the rotor keeps its own inertia.
+    def along_dates(self) -> list[str]:
+        """The recordings by their dates; in the order given where one has none."""
+        dated = [(taken, day) for day, taken in self.dates.items() if taken is not None]
+        return [day for _, day in sorted(dated)] if len(dated) == len(self.days) else self.days
+
+    def of_part(self, k: int, z: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
+        """One recording's share of a point [-]: with another flywheel the rotor keeps its own inertia.
 
         Parameters
         ----------
-        z : ndarray, shape (n_nuisances,)
-            Of all [-].
+        z : ndarray, shape (m,)
+            Of all: nuisances, then the unknowns of the effects ``names`` [-].
         """
+        n = len(self.nuisances)
+        chosen = self.chosen(names, z[n:])
+        return np.append(self._nuisances_of(k, z[:n], chosen), z[self.columns(k, names)[self.at[k].size :]])
+
+    def columns(self, k: int, names: Sequence[str]) -> np.ndarray:
+        """Places of a recording's unknowns among those of all, those of its effects behind [-]."""
+        mine = [
+            i
+            for i, (name, unknown) in enumerate(self.effect_unknowns(names), start=len(self.nuisances))
+            if name not in OF_THE_MOTOR_CHANGED and of_recording(unknown.name)[0] in ("", self.day_of[k])
+        ]
+        return np.append(self.at[k], np.array(mine, dtype=int))
+
+    def names_in(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The effects of a set as a recording by itself has them."""
+        return tuple(unchanged(name) for name in names if name not in OF_THE_MOTOR_CHANGED)
+
+    def _nuisances_of(self, k: int, z: np.ndarray, chosen: Chosen) -> np.ndarray:
         found: np.ndarray = z[self.at[k]] * self.scale[k]
         for i, first in self.before[k].items():
             found[i] += z[first]
-        place = self.parts[k].place("inertia")
-        if place is not None and self._added[k] != self._added[0]:
+        for name in OF_THE_MOTOR:
+            place = self.parts[k].place(name)
+            change = chosen.get(name + CHANGED, {}).get(CHANGE.name, 0.0) if self.day_of[k] == self.days[-1] else 0.0
+            added = (self._added[k], self._added[0]) if name == "inertia" else (0.0, 0.0)
+            if place is None or (change == 0.0 and added[0] == added[1]):
+                continue
             i = self.at[k][place]
-            rotor = float(self.nuisances[i].value(z[i])) - self._added[0]
-            found[place] = self.parts[k].nuisances[place].z(max(rotor, 1e-12) + self._added[k])
+            own = max(float(self.nuisances[i].value(z[i])) - added[1], 1e-12) * (1.0 + change)
+            found[place] = _z_within(self.parts[k].nuisances[place], own + added[0])
         return found
 
     def moved_by(self, k: int, i: int) -> list[tuple[int, float]]:
@@ -98,32 +138,108 @@ class SeveralProblem:
         """``scale`` with ones behind it for the effects, shape (size,) [-]."""
         return np.append(self.scale[k], np.ones(size - self.scale[k].size))
 
-    def share(self, k: int, size: int) -> np.ndarray:
-        """How a recording's unknowns follow from those of all, the effects' behind, shape (n, size) [-]."""
-        n, own = len(self.nuisances), self.at[k].size
-        found = np.zeros((own + size - n, size))
-        found[np.arange(own), self.at[k]] = self.scale[k]
-        found[own:, n:] = np.eye(size - n)
+    def share(self, k: int, names: Sequence[str] = ()) -> np.ndarray:
+        """How a recording's unknowns follow from those of all, its effects' behind, shape (n, m) [-]."""
+        columns = self.columns(k, names)
+        found = np.zeros((columns.size, len(self.nuisances) + len(self.effect_unknowns(names))))
+        found[np.arange(columns.size), columns] = self.scales(k, columns.size)
         for i, first in self.before[k].items():
             found[i, first] = 1.0
         return found
 
+    def _chosen_of(self, k: int, chosen: Chosen) -> Chosen:
+        """The effects of one recording, of those of all."""
+        return {
+            unchanged(name): {
+                own: value
+                for parameter, value in values.items()
+                for recording, own in [of_recording(parameter)]
+                if recording in ("", self.day_of[k])
+            }
+            for name, values in chosen.items()
+            if name not in OF_THE_MOTOR_CHANGED
+        }
+
     def effects_that_could(self) -> list[Effect]:
         """The effects that any of the recordings could show."""
-        found = {effect.id: effect for part in self.parts for effect in part.effects_that_could()}
-        return list(found.values())
+        found = dict.fromkeys(effect.id for part in self.parts for effect in part.effects_that_could())
+        names = list(found)
+        if self.sharing.changes:
+            names += [name + CHANGED for name in found if self._could_change(name)]
+            in_time = any(part.blocks.runs for part in self.parts)
+            mine = [name for name in OF_THE_MOTOR if self.place(name) is not None and (in_time or name != "inertia")]
+            names += [name + CHANGED for name in mine]
+        return [self.effect(name) for name in names]
+
+    def _could_change(self, name: str) -> bool:
+        """Whether an effect may be another in one recording: not what a parameter of the motor says, nor one and the
+        same instrument's error."""
+        effect = effects()[name]
+        channels = effect.reads or (("speed",) if effect.lag is not None else ())
+        return effect.nuisance not in OF_THE_MOTOR and not any(self._is_one_instrument(one) for one in channels)
+
+    def _is_one_instrument(self, channel: str) -> bool:
+        figures = [part.recording.channels.get(column_of(part.recording, channel) or "") for part in self.parts]
+        serials = {(one.serial, one.calibrated) if one is not None and one.serial else None for one in figures}
+        return len(serials) == 1 and None not in serials
+
+    def effect(self, name: str) -> Effect:
+        """An effect by its id, with a size for each recording where it is each one's own."""
+        return self.sharing.effect(name, self.days)
+
+    def nuisance_of(self, effect: str, parameter: str) -> str:
+        """The nuisance that a parameter of an effect has the form of; empty where there is none."""
+        nuisance, day = self.effect(effect).nuisance, of_recording(parameter)[0]
+        if not day or not nuisance:
+            return nuisance
+        k = self.day_of.index(day)
+        place = self.parts[k].place(nuisance)
+        return "" if place is None or nuisance in OF_THE_MOTOR else self.nuisances[self.at[k][place]].name
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
         """Effect id and unknown of each parameter of a set, in its order."""
-        return self.parts[0].effect_unknowns(names)
+        return [
+            (name, searched(one))
+            for name in names
+            for one in self.effect(name).parameters
+            if (name, one.name) not in self.parts[0].given
+        ]
 
     def parameter(self, effect: str, name: str) -> EffectParameter:
         """A parameter of an effect: its bounds and its scale."""
-        return self.parts[0].parameter(effect, name)
+        return next(one for one in self.effect(effect).parameters if one.name == name)
 
     def amplitude(self, effect: str) -> EffectParameter:
         """The parameter of an effect that says how large it is."""
-        return self.parts[0].amplitude(effect)
+        return self.effect(effect).amplitude
+
+    def of_change(
+        self, change: str, names: Sequence[str], z: np.ndarray
+    ) -> list[tuple[Unknown, np.ndarray, np.ndarray]]:
+        """What changed, in the first recording and in the last: the quantity and its values there, shape (n,) each.
+
+        Parameters
+        ----------
+        change : str
+            A member of a set of effects ``names``.
+        z : ndarray, shape (n, m)
+            Points: nuisances, then the unknowns of the set [-].
+        """
+        n = len(self.nuisances)
+        mine = {
+            one.name: z[:, i] for i, (name, one) in enumerate(self.effect_unknowns(names), start=n) if name == change
+        }
+        if change not in OF_THE_MOTOR_CHANGED:
+            pairs: list[tuple[Unknown, np.ndarray, np.ndarray]] = []
+            for parameter in effects()[unchanged(change)].parameters:
+                one = replace(searched(parameter), why=parameter.text)
+                before, after = (one.value(mine[f"{day}: {one.name}"]) for day in (self.days[0], self.days[-1]))
+                pairs.append((one, before, after))
+            return pairs
+        i = next(i for i, one in enumerate(self.nuisances) if one.name == unchanged(change))
+        added = self._added[0] if unchanged(change) == "inertia" else 0.0
+        before = self.nuisances[i].value(z[:, i]) - added
+        return [(self.nuisances[i], before, before * (1.0 + searched(CHANGE).value(mine[CHANGE.name])))]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the nuisances [-], each shape (n_nuisances,)."""
@@ -133,7 +249,13 @@ class SeveralProblem:
 
     def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
         """Values of the effects' parameters [own units], by effect."""
-        return self.parts[0].chosen(names, z)
+        found: Chosen = {name: {} for name in names}
+        for (name, parameter), value in self.parts[0].given.items():
+            if name in found:
+                found[name][parameter] = value
+        for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
+            found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
+        return found
 
     def place(self, name: str) -> int | None:
         """Where a nuisance stands among the unknowns; None where it is none of them."""
@@ -173,12 +295,16 @@ class SeveralProblem:
                     found.append(before)
                     continue
             near = None if around is None else around[k]
-            found.append(part.predict(self.of_part(k, z), chosen, before, mine, smooth, near))
+            own, mine_of = self._nuisances_of(k, z, chosen), self._chosen_of(k, chosen)
+            found.append(part.predict(own, mine_of, before, mine, smooth, near))
         return tuple(found)
 
     def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: Predictions) -> list[Any]:
         """The plateaus of each recording close to a point."""
-        return [part.neighbourhood(self.of_part(k, z), chosen, here[k]) for k, part in enumerate(self.parts)]
+        return [
+            part.neighbourhood(self._nuisances_of(k, z, chosen), self._chosen_of(k, chosen), here[k])
+            for k, part in enumerate(self.parts)
+        ]
 
     def _before(self, k: int) -> int:
         return sum(len(part.blocks.runs) for part in self.parts[:k])
@@ -192,6 +318,13 @@ def _drift(part: Problem, one: Unknown) -> Unknown | None:
         return None
     why = f"recording, channels.{column} drift_sd"
     return Unknown(f"{one.name}{DRIFT}", one.unit, "normal", 0.0, figures.drift_sd, why)
+
+
+def _z_within(unknown: Unknown, value: float) -> float:
+    """The standard normal number of a value [-], of one beyond the prior's ends that of the end."""
+    if unknown.kind == "loguniform":
+        value = min(max(value, unknown.a * (1.0 + END)), unknown.b * (1.0 - END))
+    return unknown.z(value)
 
 
 def _whose(part: Problem, i: int, name: str, is_whole: bool) -> tuple[Hashable, str]:

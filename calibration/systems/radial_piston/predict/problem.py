@@ -159,6 +159,14 @@ class Problem:
         """What a nuisance's value is multiplied by to be SI [-]: an instrument's offset has its channel's unit."""
         return SI_OF[nuisance.partition("_")[0]] if nuisance.endswith("_offset") else 1.0
 
+    def effect(self, name: str) -> Effect:
+        """An effect by its id."""
+        return effects()[name]
+
+    def nuisance_of(self, effect: str, parameter: str) -> str:
+        """The nuisance that an effect has the form of; empty where there is none."""
+        return effects()[effect].nuisance
+
     def parameter(self, effect: str, name: str) -> EffectParameter:
         """A parameter of an effect: its bounds and its scale."""
         return next(one for one in effects()[effect].parameters if one.name == name)

@@ -1,0 +1,138 @@
+"""The report of what changed between two recordings: one self-contained HTML page, and one picture."""
+
+from __future__ import annotations
+
+import platform
+import textwrap
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+from calibration.data.dates import parsed
+from calibration.data.runs_in_time import few_used
+from calibration.diagnosis.result import Diagnosis
+from calibration.report import along_dates
+from calibration.report.along_dates import Panel, Point
+from calibration.report.comparison import words
+from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid, inline
+from calibration.report.render import render
+from calibration.report.sets_in_words import in_a_row
+from calibration.report.units import on_an_axis
+from calibration.unknowns.effects import CHANGED
+from model.effects import effects
+
+JSON = "comparison.json"
+MOST, MOST_WIDE = 6, 46  # changes that are drawn, and characters of a line of their titles
+
+
+def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
+    """Files of the report by name: ``report.html``, ``report.png``."""
+    drawn = along_dates.picture(panels(document))
+    return {HTML: page(context(found, document) | {"picture": inline(drawn)}), PNG: drawn}
+
+
+def page(filled: Mapping[str, Any]) -> bytes:
+    """The page, every text in it escaped."""
+    return render("comparison.html.j2", filled)
+
+
+def panels(document: Mapping[str, Any]) -> list[Panel]:
+    """Each change that is listed, then the most probable ones: its size in both recordings."""
+    made, recordings = [], document["recordings"]
+    for change in document["changes"][:MOST]:
+        name, one = next(iter(change["parameters"].items()))
+        factor, unit = on_an_axis("-" if one["unit"] == "1" else one["unit"], name)
+        points = [
+            Point(
+                recording["recording"],
+                parsed(recording["date"]),
+                *(factor * one[key][figure] for figure in ("mean", "q05", "q95")),
+            )
+            for recording, key in zip(recordings, ("before", "after"), strict=True)
+        ]
+        quantity = words.bare(name) if change["of"] == "motor" else effects()[change["id"]].amplitude.text
+        title = f"{words.called([change['id']])}, probability {words.chance(change['probability'])}"
+        title = f"{textwrap.fill(title, MOST_WIDE)}\nchange {words.figure(name, one, 'change')}"
+        made.append(Panel(title, quantity, unit, points))
+    return made
+
+
+def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
+    """The texts and tables of the page."""
+    problem, p = found.comparison.problem, document["unchanged_probability"]
+    return {
+        "names": " and ".join(one["recording"] for one in document["recordings"]),
+        "motor": found.comparison.parts[0].problem.motor.name,
+        "kind": document["verdict"],
+        "verdict": words.sentence(document),
+        "unchanged": "" if p is None else words.chance(p),
+        "explanations": [f"{words.called_set(one)}{_figures(document, one)}" for one in document["explanations"]],
+        "changes": _change_table(document),
+        "sets": _set_table(document),
+        "tests": _test_table(document),
+        "seen": _seen_table(found),
+        "notes": [*few_used(document["files"]), *(w for part in problem.parts for w in part.recording.warnings)],
+        "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
+        "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
+        "sha256": " and ".join(part.recording.sha256 for part in problem.parts if part.recording.sha256),
+    }
+
+
+def _figures(document: Mapping[str, Any], one: Mapping[str, Any]) -> str:
+    told = words.moves(document, one)
+    return f": {told}" if told else ""
+
+
+def _change_table(document: Mapping[str, Any]) -> Grid:
+    rows = []
+    for change in document["changes"]:
+        for name, one in change["parameters"].items():
+            unit = "-" if one["unit"] == "1" else one["unit"]
+            low, high = (words.quantity(one["change"][key], 0.0, unit, name) for key in ("q05", "q95"))
+            rows.append(
+                (
+                    words.called([change["id"]]),
+                    name,
+                    *(words.figure(name, one, key) for key in ("before", "after", "change")),
+                    f"{low} to {high}",
+                    words.chance(change["probability"]),
+                )
+            )
+    header = ("if it is this that changed", "figure", "before", "after", "change", "change, 90 %", "probability")
+    return Grid(header, tuple(rows), 2)
+
+
+def _set_table(document: Mapping[str, Any]) -> Grid:
+    rows = tuple(
+        (
+            words.called_set(one),
+            "" if one["refused"] is None else f"refused: {one['refused']}".replace(CHANGED, ""),
+            words.chance(one["probability"]),
+        )
+        for one in document["sets"]
+    )
+    return Grid(("explanation", "", "probability"), rows, 2)
+
+
+def _test_table(document: Mapping[str, Any]) -> Grid:
+    rows = tuple(
+        (
+            f"{test['test']}: {test['command']}" if test["command"] else test["test"],
+            in_a_row([[name.replace(CHANGED, "") for name in one.split("+")] for one in test["separates"]], "and"),
+            f"{test['information_nats']:.1f}",
+        )
+        for test in document["next_tests"]
+    )
+    return Grid(("test, with the motor as it is now", "tells apart", "nats"), rows, 2)
+
+
+def _seen_table(found: Diagnosis) -> Grid:
+    """From which size on each change would have been seen."""
+    rows = []
+    for one in found.resolved:
+        if not one.effect.endswith(CHANGED):
+            continue
+        size = found.comparison.problem.amplitude(one.effect)
+        told = "–" if one.seen_from is None else words.quantity(one.seen_from, 0.0, size.unit, size.name)
+        rows.append((words.called([one.effect.removesuffix(CHANGED)]), told))
+    return Grid(("change", "seen from"), tuple(rows))

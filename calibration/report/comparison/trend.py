@@ -1,0 +1,187 @@
+"""f_overall and the effects of many recordings along their dates: a table, a picture, and a sentence each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from calibration.data.dates import as_text, parsed
+from calibration.report import along_dates
+from calibration.report.along_dates import Panel, Point
+from calibration.report.diagnosis.words import quantity
+from calibration.report.fit.words import p_in_words
+from calibration.report.units import on_an_axis
+from calibration.work import many_table
+from calibration.work.trend import Line, line_through
+from model.effects import effects
+
+CSV, PNG = "trend.csv", "trend.png"
+Q95 = 1.6448536269514722  # of a standard normal
+F_OVERALL = "f_overall"
+# What a slope is told per, the longest that the recordings span at least twice.
+PERIODS = (
+    ("a year", timedelta(days=365.25)),
+    ("a month", timedelta(days=30.4375)),
+    ("a day", timedelta(days=1)),
+    ("an hour", timedelta(hours=1)),
+    ("a minute", timedelta(minutes=1)),
+)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One quantity in one recording.
+
+    Attributes
+    ----------
+    mean, sd : float
+        [the quantity's unit]
+    """
+
+    recording: str
+    taken: datetime | None
+    mean: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Trend:
+    """One quantity along the dates, or along the order given where one recording has none.
+
+    Attributes
+    ----------
+    name : str
+        f_overall, or effect.parameter.
+    per : str
+        What the line's slope is per.
+    """
+
+    name: str
+    title: str
+    unit: str
+    figures: Sequence[Figure]
+    line: Line | None
+    per: str
+
+
+def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
+    """Of each quantity that two recordings at least tell of, f_overall first.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Of the table of fits or of diagnoses; what is not to be relied on is left out.
+    """
+    found: dict[str, list[Figure]] = {F_OVERALL: []}
+    for row in rows:
+        if not is_reliable(row):
+            continue
+        for name, (mean, sd) in figures_of(row).items():
+            found.setdefault(name, []).append(Figure(str(row["recording"]), parsed(row["date"]), mean, sd))
+    return [_trend(name, figures) for name, figures in found.items() if len(figures) > 1]
+
+
+def is_reliable(row: Mapping[str, Any]) -> bool:
+    """Whether the model explained a recording, so that its f_overall can be relied on."""
+    return not row["error"] and row.get("model_fits") is not False and row.get("verdict") != "unresolved"
+
+
+def figures_of(row: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Mean and sd of f_overall, and of the size of each effect that is named [own units]."""
+    found = {}
+    for key in (F_OVERALL, f"{F_OVERALL}_after"):
+        if row.get(f"{key}_mean") is not None:
+            found[F_OVERALL] = (float(row[f"{key}_mean"]), float(row[f"{key}_sd"]))
+    if row.get("verdict") == "named":
+        for effect in json.loads(row["diagnosis"])["effects"]:
+            size = effects()[effect["id"]].amplitude.name
+            if one := effect["parameters"].get(size):
+                found[f"{effect['id']}.{size}"] = (float(one["mean"]), float(one["sd"]))
+    return found
+
+
+def sentence(trend: Trend) -> str:
+    """The slope with its uncertainty, and what the scatter about the line says."""
+    name, n = trend.name.rpartition(".")[2], len(trend.figures)
+    dates = sorted(taken for one in trend.figures if (taken := one.taken) is not None)
+    when = f" from {dates[0].date()} to {dates[-1].date()}" if len(dates) == n else ", in the order given"
+    if trend.line is None:
+        return f"{trend.title}: {n} recordings{when}; no line can be drawn through them."
+    line = trend.line
+    slope = quantity(line.slope, line.slope_sd, trend.unit, name)
+    far = abs(line.slope) / line.slope_sd
+    level = float(np.average(line.value))
+    share = f", {100.0 * line.slope / level:+.1f} %".replace("-", "−") if level and name == F_OVERALL else ""
+    said = f"{trend.title}: {slope} {trend.per}{share} over {n} recordings{when}; {far:.1f} standard deviations from 0."
+    if n == 2:
+        return said
+    p = p_in_words(line.scatter_p)
+    if line.is_scattered:
+        return (
+            f"{said} The scatter about the line is {line.scatter:.1f} times what the uncertainties say ({p}); that of "
+            "the slope has grown with it."
+        )
+    return f"{said} The scatter about the line is no larger than the uncertainties say ({p})."
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """A row a recording, along the dates: date, f_overall, and the size of each effect that is named, as CSV."""
+    told = [figures_of(row) for row in rows]
+    names = dict.fromkeys([F_OVERALL, *(name for one in told for name in one)])
+    columns = {"recording": many_table.TEXT, "date": many_table.TEXT, "reliable": many_table.FLAG}
+    columns |= {f"{name}_{key}": many_table.NUMBER for name in names for key in ("mean", "sd")}
+    made = []
+    for row, one in zip(rows, told, strict=True):
+        cells = {
+            f"{name}_{key}": value
+            for name, pair in one.items()
+            for key, value in zip(("mean", "sd"), pair, strict=True)
+        }
+        made.append({"recording": str(row["recording"]), "date": row["date"], "reliable": is_reliable(row)} | cells)
+    if all(row["date"] for row in made):
+        made.sort(key=lambda row: str(as_text(parsed(row["date"]))))
+    return many_table.as_csv(made, columns)
+
+
+def picture(found: Sequence[Trend]) -> bytes:
+    """Each quantity along the dates with its line, as PNG."""
+    return along_dates.picture([_panel(one) for one in found])
+
+
+def _trend(name: str, figures: Sequence[Figure]) -> Trend:
+    effect = name.rpartition(".")[0]
+    title = f"{effects()[effect].title} ({effect})" if effect else name
+    unit = effects()[effect].amplitude.unit if effect else "N m s"
+    at, per = _places(figures)
+    line = line_through(at, [one.mean for one in figures], [one.sd for one in figures])
+    return Trend(name, title, unit, figures, line, per)
+
+
+def _places(figures: Sequence[Figure]) -> tuple[list[float], str]:
+    """Where recordings stand along the dates, and in which unit; along the order given where one has no date."""
+    dates = [taken for one in figures if (taken := one.taken) is not None]
+    if len(dates) < len(figures):
+        return [float(i) for i in range(len(figures))], "a recording"
+    first, span = min(dates), max(dates) - min(dates)
+    per, unit = next((one for one in PERIODS if span >= 2 * one[1]), PERIODS[-1])
+    return [(taken - first) / unit for taken in dates], per
+
+
+def _panel(trend: Trend) -> Panel:
+    name = trend.name.rpartition(".")[2]
+    factor, unit = on_an_axis(trend.unit, name)
+    points = [
+        Point(
+            one.recording.rpartition("/")[2], one.taken, *(factor * (one.mean + k * one.sd) for k in (0.0, -Q95, Q95))
+        )
+        for one in trend.figures
+    ]
+    line = None if trend.line is None else (factor * trend.line.value, factor * trend.line.value_sd)
+    effect = trend.name.rpartition(".")[0]
+    quantity = effects()[effect].amplitude.text if effect else name
+    return Panel(trend.title, quantity, unit, points, line)

@@ -1,0 +1,116 @@
+"""What a comparison says, in the words of a person; it reads comparison/1 alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from calibration.report.diagnosis.words import p_in_words, quantity
+from calibration.report.fit.words import probability
+from calibration.report.sets_in_words import listed, titles
+from model.effects import effects
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+MOST_ROWS = 6
+F_OVERALL = "f_overall"
+LEAST = 1e-3  # probability that is told as such
+
+
+def sentence(found: Mapping[str, Any]) -> str:
+    """The answer as a person would say it."""
+    verdict, p = found["verdict"], p_in_words(found["mismatch"]["p_value"])
+    first, *others = found["explanations"] or [None]
+    both = f" Both have {titles(first['shared'])}." if first and first["shared"] else ""
+    if verdict == "unchanged":
+        sure = chance(found["unchanged_probability"])
+        return f"Nothing changed, by what these recordings tell: the probability of it is {sure} ({p}).{both}"
+    if verdict == "unresolved":
+        return (
+            f"The recordings do not go together ({p}), and no change and no effect in the list explains it. "
+            "Diagnose each by itself."
+        )
+    said = [called(one["changed"]) or "nothing" for one in (first, *others[: MOST_ROWS - 1])]
+    if verdict == "changed":
+        return f"What changed is {said[0]}: {moves(found, first)}.{both}"
+    may = "Something changed" if verdict == "confounded" else "Something may have changed"
+    either = ", or ".join(dict.fromkeys(said))
+    if_first = f" If it is the first: {moves(found, first)}." if first["changed"] else ""
+    return f"{may} ({p}), and these recordings cannot tell which it is: {either}.{if_first}"
+
+
+def called(names: Sequence[str]) -> str:
+    """Changes as a person calls them."""
+    return listed([_called(name) for name in names])
+
+
+def _called(name: str) -> str:
+    if name in effects():
+        return f"“{effects()[name].title}” ({name})"
+    return name if name == F_OVERALL else f"the {bare(name)}"
+
+
+def bare(name: str) -> str:
+    """The name of a parameter of the motor, for an axis."""
+    return name if name == F_OVERALL else name.replace("_", " ")
+
+
+def chance(value: float) -> str:
+    """A probability that is never shown as certain, nor as nothing."""
+    return probability(value) if value >= LEAST else f"below {LEAST:g}"
+
+
+def called_set(one: Mapping[str, Any]) -> str:
+    """A set of changes, and of effects that both recordings have."""
+    changed = f"{called(one['changed'])} changed" if one["changed"] else "nothing changed"
+    return f"{changed}; both with {titles(one['shared'])}" if one["shared"] else changed
+
+
+def moves(found: Mapping[str, Any], explanation: Mapping[str, Any]) -> str:
+    """What the changes of a set are, with their figures."""
+    parameters = {one["id"]: one["parameters"] for one in found["changes"]}
+    return "; ".join(
+        f"{parameter} {moved_in_words(parameter, one)}"
+        for name in explanation["changed"]
+        for parameter, one in parameters[name].items()
+    )
+
+
+def moved_in_words(parameter: str, one: Mapping[str, Any]) -> str:
+    """A quantity before and after."""
+    before, after, change = (figure(parameter, one, key) for key in ("before", "after", "change"))
+    share = ""
+    if one["before"]["mean"] and abs(one["before"]["mean"]) > one["before"]["sd"]:
+        share = f", {100.0 * one['change']['mean'] / one['before']['mean']:+.1f} %".replace("-", "−")
+    return f"was {before} and is {after} (a change of {change}{share})"
+
+
+def figure(parameter: str, one: Mapping[str, Any], key: str) -> str:
+    """A mean with its sd and unit."""
+    unit = "-" if one["unit"] == "1" else one["unit"]
+    return quantity(one[key]["mean"], one[key]["sd"], unit, parameter)
+
+
+def table(found: Mapping[str, Any]) -> Table:
+    """The answer, its rivals and the figures, for the terminal."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    made = Table("what", "finding", show_header=False)
+    made.add_row("verdict", f"{found['verdict']} ({p_in_words(found['mismatch']['p_value'])})")
+    if found["unchanged_probability"] is not None:
+        made.add_row("nothing changed", f"probability {chance(found['unchanged_probability'])}")
+    for one in found["explanations"][:MOST_ROWS]:
+        made.add_row("explanation", escape(f"{called_set(one)} ({chance(one['probability'])})"))
+    for change in found["changes"][:MOST_ROWS]:
+        for parameter, one in change["parameters"].items():
+            words = f"{parameter}: {figure(parameter, one, 'before')} -> {figure(parameter, one, 'after')}"
+            made.add_row(
+                f"if {called([change['id']])}", escape(f"{words} (probability {chance(change['probability'])})")
+            )
+    for test in found["next_tests"][:MOST_ROWS]:
+        made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
+        if test["command"]:
+            made.add_row("", escape(test["command"]))
+    return made

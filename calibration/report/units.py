@@ -1,0 +1,31 @@
+"""Figures in the units that a person uses."""
+
+from __future__ import annotations
+
+import re
+
+from model.layout import L_MIN, RPM
+
+FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of a power of ten
+
+
+def powers(text: str) -> str:
+    """Digits behind a letter raised, as in m3/s; names in braces are left alone."""
+    return re.sub(r"\{[^}]*\}|(?<=[A-Za-z])\d\b", lambda m: m[0] if m[0][0] == "{" else m[0].translate(RAISED), text)
+
+
+def for_people(mean: float, sd: float, unit: str, name: str) -> tuple[float, float, str]:
+    """A figure, its uncertainty and its unit as a person uses them."""
+    if unit == "-":
+        return (100.0 * mean, 100.0 * sd, "%") if "share" in name or "scale" in name else (mean, sd, "")
+    if unit == "s" and abs(mean) < 0.5:
+        return 1e3 * mean, 1e3 * sd, "ms"
+    unit, factor = FAMILIAR.get(unit, (powers(unit), 1.0))
+    return factor * mean, factor * sd, unit
+
+
+def on_an_axis(unit: str, name: str) -> tuple[float, str]:
+    """The factor on figures of one quantity, large and small, and their unit as a person uses it."""
+    factor, _, familiar = for_people(1.0, 0.0, unit, name)
+    return factor, familiar

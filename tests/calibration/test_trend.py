@@ -1,0 +1,122 @@
+"""The trend of many recordings: a weighed line along their dates, its table, picture and sentence."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tests.diagnosis_recordings as recordings
+from calibration import fleet
+from calibration.report.comparison import trend
+from calibration.work.trend import line_through
+from model.motor import Motor, read_motor
+
+ROOT = Path(__file__).resolve().parents[2]
+TRUE = read_motor("ptm3600")["f_overall"].value
+
+
+def test_the_slopes_sd_is_that_of_many_draws() -> None:
+    rng, at, sd = np.random.default_rng(3), np.array([0.0, 1.0, 2.5, 4.0, 7.0]), np.array([0.1, 0.3, 0.1, 0.2, 0.15])
+    lines = [line_through(at, 2.0 + 0.05 * at + sd * rng.standard_normal(5), sd) for _ in range(4000)]
+    sound = [one for one in lines if one is not None and not one.is_scattered]
+    assert len(sound) == pytest.approx(0.99 * len(lines), abs=25)  # the test of the scatter has its level
+    slopes = np.array([one.slope for one in lines if one is not None])
+    assert slopes.mean() == pytest.approx(0.05, abs=0.003)
+    assert slopes.std() == pytest.approx(sound[0].slope_sd, rel=0.05)
+
+
+def test_a_scatter_beyond_the_uncertainties_is_told_and_widens_the_slope() -> None:
+    at, sd = np.arange(6.0), np.full(6, 0.01)
+    jumps = np.array([0.0, 0.2, -0.1, 0.25, -0.2, 0.1])
+    line, sound = line_through(at, jumps, sd), line_through(at, 0.01 * np.sin(at), sd)
+    assert line is not None and sound is not None
+    assert line.is_scattered and not sound.is_scattered
+    assert line.slope_sd == pytest.approx(line.scatter * sound.slope_sd)
+
+
+@pytest.mark.parametrize("at", [[1.0], [2.0, 2.0, 2.0]])
+def test_no_line_goes_through_a_single_date(at: list[float]) -> None:
+    assert line_through(at, [0.1] * len(at), [0.01] * len(at)) is None
+
+
+def diagnosed(name: str, date: str | None, f_overall: float, leak: float | None, verdict: str = "") -> dict:
+    """A row of the table of diagnoses, with a leak that is named or none."""
+    size = {"conductance_kg_s_pa2": {"mean": leak, "sd": 2e-15, "q05": 0.0, "q95": 1.0}}
+    effects = [] if leak is None else [{"id": "leakage", "parameters": size}]
+    return {
+        "recording": name,
+        "date": date,
+        "error": "",
+        "verdict": verdict or ("consistent" if leak is None else "named"),
+        "f_overall_after_mean": f_overall,
+        "f_overall_after_sd": 0.001,
+        "diagnosis": json.dumps({"effects": effects}),
+    }
+
+
+def test_effects_that_are_named_have_their_trend_and_what_is_unresolved_has_none() -> None:
+    rows = [
+        diagnosed("runs/march", "2026-03-01", 0.070, 2e-14),
+        diagnosed("runs/january", "2026-01-01", 0.064, None),
+        diagnosed("runs/may", "2026-05-01", 0.076, 4e-14),
+        diagnosed("runs/june", "2026-06-01", 0.200, None, "unresolved"),
+    ]
+    found = {one.name: one for one in trend.trends(rows)}
+    assert [len(one.figures) for one in found.values()] == [3, 2]
+    line = found["f_overall"].line
+    assert line is not None and line.slope == pytest.approx(0.012 / 120.0 * 30.4375, rel=0.02)
+    assert "a month" in trend.sentence(found["f_overall"])
+    table = list(csv.DictReader(trend.table(rows).decode().splitlines()))
+    assert [row["date"] for row in table] == ["2026-01-01", "2026-03-01", "2026-05-01", "2026-06-01"]
+    assert [row["leakage.conductance_kg_s_pa2_mean"] for row in table] == ["", "2e-14", "4e-14", ""]
+    assert [row["reliable"] for row in table] == ["True", "True", "True", "False"]
+
+
+def test_fits_have_the_trend_of_f_overall_where_the_model_fits() -> None:
+    rows = [
+        {"recording": f"r{i}", "date": f"2026-0{i}-01", "error": "", "model_fits": i != 3}
+        | {"f_overall_mean": 0.06 + 0.001 * i, "f_overall_sd": 0.001}
+        for i in (1, 2, 3, 4)
+    ]
+    (found,) = trend.trends(rows)
+    assert [one.recording for one in found.figures] == ["r1", "r2", "r4"]
+
+
+def test_without_a_date_recordings_stand_in_the_order_given(tmp_path: Path) -> None:
+    rows = [diagnosed("b", "2026-03-01", 0.070, None), diagnosed("a", None, 0.072, None)]
+    (words,) = fleet.write_trend(tmp_path, rows)
+    assert "a recording" in words and "in the order given" in words
+    names = [row["recording"] for row in csv.DictReader((tmp_path / "trend.csv").read_text().splitlines())]
+    assert names == ["b", "a"]
+    assert (tmp_path / "trend.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_motor_that_wears_is_told_along_the_dates_of_its_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed, (date, factor) in enumerate((("2026-05-01", 1.2), ("2026-01-01", 1.0), ("2026-03-01", 1.1)), start=3):
+
+        def worn(name: str, factor: float = factor) -> Motor:
+            motor = read_motor(name)
+            return motor.with_values({"f_overall": factor * motor["f_overall"].value})
+
+        monkeypatch.setattr(recordings, "read_motor", worn)
+        recordings.sweep(tmp_path / "runs" / date, seed, {})
+        with (tmp_path / "runs" / date / "recording.toml").open("a", encoding="utf-8") as file:
+            file.write(f'[origin]\ndate = "{date}"\n')
+    command = [sys.executable, "-m", "spinbench", "many", "diagnose", tmp_path / "runs", "-o", tmp_path / "out"]
+    more = ["--workers", "2"]
+    done = subprocess.run([*map(str, command), *more], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader((tmp_path / "out" / "trend.csv").read_text(encoding="utf-8").splitlines()))
+    assert [row["date"] for row in rows] == ["2026-01-01", "2026-03-01", "2026-05-01"]
+    for row, factor in zip(rows, (1.0, 1.1, 1.2), strict=True):
+        assert abs(float(row["f_overall_mean"]) - factor * TRUE) < 3.0 * float(row["f_overall_sd"])
+    assert "f_overall: " in done.stderr and "a month" in done.stderr
+    assert (tmp_path / "out" / "trend.png").read_bytes().startswith(b"\x89PNG")
