@@ -9,8 +9,7 @@ from scipy import stats
 from calibration.studies import sbc
 
 SEEDS = range(7_100, 7_104)
-# A mean and a spread need no more.
-BUDGET = {"effective_samples": 100, "most_steps": 500, "times_tau": 8.0, "walkers": 32}
+BUDGET = {"effective_samples": 100, "most_steps": 500, "times_tau": 8.0}  # a mean and a spread need no more
 
 
 @pytest.fixture(scope="module")
