@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binom
-from scipy.stats import t as student
+from scipy.special import bdtrc, stdtr
 
 from rig.recording import Recording, RecordingFile
 
@@ -100,7 +99,7 @@ def repeated(values: np.ndarray, noise: float, resolution: float) -> np.ndarray:
     step = resolution or (float(apart.min()) if apart.size else np.inf)
     # Two readings of one value are shown alike with the chance r / (2 sqrt(pi) sigma), where the step r is not coarse.
     chance = min(1.0, QUIETER * step / (2.0 * np.sqrt(np.pi) * noise)) if noise > 0.0 else 1.0
-    if same.size and binom.sf(int(same.sum()) - 1, same.size, chance) < CHANCE:
+    if same.size and bdtrc(int(same.sum()) - 1, same.size, chance) < CHANCE:
         found[known[1:][same]] = True
     return found
 
@@ -143,7 +142,7 @@ def release(time: np.ndarray, speed: np.ndarray) -> int:
         score = (slope[a] - slope[b]) / (noise * spread)
         top = np.maximum.accumulate(middle)[a]
         bends = (slope[b] < 0.0) & (slope[a] > LEVEL * slope[b]) & (speed[b - 1] > NEAR_TOP * top)
-        bends &= student.sf(score, freedom) * n < CHANCE
+        bends &= stdtr(freedom, -score) * n < CHANCE
         if bends.any():
             found.append((window, int(b[np.argmax(np.where(bends, score, -np.inf))])))
         window *= 2

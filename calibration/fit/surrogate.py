@@ -8,10 +8,11 @@ the true posterior accepts (`calibration.fit.moves.DelayedAcceptance`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from calibration.fit.integrated import Integrated
 from calibration.work.threads import each
@@ -34,8 +35,8 @@ class _AlongNoise:
     ----------
     form : ndarray, shape (p, p)
         The misfit as a quadratic form of `Surrogate.terms` at the mode's noise.
-    changes : list of ndarray, each of shape (FORMS.size, ..., p, p)
-        What the form changes by with the noise scales of each recording, at `FORMS` of each.
+    changes : list of ndarray, each of shape (FORMS.size to the number of scales, p, p)
+        What the form changes by with the noise scales of each recording, at all combinations of `FORMS`.
     tables : ndarray, shape (NODES.size, k)
         Minus the log likelihood at the mode along each scale, at `NODES`, less that at the mode's noise, and less half
         of what the form there changes by [-].
@@ -102,9 +103,7 @@ class Surrogate:
         misfit = at_noise_of_mode.copy()
         normalisation = np.zeros(len(z))
         for scales, forms in zip(target.scales_of, self._along.changes, strict=True):
-            for node, share in _shares(change[:, scales], target.spread[scales]):
-                mine = share > 0.0
-                misfit[mine] += share[mine] * _squared(terms[mine], forms[node])
+            _add_changes(terms, _shares(change[:, scales], target.spread[scales]), forms, misfit)
         for k in range(target.spread.size):
             normalisation += np.interp(change[:, k], NODES, self._along.tables[:, k])
         # No misfit falls faster than the square of the scale that grows most, nor grows faster.
@@ -123,16 +122,17 @@ class Surrogate:
         form = self._form(self.target.mode.u, coefficients)
         target, changes = self.target, []
         tables = np.column_stack([self._at_mode(k) for k in range(target.spread.size)])
+        alone = np.zeros((NODES.size, len(form)))
+        alone[:, 0] = 1.0  # the terms at the mode
         for scales in target.scales_of:
-            forms = np.empty((FORMS.size,) * scales.size + form.shape)
-            for node in np.ndindex(*forms.shape[: scales.size]):
-                forms[node] = self._form(self._noise(scales, FORMS[list(node)]), coefficients) - form
+            steps = itertools.product(FORMS, repeat=scales.size)
+            forms = np.array([self._form(self._noise(scales, np.array(one)), coefficients) - form for one in steps])
             changes.append(forms)
             for place, k in enumerate(scales):
-                along = np.zeros((NODES.size, scales.size))
+                along, at_mode = np.zeros((NODES.size, scales.size)), np.zeros(NODES.size)
                 along[:, place] = NODES
-                for node, share in _shares(along, target.spread[scales]):
-                    tables[:, k] -= 0.5 * share * forms[node][0, 0]
+                _add_changes(alone, _shares(along, target.spread[scales]), forms, at_mode)
+                tables[:, k] -= 0.5 * at_mode
         return _AlongNoise(form, changes, tables)
 
     def _noise(self, scales: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -182,17 +182,33 @@ def _fastest(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return factor.min(axis=1, initial=1.0), factor.max(axis=1, initial=1.0)
 
 
-def _shares(change: np.ndarray, spread: np.ndarray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
-    """The nodes of `FORMS` that count where noise scales have changed by prior sds, and how much, shape (n,): straight
+def _shares(change: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """How much each of `FORMS` counts where noise scales have changed by prior sds, shape (n, k, FORMS.size): straight
     in 1 over the square of each scale."""
-    each_scale = []
+    found = np.empty((*change.shape, FORMS.size))
     for k, sd in enumerate(spread):
         grid, there = np.exp(-2.0 * sd * FORMS), np.exp(-2.0 * sd * np.clip(change[:, k], FORMS[0], FORMS[-1]))
-        each_scale.append([np.interp(there, grid[::-1], unit[::-1]) for unit in np.eye(FORMS.size)])
-    for node in np.ndindex(*(FORMS.size,) * spread.size):
-        share = np.prod([shares[i] for i, shares in zip(node, each_scale, strict=True)], axis=0)
-        if share.any():
-            yield node, share
+        for node, unit in enumerate(np.eye(FORMS.size)):
+            found[:, k, node] = np.interp(there, grid[::-1], unit[::-1])
+    return found
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _add_changes(terms: np.ndarray, shares: np.ndarray, forms: np.ndarray, misfit: np.ndarray) -> None:
+    """Add what the forms change the misfit by: of all combinations of `FORMS`, the last scale running fastest."""
+    points, scales, each_scale = shares.shape
+    for i in range(points):
+        for combination in range(len(forms)):
+            share, rest = 1.0, combination
+            for k in range(scales - 1, -1, -1):
+                share *= shares[i, k, rest % each_scale]
+                rest //= each_scale
+            if share > 0.0:
+                for a in range(terms.shape[1]):
+                    along = 0.0
+                    for b in range(terms.shape[1]):
+                        along += forms[combination, a, b] * terms[i, b]
+                    misfit[i] += share * terms[i, a] * along
 
 
 def simulated(target: Integrated, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +32,7 @@ from rig.recording import Recording, RecordingError, SupplyFigures, read_recordi
 from spinbench.cli.progress import sampling
 from tests.diagnosis_recordings import sweep
 from tests.rig_recordings import axis, with_force
-from tests.spinbench.test_cli import refused, run
+from tests.spinbench.test_cli import refused
 
 ROTOR = """format = "recording/1"
 [motor]
@@ -45,7 +47,14 @@ resolution = 0.01
 file = "coast.csv"
 kind = "transient"
 """
+Run = Callable[..., subprocess.CompletedProcess[str]]
 F, J, STEP = 0.004, 0.01, 0.05  # N m s, kg m2, s
+
+
+@pytest.fixture
+def run(spinbench_here: Run, tmp_path: Path) -> Run:
+    """The command line, from arguments to exit code."""
+    return partial(spinbench_here, cwd=tmp_path)
 
 
 def coast(seed: int, count: int, first: float = 400.0) -> np.ndarray:
@@ -73,7 +82,7 @@ def write(folder: Path, speed: np.ndarray, supply_open: np.ndarray | None = None
     return folder
 
 
-def diagnosed(folder: Path) -> tuple[dict, str]:
+def diagnosed(run: Run, folder: Path) -> tuple[dict, str]:
     """The diagnosis of a folder by the command, and what it says on standard error."""
     made = folder.with_suffix(".json")
     result = run("diagnose", str(folder), "--json", str(made))
@@ -87,10 +96,10 @@ def is_true(found: dict) -> bool:
     return abs(after["mean"] - F) < 4.0 * after["sd"] < 0.01 * F
 
 
-def test_a_lone_zero_in_a_coast_down_is_a_bad_reading_and_the_rows_after_it_count(tmp_path: Path) -> None:
+def test_a_lone_zero_in_a_coast_down_is_a_bad_reading_and_the_rows_after_it_count(tmp_path: Path, run: Run) -> None:
     speed = coast(1, 150)
     speed[25] = 0.0
-    found, said = diagnosed(write(tmp_path / "zero", speed))
+    found, said = diagnosed(run, write(tmp_path / "zero", speed))
     assert found["files"] == [
         {
             "file": "coast.csv",
@@ -106,11 +115,11 @@ def test_a_lone_zero_in_a_coast_down_is_a_bad_reading_and_the_rows_after_it_coun
 
 
 @pytest.mark.parametrize("flags", [False, True])
-def test_a_coast_down_begins_at_the_release_whatever_stands_before_it(tmp_path: Path, flags: bool) -> None:
+def test_a_coast_down_begins_at_the_release_whatever_stands_before_it(tmp_path: Path, flags: bool, run: Run) -> None:
     before = np.concatenate([np.zeros(6), risen(2, 30)])
     speed = np.concatenate([before, coast(3, 120), np.zeros(8)])
     opened = (np.arange(speed.size) >= 6) & (np.arange(speed.size) < before.size) if flags else None
-    found, said = diagnosed(write(tmp_path / "run", speed, opened))
+    found, said = diagnosed(run, write(tmp_path / "run", speed, opened))
     assert found["verdict"] == "consistent"
     assert is_true(found)
     (used,) = found["files"]
@@ -120,9 +129,9 @@ def test_a_coast_down_begins_at_the_release_whatever_stands_before_it(tmp_path: 
     assert f"spinbench: coast.csv: {used['rows_used']} of 164 rows are used; not used: rows 1 to 3" in said
 
 
-def test_a_driven_second_before_the_release_does_not_bias_the_friction(tmp_path: Path) -> None:
+def test_a_driven_second_before_the_release_does_not_bias_the_friction(tmp_path: Path, run: Run) -> None:
     driven = 400.0 + 0.5 * np.random.default_rng(4).standard_normal(20)
-    found, _ = diagnosed(write(tmp_path / "driven", np.concatenate([driven, coast(5, 120)])))
+    found, _ = diagnosed(run, write(tmp_path / "driven", np.concatenate([driven, coast(5, 120)])))
     assert is_true(found)
 
 
@@ -135,7 +144,7 @@ def test_a_log_that_was_cut_makes_no_false_alarm(tmp_path: Path) -> None:
     assert false == 0
 
 
-def test_a_run_without_a_coast_down_is_refused_with_the_reason(tmp_path: Path) -> None:
+def test_a_run_without_a_coast_down_is_refused_with_the_reason(tmp_path: Path, run: Run) -> None:
     said = refused(run("diagnose", str(write(tmp_path / "up", risen(6, 40)))))
     assert "no coast-down in it" in said
     assert "coast.csv" in said
@@ -173,7 +182,9 @@ def scaled(folder: Path, seed: int, flow: float = 1.0, speed: float = 1.0) -> Pa
 
 
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_speeds_in_rad_s_under_speed_rpm_are_refused_by_fit_and_diagnosis(tmp_path: Path, command: str) -> None:
+def test_speeds_in_rad_s_under_speed_rpm_are_refused_by_fit_and_diagnosis(
+    tmp_path: Path, command: str, run: Run
+) -> None:
     said = refused(run(command, str(scaled(tmp_path / "swept", 1, speed=1.0 / RPM))))
     assert "flow over speed is 9." in said
     assert "speeds in rad/s under speed_rpm; multiply them by 9.5493" in said
@@ -324,7 +335,7 @@ def mirrored(folder: Path, seed: int) -> Path:
     return folder
 
 
-def test_a_model_nowhere_near_the_readings_is_said_to_be_so_and_nothing_is_looked_for(tmp_path: Path) -> None:
+def test_a_model_nowhere_near_the_readings_is_said_to_be_so_and_nothing_is_looked_for(tmp_path: Path, run: Run) -> None:
     folder = mirrored(tmp_path / "joined", 3)
     result = run("diagnose", str(folder), "-o", str(tmp_path / "out"))
     assert result.returncode == 0, result.stderr
@@ -409,7 +420,9 @@ unit = "rpm"
 
 @pytest.mark.parametrize("as_recording", [True, False])
 @pytest.mark.parametrize(("speed", "code"), [("-0.3", 0), ("-12", 2)])
-def test_a_zero_that_wanders_below_0_has_one_rule(tmp_path: Path, speed: str, code: int, as_recording: bool) -> None:
+def test_a_zero_that_wanders_below_0_has_one_rule(
+    tmp_path: Path, speed: str, code: int, as_recording: bool, run: Run
+) -> None:
     (tmp_path / "log.csv").write_text(f"P,n\n1.00,{speed}\n2.01,397.2\n", encoding="utf-8")
     (tmp_path / "map.toml").write_text(MAPPING, encoding="utf-8")
     place = ["-o", str(tmp_path / "made")] if as_recording else ["--logs", str(tmp_path / "logs")]
@@ -423,7 +436,7 @@ def test_a_zero_that_wanders_below_0_has_one_rule(tmp_path: Path, speed: str, co
         assert (speeds.values[0], speeds.censor[0]) == (0.0, -1)
 
 
-def test_what_is_wrong_with_a_recording_that_was_not_written_is_told_of_the_source(tmp_path: Path) -> None:
+def test_what_is_wrong_with_a_recording_that_was_not_written_is_told_of_the_source(tmp_path: Path, run: Run) -> None:
     (tmp_path / "log.csv").write_text("P,n\n1.50,210000\n2.01,397.2\n", encoding="utf-8")
     (tmp_path / "map.toml").write_text(MAPPING, encoding="utf-8")
     made = tmp_path / "made"
@@ -479,7 +492,7 @@ def test_a_gross_mismatch_is_certain_whatever_the_test_of_it_says(tmp_path: Path
     assert sentence(found).startswith("The model does not describe these readings at all")
 
 
-def test_a_run_whose_gauge_was_never_read_ends_in_words(tmp_path: Path) -> None:
+def test_a_run_whose_gauge_was_never_read_ends_in_words(tmp_path: Path, run: Run) -> None:
     folder = run_of_motor(tmp_path / "run", OPEN_FIRST, FALLING).folder
     place = folder / "run.csv"
     head, *rows = place.read_text(encoding="utf-8").splitlines()

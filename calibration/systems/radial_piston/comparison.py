@@ -376,4 +376,5 @@ class Comparison:
 
 def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:
     """Slopes of flow and speed with pressure [SI]; 0 where the model gives no reading."""
-    return np.nan_to_num(predicted.flow_slope), np.nan_to_num(predicted.speed_slope)
+    flow, speed = predicted.flow_slope, predicted.speed_slope
+    return np.where(np.isfinite(flow), flow, 0.0), np.where(np.isfinite(speed), speed, 0.0)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cholesky_banded, solve_triangular
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg import cholesky_banded
+from scipy.linalg.lapack import dtbtrs, dtrtrs
 
 from calibration.systems.radial_piston.predict.problem import CHANNELS, Problem
 from calibration.unknowns.priors import NOISE_FACTOR, NOISE_SD, Unknown
@@ -68,7 +68,8 @@ class Whitener:
         out = np.empty_like(given)
         first, end = len(self.plateaus), given.shape[0] - self.beside.size
         if first:
-            out[:first] = solve_triangular(self.plateaus, given[:first], lower=True, check_finite=False)
+            solved, _ = dtrtrs(self.plateaus, given[:first], lower=True)
+            out[:first] = solved.reshape(given[:first].shape)
         if end > first:
             out[first:end] = _forward(self.follow, self.band, given[first:end])
         out[end:] = given[end:] / self.beside[rows]
@@ -122,6 +123,7 @@ class Noise:
         files = np.array([list(dict.fromkeys(plateaus.file)).index(file) for file in plateaus.file], dtype=int)
         between = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
         self.apart = np.where(files[:, None] == files[None, :], between, -1)
+        self.steps = np.arange(int(self.apart.max(initial=0)) + 1)
         enough = (int(np.sum(self.apart == 1)) // 2 >= FEWEST, step.size >= FEWEST)
         self.free = np.array([True, True, True, *enough])
         scales = [run.noise_scale[run.used] for run in problem.blocks.runs]
@@ -262,7 +264,12 @@ class Noise:
 
     def _alike(self, u: np.ndarray) -> np.ndarray:
         """Correlation of the plateaus' noise, shape (n, n)."""
-        return np.where(self.apart < 0, 0.0, np.power(math.tanh(u[ROWS]), np.maximum(self.apart, 0)))
+        return self._by_steps(np.power(math.tanh(u[ROWS]), self.steps))
+
+    def _by_steps(self, values: np.ndarray) -> np.ndarray:
+        """What hangs on the rows in between alone, for each pair of plateaus, shape (n, n); 0 where none are."""
+        found: np.ndarray = np.append(values, 0.0)[self.apart]
+        return found
 
     def _plateaus(self, u: np.ndarray, slopes: Slopes, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What makes the plateaus' covariance: the correlation of rows, shape (2 n, 2 n); what one sd of the noise of
@@ -277,8 +284,7 @@ class Noise:
         rest = np.diag(np.where(known, np.concatenate([q + p * a * a, w + p * b * b]), 1.0))
         rows = np.arange(n)
         rest[rows, n + rows] = rest[n + rows, rows] = np.where(known[:n] & known[n:], p * a * b, 0.0)
-        alike = self._alike(u)
-        return np.block([[alike, alike], [alike, alike]]), factor, rest
+        return np.tile(self._alike(u), (2, 2)), factor, rest
 
     def _of_plateaus(
         self,
@@ -304,15 +310,16 @@ class Noise:
             Y = np.where(known[:m, None], columns[:m], 0.0)
             W = inverse @ Y
             inverse = inverse - W @ np.linalg.solve(X.T @ X + Y.T @ W + np.eye(X.shape[1]), W.T)
-        change = [2.0 * alike * np.outer(part, part) for part in factor.T]
-        rho, steps = math.tanh(u[ROWS]), np.maximum(self.apart, 1)
-        grows = np.where(self.apart > 0, steps * np.power(rho, steps - 1), 0.0) * (1.0 - rho * rho)
-        change.append(np.block([[grows, grows], [grows, grows]]) * whole)
-        product = [inverse @ one for one in change]
-        for i, one in enumerate(change):
-            slope[i] = 0.5 * (y @ one @ y - np.trace(product[i]))
-            for j in range(i + 1):
-                information[i, j] = information[j, i] = 0.5 * np.sum(product[i] * product[j].T)
+        rho, before = math.tanh(u[ROWS]), np.maximum(self.steps - 1, 0)
+        grows = self._by_steps(self.steps * np.power(rho, before) * (1.0 - rho * rho))
+        parts = factor.T
+        change = np.empty((4, m, m))
+        change[:3] = 2.0 * alike * (parts[:, :, None] * parts[:, None, :])
+        change[3] = np.tile(grows, (2, 2)) * whole
+        product = inverse @ change
+        flat, turned = product.reshape(4, -1), product.transpose(0, 2, 1).reshape(4, -1)
+        slope[:4] = 0.5 * (change @ y @ y - np.trace(product, axis1=1, axis2=2))
+        information[:4, :4] = 0.5 * (flat @ turned.T)
         return slope, information
 
     def _samples(self, u: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -33,6 +33,19 @@ def spinbench(*words, code=0):
     return done
 
 
+@pytest.fixture
+def here(spinbench_here, monkeypatch, tmp_path):
+    """The same in this process."""
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*words, code=0):
+        done = spinbench_here(*words, cwd=tmp_path)
+        assert done.returncode == code, done.stderr
+        return done
+
+    return run
+
+
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     """Three sweeps, diagnosed by the command; then scored."""
@@ -58,23 +71,23 @@ def test_a_campaign_of_real_recordings_is_run_without_its_seal(campaign):
 
 
 @pytest.mark.slow
-def test_its_score_is_published_and_in_the_ledger(campaign):
+def test_its_score_is_published_and_in_the_ledger(campaign, here):
     folder, _, scored, book = campaign
     assert json.loads(scored.stdout)["make_up"]["single"] == 1
     assert {"result.md", "result.json", "cases.csv"} <= {path.name for path in (folder / "page").iterdir()}
-    shown = spinbench("challenge", "ledger", "--ledger", book)
+    shown = here("challenge", "ledger", "--ledger", book)
     assert "2 lines, the chain holds" in shown.stdout  # opened, and scored
 
 
 @pytest.mark.slow
-def test_what_was_kept_of_it_gives_the_same_page(campaign, tmp_path):
+def test_what_was_kept_of_it_gives_the_same_page(campaign, here, tmp_path):
     folder, _, scored, book = campaign
     kept = folder / "kept" / "blind.json.gz"
-    pooled = spinbench("challenge", "pool", kept, "--ledger", book, "--page", tmp_path, "--json", "-")
+    pooled = here("challenge", "pool", kept, "--ledger", book, "--page", tmp_path, "--json", "-")
     assert json.loads(pooled.stdout) == json.loads(scored.stdout)
     for name in ("result.md", "result.json", "cases.csv"):
         assert (tmp_path / name).read_bytes() == (folder / "page" / name).read_bytes()
-    told = spinbench("challenge", "pool", kept, kept, "--ledger", book, code=2).stderr
+    told = here("challenge", "pool", kept, kept, "--ledger", book, code=2).stderr
     assert "given twice" in told
 
 
@@ -104,10 +117,10 @@ def test_a_campaign_of_the_second_rig_from_the_draw_to_the_record(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_broken_ledger_is_refused_in_a_sentence(campaign, tmp_path):
+def test_a_broken_ledger_is_refused_in_a_sentence(campaign, here, tmp_path):
     broken = tmp_path / "ledger.jsonl"
     broken.write_bytes(campaign[3].read_bytes().replace(b'"number":1', b'"number":2'))
-    told = spinbench("challenge", "ledger", "--ledger", broken, code=2).stderr
+    told = here("challenge", "ledger", "--ledger", broken, code=2).stderr
     assert "line 1: it does not follow the line before" in told
 
 
@@ -126,9 +139,9 @@ def test_many_recordings_give_one_table_and_a_bad_one_stops_none(campaign, tmp_p
     assert len((tmp_path / "out" / "table.csv").read_text(encoding="utf-8").splitlines()) == 3
 
 
-def test_a_recording_that_cannot_be_fitted_is_a_row_with_its_reason(put_recording, tmp_path):
+def test_a_recording_that_cannot_be_fitted_is_a_row_with_its_reason(put_recording, here, tmp_path):
     bad = put_recording(("sweep.csv", "steady", "pressure_bar_abs,flow_l_min,speed_rpm\n1.5,30,oops\n"))
-    told = spinbench("many", "fit", bad, "-o", tmp_path / "out", "--workers", 1, code=2)
+    told = here("many", "fit", bad, "-o", tmp_path / "out", "--workers", 1, code=2)
     assert "oops" in told.stderr
     (row,) = pq.read_table(tmp_path / "out" / "table.parquet").to_pylist()
     assert row["error"].startswith("RecordingError")
@@ -152,13 +165,13 @@ def test_a_fit_s_row_has_every_unknown():
     ]
 
 
-def test_a_folder_without_recordings_is_told(tmp_path):
-    told = spinbench("many", "diagnose", tmp_path, "-o", tmp_path / "out", code=2).stderr
+def test_a_folder_without_recordings_is_told(here, tmp_path):
+    told = here("many", "diagnose", tmp_path, "-o", tmp_path / "out", code=2).stderr
     assert "neither a recording nor a folder of recordings" in told
 
 
-def test_a_ledger_that_is_not_there_is_told(tmp_path):
-    told = spinbench("challenge", "ledger", "--ledger", tmp_path / "nowhere.jsonl", code=2)
+def test_a_ledger_that_is_not_there_is_told(here, tmp_path):
+    told = here("challenge", "ledger", "--ledger", tmp_path / "nowhere.jsonl", code=2)
     assert "nowhere.jsonl: there is no ledger" in told.stderr
     assert "the chain holds" not in told.stdout
 
@@ -167,13 +180,13 @@ def test_a_ledger_that_is_not_there_is_told(tmp_path):
     ("command", "option"),
     [("score", "--page"), ("score", "--keep"), ("score", "--json"), ("pool", "--page"), ("pool", "--json")],
 )
-def test_a_place_for_results_is_looked_at_before_anything_is_opened(tmp_path, command, option):
+def test_a_place_for_results_is_looked_at_before_anything_is_opened(here, tmp_path, command, option):
     """Else a seal would be open, and the ledger would say so, with nothing to show for it."""
     (tmp_path / "file").write_text("mine")
-    told = spinbench("challenge", command, tmp_path / "campaign", option, tmp_path / "file" / "out", code=2).stderr
+    told = here("challenge", command, tmp_path / "campaign", option, tmp_path / "file" / "out", code=2).stderr
     assert f"{tmp_path / 'file'}: " in told
     assert "campaign" not in told
 
 
-def test_a_folder_without_a_campaign_is_told(tmp_path):
-    assert "holds no campaign" in spinbench("challenge", "run", tmp_path, code=2).stderr
+def test_a_folder_without_a_campaign_is_told(here, tmp_path):
+    assert "holds no campaign" in here("challenge", "run", tmp_path, code=2).stderr

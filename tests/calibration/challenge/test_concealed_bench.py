@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -319,17 +320,12 @@ def test_the_interval_of_f_overall_holds_the_truth_or_does_not():
     assert "does not hold" in revealing.score_in_words(missed)[1]
 
 
-def reveal(*arguments):
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        [sys.executable, "-m", "spinbench", "reveal", *map(str, arguments)],
-        env=environment,
-        capture_output=True,
-        text=True,
-    )
+@pytest.fixture
+def reveal(spinbench_here, tmp_path):
+    return partial(spinbench_here, "reveal", cwd=tmp_path)
 
 
-def test_reveal_tells_what_was_concealed_and_scores_a_diagnosis(tmp_path):
+def test_reveal_tells_what_was_concealed_and_scores_a_diagnosis(tmp_path, reveal):
     seal, key, told = tmp_path / "seal", tmp_path / "key", tmp_path / "diagnosis.json"
     opened_or_drawn(read_bench(Path("virtual")), seal, key, 1, "windage")
     told.write_text(json.dumps(diagnosis("named", "windage")))
@@ -341,7 +337,7 @@ def test_reveal_tells_what_was_concealed_and_scores_a_diagnosis(tmp_path):
 
 
 @pytest.mark.parametrize("wrong", ["no key", "another key", "no seal", "no diagnosis"])
-def test_reveal_refuses_in_a_line(tmp_path, wrong):
+def test_reveal_refuses_in_a_line(tmp_path, reveal, wrong):
     seal, key, told = tmp_path / "seal", tmp_path / "key", tmp_path / "diagnosis.json"
     opened_or_drawn(read_bench(Path("virtual")), seal, key, 1, "windage")
     told.write_text("[]" if wrong == "no diagnosis" else json.dumps(diagnosis("consistent")))

@@ -470,14 +470,10 @@ def test_the_times_of_like_steps_are_told_together():
     assert diagnosis_words.steps_in_words(seconds) == "detect 0.4 s, test what is left 1.5 s; 1.9 s in all"
 
 
-def spinbench(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "spinbench", *arguments]
-    return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, cwd=ROOT)
-
-
 def test_the_command_writes_page_picture_and_document_and_tells_the_time_of_each_step(tmp_path):
     sweep(tmp_path / "recording", 11, {})
-    done = spinbench("diagnose", tmp_path / "recording", "-o", tmp_path / "out", "--json", tmp_path / "found.json")
+    command = [sys.executable, "-m", "spinbench", "diagnose", "recording", "-o", "out", "--json", "found.json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert {place.name for place in (tmp_path / "out").iterdir()} == {"report.html", "report.png", "diagnosis.json"}
     written = (tmp_path / "out" / "diagnosis.json").read_bytes()
@@ -486,25 +482,27 @@ def test_the_command_writes_page_picture_and_document_and_tells_the_time_of_each
     assert re.search(r"base model \d+\.\d s, detect \d+\.\d s.* s in all", done.stderr)
 
 
-def test_unusable_input_is_refused_in_a_line_and_nothing_is_written(tmp_path):
+def test_unusable_input_is_refused_in_a_line_and_nothing_is_written(tmp_path, spinbench_here):
     sweep(tmp_path / "recording", 11, {})
     description = tmp_path / "recording" / "recording.toml"
     description.write_text(description.read_text().replace("ptm3600", "nobody"))
-    done = spinbench("diagnose", tmp_path / "recording", "-o", tmp_path / "out")
+    done = spinbench_here("diagnose", tmp_path / "recording", "-o", tmp_path / "out", cwd=ROOT)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "motor 'nobody' is not in configs/motors" in done.stderr
     assert not (tmp_path / "out").exists()
 
 
-def test_what_is_held_out_may_not_be_diagnosed_too(tmp_path):
+def test_what_is_held_out_may_not_be_diagnosed_too(tmp_path, spinbench_here):
     sweep(tmp_path / "recording", 11, {})
-    done = spinbench("diagnose", tmp_path / "recording", "--hold-out", tmp_path / "recording", "--json", "-")
+    done = spinbench_here(
+        "diagnose", tmp_path / "recording", "--hold-out", tmp_path / "recording", "--json", "-", cwd=ROOT
+    )
     assert done.returncode == 2 and done.stdout == ""
     assert "is to be held out and diagnosed" in " ".join(done.stderr.split())
 
 
-def test_gauge_pressures_under_the_name_of_absolute_ones_are_refused(tmp_path):
+def test_gauge_pressures_under_the_name_of_absolute_ones_are_refused(tmp_path, spinbench_here):
     """One such row may be misread; all of them are not."""
     sweep(tmp_path / "recording", 11, {})
     table = tmp_path / "recording" / "sweep.csv"
@@ -515,7 +513,7 @@ def test_gauge_pressures_under_the_name_of_absolute_ones_are_refused(tmp_path):
     rows[1][2] = read
     rows[1:] = [[*row[:2], f"{float(row[2]) - 1.013:.3f}", *row[3:]] for row in rows[1:]]
     table.write_text("\n".join(map(",".join, rows)) + "\n")
-    done = spinbench("diagnose", tmp_path / "recording")
+    done = spinbench_here("diagnose", tmp_path / "recording", cwd=ROOT)
     assert done.returncode == 2 and done.stdout == ""
     said = " ".join(done.stderr.split())
     assert "row 1, column pressure_bar_abs: '0.1" in said
@@ -530,55 +528,59 @@ def test_rows_of_recordings_of_one_name_are_told_apart(tmp_path):
     assert diagnose(together(both), 1).verdict.kind == "consistent"
 
 
-def test_a_recording_given_twice_is_refused(tmp_path):
+def test_a_recording_given_twice_is_refused(tmp_path, spinbench_here):
     sweep(tmp_path / "recording", 11, {})
-    done = spinbench("diagnose", tmp_path / "recording", tmp_path / "recording")
+    done = spinbench_here("diagnose", tmp_path / "recording", tmp_path / "recording", cwd=ROOT)
     assert done.returncode == 2 and done.stdout == ""
     assert "a recording is given twice" in done.stderr
 
 
 @pytest.mark.parametrize("other", ["recording/recording.toml", "copy"])
-def test_a_recording_given_twice_in_other_words_is_refused(tmp_path, other):
+def test_a_recording_given_twice_in_other_words_is_refused(tmp_path, other, spinbench_here):
     sweep(tmp_path / "recording", 11, {})
     shutil.copytree(tmp_path / "recording", tmp_path / "copy")
     first, again = tmp_path / "recording", tmp_path / other
-    twice = spinbench("diagnose", first, again)
+    twice = spinbench_here("diagnose", first, again, cwd=ROOT)
     assert twice.returncode == 2 and twice.stdout == ""
     assert f"given twice: {tmp_path / other.split('/')[0]}" in twice.stderr
-    held = spinbench("diagnose", first, "--hold-out", again)
+    held = spinbench_here("diagnose", first, "--hold-out", again, cwd=ROOT)
     assert held.returncode == 2 and held.stdout == ""
     assert "is to be held out and diagnosed" in held.stderr
 
 
-def test_a_run_is_named_as_elsewhere(tmp_path):
+def test_a_run_is_named_as_elsewhere(tmp_path, spinbench_here):
     """By the beginning of its name and as the last: the same folder, so it may not be held out too."""
     folder = write_sweep(tmp_path, captures=False)
-    again = spinbench("diagnose", folder.name[:20], "--hold-out", "last", "--logs", tmp_path, "--json", "-")
+    again = spinbench_here(
+        "diagnose", folder.name[:20], "--hold-out", "last", "--logs", tmp_path, "--json", "-", cwd=ROOT
+    )
     assert again.returncode == 2
     assert f"{folder.name} is to be held out and diagnosed" in " ".join(again.stderr.split())
     for command in ("fit", "diagnose"):
-        missing = spinbench(command, "nothing", "--logs", tmp_path)
+        missing = spinbench_here(command, "nothing", "--logs", tmp_path, cwd=ROOT)
         assert missing.returncode == 2 and missing.stdout == ""
         assert "there is no folder 'nothing', and no run in" in " ".join(missing.stderr.split())
 
 
-def test_a_run_held_out_for_nothing_is_told(tmp_path):
+def test_a_run_held_out_for_nothing_is_told(tmp_path, spinbench_here):
     """Nothing is named that could predict it."""
     for seed, name in ((11, "recording"), (12, "unseen")):
         sweep(tmp_path / name, seed, {})
     table = (tmp_path / "unseen" / "sweep.csv").read_text().splitlines()
     more = [table[0] + ",humour", *(line + ",1" for line in table[1:])]
     (tmp_path / "unseen" / "sweep.csv").write_text("\n".join(more) + "\n")
-    done = spinbench("diagnose", tmp_path / "recording", "--hold-out", tmp_path / "unseen", "--json", "-")
+    done = spinbench_here(
+        "diagnose", tmp_path / "recording", "--hold-out", tmp_path / "unseen", "--json", "-", cwd=ROOT
+    )
     assert json.loads(done.stdout)["verdict"] == "consistent"
     assert f"{tmp_path / 'unseen'} was not predicted" in done.stderr
     assert "humour" in done.stderr
 
 
-def test_a_place_where_nothing_can_be_written_is_told_before_the_work(tmp_path):
+def test_a_place_where_nothing_can_be_written_is_told_before_the_work(tmp_path, spinbench_here):
     (tmp_path / "file").write_text("mine")
     for options in (["-o", tmp_path / "file"], ["-o", tmp_path / "file" / "out"], ["--json", tmp_path]):
-        done = spinbench("diagnose", tmp_path / "recording", *options)
+        done = spinbench_here("diagnose", tmp_path / "recording", *options, cwd=ROOT)
         assert done.returncode == 2
         assert f"{options[1] if options[0] == '--json' else tmp_path / 'file'}: " in done.stderr
         assert "recording/1" not in done.stderr  # nothing was read

@@ -107,9 +107,11 @@ def test_an_outlier_of_heavy_tails_is_suspect_and_not_called_misread(tmp_path: P
 
 @pytest.fixture(scope="module")
 def leaking(tmp_path_factory) -> tuple[Recording, dict]:
-    """A recording of a motor that leaks, and its diagnosis with seed 1."""
-    recording = sweep(tmp_path_factory.mktemp("leaking"), 6, {"leakage": {"conductance_kg_s_pa2": LEAK}})
-    return recording, as_json(diagnose(recording, 1))
+    """A recording of a motor that leaks, and its diagnosis with seed 1, another run of that motor held out."""
+    leak = {"leakage": {"conductance_kg_s_pa2": LEAK}}
+    recording = sweep(tmp_path_factory.mktemp("leaking") / "seen", 6, leak)
+    unseen = sweep(recording.folder.parent / "unseen", 7, leak)
+    return recording, as_json(diagnose(recording, 1, hold_out=unseen))
 
 
 def test_a_leak_is_named_with_its_size(leaking) -> None:
@@ -118,6 +120,18 @@ def test_a_leak_is_named_with_its_size(leaking) -> None:
     said = found["effects"][0]["parameters"]["conductance_kg_s_pa2"]
     assert abs(said["mean"] - LEAK) < 3.0 * said["sd"]
     assert said["sd"] < 0.2 * LEAK
+
+
+def test_a_diagnosis_proves_what_it_names_on_an_unseen_run(leaking, tmp_path: Path) -> None:
+    recording, found = leaking
+    held_out = found["improvement"]["held_out"]
+    assert found["verdict"] == "named" and held_out["scheme"] == "unseen run unseen"
+    assert held_out["elpd_gain"] > held_out["elpd_gain_se"] > 0.0
+    # A run without the leak speaks against it: then nothing is named.
+    against = as_json(diagnose(recording, 1, hold_out=sweep(tmp_path / "clean", 8, {})))
+    assert against["verdict"] == "unresolved" and "does not predict the unseen run better" in against["why"]
+    held_out = against["improvement"]["held_out"]  # what decided it is kept
+    assert held_out["scheme"] == "unseen run clean" and held_out["elpd_gain"] <= held_out["elpd_gain_se"]
 
 
 def test_no_probability_is_stated_higher_than_such_verdicts_came_true(leaking) -> None:
@@ -158,9 +172,10 @@ def test_the_document_has_the_promised_form(leaking) -> None:
             assert figures["q05"] <= figures["mean"] <= figures["q95"]
 
 
-def test_the_same_seed_gives_the_same_document(leaking) -> None:
-    recording, found = leaking
-    assert as_json(diagnose(recording, 1)) == found
+def test_the_same_seed_gives_the_same_document(tmp_path: Path) -> None:
+    """Of one that names something, the test of a challenge's command says so."""
+    recording = sweep(tmp_path, 11, {})
+    assert as_json(diagnose(recording, 1)) == as_json(diagnose(recording, 1))
 
 
 def test_dry_friction_that_hides_behind_the_rollers_is_not_excluded_and_gets_its_test(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from calibration.systems.several.comparison import Several
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError, read_recording, write_recording
 
-ROOT = Path(__file__).resolve().parents[3]
 FRICTION = {"coulomb_friction": {"torque_nm": 0.08}}
 ROTOR = read_motor("ptm3600").si("inertia")
 ANOTHER_DAY = (
@@ -50,17 +49,32 @@ def test_one_recording_among_several_is_that_recording(tmp_path: Path) -> None:
     assert np.log(other["mismatch"]["p_value"]) == pytest.approx(np.log(one["mismatch"]["p_value"]), rel=0.05)
 
 
-def test_two_days_together_know_f_overall_better_than_each_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first = recordings.sweep(tmp_path / "first", 3, {})
-    second = on_another_day(tmp_path / "second", 8, {}, monkeypatch, False)
-    both = as_json(diagnose([first, second], 1))
+@pytest.fixture(scope="module")
+def two_days(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the recordings `first` and `second`, of two days, and what the command says of both in `out`."""
+    folder = tmp_path_factory.mktemp("two_days")
+    recordings.sweep(folder / "first", 3, {})
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        on_another_day(folder / "second", 8, {}, monkeypatch, False)
+    command = [sys.executable, "-m", "spinbench", "diagnose", "first", "second", "-o", "out"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path) -> None:
+    both = json.loads((two_days / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert both["verdict"] == "consistent"
     assert both["f_overall_after"]["q05"] < read_motor("ptm3600").si("f_overall") < both["f_overall_after"]["q95"]
-    alone = [as_json(diagnose(one, 1))["f_overall_before"]["sd"] for one in (first, second)]
+    days = [read_recording(two_days / name) for name in ("first", "second")]
+    alone = [as_json(diagnose(one, 1))["f_overall_before"]["sd"] for one in days]
     assert both["f_overall_before"]["sd"] < min(alone)
     assert {one["file"] for one in both["files"]} == {"first/sweep.csv", "second/sweep.csv"}
+
+
+def test_the_command_writes_a_page_for_each_of_two_days(two_days: Path) -> None:
+    for name in ("first", "second"):
+        assert name in (two_days / "out" / f"report_{name}.html").read_text(encoding="utf-8")
 
 
 def test_a_flywheel_run_of_another_day_shows_the_dry_friction_that_a_recording_hides(
@@ -184,22 +198,6 @@ def test_one_instrument_in_two_recordings_has_its_errors_once(tmp_path: Path) ->
     assert of_f[0] >= 0.99 * of_f[1]  # two meters would average their errors out, one does not
 
 
-def spinbench(*words: object) -> subprocess.CompletedProcess[str]:
-    """The command line as a person runs it."""
-    command = [sys.executable, "-m", "spinbench", *map(str, words)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-
-
-def test_the_command_takes_two_days_and_writes_a_page_for_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recordings.sweep(tmp_path / "first", 3, {})
-    on_another_day(tmp_path / "second", 8, {}, monkeypatch, False)
-    done = spinbench("diagnose", tmp_path / "first", tmp_path / "second", "-o", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))["verdict"] == "consistent"
-    for name in ("first", "second"):
-        assert name in (tmp_path / "out" / f"report_{name}.html").read_text(encoding="utf-8")
-
-
 BAD = {
     "serial_of_two_kinds": ("serial P-1 is of the instrument of speed_rpm, but of pressure_bar_abs in"),
     "flywheel_lighter_than_nothing": "added_inertia_kg_m2",
@@ -210,7 +208,7 @@ BAD = {
 
 @pytest.mark.parametrize("command", ["diagnose", "fit"])
 @pytest.mark.parametrize("name", BAD)
-def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, name: str, command: str) -> None:
+def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, spinbench_here, name: str, command: str) -> None:
     one, other = tmp_path / "one", tmp_path / "other"
     for folder, seed, serial in ((one, 3, "A1"), (other, 8, "B2" if name == "two_motors_of_a_kind" else "A1")):
         recordings.sweep(folder, seed, {})
@@ -226,26 +224,22 @@ def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, name: str,
             text.replace('kind = "steady"', 'kind = "steady", added_inertia_kg_m2 = -0.01'), encoding="utf-8"
         )
     second = one / ".." / "one" if name == "the_same_twice" else other
-    done = spinbench(command, one, second, "-o", tmp_path / "out", "--json", tmp_path / "out.json")
+    done = spinbench_here(command, one, second, "-o", "out", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 2, done.stderr
     assert BAD[name] in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists() and not (tmp_path / "out.json").exists()
 
 
-def test_a_run_is_not_predicted_from_several_recordings_of_different_days(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recordings.sweep(tmp_path / "first", 3, {})
-    on_another_day(tmp_path / "second", 8, {}, monkeypatch, False)
-    recordings.sweep(tmp_path / "unseen", 9, {})
-    done = spinbench("diagnose", tmp_path / "first", tmp_path / "second", "--hold-out", tmp_path / "unseen")
+def test_a_run_is_not_predicted_from_several_recordings_of_different_days(two_days: Path, spinbench_here) -> None:
+    recordings.sweep(two_days / "unseen", 9, {})
+    done = spinbench_here("diagnose", "first", "second", "--hold-out", "unseen", cwd=two_days)
     assert done.returncode == 2, done.stderr
     assert "a run is predicted from one recording" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
 
 
-def test_recordings_of_two_motors_are_refused_in_a_line(tmp_path: Path) -> None:
+def test_recordings_of_two_motors_are_refused_in_a_line(tmp_path: Path, spinbench_here) -> None:
     recordings.sweep(tmp_path / "first", 3, {})
     recordings.sweep(tmp_path / "second", 8, {})
     place = tmp_path / "second" / "recording.toml"
@@ -256,7 +250,7 @@ def test_recordings_of_two_motors_are_refused_in_a_line(tmp_path: Path) -> None:
     head = [line for line in lines if not line.startswith(("[motor]", "kind = ", "inertia_kg"))]
     place.write_text("\n".join([*head, "[motor]", 'kind = "free_rotor"', "inertia_kg_m2 = 1.0", ""]), encoding="utf-8")
     assert isinstance(read_recording(tmp_path / "second").motor, dict)
-    done = spinbench("diagnose", tmp_path / "first", tmp_path / "second", "-o", tmp_path / "out")
+    done = spinbench_here("diagnose", "first", "second", "-o", "out", cwd=tmp_path)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr and "of a free_rotor, not of the motor ptm3600" in done.stderr
     assert not (tmp_path / "out").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -59,9 +60,10 @@ def interval(found: fits.Fit, name: str) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def published(tmp_path_factory) -> Path:
-    """The output folder of the published sweep's fit; JSON beside it."""
+    """A working folder with the published sweep as `bench`, and the JSON of its fit without an output folder."""
     folder = tmp_path_factory.mktemp("published")
-    done = run(PUBLISHED, "-o", "out", "--json", "fit.json", *BRIEF, cwd=folder)
+    shutil.copytree(PUBLISHED, folder / "bench")
+    done = run("bench", "--json", "fit.json", *BRIEF, cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -93,12 +95,6 @@ def test_the_published_readings_do_not_contradict_the_model(published):
     assert set(quality) == {"p_value", "model_fits", "why"}
     assert quality["model_fits"] is True
     assert 0.01 < quality["p_value"] < 1.0
-    assert "The readings do not contradict the model" in (published / "out" / "report.html").read_text()
-
-
-@pytest.mark.slow
-def test_the_folder_holds_the_same_posterior(published):
-    assert posterior(published / "out" / "posterior.json") == posterior(published / "fit.json")
 
 
 @pytest.mark.slow
@@ -125,44 +121,27 @@ def test_f_overall_is_where_the_article_has_it(published):
     assert 0.001 < found["sd"] < 0.004
 
 
-# Three plateaus: a quick fit on which the command's habits are shown
-
-
 @pytest.fixture(scope="module")
-def plateaus(tmp_path_factory) -> Path:
-    """A working folder with the recording `bench` of three rows, and the JSON of a fit without a folder."""
-    folder = tmp_path_factory.mktemp("plateaus")
-    (folder / "bench").mkdir()
-    (folder / "bench" / "recording.toml").write_text(
-        'format = "recording/1"\nmotor = "ptm3600"\n[[files]]\nfile = "sweep.csv"\nkind = "steady"\n'
-    )
-    (folder / "bench" / "sweep.csv").write_text(f"{HEADER}1.7,51,272.9\n1.83,58,326.1\n1.95,67,374.5\n")
-    done = run("bench", "--json", "fit.json", *BRIEF, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return folder
-
-
-@pytest.fixture(scope="module")
-def killed(plateaus) -> tuple[Path, bool]:
+def killed(published) -> tuple[Path, bool]:
     """That folder with the same fit in `out`, killed on the way and started again; whether its first block was kept."""
     process = subprocess.Popen(
         [COMMAND, "fit", "bench", "-o", "out", *BRIEF],
-        cwd=plateaus, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        cwd=published, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
     )  # fmt: skip
-    chain = plateaus / "out" / "chain"
+    chain = published / "out" / "chain"
     until = time.monotonic() + 120.0
     while len(list(chain.glob("block_*.npz"))) < 9 and process.poll() is None and time.monotonic() < until:
         time.sleep(0.005)
     assert process.poll() is None, process.communicate()[1]
     os.kill(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
-    assert not (plateaus / "out" / "posterior.json").exists()
+    assert not (published / "out" / "posterior.json").exists()
     first = chain / "block_00000.npz"
     before = first.stat().st_mtime_ns
     (chain / "block_00099.partial").write_bytes(b"PK torn")
-    done = run("bench", "-o", "out", *BRIEF, cwd=plateaus)
+    done = run("bench", "-o", "out", *BRIEF, cwd=published)
     assert done.returncode == 0, done.stderr
-    return plateaus, first.stat().st_mtime_ns == before
+    return published, first.stat().st_mtime_ns == before
 
 
 @pytest.mark.slow
@@ -173,44 +152,38 @@ def test_a_killed_fit_goes_on_to_the_bits_of_one_without_a_folder(killed):
 
 
 @pytest.mark.slow
-def test_a_finished_fit_run_again_gives_the_same_posterior(killed):
-    plateaus, _ = killed
-    done = run("bench", "-o", "out", "--json", "again.json", *BRIEF, cwd=plateaus)
+def test_its_report_says_that_the_readings_do_not_contradict_the_model(killed):
+    folder, _ = killed
+    assert "The readings do not contradict the model" in (folder / "out" / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_a_finished_fit_run_again_gives_the_same_posterior(killed, spinbench_here):
+    folder, _ = killed
+    done = spinbench_here("fit", "bench", "-o", "out", "--json", "again.json", *BRIEF, cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert posterior(plateaus / "again.json") == posterior(plateaus / "fit.json")
+    assert posterior(folder / "again.json") == posterior(folder / "fit.json")
 
 
 @pytest.mark.slow
 def test_the_folder_of_another_recording_is_refused_in_a_line(killed, spinbench_here):
-    plateaus, _ = killed
-    (plateaus / "other").mkdir(exist_ok=True)
-    for name in ("recording.toml", "sweep.csv"):
-        text = (plateaus / "bench" / name).read_text().replace("374.5", "373.0")
-        (plateaus / "other" / name).write_text(text)
-    before = {path: path.read_bytes() for path in (plateaus / "out").rglob("*") if path.is_file()}
-    done = spinbench_here("fit", "other", "-o", "out", *BRIEF, cwd=plateaus)
+    folder, _ = killed
+    shutil.copytree(folder / "bench", folder / "other")
+    text = (folder / "other" / "sweep.csv").read_text()
+    (folder / "other" / "sweep.csv").write_text(text.replace("374.5", "373.0"))
+    before = {path: path.read_bytes() for path in (folder / "out").rglob("*") if path.is_file()}
+    done = spinbench_here("fit", "other", "-o", "out", *BRIEF, cwd=folder)
     assert done.returncode == 2
     assert "holds the chain of another recording, motor or setting" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
-    assert {path: path.read_bytes() for path in (plateaus / "out").rglob("*") if path.is_file()} == before
+    assert {path: path.read_bytes() for path in (folder / "out").rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.slow
 def test_another_seed_or_motor_is_another_fit(killed, spinbench_here):
-    plateaus, _ = killed
+    folder, _ = killed
     for change in (("--seed", 2), ("--set", "port_lap=7.5"), ("--speed-only",)):
-        assert spinbench_here("fit", "bench", "-o", "out", *change, *BRIEF, cwd=plateaus).returncode == 2
-
-
-@pytest.mark.slow
-def test_too_small_a_budget_ends_with_code_3_and_no_posterior(plateaus):
-    done = run("bench", "-o", "short", "--json", "short.json", "--max-steps", "50", *BRIEF, cwd=plateaus)
-    assert done.returncode == 3
-    assert "not converged in 50 steps" in done.stderr
-    assert "give a larger --max-steps" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert not (plateaus / "short" / "posterior.json").exists()
-    assert not (plateaus / "short.json").exists()
+        assert spinbench_here("fit", "bench", "-o", "out", *change, *BRIEF, cwd=folder).returncode == 2
 
 
 # A model that is wrong
@@ -276,12 +249,24 @@ def test_its_page_does_not_say_that_the_recording_decides_it(wrong, windy):
     assert "The recording decides it" not in page
 
 
+@pytest.fixture(scope="module")
+def short(windy) -> subprocess.CompletedProcess[str]:
+    return run("bench", "-o", "short", "--json", "short.json", "--max-steps", "50", "--steady-only", *BRIEF, cwd=windy)
+
+
 @pytest.mark.slow
-def test_a_fit_that_has_not_converged_ends_with_code_3_and_tells_of_the_model_beside(windy):
-    done = run("bench", "-o", "short", "--max-steps", "50", "--steady-only", *BRIEF, cwd=windy)
-    assert done.returncode == 3
-    assert "not converged in 50 steps" in done.stderr
-    assert "nor does the model explain the readings" in done.stderr
+def test_too_small_a_budget_ends_with_code_3_and_no_posterior(short, windy):
+    assert short.returncode == 3
+    assert "not converged in 50 steps" in short.stderr
+    assert "give a larger --max-steps" in short.stderr
+    assert "Traceback" not in short.stderr
+    assert not (windy / "short" / "posterior.json").exists()
+    assert not (windy / "short.json").exists()
+
+
+@pytest.mark.slow
+def test_a_fit_that_has_not_converged_tells_of_the_model_beside(short):
+    assert "nor does the model explain the readings" in short.stderr
 
 
 # Known truth

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -223,13 +221,8 @@ def test_an_effect_that_changes_with_time_needs_rows_with_a_time():
         fit.prepare(read_recording(PUBLISHED_SWEEP), effects=["friction_warm_up"])
 
 
-def spinbench(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "spinbench", *arguments]
-    return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300, cwd=ROOT)
-
-
-def test_the_command_refuses_a_misspelt_effect_in_a_line():
-    done = spinbench("fit", PUBLISHED_SWEEP, "--effects", "leakge")
+def test_the_command_refuses_a_misspelt_effect_in_a_line(spinbench_here):
+    done = spinbench_here("fit", PUBLISHED_SWEEP, "--effects", "leakge", cwd=ROOT)
     assert done.returncode == 2
     assert "the nearest is leakage" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
