@@ -34,8 +34,11 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
     done = spinbench_here("diagnose", "swept", "-o", "first", cwd=asked)
     assert done.returncode == 0, done.stderr
     first = json.loads((asked / "first" / "diagnosis.json").read_text())
+    assert first["verdict"] == "consistent"
     wanted = first["next_tests"][0]
     assert "flywheel" in wanted["test"] and wanted["information_nats"] > 5.0
+    assert wanted["command"].startswith("spinbench capture BENCH --kind coast-down --level-bar-abs 1.")
+    assert wanted["command"].endswith(" --added-inertia-kg-m2 0.015")
     assert {"effects": ["coulomb_friction"]}.items() <= first["rivals"][1].items()
 
     done = spinbench_here("diagnose", "--continue", "first", "flywheel", "-o", "second", cwd=asked)
@@ -52,6 +55,10 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
     page = next((asked / "second").glob("report.html")).read_text()
     assert "What the tests that were asked for have given" in page
     assert f">{promised['delivered_nats']:.1f}</td>" in page
+
+    alone = spinbench_here("diagnose", "flywheel", cwd=asked)
+    assert alone.returncode == 2
+    assert "no steady row" in alone.stderr
 
     moved = asked / "elsewhere"
     shutil.copytree(asked / "first", moved / "first")

@@ -16,7 +16,7 @@ from calibration.diagnosis import as_json, diagnose
 from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
 from model.motor import read_motor
-from rig.recording import Recording, RecordingError, read_recording, write_recording
+from rig.recording import Recording, read_recording, write_recording
 
 FRICTION = {"coulomb_friction": {"torque_nm": 0.08}}
 ROTOR = read_motor("ptm3600").si("inertia")
@@ -75,43 +75,6 @@ def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path)
 def test_the_command_writes_a_page_for_each_of_two_days(two_days: Path) -> None:
     for name in ("first", "second"):
         assert name in (two_days / "out" / f"report_{name}.html").read_text(encoding="utf-8")
-
-
-def test_a_flywheel_run_of_another_day_shows_the_dry_friction_that_a_recording_hides(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Alone the recording is explained without it; the coast-down that it asks for is given back: it is listed."""
-    recordings.sweep(tmp_path / "swept", 3, FRICTION)
-    swept = recordings.add_coast_down(tmp_path / "swept", 3, FRICTION)
-    alone = as_json(diagnose(swept, 1))
-    assert alone["verdict"] == "consistent"
-    first = alone["next_tests"][0]
-    assert "flywheel" in first["test"]
-    assert first["command"].startswith("spinbench capture BENCH --kind coast-down --level-bar-abs 1.")
-    assert first["command"].endswith(" --added-inertia-kg-m2 0.015")
-    heavy = on_another_day(tmp_path / "heavy", 8, FRICTION, monkeypatch, True)
-    both = as_json(diagnose([swept, heavy], 1))
-    assert both["verdict"] in ("named", "confounded")
-    listed = [[one["id"] for one in both["effects"]], *both["alternatives"]]
-    assert ["coulomb_friction"] in listed
-
-
-def test_the_run_that_was_asked_for_is_enough_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A capture has no plateau: beside the recording that asked for it it needs none."""
-    recordings.sweep(tmp_path / "swept", 3, FRICTION)
-    swept = recordings.add_coast_down(tmp_path / "swept", 3, FRICTION)
-    heavy = on_another_day(tmp_path / "heavy", 8, FRICTION, monkeypatch, True)
-    heavy = replace(
-        heavy,
-        files=heavy.files[1:],
-        channels={name: one for name, one in heavy.channels.items() if name != "flow_l_min"},
-    )
-    both = as_json(diagnose([swept, heavy], 1))
-    assert ["coulomb_friction"] in [[one["id"] for one in both["effects"]], *both["alternatives"]]
-    captures = [test["command"] for test in both["next_tests"] if test["test"].startswith(("coast-down", "spin-up"))]
-    assert captures and all(command.startswith("spinbench capture BENCH --kind ") for command in captures)
-    with pytest.raises(RecordingError, match="no steady row"):
-        diagnose(heavy, 1)
 
 
 def test_unknowns_of_a_day_are_its_own_and_the_motor_is_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
