@@ -131,6 +131,8 @@ def head(files: list[File], added_inertia: float, told: Mapping[str, Any], highe
     ]
     lines += ["relative_humidity = 0.0"]
     for channel, column in COLUMN.items():
+        if not any(column in file.columns for file in files):
+            continue
         lines += ["", f"[channels.{column}]", f"noise_sd = {NOISE[channel]}", f"bias_sd = {BIAS[channel]}"]
         lines += [f"scale_sd = {SCALE[channel]}", f"resolution = {RESOLUTION[channel]}"]
         if channel == "speed":

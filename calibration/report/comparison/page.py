@@ -22,7 +22,7 @@ from calibration.unknowns.effects import CHANGED
 from model.effects import effects
 
 JSON = "comparison.json"
-MOST, MOST_WIDE = 6, 46  # changes that are drawn, and characters of a line of their titles
+MOST, MOST_WIDE = 6, 38  # changes that are drawn, and characters of a line of their titles
 
 
 def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from calibration.diagnosis.next_test.information import Expected, expected_nats, repeats_needed
-from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked
+from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked, weigh
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.descent import find
+from calibration.likelihood.expected import Test
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
-from calibration.systems.radial_piston.next_tests.planned import FLYWHEEL, planned
+from calibration.systems.radial_piston.next_tests.planned import FLYWHEEL, expected_readings, planned
 from calibration.systems.radial_piston.predict.problem import Problem
+from rig.recording import read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 
 
@@ -154,3 +157,30 @@ def test_one_explanation_has_nothing_to_be_parted_from(comparison, base):
 def test_a_test_that_separates_nothing_is_not_proposed():
     """Its mean over the pairs may be rounded up to what is worth a test while no pair reaches it."""
     assert ranked([NextTest("reversed sweep", (), 0.1)]) == []
+
+
+def test_a_run_in_which_the_rotor_would_not_turn_is_not_proposed(comparison, base):
+    """A start at a pressure that hardly differs from the room's."""
+    spin_up = next(plan for plan in planned(comparison) if plan.words.startswith("spin-up"))
+    anchor, run = spin_up.recording.files
+    name = next(name for name in run.columns if name.startswith("pressure_bar"))
+    pressure = run.columns[name]
+    faint = replace(pressure, values=np.where(pressure.values > 1.1, 1.02, pressure.values))
+    files = (anchor, replace(run, columns={**run.columns, name: faint}))
+    plan = replace(spin_up, recording=replace(spin_up.recording, files=files))
+    rivals = [base, rival(comparison, base, "windage").mode]
+    test = Test(plan.words, "", partial(expected_readings, plan, comparison), plan.capture)
+    assert weigh(test, ["nothing", "windage"], rivals) is None
+
+
+def test_a_run_of_which_the_tachometer_shows_too_little_is_not_proposed(tmp_path):
+    """Two pulses a turn, where a coast-down takes half a turn."""
+    place = sweep(tmp_path, 31, {}).folder / "recording.toml"
+    head = "[channels.speed_rpm]\n"
+    place.write_text(place.read_text().replace(head, f"{head}pulses_per_rev = 2.0\n"))
+    blind = Comparison(Problem(read_recording(tmp_path)))
+    mode = find(blind, ())
+    rivals = [Candidate((), mode, 0.0, 0.5), rival(blind, mode, "windage")]
+    found = [one.test for one in propose(blind, rivals)]
+    assert found
+    assert not any(test.startswith("coast-down") and "flywheel" not in test for test in found)

@@ -186,7 +186,7 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
     Raises
     ------
     ArithmeticError
-        When the bench's tachometer gives too few readings of a run in time.
+        When the rotor would not turn in a run in time, or the bench's tachometer gives too few readings of it.
     """
     there = seen.of(plan.recording)
     stays = of_any_day(seen.problem)
@@ -194,6 +194,8 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
         likely = _mean(there, rivals[0].names)(first)
         there = seen.of(_with_speeds(plan.recording, there.problem.blocks.runs[0], likely.runs[0]))
+        if not there.problem.blocks.runs:
+            raise FloatingPointError("the rotor would not turn")
         _refuse_too_few(plan.recording, there.problem.blocks.runs[0])
     common = None
     found = []
