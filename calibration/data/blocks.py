@@ -110,16 +110,16 @@ def blocks_of(recording: Recording) -> Blocks:
     Raises
     ------
     RecordingError
-        When it has neither plateaus nor runs in time that can be used.
+        When it has neither plateaus, nor runs in time that can be used, nor zero rows of the gauge.
     """
-    in_time = any(file.kind == "transient" for file in recording.files)
-    measured = gather(recording, needs_plateaus=not in_time)
+    measured = gather(recording, needs_plateaus=all(file.kind == "steady" for file in recording.files))
     every = (run_of(file, recording) for file in recording.files if file.kind == "transient" and turns(recording, file))
     plateaus = _plateaus(recording, measured)
     runs = tuple(_told(run, plateaus) for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
-    if not runs and not len(measured.steady):
+    vented = _vented(recording)
+    if not runs and not len(measured.steady) and not vented.pressure.size:
         gather(recording)  # says what is missing
-    return Blocks(plateaus, runs, _vented(recording), _standing(recording), measured)
+    return Blocks(plateaus, runs, vented, _standing(recording), measured)
 
 
 def _vented(recording: Recording) -> Vented:

@@ -173,14 +173,14 @@ def test_a_run_in_which_the_rotor_would_not_turn_is_not_proposed(comparison, bas
     assert weigh(test, ["nothing", "windage"], rivals) is None
 
 
-def test_a_run_of_which_the_tachometer_shows_too_little_is_not_proposed(tmp_path):
-    """Two pulses a turn, where a coast-down takes half a turn."""
+@pytest.mark.parametrize(("pulses", "is_told"), [(60.0, True), (2.0, False)])
+def test_a_run_of_which_the_tachometer_shows_too_little_is_not_proposed(tmp_path, pulses, is_told):
+    """A coast-down takes a turn or two: two pulses in each are none that show its course."""
     place = sweep(tmp_path, 31, {}).folder / "recording.toml"
     head = "[channels.speed_rpm]\n"
-    place.write_text(place.read_text().replace(head, f"{head}pulses_per_rev = 2.0\n"))
-    blind = Comparison(Problem(read_recording(tmp_path)))
-    mode = find(blind, ())
-    rivals = [Candidate((), mode, 0.0, 0.5), rival(blind, mode, "windage")]
-    found = [one.test for one in propose(blind, rivals)]
-    assert found
-    assert not any(test.startswith("coast-down") and "flywheel" not in test for test in found)
+    place.write_text(place.read_text().replace(head, f"{head}pulses_per_rev = {pulses}\n"))
+    read = Comparison(Problem(read_recording(tmp_path)))
+    mode = find(read, ())
+    coast_down = next(plan for plan in planned(read) if plan.words.startswith("coast-down"))
+    test = Test(coast_down.words, "", partial(expected_readings, coast_down, read), coast_down.capture)
+    assert (weigh(test, ["nothing", "windage"], [mode, rival(read, mode, "windage").mode]) is not None) is is_told

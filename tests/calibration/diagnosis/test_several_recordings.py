@@ -16,7 +16,7 @@ from calibration.diagnosis import as_json, diagnose
 from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
 from model.motor import read_motor
-from rig.recording import Recording, read_recording, write_recording
+from rig.recording import Recording, RecordingError, read_recording, write_recording
 
 FRICTION = {"coulomb_friction": {"torque_nm": 0.08}}
 ROTOR = read_motor("ptm3600").si("inertia")
@@ -75,6 +75,23 @@ def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path)
 def test_the_command_writes_a_page_for_each_of_two_days(two_days: Path) -> None:
     for name in ("first", "second"):
         assert name in (two_days / "out" / f"report_{name}.html").read_text(encoding="utf-8")
+
+
+def test_a_zero_of_another_day_counts_beside_a_sweep_and_is_nothing_by_itself(tmp_path: Path) -> None:
+    first = recordings.sweep(tmp_path / "first", 3, {})
+    head, _, _ = (tmp_path / "first" / "recording.toml").read_text(encoding="utf-8").partition("[channels.flow_l_min]")
+    files = '[[files]]\nfile = "zero.csv"\nkind = "zero"\n'
+    lines = [line for line in head.splitlines() if not line.startswith("files")]
+    (tmp_path / "zero").mkdir()
+    (tmp_path / "zero" / "recording.toml").write_text("\n".join([*lines, files]), encoding="utf-8")
+    rows = "".join(f"{pressure}\n" for pressure in (1.015, 1.016, 1.014))
+    (tmp_path / "zero" / "zero.csv").write_text(f"pressure_bar_abs\n{rows}", encoding="utf-8")
+    zero = read_recording(tmp_path / "zero")
+    alone, several = compared(first), compared([first, zero])
+    assert several.size > alone.size
+    assert np.isfinite(several.base().log_evidence)
+    with pytest.raises(RecordingError, match="no steady row"):
+        compared(zero)
 
 
 def test_unknowns_of_a_day_are_its_own_and_the_motor_is_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
