@@ -183,7 +183,7 @@ def page(found: Mapping[str, Any]) -> str:
         f"{found['named_after'][0]}, after two: {found['named_after'][1]}.",
         f"- Wrong names and false alarms: {found['wrong_before']} of {found['cases']} before, "
         f"{found['wrong_after']} of {found['open']} after.",
-        f"- Failed: {len(found['failed'])}.",
+        f"- Failed: {len(found['failed'])}. {'; '.join(found['failed'])}".rstrip(),
         "",
         "![promised against delivered](follow_ups.png)",
         "",

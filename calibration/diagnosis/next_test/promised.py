@@ -92,8 +92,9 @@ def captures_of(recording: Recording) -> list[Capture]:
             continue
         added = recording.added_inertia_kg_m2 + file.added_inertia_kg_m2
         if file.kind == "transient":
-            opened = file.columns["supply_open"].values[-1] > 0.5
-            found.append(Capture("spin-up" if opened else "coast-down", float(np.median(levels)), added))
+            is_open = file.columns["supply_open"].values[-1] > 0.5
+            settled = levels[levels.size // 2 :] if is_open else levels  # the line has to fill first
+            found.append(Capture("spin-up" if is_open else "coast-down", float(np.median(settled)), added))
         elif np.mean(np.abs(levels - np.median(levels)) <= LEVEL * (np.median(levels) - room)) > 0.5:
             found.append(Capture("plateaus", float(np.median(levels)), added))
     return found

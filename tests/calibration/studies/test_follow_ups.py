@@ -1,0 +1,56 @@
+"""What tests promise against what they give: the cases of other days, and what the campaign makes of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from calibration.challenge.second_rig import another_day, draw, make_recording
+from calibration.diagnosis.next_test.promised import captures_of
+from calibration.studies.follow_ups import page, picture, summary
+from calibration.work.many import Result
+from rig.recording import read_recording
+
+CAPTURES = [
+    {"kind": "coast-down", "level_bar_abs": 1.8, "added_inertia_kg_m2": 0.015},
+    {"kind": "spin-up", "level_bar_abs": 2.1, "added_inertia_kg_m2": 0.0},
+    {"kind": "plateaus", "level_bar_abs": 1.6, "added_inertia_kg_m2": 0.0},
+    {"kind": "zero", "level_bar_abs": None, "added_inertia_kg_m2": 0.0},
+]
+
+
+@pytest.mark.parametrize("capture", CAPTURES, ids=[one["kind"] for one in CAPTURES])
+def test_the_test_of_another_day_is_the_one_that_was_asked_for_in_another_room(capture, tmp_path):
+    truth = draw("development", 11, "days")
+    make_recording(truth, tmp_path / "first")
+    another_day(truth, capture, 1, tmp_path / "second")
+    first, second = (read_recording(tmp_path / name) for name in ("first", "second"))
+    (taken,) = captures_of(second)
+    assert taken.kind == capture["kind"]
+    if capture["level_bar_abs"]:
+        assert taken.level_bar_abs == pytest.approx(capture["level_bar_abs"], rel=0.05)
+    assert taken.added_inertia_kg_m2 == capture["added_inertia_kg_m2"]
+    assert second.ambient.pressure_bar_abs != first.ambient.pressure_bar_abs
+
+
+def step(outcome: str, is_rival: bool, *promised: float) -> dict:
+    told = [{"test": "a test", "information_nats": promised[0], "delivered_nats": promised[1]}] if promised else []
+    return {"outcome": outcome, "is_rival": is_rival, "promised": told}
+
+
+def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
+    cases = [
+        {"ids": ["windage"], "steps": [step("truth listed", True), step("right", False, 20.0, 10.0)]},
+        {"ids": ["leakage"], "steps": [step("truth listed", True), step("truth listed", True, 30.0, 30.0)]},
+        {"ids": ["inertia"], "steps": [step("missed", True), step("wrong name", False, 5.0, 40.0)]},
+        {"ids": [], "steps": [step("right", False)]},
+    ]
+    results = [Result(f"case-{i}", one, "", 1.0) for i, one in enumerate(cases)]
+    found = summary([*results, Result("case-9", None, "ValueError: no", 1.0)], "code")
+    assert (found["cases"], found["open"], found["ratios"]) == (4, 3, 2)
+    assert found["ratio_median"] == pytest.approx(0.75)
+    assert (found["told_apart"], found["named_after"]) == (2, [1, 1])
+    assert (found["wrong_before"], found["wrong_after"]) == (0, 1)
+    words = page(found)
+    assert "median 0.75" in words and "| windage | truth listed, then right | a test |" in words
+    assert "case-9: ValueError: no" in words
+    assert picture(found).startswith(b"\x89PNG")
