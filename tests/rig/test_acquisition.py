@@ -188,7 +188,10 @@ def test_a_hurried_gauge_is_read_as_fast_as_its_line_bears_and_disturbs_nobody_o
         acquisition.hurry("gauge")
         wrote = acquisition.command("dac", "write", 1.0, 1.0)  # gets through within a second
         assert "reads back" in wrote.outcome
-        gauge, dac, tach = rates()
+        for _ in range(3):  # a machine that stalls spoils one look; what the hurry disturbs, it disturbs in each
+            gauge, dac, tach = rates()
+            if min(dac, tach) > 4.0:
+                break
         assert gauge > 12.0  # its own period is 0.2 s
         assert 4.0 < dac < 5.5
         assert tach > 3.5
