@@ -282,8 +282,7 @@ def _prompt(found: Series) -> np.ndarray:
     Shape (n,) of bool.
     """
     usual = float(np.median(found.lasted_ns)) if found.lasted_ns.size else 0.0
-    prompt: np.ndarray = found.lasted_ns <= max(SLOWER * usual, LATE_S * NS)
-    return prompt
+    return found.lasted_ns <= max(SLOWER * usual, LATE_S * NS)
 
 
 def _since_before(run: Run, channel: str, phase: Phase, found: Series) -> Series:
