@@ -21,7 +21,7 @@ from calibration.diagnosis.steps.verdict import is_small
 from calibration.likelihood.function import Function
 from calibration.likelihood.tails import log_ratio
 from calibration.systems.several.sharing import Sharing
-from calibration.unknowns.effects import CHANGED, unchanged
+from calibration.unknowns.effects import is_change, unchanged
 from calibration.unknowns.priors import Unknown
 from calibration.work.step_clock import Tell
 from rig.recording import Recording
@@ -56,8 +56,7 @@ class Moved:
     @property
     def change(self) -> np.ndarray:
         """The later value less the earlier one."""
-        found: np.ndarray = self.after - self.before
-        return found
+        return self.after - self.before
 
 
 def compare(
@@ -80,7 +79,7 @@ def compare(
 
 def changes_in(names: Sequence[str]) -> tuple[str, ...]:
     """The members of a set that are changes."""
-    return tuple(name for name in names if name.endswith(CHANGED))
+    return tuple(name for name in names if is_change(name))
 
 
 def answer(found: Diagnosis) -> Answer:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.data.dates import as_text, parsed
+from calibration.diagnosis.document import Q95
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
 from calibration.report.diagnosis.words import quantity
@@ -21,7 +22,6 @@ from calibration.work.trend import Line, line_through
 from model.effects import effects
 
 CSV, PNG = "trend.csv", "trend.png"
-Q95 = 1.6448536269514722  # of a standard normal
 F_OVERALL = "f_overall"
 # What a slope is told per, the longest that the recordings span at least twice.
 PERIODS = (

@@ -9,8 +9,9 @@ import numpy as np
 from calibration.data.clock import times_of
 from calibration.systems.machines.readings import TO_SI, Flat, Readings, means, noise_sd, plateaus
 from calibration.systems.machines.system import FOLDS, Coordinates, Simulate
-from calibration.systems.machines.table import RigTable, instrument, rows_used
-from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
+from calibration.systems.machines.table import MachineTable, instrument, rows_used
+from calibration.unknowns.priors import Unknown
+from configs.units import BAR, ZERO_C
 from model.effects import effects
 from model.effects.laws import Chosen, readings_of
 from model.layout import RPM
@@ -53,7 +54,7 @@ class DisplacementMachine:
     )
     weight = None
 
-    def __init__(self, table: RigTable) -> None:
+    def __init__(self, table: MachineTable) -> None:
         recording = table.recording
         readings: list[Readings] = []
         of_channel: list[np.ndarray] = []
@@ -69,13 +70,13 @@ class DisplacementMachine:
                 [f.columns[column].values if column in f.columns else np.full(f.rows, missing) for f in files]
             )
 
-        P = all_of(name) * PASCAL_PER_BAR + (table.ambient if gauge else 0.0)
+        P = all_of(name) * BAR + (table.ambient if gauge else 0.0)
         speed = all_of("speed_rpm") / RPM
         known = np.isfinite(P) & np.isfinite(speed)
         time = np.concatenate([times_of(f) for f in files])
         timed = bool(np.all(np.isfinite(time[known])))
         time = time if timed else np.zeros(time.size)
-        T = all_of("inlet_temperature_c", table.room - KELVIN_AT_0_C) + KELVIN_AT_0_C
+        T = all_of("inlet_temperature_c", table.room - ZERO_C) + ZERO_C
         T = np.where(np.isfinite(T), T, table.room)
         group = plateaus(speed[known], P[known], np.repeat(np.arange(len(files)), [f.rows for f in files])[known])
         if not group.size:
@@ -184,9 +185,9 @@ class DisplacementMachine:
 
         words = f"bar abs, {REPEATS:.0f} plateaus"
         return {
-            f"locked rotor: flow at zero speed and {top / PASCAL_PER_BAR:.2f} {words}": at(0.0, top, True),
-            f"{0.5 * slow * RPM:.0f} rpm at {top / PASCAL_PER_BAR:.2f} {words}": at(0.5 * slow, top),
-            f"{fast * RPM:.0f} rpm at {0.5 * top / PASCAL_PER_BAR:.2f} {words}": at(fast, 0.5 * top),
+            f"locked rotor: flow at zero speed and {top / BAR:.2f} {words}": at(0.0, top, True),
+            f"{0.5 * slow * RPM:.0f} rpm at {top / BAR:.2f} {words}": at(0.5 * slow, top),
+            f"{fast * RPM:.0f} rpm at {0.5 * top / BAR:.2f} {words}": at(fast, 0.5 * top),
         }
 
 
