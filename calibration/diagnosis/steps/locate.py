@@ -56,7 +56,13 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Place:
-    """One place, as in diagnosis/1; numbers SI."""
+    """One place, as in diagnosis/1; numbers SI.
+
+    Attributes
+    ----------
+    recording : str
+        Of several recordings the one that it is in.
+    """
 
     kind: Kind
     channel: str
@@ -67,6 +73,7 @@ class Place:
     p_value: float
     sentence: str
     same_as: tuple[str, ...]
+    recording: str = ""
 
 
 @dataclass(frozen=True)
@@ -197,7 +204,9 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
         elif force.coordinate == "angle":
             along = f"along the shaft's angle{of}: something comes with every turn"
         sentence = f"The {NAMES[balance]} does not close {along} (seen in the {force.channel}{by_a_meter})."
-    return Place(kind, force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same)
+    return Place(
+        kind, force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same, force.recording
+    )
 
 
 def _tail(problem: Straight, columns: np.ndarray, beside: np.ndarray | None = None) -> tuple[float, np.ndarray]:

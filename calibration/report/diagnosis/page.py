@@ -205,7 +205,7 @@ def _place_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (
             words.BALANCES[place["balance"]],
-            place["channel"],
+            f"{place['channel']} of {place['recording']}" if place["recording"] else place["channel"],
             place["coordinate"],
             "" if place["coordinate"] == "direction" else words.span_in_words(place),
             ", ".join(place["same_as"]) or "nothing",

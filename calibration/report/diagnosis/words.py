@@ -77,7 +77,8 @@ def place_in_words(place: Mapping[str, Any]) -> str:
         return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place)}."
     alike = f"; this recording cannot tell that from {listed(place['same_as'])}" if place["same_as"] else ""
     between = "" if place["coordinate"] == "direction" else f", most between {span_in_words(place)}"
-    return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{between}{alike}."
+    of = f" of {place['recording']}" if place["recording"] else ""
+    return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{of}{between}{alike}."
 
 
 def span_in_words(place: Mapping[str, Any]) -> str:

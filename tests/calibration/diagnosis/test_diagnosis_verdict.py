@@ -165,7 +165,8 @@ def test_the_document_has_the_promised_form(leaking) -> None:
     assert 0.0 <= again["mismatch"]["p_value"] <= 1.0
     for place in again["located"]:
         assert set(place) == {
-            "kind", "channel", "balance", "coordinate", "where", "unit", "p_value", "sentence", "same_as"
+            "kind", "channel", "balance", "coordinate", "where", "unit", "p_value", "sentence", "same_as",
+            "recording",
         }  # fmt: skip
         assert place["where"][0] < place["where"][1]
     for effect in again["effects"]:
