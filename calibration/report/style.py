@@ -91,6 +91,11 @@ def label(quantity: str, unit: str) -> str:
     return quantity if unit == "1" else f"{quantity} ({unit})"
 
 
+def plain(text: str) -> str:
+    """Text of a file or a person, of which nothing is mathematics."""
+    return text.replace("$", r"\$")
+
+
 def name_axes(axes: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
     """Label both axes."""
     axes.set_xlabel(label(*x))

@@ -55,7 +55,7 @@ def plateaus(found: WholeFit) -> bytes:
                 for panel, less in ((axes[0, column], 0.0), (axes[1, column], bands[2])):
                     for (low, high, colour, _), width in zip(BANDS, (1.5, 5.0), strict=True):
                         panel.vlines(pressure, bands[low] - less, bands[high] - less, color=colour, linewidth=width)
-                    panel.plot(pressure, read - less, **look, label=recording[:40] or "measured")
+                    panel.plot(pressure, read - less, **look, label=style.plain(recording[:40]) or "measured")
             style.name_axes(axes[0, column], ("", "1"), (name, unit))
             style.name_axes(axes[1, column], ("pressure reading", "bar"), ("residual", unit))
             axes[1, column].axhline(0.0, color=style.COLOURS[0], linewidth=1.0)

@@ -15,6 +15,7 @@ from matplotlib.image import imread
 from calibration.fit.fit import Fit, fit
 from calibration.fit.posterior import FitQuality
 from calibration.fit.sampling import Settings
+from calibration.report import style
 from calibration.report.fit import numbers as fit_numbers
 from calibration.report.fit import page as fit_page
 from calibration.report.fit import words as fit_words
@@ -223,6 +224,13 @@ def test_a_value_is_rounded_to_what_is_known_of_it(value, sd, text):
 
 def test_the_page_opens_in_a_browser(files, tmp_path):
     assert browser.has_print(browser.shown(files["report.html"], tmp_path))
+
+
+def test_dollars_in_a_name_are_no_mathematics():
+    with style.drawing(1, 1, height_in=2.0) as (figure, axes):
+        axes.plot([0.0, 1.0], [0.0, 1.0], label=style.plain(r"a$\nosuch$"))
+        assert axes.legend().get_texts()[0].get_text() == r"a\$\nosuch\$"
+        assert style.png(figure).startswith(b"\x89PNG")
 
 
 def test_an_instruments_error_is_not_called_by_the_effect_of_the_same_name():
