@@ -9,17 +9,13 @@ from typing import Any
 import numpy as np
 from scipy.special import bdtrc
 
-from calibration.data import rows_used
-from calibration.data.dates import as_text
 from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis.diagnose import CERTAIN_P
 from calibration.diagnosis.mismatch import Detected, detect_mismatch, fit_base, test_base
 from calibration.diagnosis.steps.detect import MISMATCH_P, detect
 from calibration.diagnosis.steps.locate import locate
 from calibration.fit import fit as fits
-from calibration.fit import posterior
 from calibration.fit.posterior import FitQuality
-from calibration.fit.whole import WholeFit
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import BAD, Mode
 from calibration.likelihood.signatures import signatures
@@ -28,9 +24,10 @@ from calibration.systems.radial_piston.batch.effects import refuse_effects
 from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
 from calibration.systems.several.comparison import Several
 from calibration.systems.several.sharing import SHARED, Sharing
-from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, at_ambient
+from calibration.unknowns.priors import CHANNELS, at_ambient
 from calibration.work.step_clock import Tell
 from calibration.work.threads import threads
+from configs.units import BAR, ZERO_C
 from model.motor import Motor, read_motor, set_values
 from rig.recording import Ambient, Column, Recording, RecordingError, RecordingFile
 
@@ -47,7 +44,7 @@ def judge(
     recording: Recording,
     seed: int,
     assignments: Sequence[str] = (),
-    channels: tuple[str, ...] = fits.ALL_CHANNELS,
+    channels: tuple[str, ...] = CHANNELS,
     effects: Sequence[str] = (),
     tell: Tell = lambda _: None,
 ) -> FitQuality:
@@ -83,7 +80,7 @@ def judge_whole(
     recordings: Sequence[Recording],
     seed: int,
     assignments: Sequence[str] = (),
-    channels: tuple[str, ...] = fits.ALL_CHANNELS,
+    channels: tuple[str, ...] = CHANNELS,
     effects: Sequence[str] = (),
     tell: Tell = lambda _: None,
     workers: int = 1,
@@ -118,19 +115,8 @@ def judge_whole(
     EffectsError
         For an effect that there is not, or that none of them could show.
     """
-    motor, used = None, []
-    for one in recordings:
-        if not isinstance(one.motor, str):
-            raise RecordingError(
-                f"{one.folder}/recording.toml: an inline motor of kind {one.motor.get('kind')!r} cannot be fitted yet; "
-                "name a radial piston motor of configs/motors"
-            )
-        refuse_unusable(one)
-        used.append(as_fitted(one, channels, in_time=True))
-        if assignments:
-            motor = set_values(read_motor(one.motor), list(assignments))
-            there = set_values(at_ambient(read_motor(one.motor), one), list(assignments))
-            used[-1] = replace(used[-1], ambient=_ambient_of(there, one.ambient))
+    used = [_used(one, channels, assignments) for one in recordings]
+    motor = set_values(read_motor(str(used[-1].motor)), list(assignments)) if assignments else None
     comparison, base = fit_base(used[0] if len(used) == 1 else used, tell, workers, motor, sharing)
     refuse_effects(effects, {effect.id for effect in comparison.problem.effects_that_could()})
     tell("test")
@@ -152,6 +138,21 @@ def judge_whole(
     return used, found, quality
 
 
+def _used(one: Recording, channels: Sequence[str], assignments: Sequence[str]) -> Recording:
+    """A recording as a fit to everything uses it, in the ambient that a motor changed by hand has there."""
+    if not isinstance(one.motor, str):
+        raise RecordingError(
+            f"{one.folder}/recording.toml: an inline motor of kind {one.motor.get('kind')!r} cannot be fitted yet; "
+            "name a radial piston motor of configs/motors"
+        )
+    refuse_unusable(one)
+    used = as_fitted(one, channels, in_time=True)
+    if not assignments:
+        return used
+    there = set_values(at_ambient(read_motor(one.motor), one), list(assignments))
+    return replace(used, ambient=_ambient_of(there, one.ambient))
+
+
 def _each(found: Detected) -> Iterator[tuple[str, Any, Mode]]:
     """Each recording by name, as it is compared, with its share of the mode."""
     if isinstance(found.comparison, Several):
@@ -159,18 +160,6 @@ def _each(found: Detected) -> Iterator[tuple[str, Any, Mode]]:
             yield f"{name}: ", part, found.comparison.of_part(k, found.base)
     else:
         yield "", found.comparison, found.base
-
-
-def as_json(found: fits.Fit | WholeFit) -> dict[str, Any]:
-    """A fit as posterior/1."""
-    if isinstance(found, WholeFit):
-        told = posterior.as_json(found.posterior, found.quality, found.comparison.rows_used())
-        if not isinstance(found.comparison, Several):
-            return told
-        problem = found.comparison.problem
-        days = [{"recording": day, "date": as_text(problem.dates[day])} for day in problem.along_dates()]
-        return told | {"recordings": days}
-    return posterior.as_json(found.posterior, found.quality, rows_used.by_fit(found.recording, found.measured))
 
 
 def as_fitted(
@@ -209,8 +198,8 @@ def _rows_of(file: RecordingFile, left_out: set[str], with_held: bool) -> Record
 def _ambient_of(motor: Motor, ambient: Ambient) -> Ambient:
     """The ambient that was noted, with the values that the motor has now."""
     now = {
-        "pressure_bar_abs": motor["ambient_pressure"].value / PASCAL_PER_BAR,
-        "temperature_c": motor["inlet_temperature"].value - KELVIN_AT_0_C,
+        "pressure_bar_abs": motor["ambient_pressure"].value / BAR,
+        "temperature_c": motor["inlet_temperature"].value - ZERO_C,
         "relative_humidity": motor["relative_humidity"].value,
     }
     return replace(ambient, **{name: value for name, value in now.items() if getattr(ambient, name) is not None})

@@ -158,9 +158,10 @@ def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
 def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
     from calibration import fit_quality
     from calibration.fit import fit
+    from calibration.fit.document import as_json
     from calibration.fit.sampling import Settings
 
     recording, settings = read(Path(argument["folder"])), Settings(**argument["settings"])
     quality = fit_quality.judge(recording, settings.seed)
-    found = fit_quality.as_json(replace(fit.fit(recording, settings), quality=quality))
+    found = as_json(replace(fit.fit(recording, settings), quality=quality))
     return {"date": as_text(date_of(recording)), "posterior": found}

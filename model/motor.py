@@ -175,8 +175,7 @@ class Motor(Strict):
 
     def __getitem__(self, name: str) -> Parameter:
         """The parameter of that name."""
-        parameter: Parameter = getattr(self.parameters, name)
-        return parameter
+        return getattr(self.parameters, name)
 
     def si(self, name: str) -> float:
         """The value of a parameter in SI units."""

@@ -81,7 +81,7 @@ def verdict(kind, said, alternatives=None, f=0.06, probability=0.97, located=Non
     size = {"torque_nm": {"mean": 0.1, "sd": 0.01, "q05": 0.084, "q95": 0.116}}
     interval = {"mean": f, "sd": 0.001, "q05": f - 0.0016, "q95": f + 0.0016}
     place = {"balance": "torque", "channel": "speed", "coordinate": "speed", "where": [12.0, 18.0], "unit": "rad/s"}
-    place |= {"p_value": 1e-6, "sentence": "There.", "same_as": ["pressure"]}
+    place |= {"kind": "balance", "p_value": 1e-6, "sentence": "There.", "same_as": ["pressure"], "recording": ""}
     return {
         "format": "diagnosis/1",
         "verdict": kind,

@@ -11,7 +11,7 @@ from calibration.data.clock import times_of, times_of_rows
 from calibration.data.measurement import OBSERVED, Measurement, gather
 from calibration.data.runs import UNTOLD, RunInTime, run_of
 from calibration.data.runs_in_time import repeated, turns
-from calibration.unknowns.priors import PASCAL_PER_BAR
+from configs.units import BAR
 from model.layout import L_MIN, RPM
 from rig.recording import Recording
 
@@ -143,13 +143,13 @@ def _vented(recording: Recording) -> Vented:
                     rest[after[0] : turning[-1] + 1] = False
         figures = recording.channels[name]
         old = repeated(file.columns[name].values, figures.noise_sd * file.noise_scale, figures.resolution)
-        read = file.columns[name].values[rest & ~old & (file.columns[name].censor == 0)] * PASCAL_PER_BAR
+        read = file.columns[name].values[rest & ~old & (file.columns[name].censor == 0)] * BAR
         read = read[np.isfinite(read)]
         if file.kind == "transient":
-            read = _emptied(read, figures.noise_sd * file.noise_scale * PASCAL_PER_BAR)
+            read = _emptied(read, figures.noise_sd * file.noise_scale * BAR)
         if read.size:
             noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
-            found.append((file.file, float(np.mean(read)), noise * PASCAL_PER_BAR / np.sqrt(read.size), gauge))
+            found.append((file.file, float(np.mean(read)), noise * BAR / np.sqrt(read.size), gauge))
     columns = list(zip(*found, strict=True)) or [(), (), (), ()]
     return Vented(columns[0], np.array(columns[1]), np.array(columns[2]), np.array(columns[3], dtype=bool))
 
@@ -167,7 +167,7 @@ def _standing(recording: Recording) -> Standing:
         if held:
             read = file.columns["pressure_bar_gauge" if gauge else "pressure_bar_abs"]
             used &= (file.columns["rotor_locked"].values > 0.5) & np.isfinite(read.values) & (read.censor == 0)
-            pressure = read.values * PASCAL_PER_BAR
+            pressure = read.values * BAR
         figures = recording.channels["flow_l_min"]
         noise, rounding = figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)
         for rows in _apart(np.flatnonzero(used), pressure) if held else [np.flatnonzero(used)]:
@@ -221,7 +221,7 @@ def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
     return Plateaus(
         rows.file,
         rows.row,
-        rows.pressure * PASCAL_PER_BAR,
+        rows.pressure * BAR,
         rows.is_gauge,
         np.where((rows.flow_state == OBSERVED) & ~rests, rows.flow / L_MIN, np.nan),
         np.where((rows.speed_state == OBSERVED) & (rows.speed > 0.0), rows.speed / RPM, np.nan),

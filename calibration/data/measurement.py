@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibration.data.runs_in_time import STANDS
-from calibration.unknowns.priors import PASCAL_PER_BAR, column_of
+from calibration.unknowns.priors import column_of
+from configs.units import BAR
 from model.layout import RPM
 from model.motor import Motor
 from model.solvers import steady
@@ -135,7 +136,7 @@ def check_against_model(recording: Recording, measured: Measurement, motor: Moto
         Gauge pressure declared absolute (or the reverse).
     """
     rows = measured.steady
-    P_a = motor.si("ambient_pressure") / PASCAL_PER_BAR
+    P_a = motor.si("ambient_pressure") / BAR
     declared = rows.pressure + np.where(rows.is_gauge, P_a, 0.0)
     other = declared + np.where(rows.is_gauge, -P_a, P_a)
     column = column_of(recording, "pressure")
@@ -169,7 +170,7 @@ def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray)
 
     f_overall scales all speeds alike, so a motor with another friction is no reason to doubt the gauge.
     """
-    found = steady.steady(motor, pressure_bar * PASCAL_PER_BAR).speed_rad_s[0] * RPM
+    found = steady.steady(motor, pressure_bar * BAR).speed_rad_s[0] * RPM
     ratio = np.maximum(found, 1.0) / np.maximum(speed_rpm, 1.0)
     middle = np.median(ratio)
     # Single bad readings must not decide: the four-fifths point of the distances, not their maximum.

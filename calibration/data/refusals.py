@@ -13,12 +13,12 @@ from calibration.data.clock import times_of
 from calibration.data.measurement import PRESSURE_LIMITS_BAR
 from calibration.data.runs_in_time import lone_zeros, release, turns
 from calibration.unknowns.priors import at_ambient
+from configs.units import BAR
 from model import geometry
 from model.layout import LOBE, N_CYLINDERS, N_LOBES
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError
 
-PASCAL_PER_BAR = 1e5
 FULL = 0.9  # share of the swept volume that a turn takes in, measured on this motor; beside a leak up to 1.5
 MOST_OFF = 3.0  # factor on flow over speed that no leak and no wrong meter makes
 FEWEST_ROWS = 3
@@ -124,20 +124,11 @@ def _hold_against_supply(place: str, time: np.ndarray, speed: np.ndarray, opened
     speed = median_filter(speed, 3, mode="nearest")  # a rotor that rocks to rest over a tooth makes a lone peak
     top = float(speed.max())
     edges = [0, *(np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist(), time.size]
-    wrong = []  # how far it goes the wrong way in each span
-    for begin, end in itertools.pairwise(edges):
-        sure = np.ones(end - begin, dtype=bool)
-        if begin:
-            sure &= time[begin:end] > time[begin - 1] + LATE_S
-        if end < time.size:
-            sure &= time[begin:end] < time[end] - LATE_S
-        part = speed[begin:end][sure]
-        if not part.size:
-            continue
-        last = float(np.median(part[-3:]))
-        falls, rises = (float(part.max()) - last) / top, (float(part.max()) - float(part[0])) / top
-        wrong.append((falls if opened[begin] else rises, begin, end))
-    share, begin, end = max(wrong, default=(0.0, 0, 0))
+    wrong = [
+        (_wrong_way(time, speed, begin, end, bool(opened[begin])) / top, begin, end)
+        for begin, end in itertools.pairwise(edges)
+    ]
+    share, begin, end = max(wrong)
     if share <= WRONG_WAY:
         return
     says = "falls" if opened[begin] else "rises"
@@ -170,6 +161,19 @@ def _hold_against_supply(place: str, time: np.ndarray, speed: np.ndarray, opened
     )
 
 
+def _wrong_way(time: np.ndarray, speed: np.ndarray, begin: int, end: int, is_open: bool) -> float:
+    """How far the speed of a span falls under an open supply, or rises under a closed one [rpm]."""
+    sure = np.ones(end - begin, dtype=bool)
+    if begin:
+        sure &= time[begin:end] > time[begin - 1] + LATE_S
+    if end < time.size:
+        sure &= time[begin:end] < time[end] - LATE_S
+    part = speed[begin:end][sure]
+    if not part.size:
+        return 0.0
+    return float(part.max()) - float(np.median(part[-3:]) if is_open else part[0])
+
+
 def swept_volume(parameters: np.ndarray) -> float:
     """What the cylinders sweep in a turn [m3].
 
@@ -192,7 +196,7 @@ def refuse_starved(recording: Recording) -> None:
     """
     if not isinstance(recording.motor, str):
         return
-    P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / PASCAL_PER_BAR
+    P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / BAR
     turning, starved = 0, []
     for file in recording.files:
         pressure, speed = file.columns.get("pressure_bar_abs"), file.columns.get("speed_rpm")
@@ -223,7 +227,7 @@ def refuse_out_of_range(recording: Recording) -> None:
     """
     if not isinstance(recording.motor, str):
         return
-    P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / PASCAL_PER_BAR
+    P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / BAR
     low, high = PRESSURE_LIMITS_BAR
     for file in recording.files:
         gauge = "pressure_bar_gauge" in file.columns

@@ -81,8 +81,7 @@ def _held(file: RecordingFile) -> np.ndarray:
 
 def _has_pressure(file: RecordingFile) -> np.ndarray:
     read = next(column for name, column in file.columns.items() if name.startswith("pressure_bar_"))
-    found: np.ndarray = np.isfinite(read.values) & (read.censor == 0)
-    return found
+    return np.isfinite(read.values) & (read.censor == 0)
 
 
 def _numbers(*parts: Rows) -> dict[str, set[int]]:

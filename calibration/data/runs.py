@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.data.runs_in_time import lone_zeros, repeated
-from calibration.unknowns.priors import PASCAL_PER_BAR
+from configs.units import BAR
 from model.layout import PULSE, RPM
 from model.solvers.transient import Supply
-from rig.recording import Recording, RecordingError, RecordingFile
+from rig.recording import Channel, Recording, RecordingError, RecordingFile
 
 REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed,
 REST_AT = 5.0  # rad/s; ... and to this speed: below, it hangs on single pulses of the cylinders
@@ -59,8 +59,7 @@ class Line:
             One value a reading [own unit].
         """
         count = np.bincount(self.group, minlength=self.pressure.size)
-        found: np.ndarray = np.bincount(self.group, at_readings, self.pressure.size) / np.maximum(count, 1)
-        return found
+        return np.bincount(self.group, at_readings, self.pressure.size) / np.maximum(count, 1)
 
 
 @dataclass(frozen=True)
@@ -148,11 +147,7 @@ def run_of(file: RecordingFile, recording: Recording) -> RunInTime:
     sampled &= ~repeated(turning, tachometer.noise_sd * file.noise_scale, tachometer.resolution)
     speed, time = shown[sampled] / RPM, clock[sampled]
     opened = file.columns["supply_open"].values > 0.5 if "supply_open" in file.columns else np.ones(clock.size, bool)
-    pressure = file.columns[name].values * PASCAL_PER_BAR
-    figures = recording.channels[name]
-    old = repeated(file.columns[name].values, figures.noise_sd * file.noise_scale, figures.resolution)
-    pressure = np.where((file.columns[name].censor == 0) & ~old, pressure, np.nan)
-    noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0))) * PASCAL_PER_BAR
+    pressure, noise = _gauge(file, recording.channels[name])
     from_rest = bool(speed.size == 0 or np.mean(speed[:5]) < REST_RAD_S or not opened[0])
     valve, unseen_s, settled_sd = _valve(clock, pressure, opened)
     window = tachometer.window_s
@@ -166,21 +161,17 @@ def run_of(file: RecordingFile, recording: Recording) -> RunInTime:
     over = float(time[used][-1]) if used.any() else -np.inf
     line = _line(clock, pressure, valve, noise, over)
     return RunInTime(
-        file.file,
-        time,
-        begin,
-        speed,
-        valve,
-        unseen_s,
-        settled_sd,
-        line,
-        gauge,
-        file.start_s,
-        scale,
-        row,
-        from_rest,
+        file.file, time, begin, speed, valve, unseen_s, settled_sd, line, gauge, file.start_s, scale, row, from_rest,
         used,
-    )
+    )  # fmt: skip
+
+
+def _gauge(file: RecordingFile, figures: Channel) -> tuple[np.ndarray, float]:
+    """What the gauge read, nan where it shows a reading again or is at its scale's end, and its noise [Pa]."""
+    read = file.columns[figures.column]
+    old = repeated(read.values, figures.noise_sd * file.noise_scale, figures.resolution)
+    noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0))) * BAR
+    return np.where((read.censor == 0) & ~old, read.values * BAR, np.nan), noise
 
 
 def _begin(time: np.ndarray) -> np.ndarray:

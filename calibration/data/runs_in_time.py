@@ -112,8 +112,7 @@ def placeholders(values: np.ndarray) -> np.ndarray:
     values : ndarray, shape (n,)
         About what they are, in any unit.
     """
-    found: np.ndarray = values * (1.0 + 1e-9 * np.arange(values.size))
-    return found
+    return values * (1.0 + 1e-9 * np.arange(values.size))
 
 
 def release(time: np.ndarray, speed: np.ndarray) -> int:
@@ -155,8 +154,7 @@ def release(time: np.ndarray, speed: np.ndarray) -> int:
 def _inertia(time: np.ndarray, window: int) -> np.ndarray:
     """Sum of squares of the times about their mean in each window, shape (n - window + 1,) [s2]."""
     views = np.lib.stride_tricks.sliding_window_view(time, window)
-    total: np.ndarray = np.sum((views - views.mean(axis=1, keepdims=True)) ** 2, axis=1)
-    return total
+    return np.sum((views - views.mean(axis=1, keepdims=True)) ** 2, axis=1)
 
 
 def _lines(time: np.ndarray, speed: np.ndarray, window: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

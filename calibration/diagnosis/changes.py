@@ -20,8 +20,8 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.verdict import is_small
 from calibration.likelihood.function import Function
 from calibration.likelihood.tails import log_ratio
-from calibration.systems.several.sharing import Sharing
-from calibration.unknowns.effects import CHANGED, unchanged
+from calibration.systems.several.sharing import OF_THE_MOTOR_CHANGED, Sharing
+from calibration.unknowns.effects import is_change, unchanged
 from calibration.unknowns.priors import Unknown
 from calibration.work.step_clock import Tell
 from rig.recording import Recording
@@ -56,8 +56,7 @@ class Moved:
     @property
     def change(self) -> np.ndarray:
         """The later value less the earlier one."""
-        found: np.ndarray = self.after - self.before
-        return found
+        return self.after - self.before
 
 
 def compare(
@@ -80,7 +79,7 @@ def compare(
 
 def changes_in(names: Sequence[str]) -> tuple[str, ...]:
     """The members of a set that are changes."""
-    return tuple(name for name in names if name.endswith(CHANGED))
+    return tuple(name for name in names if is_change(name))
 
 
 def answer(found: Diagnosis) -> Answer:
@@ -134,16 +133,9 @@ def moved(found: Diagnosis, one: Candidate, change: str) -> list[Moved]:
     ]
     weight = np.where(inside, np.exp(np.minimum(log_ratio(z[:, sizes]).sum(axis=1), 50.0)), 0.0)
     z = z[rng.choice(DRAWS, DRAWS, p=weight / weight.sum())]
-    off = 1.0 + _unknown_share(change) * rng.standard_normal(DRAWS)
+    off = 1.0 + (UNSEEN if unchanged(change) == "f_overall" else LAW) * rng.standard_normal(DRAWS)
     made = []
     for quantity, before, after in problem.of_change(change, one.names, z):
-        of_shape = quantity.kind == "lognormal" and unchanged(change) != quantity.name
+        of_shape = quantity.kind == "lognormal" and change not in OF_THE_MOTOR_CHANGED
         made.append(Moved(quantity, before, after) if of_shape else Moved(quantity, before * off, after * off))
     return made
-
-
-def _unknown_share(change: str) -> float:
-    """Share of a value that is not known, however well it is fitted (1 sd) [-]."""
-    if unchanged(change) == "f_overall":
-        return UNSEEN
-    return LAW

@@ -13,7 +13,8 @@ from calibration.diagnosis.changes import Answer, Moved
 from calibration.diagnosis.document import finite, next_tests_as_json
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.candidate import Candidate
-from calibration.unknowns.effects import unchanged
+from calibration.systems.several.sharing import OF_THE_MOTOR_CHANGED
+from calibration.unknowns.effects import changed, unchanged
 
 FORMAT = "comparison/1"
 MOST_SETS = 12
@@ -27,7 +28,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
     listed = _listed(found, said)
     names = dict.fromkeys(name for one in listed for name in changes.changes_in(one.names))
     weighed = dict.fromkeys(name for one in found.candidates for name in changes.changes_in(one.names))
-    further = [name for name in weighed if changes.probability_of(found, name) > LEAST or name == "f_overall_changed"]
+    further = [name for name in weighed if changes.probability_of(found, name) > LEAST or name == changed("f_overall")]
     return finite(
         {
             "format": FORMAT,
@@ -69,10 +70,9 @@ def _explanation(one: Candidate) -> dict[str, Any]:
 def _change(found: Diagnosis, name: str, is_listed: bool) -> dict[str, Any]:
     one = changes.best_with(found, name)
     figures = [] if one is None else changes.moved(found, one, name)
-    of_the_motor = len(figures) == 1 and figures[0].quantity.name == unchanged(name)
     return {
         "id": unchanged(name),
-        "of": "motor" if of_the_motor else found.comparison.problem.effect(name).acts_in,
+        "of": "motor" if name in OF_THE_MOTOR_CHANGED else found.comparison.problem.effect(name).acts_in,
         "listed": is_listed,
         "probability": changes.probability_of(found, name),
         "refused": None if one is None or one.refused is None else str(one.refused),

@@ -75,10 +75,10 @@ class _Unnamed:
     """What stands for a mismatch that no set explains."""
 
     why: str
-    correction: Correction | None
-    beside: tuple[np.ndarray, np.ndarray] | None
-    term: Term | None
-    held_out: HeldOut | None
+    correction: Correction | None = None
+    beside: tuple[np.ndarray, np.ndarray] | None = None
+    term: Term | None = None
+    held_out: HeldOut | None = None
 
 
 def diagnose(
@@ -152,54 +152,54 @@ def _explain(
     residuals = Residuals(comparison, rng, side_by_side)
     searched = _search(first, search, residuals, clock, {names for one in promises for names in one.log_evidence})
     base, candidates = searched.base, searched.candidates
+    said, held_out, unseen_run = _said(searched, comparison, residuals, hold_out, clock)
+    clock("locate")
+    places = _places(comparison, first, said, base)
+    verdict, unnamed = said.verdict, _Unnamed(said.verdict.why, held_out=held_out)
+    if verdict.kind == "unresolved":
+        unnamed = _without_a_name(comparison, base, said, unseen_run, rng, clock)
+        verdict = replace(verdict, why=unnamed.why)
+    rivals = _rivals(candidates, verdict)[:MOST_RIVALS]
+    tests = _next_tests(comparison, rivals, clock)
+    clock("weigh f_overall")
+    unseen = _not_seen(search, verdict, rng)
+    clock("")
+    open_ = rivals if tests else []
+    promised = [one for promise in promises if (one := kept(promise, candidates))]
+    sizes = resolved(comparison, first.base, first.detection.u, first.found)
+    return Diagnosis(
+        comparison, base, said.detection, places, candidates, residuals.p, residuals.left, verdict, unnamed.held_out,
+        unnamed.term, tests, said.bad, clock.seconds, unnamed.correction, unnamed.beside, said.misread, unseen, sizes,
+        rivals=open_, promised=promised,
+    )  # fmt: skip
+
+
+def _said(
+    searched: _Searched, comparison: Compared, residuals: Residuals, hold_out: Recording | None, clock: StepClock
+) -> tuple[_Said, HeldOut | None, HeldOut | None]:
+    """What is said, what held-out readings say of it, and what an unseen run does."""
     verdict, held_out = _judge(searched, comparison, residuals, clock)
     unseen_run = None
     if hold_out is not None and verdict.chosen is not None:
         clock("predict the unseen run")
-        held_out = unseen_run = predict_unseen(comparison, base, verdict.chosen.mode, hold_out)
+        held_out = unseen_run = predict_unseen(comparison, searched.base, verdict.chosen.mode, hold_out)
         verdict = _held_against(verdict, unseen_run)
     said = _single_readings(comparison, verdict, searched)
     if said.verdict.kind in ("named", "confounded"):
         clock("a step in time instead")
-        said = _held_against_a_step(comparison, said, base)
-    clock("locate")
-    places = _places(comparison, first, said, base)
-    verdict = said.verdict
-    unnamed = None
-    if verdict.kind == "unresolved":
-        unnamed = _without_a_name(comparison, base, said, unseen_run, rng, clock)
-        verdict, held_out = replace(verdict, why=unnamed.why), unnamed.held_out
-    rivals = _rivals(candidates, verdict)[:MOST_RIVALS]
-    tests = _next_tests(comparison, rivals, clock)
-    clock("weigh f_overall")
+        said = _held_against_a_step(comparison, said, searched.base)
+    return said, held_out, unseen_run
+
+
+def _not_seen(search: Search, verdict: Verdict[Mode], rng: np.random.Generator) -> dict[tuple[str, ...], list[Faint]]:
+    """Effects too small to be seen beside each of the sets that are said."""
     chosen = verdict.chosen.names if verdict.chosen else ()
     averaged = [] if verdict.kind == "unresolved" else [chosen, *verdict.alternatives]
-    unseen: dict[tuple[str, ...], list[Faint]] = {names: [] for names in averaged}
-    if not comparison.rig:  # a machine's friction is no figure of its own: it is that of the sets that are said
-        unseen = {names: faint(comparison, search.modes[names], search.signatures_at(names), rng) for names in averaged}
-    clock("")
-    return Diagnosis(
-        comparison,
-        base,
-        said.detection,
-        places,
-        candidates,
-        residuals.p,
-        residuals.left,
-        verdict,
-        held_out,
-        unnamed.term if unnamed else None,
-        tests,
-        said.bad,
-        clock.seconds,
-        unnamed.correction if unnamed else None,
-        unnamed.beside if unnamed else None,
-        said.misread,
-        unseen,
-        resolved(comparison, first.base, first.detection.u, first.found),
-        rivals=rivals if tests else [],
-        promised=[one for promise in promises if (one := kept(promise, candidates))],
-    )
+    if search.comparison.rig:  # a machine's friction is no figure of its own: it is that of the sets that are said
+        return {names: [] for names in averaged}
+    return {
+        names: faint(search.comparison, search.modes[names], search.signatures_at(names), rng) for names in averaged
+    }
 
 
 def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis:

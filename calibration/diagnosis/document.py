@@ -13,17 +13,18 @@ from calibration.data.dates import as_text
 from calibration.diagnosis.f_overall import f_overall_after, f_overall_before
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.sizes.sizes import sizes_of
+from calibration.diagnosis.sizes.sizes import Size, sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
 from calibration.diagnosis.steps.verdict import Verdict
-from calibration.unknowns.effects import of_recording
 from calibration.unknowns.priors import Unknown
 
 FORMAT = "diagnosis/1"
 Q95 = 1.6448536269514722  # of a standard normal
 MOST_PLACES = 6
+OF_A_RESOLVED = ("parameter", "seen_from", "told_from", "nearest", "rho")
+OF_A_TERM = ("balance", "expression", "unit", "stability")
 # Of what is as good as certain among the sets weighed: the share of whole sets, and of single effects, that turned out
 # true in opened campaigns of the challenge (camp6 to camp12, record-mixed1: 222 and 266 of 286 named; 66 and 71 of the
 # last 73). A second effect may be hidden, or the law be another.
@@ -39,30 +40,11 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "format": FORMAT,
         "verdict": verdict.kind,
         "mismatch": {"p_value": found.detection.p_value, "beyond_the_draws": found.detection.extrapolated},
-        "located": [
-            {
-                "channel": place.channel,
-                "balance": place.balance,
-                "coordinate": place.coordinate,
-                "where": list(place.where),
-                "unit": place.unit,
-                "p_value": place.p_value,
-                "sentence": place.sentence,
-                "same_as": list(place.same_as),
-            }
-            for place in found.places[:MOST_PLACES]
-        ],
+        "located": [asdict(place) for place in found.places[:MOST_PLACES]],
         "set_probability": verdict.set_probability if found.comparison.rig else set_probability(verdict),
         "effects": _effects(found),
         "alternatives": [_with_misread(found, names) for names in verdict.alternatives],
-        "term": None
-        if found.term is None
-        else {
-            "balance": found.term.balance,
-            "expression": found.term.expression,
-            "unit": found.term.unit,
-            "stability": list(found.term.stability),
-        },
+        "term": None if found.term is None else {key: getattr(found.term, key) for key in OF_A_TERM},
         "improvement": {"held_out": held_out_as_json(found.held_out)},
         "f_overall_before": None if found.not_described else f_overall_before(found),
         "f_overall_after": None if found.not_described else f_overall_after(found),
@@ -73,17 +55,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
         ],
-        "resolves": [
-            {
-                "id": one.effect,
-                "parameter": one.parameter,
-                "seen_from": one.seen_from,
-                "told_from": one.told_from,
-                "nearest": one.nearest,
-                "rho": one.rho,
-            }
-            for one in found.resolved
-        ],
+        "resolves": [{"id": one.effect, **{key: getattr(one, key) for key in OF_A_RESOLVED}} for one in found.resolved],
         "not_observable": found.comparison.not_observable(found.base),
         "check": list(found.comparison.check) if found.not_described else [],
         "why": verdict.why,
@@ -158,31 +130,25 @@ def _factor(candidates: Sequence[Candidate], chosen: Candidate, name: str) -> fl
 
 def _sizes(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, Any]:
     """The parameters of an effect; of one that each recording has for itself those of each, along the dates."""
-    told = _parameters(found, chosen, name)
-    shared = {key: one for key, one in told.items() if not of_recording(key)[0]}
-    if len(shared) == len(told):
-        return {"parameters": shared}
     problem = found.comparison.problem
+    sizes = [size for size in sizes_of(problem, chosen) if size.effect == name]
+
+    def parameters(whose: str) -> dict[str, dict[str, Any]]:
+        return {one.unknown.own: _size(found, one) for one in sizes if one.unknown.whose == whose}
+
+    if not any(one.unknown.whose for one in sizes):
+        return {"parameters": parameters("")}
     recordings = [
-        {
-            "recording": mine,
-            "date": as_text(problem.dates[mine]),
-            "parameters": {of_recording(key)[1]: one for key, one in told.items() if of_recording(key)[0] == mine},
-        }
+        {"recording": mine, "date": as_text(problem.dates[mine]), "parameters": parameters(mine)}
         for mine in problem.along_dates()
     ]
-    return {"parameters": shared, "recordings": recordings}
+    return {"parameters": parameters(""), "recordings": recordings}
 
 
-def _parameters(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, dict[str, Any]]:
-    out = {}
-    for size in sizes_of(found.comparison.problem, chosen):
-        if size.effect == name:
-            high = size.parameter.high if size.parameter.shape else math.inf
-            out[size.unknown.name] = size_as_json(size.unknown, size.z, size.sd, size.parameter.low, high)
-            if found.comparison.rig:
-                out[size.unknown.name]["unit"] = found.comparison.unit(size.unknown)
-    return out
+def _size(found: Diagnosis, size: Size) -> dict[str, Any]:
+    high = size.parameter.high if size.parameter.shape else math.inf
+    told = size_as_json(size.unknown, size.z, size.sd, size.parameter.low, high)
+    return told | {"unit": found.comparison.unit(size.unknown)} if found.comparison.rig else told
 
 
 def of_a_machine(found: Diagnosis) -> dict[str, Any]:
@@ -241,6 +207,7 @@ def held_out_as_json(h: HeldOut | None) -> dict[str, Any] | None:
     if h is None or not (math.isfinite(h.gain) and math.isfinite(h.gain_se)):
         return None
     return {
+        "kind": h.kind,
         "scheme": h.scheme,
         "folds": h.folds,
         "same_set_in_folds": h.same,

@@ -80,16 +80,14 @@ def _alone(found: Diagnosis, place: int, mode: Mode, weight: float) -> Part:
 
 def _normal(mean: float, sd: float) -> Draw:
     def draw(n: int, rng: np.random.Generator) -> np.ndarray:
-        drawn: np.ndarray = mean + sd * rng.standard_normal(n)
-        return drawn
+        return mean + sd * rng.standard_normal(n)
 
     return draw
 
 
 def _among(draws: np.ndarray, sd: float) -> Draw:
     def draw(n: int, rng: np.random.Generator) -> np.ndarray:
-        drawn: np.ndarray = rng.choice(draws, n) + sd * rng.standard_normal(n)
-        return drawn
+        return rng.choice(draws, n) + sd * rng.standard_normal(n)
 
     return draw
 

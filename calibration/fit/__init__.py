@@ -8,5 +8,6 @@ peak               where the walkers start
 transport, moves   how they walk
 sampling           how long
 store              the chain on disk
-posterior          what the chain says, in the words of posterior/1
+posterior          what the chain says
+document           a fit as posterior/1
 """

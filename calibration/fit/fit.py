@@ -21,10 +21,10 @@ from calibration.fit.sampling import Progress, Settings
 from calibration.systems.radial_piston.batch import effects as with_effects
 from calibration.systems.radial_piston.batch.likelihood import Likelihood
 from calibration.unknowns import priors
+from calibration.unknowns.priors import CHANNELS
 from model.motor import Motor, read_motor, set_values
 from rig.recording import Channel, Recording, RecordingError
 
-ALL_CHANNELS = ("pressure", "flow", "speed")
 GAUGE_CLASSES = (0.6, 1.0, 1.6, 2.5)
 BRIEF_SAMPLES = 2000
 WARM_UP_WITH_EFFECTS = 24  # blocks, where the model holds effects: the ridge is thinner, its map needs more draws
@@ -73,7 +73,7 @@ def fit(
     recording: Recording,
     settings: Settings,
     assignments: Sequence[str] = (),
-    channels: tuple[str, ...] = ALL_CHANNELS,
+    channels: tuple[str, ...] = CHANNELS,
     chain_folder: Path | None = None,
     progress: Progress | None = None,
     effects: Sequence[str] = (),
@@ -121,7 +121,7 @@ def fit(
 def prepare(
     recording: Recording,
     assignments: Sequence[str] = (),
-    channels: tuple[str, ...] = ALL_CHANNELS,
+    channels: tuple[str, ...] = CHANNELS,
     effects: Sequence[str] = (),
 ) -> tuple[Motor, Measurement, Likelihood]:
     """Everything of a fit but the sampling.
@@ -234,7 +234,7 @@ def _channel_of(column: str) -> str:
 def suspects(chain: sampling.Chain, likelihood: Likelihood, recording: Recording) -> list[SuspectRow]:
     """Readings that are more probably bad than good, over draws of the chain."""
     bad, rows = likelihood.bad_probability(posterior.thinned(chain.flat())), likelihood.measured.steady
-    columns = [priors.column_of(recording, channel) for channel in ALL_CHANNELS]
+    columns = [priors.column_of(recording, channel) for channel in CHANNELS]
     return [
         SuspectRow(rows.file[r], int(rows.row[r]), str(columns[c]), float(bad[r, c]))
         for r, c in zip(*np.nonzero(bad > posterior.SUSPECT), strict=True)

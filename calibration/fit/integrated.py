@@ -10,7 +10,7 @@ neighbours is stays as it suits the most probable point. The likelihood is that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from calibration.likelihood.tails import log_ratio
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.comparison import Several
 from calibration.systems.several.problem import SeveralProblem
-from calibration.unknowns.effects import unknown_name
+from calibration.unknowns.effects import in_a_fit
 from calibration.unknowns.priors import Unknown, factors_at, values_of
 from calibration.work.threads import each
 
@@ -89,7 +89,7 @@ class Integrated:
         of_effects = problem.effect_unknowns(mode.names)
         everything = [
             *problem.nuisances,
-            *(replace(one, name=unknown_name(name, one.name)) for name, one in of_effects),
+            *(in_a_fit(name, one) for name, one in of_effects),
         ]
         is_of_run = np.array([i < self.f.k and problem.run_of(i) is not None for i in range(len(everything))])
         is_own = is_of_run.copy()
@@ -137,8 +137,7 @@ class Integrated:
 
     def inside(self, z: np.ndarray) -> np.ndarray:
         """Which points lie within the bounds, shape (n,); ``z`` of shape (n, n_unknowns) [-]."""
-        found: np.ndarray = np.all((z >= self.low) & (z <= self.high), axis=1)
-        return found
+        return np.all((z >= self.low) & (z <= self.high), axis=1)
 
     def log_prob(self, z: np.ndarray) -> np.ndarray:
         """Log posterior density up to a constant, shape (n,) [-].
@@ -156,8 +155,7 @@ class Integrated:
 
     def tails(self, full: np.ndarray) -> np.ndarray:
         """What the longer tails of the effects' sizes add to the log prior, shape (...,); ``full`` (..., m) [-]."""
-        found: np.ndarray = log_ratio(full[..., self._sizes]).sum(axis=-1)
-        return found
+        return log_ratio(full[..., self._sizes]).sum(axis=-1)
 
     def predicted(self, full: np.ndarray) -> np.ndarray | None:
         """The readings expected at a whole point [SI], shape (n,); None where the model has none."""

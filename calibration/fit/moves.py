@@ -51,8 +51,7 @@ class IndependenceMove(Move):
         each = np.hstack([total, total - squares * (1.0 - self.LONG**-2)])
         log_t = -0.5 * (self.degrees + n) * np.log1p(each / self.degrees)
         weights = np.append(1.0 - self.STRETCHED, np.full(n, self.STRETCHED / (n * self.LONG)))
-        found: np.ndarray = logsumexp(log_t, b=weights, axis=1)
-        return found
+        return logsumexp(log_t, b=weights, axis=1)
 
     def draw(self, random: Any, walkers: int, n: int) -> np.ndarray:
         """Draws of the proposal, shape (walkers, n) [-]."""
@@ -61,8 +60,7 @@ class IndependenceMove(Move):
         stretched = random.rand(walkers) < self.STRETCHED
         which = random.randint(n, size=walkers)
         q[np.arange(walkers)[stretched], which[stretched]] *= self.LONG
-        found: np.ndarray = q
-        return found
+        return q
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
         """One step of all walkers, as emcee calls it.
@@ -164,8 +162,7 @@ def delayed(stand_in: BatchLogProb, shape: TransportMap) -> list[tuple[Move, flo
     """
 
     def flatter(z: np.ndarray) -> np.ndarray:
-        found: np.ndarray = stand_in(z) / FLATTER
-        return found
+        return stand_in(z) / FLATTER
 
     own, flat = DelayedAcceptance(stand_in, shape), DelayedAcceptance(flatter, shape)
     return [(own, 0.7), (flat, 0.2), (emcee.moves.DEMove(), 0.1)]

@@ -77,8 +77,7 @@ def spread_at(log_prob: BatchLogProb, peak: np.ndarray) -> np.ndarray:
         curvature[i, j] = curvature[j, i] = -(pp - pm - mp + mm) / (4.0 * CURVATURE_STEP**2)
     eigenvalues, vectors = np.linalg.eigh(curvature)
     # The prior alone has curvature 1; less than that is the step's error or a second peak.
-    covariance: np.ndarray = (vectors / np.maximum(eigenvalues, 0.5)) @ vectors.T
-    return covariance
+    return (vectors / np.maximum(eigenvalues, 0.5)) @ vectors.T
 
 
 def scatter(

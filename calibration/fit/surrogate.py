@@ -75,8 +75,7 @@ class Surrogate:
         rate = target.f.log_step[target.shared]
         curved = rate != 0.0
         moved[:, curved] = np.expm1(np.clip(moved[:, curved] * rate[curved], -30.0, 30.0)) / rate[curved]
-        found: np.ndarray = np.linalg.solve(self._root, moved.T).T
-        return found
+        return np.linalg.solve(self._root, moved.T).T
 
     def terms(self, z: np.ndarray) -> np.ndarray:
         """1, the coordinates, all their products of two and their cubes, shape (n_points, p) [-]."""
@@ -173,8 +172,7 @@ class Surrogate:
 
 
 def _squared(terms: np.ndarray, form: np.ndarray) -> np.ndarray:
-    found: np.ndarray = ((terms @ form) * terms).sum(axis=1)
-    return found
+    return ((terms @ form) * terms).sum(axis=1)
 
 
 def _fastest(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -110,33 +110,28 @@ class TransportMap:
         scaled = self._targets(points)
         fitted = [terms[:, self._columns(k)] @ self.coefficients[k] for k in range(points.shape[1])]
         log_sd = [self._log_sd(terms, k) for k in range(points.shape[1])]
-        found: np.ndarray = (scaled - np.column_stack(fitted)) * np.exp(-np.column_stack(log_sd))
-        return found
+        return (scaled - np.column_stack(fitted)) * np.exp(-np.column_stack(log_sd))
 
     def _log_sd(self, terms: np.ndarray, k: int) -> np.ndarray:
         """Logarithm of the residual's sd of unknown ``k`` (in the map's order), from those before it."""
         constant, slopes = self.widening[k][0], self.widening[k][1:]
-        found: np.ndarray = constant + np.clip(terms[:, 1 : k + 1] @ slopes, -STEEPEST, STEEPEST)
-        return found
+        return constant + np.clip(terms[:, 1 : k + 1] @ slopes, -STEEPEST, STEEPEST)
 
     def _targets(self, points: np.ndarray) -> np.ndarray:
         """What the polynomials give, standardised and in the map's order, shape (n_points, n)."""
         values = (self._warp(points, np.arange(points.shape[1])) - self.centre) / self.span
         scaled = np.where(self.as_value, values, (points - self.mean) / self.width)
-        found: np.ndarray = scaled[:, self.order]
-        return found
+        return scaled[:, self.order]
 
     def _warp(self, values: np.ndarray, which: np.ndarray | int) -> np.ndarray:
         """The value of a coordinate that is a logarithm, others as they are; bounded where no point is proposed."""
         rate = self.rate[which]
         bounded = np.clip(values, -2.0 * REACH, 2.0 * REACH)
         safe = np.where(rate > 0.0, rate, 1.0)
-        warped: np.ndarray = np.where(rate > 0.0, np.expm1(safe * bounded) / safe, bounded)
-        return warped
+        return np.where(rate > 0.0, np.expm1(safe * bounded) / safe, bounded)
 
     def _feature(self, values: np.ndarray, which: int) -> np.ndarray:
-        feature: np.ndarray = (self._warp(values, which) - self.centre[which]) / self.span[which]
-        return feature
+        return (self._warp(values, which) - self.centre[which]) / self.span[which]
 
     def _terms(self, points: np.ndarray) -> np.ndarray:
         """1, all coordinates, then all products of two, in the map's order, by their later coordinate."""

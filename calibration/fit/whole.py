@@ -125,11 +125,8 @@ def fit(
             chunks = np.array_split(z, min(workers, max(len(z), 1)))
             return np.concatenate(side_by_side(log_prob_of, [(target, chunk) for chunk in chunks]))
 
-        flat = drawn.flat()
-        begin = Begun(
-            flat[rng.choice(len(flat), _start_points(target), replace=False)],
-            lambda: moves.delayed(stand_in.log_prob, shape),
-        )
+        points = _start_points(target, drawn.flat(), rng)
+        begin = Begun(points, lambda: moves.delayed(stand_in.log_prob, shape))
         chosen = dataclasses.replace(
             settings, walkers=WALKERS, block=BLOCK, times_tau=min(settings.times_tau, TIMES_TAU)
         )
@@ -146,8 +143,9 @@ def fit(
     return WholeFit(tuple(recordings), comparison, mode, target, result, chosen, mode.names, bands)
 
 
-def _start_points(target: Integrated) -> int:
-    return 2 * sampling.ENSEMBLES * max(WALKERS, 2 * len(target.unknowns) + 2)
+def _start_points(target: Integrated, flat: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    count = 2 * sampling.ENSEMBLES * max(WALKERS, 2 * len(target.unknowns) + 2)
+    return flat[rng.choice(len(flat), count, replace=False)]
 
 
 def _stand_in(
@@ -199,7 +197,7 @@ def _fingerprint(recordings: Sequence[Recording], target: Integrated, settings: 
     """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target."""
     parts = [
         [one.sha256 for one in recordings],
-        [dataclasses.astuple(one)[:5] for one in target.unknowns],
+        [(one.name, one.unit, one.kind, one.a, one.b) for one in target.unknowns],
         list(target.mode.names),
         target.comparison.read.size,
         settings.seed,

@@ -106,5 +106,5 @@ def _power(size: float) -> int:
 
 
 def _under(one: Point) -> str:
-    name = one.recording.replace("$", "")[:MOST_LABEL]
+    name = style.plain(one.recording[:MOST_LABEL])
     return name if one.taken is None else f"{name}\n{one.taken.date().isoformat()}"

@@ -110,7 +110,7 @@ def picture(name: str, simulated: Simulated, compared: list[Residuals]) -> bytes
             lower.set_ylabel(style.label("measured - model", one.unit))
             if i == 0:
                 upper.legend(loc="best")
-        axes[0, 0].set_title(name)
+        axes[0, 0].set_title(style.plain(name))
         axes[-1, 0].set_xlabel(style.label("time of the run", "s"))
         return style.png(figure)
 

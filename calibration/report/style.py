@@ -49,8 +49,6 @@ _RC: Any = {
     "ytick.color": INK,
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
-    "svg.fonttype": "none",
-    "svg.hashsalt": "spinbench",  # the same figure gives the same file
 }
 
 
@@ -68,7 +66,7 @@ def drawing(
     Yields
     ------
     figure : Figure
-        The figure, for `png` or `svg`.
+        The figure, for `png`.
     axes : Axes or ndarray of Axes
         Its panels.
     """
@@ -93,6 +91,11 @@ def label(quantity: str, unit: str) -> str:
     return quantity if unit == "1" else f"{quantity} ({unit})"
 
 
+def plain(text: str) -> str:
+    """Text of a file or a person, of which nothing is mathematics."""
+    return text.replace("$", r"\$")
+
+
 def name_axes(axes: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
     """Label both axes."""
     axes.set_xlabel(label(*x))
@@ -106,18 +109,9 @@ def series(index: int) -> dict[str, Any]:
 
 def png(figure: Figure) -> bytes:
     """The figure as a PNG file, the same bytes every time."""
-    return _saved(figure, format="png", dpi=DPI, metadata={"Software": None})
-
-
-def svg(figure: Figure) -> bytes:
-    """The figure as an SVG file, the same bytes every time."""
-    return _saved(figure, format="svg", metadata={"Date": None})
-
-
-def _saved(figure: Figure, **options: Any) -> bytes:
     import matplotlib
 
     stream = io.BytesIO()
     with matplotlib.rc_context(_RC):
-        figure.savefig(stream, **options)
+        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
     return stream.getvalue()

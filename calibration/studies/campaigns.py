@@ -58,8 +58,12 @@ def results_of(
     return results
 
 
-def add_options(parser: argparse.ArgumentParser, first_seed: int, seeds_of: str, page: Iterable[str]) -> None:
-    """The options that each campaign has."""
+def command_line(
+    study: str, words: str | None, first_seed: int, seeds_of: str, page: Iterable[str]
+) -> argparse.ArgumentParser:
+    """The command line of a study, with the options that each campaign has. `words`: its docstring."""
+    about = words.splitlines()[0] if words else ""
+    parser = argparse.ArgumentParser(prog=f"python -m calibration.studies.{study}", description=about)
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--first-seed", type=whole_number, default=first_seed, help=f"{seeds_of} (%(default)s)")
     parser.add_argument(
@@ -67,15 +71,24 @@ def add_options(parser: argparse.ArgumentParser, first_seed: int, seeds_of: str,
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler instead")
     parser.add_argument("--page", type=Path, help=f"a folder of the docs, which gets {', '.join(page)}")
+    return parser
 
 
 def go(
-    name: str, given: argparse.Namespace, page: Iterable[str], run: Callable[[Tell], dict[str, Any]]
-) -> dict[str, Any] | int:
-    """Run a campaign beneath its bar and copy its page; what it comes to, or the exit code where that is nothing."""
+    name: str,
+    given: argparse.Namespace,
+    page: Iterable[str],
+    run: Callable[..., dict[str, Any]],
+    told: Callable[[dict[str, Any]], str],
+) -> int:
+    """Run a campaign beneath its bar, copy its page, and print what it comes to; the exit code.
+
+    `run`: takes the folder, the processes, the scheduler, the first seed and ``tell``.
+    `told`: what it comes to, as text.
+    """
     try:
         with progress_bar(name) as tell:
-            found = run(tell)
+            found = run(given.out, given.workers, given.scheduler, given.first_seed, tell=tell)
         if given.page:
             write_files(given.page, {file: (given.out / file).read_bytes() for file in page})
     except KeyboardInterrupt:
@@ -83,7 +96,8 @@ def go(
         return 130
     except (OSError, OtherCodeError) as problem:  # an OSError may be a cluster's
         return refuse(name, str(problem))
-    return found
+    print(told(found))
+    return 0
 
 
 def refuse(name: str, why: str) -> int:

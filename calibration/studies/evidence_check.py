@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.studies import evidence_page
-from calibration.studies.campaigns import add_options, code_of_a_case, go, refuse, results_of, whole_number
+from calibration.studies.campaigns import code_of_a_case, command_line, go, refuse, results_of, whole_number
 from calibration.studies.evidence_cases import FIRST_SEED, check_case, items_of
 from calibration.work import many_table
 from calibration.work.many import Item, Result, Tell
@@ -94,23 +94,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ImportError:
         words = "nested sampling needs dynesty, of the development extra: pip install 'spinbench[dev]'"
         return refuse("evidence", words)
-    asked = given.cases, given.out, given.workers, given.scheduler, given.first_seed, given.nested_every
-    found = go("evidence", given, evidence_page.PAGE, partial(run_campaign, *asked))
-    if isinstance(found, int):
-        return found
-    print(evidence_page.verdict(found))
-    return 0
+    run = partial(run_campaign, given.cases, nested_every=given.nested_every)
+    return go("evidence", given, evidence_page.PAGE, run, evidence_page.verdict)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m calibration.studies.evidence_check", description=__doc__.splitlines()[0] if __doc__ else ""
-    )
+    parser = command_line("evidence_check", __doc__, FIRST_SEED, "of the first case", evidence_page.PAGE)
     parser.add_argument("--cases", type=whole_number, default=CASES, help="half with an effect concealed (%(default)s)")
     parser.add_argument(
         "--nested-every", type=whole_number, default=1, help="nested sampling of one case in so many; 0 for none"
     )
-    add_options(parser, FIRST_SEED, "of the first case", evidence_page.PAGE)
     return parser
 
 

@@ -123,8 +123,7 @@ def nested(density: Density, mean: np.ndarray, covariance: np.ndarray, seed: Seq
 
 
 def _log_student(x: np.ndarray) -> np.ndarray:
-    found: np.ndarray = _T_CONSTANT - 0.5 * (DEGREES + 1.0) * np.log1p(x * x / DEGREES)
-    return found
+    return _T_CONSTANT - 0.5 * (DEGREES + 1.0) * np.log1p(x * x / DEGREES)
 
 
 def importance(density: Density, mean: np.ndarray, covariance: np.ndarray, seed: Sequence[int], draws: int) -> Found:

@@ -8,7 +8,6 @@ as a recording of another day and given back; then once more. What is drawn is t
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.studies.campaigns import OtherCodeError, add_options, go, results_of, whole_number
+from calibration.studies.campaigns import OtherCodeError, command_line, go, results_of, whole_number
 from calibration.work.many import Item, Result, Tell
 from calibration.work.sources import DIAGNOSIS, imported_sha256
 from rig.recording.files import json_bytes, write_files
@@ -213,18 +212,10 @@ def picture(found: Mapping[str, Any]) -> bytes:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign of a command line, print its page, and return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m calibration.studies.follow_ups", description=__doc__.splitlines()[0] if __doc__ else ""
-    )
+    parser = command_line("follow_ups", __doc__, FIRST_SEED, "of the cases", PAGE)
     parser.add_argument("--cases", type=whole_number, default=CASES, help="cases that are drawn (%(default)s)")
-    add_options(parser, FIRST_SEED, "of the cases", PAGE)
     given = parser.parse_args(arguments)
-    run = partial(run_campaign, given.cases, given.out, given.workers, given.scheduler, given.first_seed)
-    found = go("follow_ups", given, PAGE, run)
-    if isinstance(found, int):
-        return found
-    print(page(found))
-    return 0
+    return go("follow_ups", given, PAGE, partial(run_campaign, given.cases), page)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from calibration.studies import nulls_table
-from calibration.studies.campaigns import add_options, code_of_a_case, go, refuse, results_of, same_code, whole_number
+from calibration.studies.campaigns import code_of_a_case, command_line, go, refuse, results_of, same_code, whole_number
 from calibration.studies.nulls_draw import NOISES, null_recording
 from calibration.work import many_table
 from calibration.work.many import Item, Result, Tell
@@ -148,18 +148,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     kinds |= {Kind(noise, True): given.with_runs for noise in given.noise if given.with_runs}
     if not kinds:
         return refuse("nulls", "nothing to do: --sweeps and --with-runs are both 0; give one of them a number")
-    run = partial(run_campaign, kinds, given.out, given.workers, given.scheduler, given.first_seed)
-    found = go("nulls", given, nulls_table.PAGE, run)
-    if isinstance(found, int):
-        return found
-    print(nulls_table.table(found))
-    return 0
+    return go("nulls", given, nulls_table.PAGE, partial(run_campaign, kinds), nulls_table.table)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m calibration.studies.nulls", description=__doc__.splitlines()[0] if __doc__ else ""
-    )
+    parser = command_line("nulls", __doc__, FIRST_SEED, "of each class", nulls_table.PAGE)
     parser.add_argument(
         "--sweeps", type=whole_number, default=SWEEPS, help="sweeps of each class of noise (%(default)s)"
     )
@@ -167,7 +160,6 @@ def _parser() -> argparse.ArgumentParser:
         "--with-runs", type=whole_number, default=WITH_RUNS, help="the same with two runs each (%(default)s)"
     )
     parser.add_argument("--noise", nargs="+", choices=NOISES, default=NOISES, help="classes of noise; all if left out")
-    add_options(parser, FIRST_SEED, "of each class", nulls_table.PAGE)
     return parser
 
 

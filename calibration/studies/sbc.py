@@ -9,7 +9,6 @@ pressures drawn anew; noise, rounding, offsets, scales and single bad readings a
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import sys
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.studies.campaigns import add_options, go, refuse, results_of, whole_number
+from calibration.studies.campaigns import command_line, go, refuse, results_of, whole_number
 from calibration.work.many import Item, Tell
 from calibration.work.sources import imported_sha256
 from rig.recording.files import json_bytes, write_files
@@ -70,6 +69,7 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     from calibration.fit import fit
     from calibration.systems.radial_piston.batch import rows
     from calibration.unknowns import priors
+    from configs.units import BAR
     from model.layout import L_MIN, RPM
     from model.solvers import steady
     from rig.recording import Column, read_recording
@@ -79,7 +79,7 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     z = priors.draw(machinery.unknowns, rng, 1)
     parameters, errors = machinery.split(z)
     true = np.sort(rng.uniform(*PRESSURES_BAR, PLATEAUS))
-    P = true * priors.PASCAL_PER_BAR
+    P = true * BAR
     state = steady.unpack(steady.solve(parameters, motor.readings.vector(), P[None, :], steady.gas_table(motor, P)))
     names = ("pressure_bar_abs", "flow_l_min", "speed_rpm")
     columns = {}
@@ -189,20 +189,12 @@ def rank_plot(results: list[dict[str, Any]]) -> bytes:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign of a command line, print what it comes to, and return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m calibration.studies.sbc", description=__doc__.splitlines()[0] if __doc__ else ""
-    )
+    parser = command_line("sbc", __doc__, FIRST_SEED, "of the first", PAGE)
     parser.add_argument("--fits", type=whole_number, default=FITS, help="recordings drawn and fitted (%(default)s)")
-    add_options(parser, FIRST_SEED, "of the first", PAGE)
     given = parser.parse_args(arguments)
     if not given.fits:
         return refuse("sbc", "nothing to do: --fits is 0; give it a number")
-    run = partial(run_campaign, given.fits, given.out, given.workers, given.scheduler, given.first_seed)
-    found = go("sbc", given, PAGE, run)
-    if isinstance(found, int):
-        return found
-    print(json_bytes(found).decode(), end="")
-    return 0
+    return go("sbc", given, PAGE, partial(run_campaign, given.fits), lambda found: json_bytes(found).decode().rstrip())
 
 
 if __name__ == "__main__":

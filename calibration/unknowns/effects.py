@@ -11,18 +11,29 @@ A figure that shapes a law is log-normal, a factor of 2. An amplitude is as larg
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Sequence
+from dataclasses import replace
 
-from calibration.unknowns.priors import SHAPE_FACTOR, Unknown
+from calibration.unknowns.priors import SHAPE_FACTOR, Kind, OfEffect, Unknown
 from model.effects import effects
 from model.effects.effect import EffectParameter
 
-CHANGED = "_changed"  # behind the id of an effect, or of a parameter of the motor, that is another in one recording
+_CHANGED = "_changed"
 OFF_ZERO_SDS = 5.0  # of an amplitude that cannot be 0, from one of its bounds to the other
+
+
+def changed(name: str) -> str:
+    """The id of an effect, or of a parameter of the motor, that is another in one recording."""
+    return name + _CHANGED
+
+
+def is_change(name: str) -> bool:
+    """Whether an id is that of a change."""
+    return name.endswith(_CHANGED)
 
 
 def unchanged(name: str) -> str:
     """The effect, or the parameter of the motor, that a change is of; of what is none, itself."""
-    return name.removesuffix(CHANGED)
+    return name.removesuffix(_CHANGED)
 
 
 def holds(names: Iterable[str]) -> frozenset[str]:
@@ -30,33 +41,26 @@ def holds(names: Iterable[str]) -> frozenset[str]:
     return frozenset(one for name in names for one in (name, unchanged(name)))
 
 
-def of_recording(parameter: str) -> tuple[str, str]:
-    """The recording that has a parameter for itself, empty where all share it, and the parameter's own name."""
-    recording, _, own = parameter.rpartition(": ")
-    return recording, own
-
-
-def unknown_name(effect: str, parameter: str) -> str:
-    """What a parameter of an effect is called among the unknowns of a fit."""
-    recording, own = of_recording(parameter)
-    return f"{recording}: {effect}.{own}" if recording else f"{effect}.{own}"
+def in_a_fit(effect: str, one: Unknown) -> Unknown:
+    """A searched unknown as it stands among those of a fit."""
+    return replace(one, own=f"{effect}.{one.own}", of=OfEffect(effect, one.own))
 
 
 def is_size(parameter: str, amplitude: EffectParameter) -> bool:
     """Whether a parameter is the size of an effect, be it of one recording."""
-    return of_recording(parameter)[1] == of_recording(amplitude.name)[1]
+    return parameter.rpartition(": ")[2] == amplitude.name.rpartition(": ")[2]
 
 
 def sampled(effect: str, parameter: EffectParameter) -> Unknown:
     """The unknown that a parameter is to a sampler, named ``effect.parameter``."""
-    name, why = f"{effect}.{parameter.name}", f"effect {effect}: {parameter.text}"
-    unit = "1" if parameter.unit == "-" else parameter.unit
+    unit, why = "1" if parameter.unit == "-" else parameter.unit, f"effect {effect}: {parameter.text}"
+    kind: Kind = "halfnormal" if parameter.low == 0.0 else "normal"
+    a, b = 0.0, parameter.scale
     if parameter.shape:
-        return Unknown(name, unit, "lognormal", parameter.scale, SHAPE_FACTOR, why)
-    if parameter.low > 0.0:
-        middle, span = 0.5 * (parameter.low + parameter.high), parameter.high - parameter.low
-        return Unknown(name, unit, "normal", middle, span / OFF_ZERO_SDS, why)
-    return Unknown(name, unit, "halfnormal" if parameter.low == 0.0 else "normal", 0.0, parameter.scale, why)
+        kind, a, b = "lognormal", parameter.scale, SHAPE_FACTOR
+    elif parameter.low > 0.0:
+        a, b = 0.5 * (parameter.low + parameter.high), (parameter.high - parameter.low) / OFF_ZERO_SDS
+    return in_a_fit(effect, Unknown(parameter.name, unit, kind, a, b, why))
 
 
 def searched(parameter: EffectParameter) -> Unknown:

@@ -9,22 +9,55 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from enum import StrEnum
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from configs.units import BAR, ZERO_C
 from model.motor import QUANTITIES, Motor
 from rig.recording import Recording
 
 NOISE_FACTOR = 1.35  # one standard deviation (log-normal 0.3) of how far a declared noise figure may be off
 NOISE_SD = math.log(NOISE_FACTOR)
-PASCAL_PER_BAR = 1e5
-KELVIN_AT_0_C = 273.15
 TEMPERATURE_SD = 0.5  # K, of a recorded temperature whose recording states no uncertainty
 PRESSURE_SD_BAR = 0.0015  # bar, of a recorded barometer that states none
 CHANNELS = ("pressure", "flow", "speed")
+PASCAL_PER_BAR = BAR
 SHAPE_FACTOR = 2.0  # one sd of the log-normal prior of a figure that shapes an effect's law
+
+
+Kind = Literal["normal", "lognormal", "loguniform", "halfnormal"]
+
+
+class Error(StrEnum):
+    """What may be off in an instrument."""
+
+    OFFSET = "offset"
+    SCALE = "scale"
+    NOISE = "noise_scale"
+    DRIFT = "offset_drift"  # of the offset, since another day
+
+
+class OfInstrument(NamedTuple):
+    """Whose error an unknown is; of one ``file`` alone, where it names one."""
+
+    channel: str
+    error: Error
+    file: str = ""
+
+
+class OfEffect(NamedTuple):
+    """The effect that an unknown is a parameter of."""
+
+    effect: str
+    parameter: str
+
+
+def full_name(own: str, whose: str) -> str:
+    """The name among the unknowns of several recordings of what one of them has for itself, or all share."""
+    return f"{whose}: {own}" if whose else own
 
 
 @dataclass(frozen=True)
@@ -33,17 +66,31 @@ class Unknown:
 
     Attributes
     ----------
+    own : str
+        Its name among the unknowns of one recording.
     kind : str
         normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z), loguniform (between ``a`` and ``b``) or halfnormal (above
         ``a``, of scale ``b``: a normal one folded there, but rising with z, so that it has one peak).
+    of : OfInstrument, OfEffect or None
+        What it belongs to; None where that is the motor or a run.
+    whose : str
+        Of several recordings the one that has it for itself, or the instrument's serial number; empty where all share
+        it.
     """
 
-    name: str
+    own: str
     unit: str
-    kind: Literal["normal", "lognormal", "loguniform", "halfnormal"]
+    kind: Kind
     a: float
     b: float
     why: str
+    of: OfInstrument | OfEffect | None = None
+    whose: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its name among all unknowns, as people read it."""
+        return full_name(self.own, self.whose)
 
     def value(self, z: np.ndarray) -> np.ndarray:
         """The unknown's value in its unit, same shape as ``z`` [-]."""
@@ -52,8 +99,7 @@ class Unknown:
         if self.kind == "lognormal":
             return self.a * self.b**z
         if self.kind == "halfnormal":
-            folded: np.ndarray = self.a - self.b * ndtri(0.5 * ndtr(-z))
-            return folded
+            return self.a - self.b * ndtri(0.5 * ndtr(-z))
         return self.a * (self.b / self.a) ** ndtr(z)
 
     def factor(self, z: float) -> float:
@@ -111,15 +157,26 @@ def unknowns(motor: Motor, recording: Recording) -> list[Unknown]:
         if column is None:
             continue
         figures, unit = recording.channels[column], {"pressure": "bar", "flow": "L/min", "speed": "rpm"}[channel]
-        why = f"recording, channels.{column}"
-        if figures.bias_sd > 0.0:
-            found.append(Unknown(f"{channel}_offset", unit, "normal", 0.0, figures.bias_sd, why))
-        if figures.scale_sd > 0.0:
-            found.append(Unknown(f"{channel}_scale", "1", "normal", 0.0, figures.scale_sd, why))
+        found += off(channel, column, figures.bias_sd, unit, figures.scale_sd)
         if figures.noise_sd > 0.0:
-            reason = "a declared noise figure is uncertain by a factor 1.35"
-            found.append(Unknown(f"{channel}_noise_scale", "1", "lognormal", 1.0, NOISE_FACTOR, reason))
+            found.append(noise_scale(channel, "a declared noise figure is uncertain by a factor 1.35"))
     return found
+
+
+def off(channel: str, column: str, offset_sd: float, unit: str, scale_sd: float) -> list[Unknown]:
+    """Offset [``unit``] and scale [-] of an instrument, where its recording declares that they may be off."""
+    why, both = f"recording, channels.{column}", ((Error.OFFSET, offset_sd, unit), (Error.SCALE, scale_sd, "1"))
+    return [
+        Unknown(f"{channel}_{error}", unit, "normal", 0.0, sd, why, OfInstrument(channel, error))
+        for error, sd, unit in both
+        if sd > 0.0
+    ]
+
+
+def noise_scale(channel: str, why: str) -> Unknown:
+    """How many times the declared noise of an instrument there is."""
+    of = OfInstrument(channel, Error.NOISE)
+    return Unknown(f"{channel}_{of.error}", "1", "lognormal", 1.0, NOISE_FACTOR, why, of)
 
 
 def at_ambient(motor: Motor, recording: Recording) -> Motor:
@@ -138,9 +195,9 @@ def at_ambient(motor: Motor, recording: Recording) -> Motor:
     ambient = recording.ambient
     values: dict[str, float] = {}
     if ambient.pressure_bar_abs is not None:
-        values["ambient_pressure"] = ambient.pressure_bar_abs * PASCAL_PER_BAR
+        values["ambient_pressure"] = ambient.pressure_bar_abs * BAR
     if ambient.temperature_c is not None:
-        values["ambient_temperature"] = values["inlet_temperature"] = ambient.temperature_c + KELVIN_AT_0_C
+        values["ambient_temperature"] = values["inlet_temperature"] = ambient.temperature_c + ZERO_C
     if ambient.relative_humidity is not None:
         values["relative_humidity"] = ambient.relative_humidity
     if recording.added_inertia_kg_m2 > 0.0:
@@ -168,7 +225,7 @@ def _of_motor(motor: Motor, recording: Recording, name: str) -> Unknown:
     unit, value = parameter.unit, parameter.value
     if name == "ambient_pressure" and ambient.pressure_bar_abs is not None:
         sd = ambient.pressure_sd_bar if ambient.pressure_sd_bar else PRESSURE_SD_BAR
-        return Unknown(name, unit, "normal", value, sd * PASCAL_PER_BAR, "recording, ambient")
+        return Unknown(name, unit, "normal", value, sd * BAR, "recording, ambient")
     if name in ("ambient_temperature", "inlet_temperature") and ambient.temperature_c is not None:
         sd = ambient.temperature_sd_k if ambient.temperature_sd_k else TEMPERATURE_SD
         return Unknown(name, unit, "normal", value, sd, "recording, ambient")

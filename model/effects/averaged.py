@@ -110,8 +110,7 @@ def _speeds(
     around = uneven.around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
     tables = _tables(parameters, readings, supply, start_rad_s, those, clock)
     spans = np.array([span.start_s for span in supply])
-    found: np.ndarray = _march(time, spans, tables, start_rad_s, parameters[at.J], start_rad, around)
-    return found
+    return _march(time, spans, tables, start_rad_s, parameters[at.J], start_rad, around)
 
 
 def _tables(
@@ -164,15 +163,13 @@ def _nodes(pressures: np.ndarray) -> np.ndarray:
     if unique.size <= FEW_PRESSURES:
         return unique
     grid = unique[0] * np.append(1.0, NEXT_NODE * FARTHER_NODE ** np.arange(MOST_NODES))
-    found: np.ndarray = grid[: int(np.searchsorted(grid, unique[-1])) + 1]
-    return found
+    return grid[: int(np.searchsorted(grid, unique[-1])) + 1]
 
 
 def _between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Rows of a table between its nodes."""
     share = up.reshape(-1, *([1] * (table.ndim - 1)))
-    found: np.ndarray = (1.0 - share) * table[low] + share * table[high]
-    return found
+    return (1.0 - share) * table[low] + share * table[high]
 
 
 def _cycles(

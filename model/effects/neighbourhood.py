@@ -143,5 +143,4 @@ def _vector(state: State) -> np.ndarray:
 
 def _within(change: np.ndarray, x: np.ndarray, share: float) -> np.ndarray:
     """Whether speed and mass flow change by no more than a share of themselves."""
-    small: np.ndarray = np.all(np.abs(change[:, :2]) <= share * np.abs(x[:, :2]), axis=1)
-    return small
+    return np.all(np.abs(change[:, :2]) <= share * np.abs(x[:, :2]), axis=1)

@@ -55,10 +55,7 @@ def share_of_speed(parameters: np.ndarray, chosen: laws.Chosen, speed: np.ndarra
     torque = around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
     if not np.any(torque):
         return None
-    found: np.ndarray = _shares(
-        np.ascontiguousarray(speed), parameters[:, at.F_OVERALL].copy(), parameters[:, at.J].copy(), torque
-    )
-    return found
+    return _shares(np.ascontiguousarray(speed), parameters[:, at.F_OVERALL].copy(), parameters[:, at.J].copy(), torque)
 
 
 @njit(cache=True, nogil=True)

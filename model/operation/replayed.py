@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from configs.units import BAR, ZERO_C
 from model.motor import Motor
 from model.solvers.transient import Supply, simulate
 
@@ -48,9 +49,9 @@ def in_room(
     """
     values: dict[str, float] = {}
     if pressure_bar_abs is not None:
-        values["ambient_pressure"] = pressure_bar_abs * 1e5
+        values["ambient_pressure"] = pressure_bar_abs * BAR
     if temperature_c is not None:
-        values["ambient_temperature"] = values["inlet_temperature"] = temperature_c + 273.15
+        values["ambient_temperature"] = values["inlet_temperature"] = temperature_c + ZERO_C
     if relative_humidity is not None:
         values["relative_humidity"] = relative_humidity
     return motor.with_values(values)

@@ -202,8 +202,7 @@ def _between(t: np.ndarray, grid: np.ndarray, values: np.ndarray, slopes: np.nda
 def _hermite(x: np.ndarray, h: np.ndarray, a: np.ndarray, b: np.ndarray, da: np.ndarray, db: np.ndarray) -> np.ndarray:
     """The cubic between two values with two slopes, at shares x of a span h; all of shape (n,) and any unit."""
     y = 1.0 - x
-    found: np.ndarray = a * y * y * (1.0 + 2.0 * x) + b * x * x * (3.0 - 2.0 * x) + h * x * y * (da * y - db * x)
-    return found
+    return a * y * y * (1.0 + 2.0 * x) + b * x * x * (3.0 - 2.0 * x) + h * x * y * (da * y - db * x)
 
 
 def _marched(

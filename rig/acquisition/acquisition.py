@@ -182,8 +182,7 @@ class Acquisition:
 
         if role == "flow" and self.recorder.stage.inlet_flow.reference is not None:
             return f"{DEVICE}.{CHANNEL}"
-        name: str | None = getattr(self.bench.file.roles, role)
-        return name
+        return getattr(self.bench.file.roles, role)
 
     def _name(self, channel: str) -> str:
         return self._names.get(channel) or channel

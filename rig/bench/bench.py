@@ -168,8 +168,7 @@ class Bench:
         settings = self.instruments[device]
         table = self.file.devices[device]
         module = importlib.import_module(f"rig.instruments.{settings.family}")
-        built: Instrument = module.build(device, settings, Place(table, self.file.lines[table.line]))
-        return built
+        return module.build(device, settings, Place(table, self.file.lines[table.line]))
 
     def with_flywheel(self, added_inertia_kg_m2: float | None) -> Bench:
         """The bench with another flywheel on the shaft; with that of its file where None is given."""

@@ -178,5 +178,4 @@ def instrument_of(source: bytes, place: str) -> InstrumentFile:
     if family not in families():
         raise ConfigError(f"{place}: family {family!r} is not one of {', '.join(families())}")
     module = importlib.import_module(f"rig.instruments.{family}")
-    settings: InstrumentFile = configs.validate(module.Settings, data, place)
-    return settings
+    return configs.validate(module.Settings, data, place)

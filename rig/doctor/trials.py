@@ -51,8 +51,7 @@ def built(bench: Bench, device: str, of_device: DeviceTable, table: LineTable) -
     """The driver of a device with other tables than the bench file's."""
     settings = bench.instruments[device]
     module = importlib.import_module(f"rig.instruments.{settings.family}")
-    driver: Instrument = module.build(device, settings, Place(of_device, table))
-    return driver
+    return module.build(device, settings, Place(of_device, table))
 
 
 def _answers(driver: Instrument, name: str, table: LineTable, ports: Ports, clock: Clock) -> bool:

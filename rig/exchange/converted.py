@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from configs.units import ZERO_C
 from rig.exchange.mapping import ColumnTable, FileTable, MappingFile
 from rig.exchange.tables import Cells, Table
 from rig.exchange.units import unit_of
@@ -20,7 +21,6 @@ from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
 
-ZERO_C = 273.15
 DAY_S = 86_400.0
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
 ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read

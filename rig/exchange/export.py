@@ -20,7 +20,7 @@ from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
 from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of, write_whole
 from rig.runlog.phases import DERIVED_DEVICE, ROOM, Phase, Series, captures, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
-from rig.runlog.reader import Run
+from rig.runlog.reader import BEING_WRITTEN, Run
 from rig.runlog.schema import AmbientRecord
 
 NOTES = "notes.txt"
@@ -72,7 +72,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
     RunError
         When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
     """
-    if run.state == "being written":
+    if run.state == BEING_WRITTEN:
         raise RunError(f"{run.folder}: a program writes this run now; export it when it has ended")
     notes = _about(run)
     channels = quantity_channels(run)
@@ -282,8 +282,7 @@ def _prompt(found: Series) -> np.ndarray:
     Shape (n,) of bool.
     """
     usual = float(np.median(found.lasted_ns)) if found.lasted_ns.size else 0.0
-    prompt: np.ndarray = found.lasted_ns <= max(SLOWER * usual, LATE_S * NS)
-    return prompt
+    return found.lasted_ns <= max(SLOWER * usual, LATE_S * NS)
 
 
 def _since_before(run: Run, channel: str, phase: Phase, found: Series) -> Series:

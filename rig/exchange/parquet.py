@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.runlog.folder import END, MAX_RECORD_BYTES, START, RunError, read_bytes
-from rig.runlog.reader import Run
+from rig.runlog.reader import BEING_WRITTEN, Run
 
 
 def export_parquet(run: Run, file: Path) -> None:
@@ -22,7 +22,7 @@ def export_parquet(run: Run, file: Path) -> None:
     """
     file = Path(file)
     if run.end is None:
-        what = "is being written" if run.state == "being written" else "was killed: `spinbench runs repair` seals it"
+        what = "is being written" if run.state == BEING_WRITTEN else "was killed: `spinbench runs repair` seals it"
         raise RunError(f"{run.folder}: only a sealed run becomes a Parquet file, and this one {what}")
     if os.path.lexists(file):
         raise RunError(f"{file}: exists already; nothing is overwritten, give a name that is free")

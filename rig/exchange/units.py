@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from configs.units import ZERO_C
 from rig.runlog.folder import RunError
 
 
@@ -66,7 +67,7 @@ UNITS = {
     **{name: Unit("standard flow", factor) for name, factor in _STANDARD_FLOW.items()},
     **{name: Unit(quantity, factor) for quantity, units in _OTHERS.items() for name, factor in units.items()},
     "degC": Unit("temperature", 1.0),
-    "K": Unit("temperature", 1.0, -273.15),
+    "K": Unit("temperature", 1.0, -ZERO_C),
     "degF": Unit("temperature", 5.0 / 9.0, -160.0 / 9.0),
 }
 QUANTITIES = {

@@ -111,8 +111,7 @@ def discrepancy_at(
 def normalised(log_weight: np.ndarray) -> np.ndarray:
     """Weights whose sum is 1, shape (n_draws,). `log_weight`, shape (n_draws,): up to a constant [-]."""
     weight = np.exp(log_weight - log_weight.max())
-    normal: np.ndarray = weight / weight.sum()
-    return normal
+    return weight / weight.sum()
 
 
 def quantile(

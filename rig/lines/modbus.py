@@ -77,8 +77,7 @@ def encode(request: Request, framing: str, transaction: int) -> bytes:
             address=request.address, registers=list(request.values), dev_id=request.unit
         )
     pdu.transaction_id = transaction
-    frame: bytes = (_RTU if framing == "rtu" else _TCP).buildFrame(pdu)
-    return frame
+    return (_RTU if framing == "rtu" else _TCP).buildFrame(pdu)
 
 
 def length_of(request: Request, framing: str) -> Complete:

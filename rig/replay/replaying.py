@@ -17,6 +17,7 @@ from rig.replay.player import Player
 from rig.runlog import Run, RunError, RunWriter
 from rig.runlog.folder import SAMPLES
 from rig.runlog.lines import whole_lines
+from rig.runlog.reader import KILLED
 from rig.runlog.rows import sample_line
 
 SHOWN = 5
@@ -142,7 +143,7 @@ class _Compared:
         different, found = self._different + lost, list(self._found)
         if lost:
             found.append(f"{lost} rows of the log did not come again")
-        if tail and self._run.state != "killed":
+        if tail and self._run.state != KILLED:
             found.append(f"{tail} rows came that the log does not have")
             different += tail
         return Replayed(played, self._made, self._rows + lost, different, tuple(found), tuple(asked[:SHOWN]), tail)

@@ -9,7 +9,7 @@ from rig.recording.mistakes import shown
 from rig.runlog.folder import PLATEAUS, SAMPLES, START, RunError, is_locked
 from rig.runlog.lines import whole_lines
 from rig.runlog.plateaus import QUANTITIES, Mean, PlateauRow
-from rig.runlog.reader import Run, read_end, read_start
+from rig.runlog.reader import BEING_WRITTEN, Run, read_end, read_start, state_of
 
 SHOWN_EVENTS = 40
 # Events that are no news in a summary.
@@ -44,7 +44,7 @@ def _row(folder: Path) -> RunRow:
         start = read_start(folder)
         locked = is_locked(folder)
         end = read_end(folder)
-        outcome = str(end.outcome) if end is not None else "being written" if locked else "killed"
+        outcome = state_of(end, locked)
         counts = dict(end.counts) if end is not None else {}
         rows = counts.get("samples", -1) if counts else _lines(folder / SAMPLES)
         plateaus = counts.get("plateaus", -1) if counts else _lines(folder / PLATEAUS)
@@ -160,7 +160,7 @@ def _end_lines(run: Run) -> list[str]:
         killed = "killed: there is no end record; `spinbench runs repair` seals the run"
         return [
             *lines,
-            "end        a program writes it now" if run.state == "being written" else f"end        {killed}",
+            "end        a program writes it now" if run.state == BEING_WRITTEN else f"end        {killed}",
         ]
     end = run.end
     lines.append(f"end        {_text(end.utc_end)} UTC, {end.outcome}{f': {_text(end.reason)}' if end.reason else ''}")

@@ -37,6 +37,7 @@ from rig.runlog.samples import read_samples, reading_of
 from rig.runlog.schema import EndRecord, EventLine, StartRecord, WireLine, parse
 
 MAX_EVENTS = 1_000_000
+BEING_WRITTEN, KILLED = "being written", "killed"  # states of a run without an end record; else its outcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +162,13 @@ def read_run(folder: Path) -> Run:
     samples = read_samples(folder / SAMPLES)
     events = read_events(folder / EVENTS)
     plateau_rows = plateaus.read(folder / PLATEAUS)
-    state = end.outcome if end is not None else "being written" if locked else "killed"
-    return Run(folder, start, end, str(state), samples, events, plateaus.in_use(plateau_rows), plateau_rows, torn)
+    state, in_use = state_of(end, locked), plateaus.in_use(plateau_rows)
+    return Run(folder, start, end, state, samples, events, in_use, plateau_rows, torn)
+
+
+def state_of(end: EndRecord | None, locked: bool) -> str:
+    """How a run stands, in words that are shown."""
+    return str(end.outcome) if end is not None else BEING_WRITTEN if locked else KILLED
 
 
 def read_start(folder: Path) -> StartRecord:

@@ -23,7 +23,7 @@ from rig.runlog.folder import (
     sha256_of,
     write_whole,
 )
-from rig.runlog.reader import Run, read_end, read_run, read_start
+from rig.runlog.reader import BEING_WRITTEN, KILLED, Run, read_end, read_run, read_start
 from rig.runlog.schema import EndRecord, dump
 
 REPAIRED = "killed; repaired"
@@ -51,9 +51,9 @@ def verify(folder: Path) -> list[str]:
         counts, unfit = _counted(run)
     except RunError as error:
         return [*findings, *str(error).splitlines()]
-    if run.state == "being written":
+    if run.state == BEING_WRITTEN:
         findings.append("no end record: a program writes this run now")
-    elif run.state == "killed":
+    elif run.state == KILLED:
         findings.append("no end record: the run was killed; `spinbench runs repair` seals what there is")
     findings += [f"{name}: its last line is torn, {dropped} bytes are left out" for name, dropped in run.torn.items()]
     findings += unfit

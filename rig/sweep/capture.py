@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from configs.units import BAR
+from configs.units import BAR, ZERO_C
 from model.motor import Motor, read_motor
 from model.operation import runs
 from model.operation.performance import NotSettledError, OperatingPointError
@@ -145,8 +145,8 @@ def motor_of(bench: Bench, ambient: Ambient) -> Motor:
     """The bench's motor in the room as it is."""
     values = {
         "ambient_pressure": ambient.pressure_bar_abs * BAR,
-        "ambient_temperature": ambient.temperature_c + 273.15,
-        "inlet_temperature": ambient.temperature_c + 273.15,
+        "ambient_temperature": ambient.temperature_c + ZERO_C,
+        "inlet_temperature": ambient.temperature_c + ZERO_C,
         "relative_humidity": ambient.relative_humidity,
     }
     motor = read_motor(bench.file.motor)

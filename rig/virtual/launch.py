@@ -141,8 +141,7 @@ def _wait_for_ports(process: subprocess.Popen[bytes], folder: Path, bench_path: 
     give_up = time.monotonic() + START_S
     while time.monotonic() < give_up:
         with contextlib.suppress(FileNotFoundError):
-            ports: dict[str, Any] = json.loads((folder / PORTS).read_text(encoding="utf-8"))
-            return ports
+            return json.loads((folder / PORTS).read_text(encoding="utf-8"))
         if process.poll() is not None:
             words = (folder / "said.txt").read_text(encoding="utf-8", errors="replace").strip()
             told = words if process.returncode == 2 else (words.splitlines() or ["without a word"])[-1]

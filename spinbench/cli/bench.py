@@ -60,9 +60,9 @@ def virtual(
     def ready() -> None:
         print(f"serving {bench} until Ctrl-C; {state / 'ports.json'} tells the ports", file=sys.stderr, flush=True)
 
-    if conceal is None:
-        serve(read, state, rate, None, seed, ready=ready)
-        return
-    from calibration.challenge.concealed.bench import serve_concealed
+    plant_of = None
+    if conceal is not None:
+        from calibration.challenge.concealed.bench import concealed_plant
 
-    serve_concealed(read, state, conceal, key, conceal_seed, only, rate, None, seed, ready=ready)
+        plant_of = concealed_plant(conceal, key, conceal_seed, only)
+    serve(read, state, rate, None, seed, plant_of=plant_of, ready=ready)

@@ -201,10 +201,11 @@ def _tell_how_it_went(
     unseen: Recording | None, found: Mapping[str, Any], seconds: Mapping[str, float], out: Path | None
 ) -> None:
     """Say that a run was held out for nothing, how long each step took, and where the report is."""
-    from calibration.report.diagnosis.words import is_unseen, steps_in_words
+    from calibration.diagnosis.steps.confirm import Predicted
+    from calibration.report.diagnosis.words import steps_in_words
 
-    held_out = found["improvement"]["held_out"]
-    if unseen is not None and not (held_out and is_unseen(held_out)):
+    held_out = found["improvement"]["held_out"] or {}
+    if unseen is not None and held_out.get("kind") != Predicted.UNSEEN_RUN:
         remark(f"{unseen.folder} was not predicted: there is no set of effects to do it with")
     remark(steps_in_words(seconds))
     if out is not None:

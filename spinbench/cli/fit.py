@@ -114,6 +114,7 @@ def fit(
     from calibration.fit import fit as fits
     from calibration.fit.sampling import Settings
     from calibration.systems.several.sharing import own_of_each
+    from calibration.unknowns.priors import CHANNELS
 
     check_places(out, json_file)
     parts = readings.all_named(recording, logs, parents)
@@ -126,7 +127,7 @@ def fit(
     sharing = own_of_each(per_recording or [], len(parts), held)
     read = parts if steady_only and len(parts) == 1 else as_given(parts, apart=bool(sharing.own))
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
-    channels = ("pressure", "speed") if speed_only else fits.ALL_CHANNELS
+    channels = ("pressure", "speed") if speed_only else CHANNELS
     asked = Asked(settings, assignments or [], channels, held, steady_only, sharing)
     planned = fits.variants(read, channels, compare, gauge_span_bar)
     found = _fitted(read, asked, out)
@@ -204,23 +205,23 @@ def _variant(asked: Asked, name: str, changed: Sequence[Recording], channels: tu
 
 
 def _keep_posterior(found: Fit | WholeFit, out: Path) -> None:
-    from calibration import fit_quality
+    from calibration.fit.document import as_json
     from rig.recording import files
 
-    files.write_files(out, {"posterior.json": files.json_bytes(fit_quality.as_json(found))})
+    files.write_files(out, {"posterior.json": files.json_bytes(as_json(found))})
 
 
 def _show(
     found: Fit | WholeFit, variants: list[tuple[str, Posterior]], out: Path | None, json_file: Path | None
 ) -> None:
-    from calibration import fit_quality
+    from calibration.fit.document import as_json
     from calibration.fit.fit import Fit
     from calibration.report.fit import page as fit_page
     from calibration.report.fit import whole as whole_page
     from calibration.report.fit import words as fit_words
     from rig.recording import files
 
-    encoded = files.json_bytes(fit_quality.as_json(found))
+    encoded = files.json_bytes(as_json(found))
     if out is not None:
         report = fit_page.report(found, variants) if isinstance(found, Fit) else whole_page.report(found, variants)
         files.write_files(out, {"posterior.json": encoded} | report)

@@ -41,6 +41,7 @@ def replay(
     """Play a run's bytes back through the drivers; exit code 4 unless every sample comes again, bit for bit."""
     from configs import FOLDER
     from rig.replay.replaying import bench_of_run, mended_bench
+    from rig.runlog.reader import KILLED
 
     read = run_named(run, logs)
     bench = mended_bench(read, mended, FOLDER / "instruments") if mended else bench_of_run(read)
@@ -48,7 +49,7 @@ def replay(
     verdict = "the same, bit for bit" if found.same else f"{found.different} differ"
     print(f"{read.name}: {found.exchanges} exchanges, {found.samples} samples of {found.logged}: {verdict}")
     remark(*found.asked, *found.differences)
-    if found.tail and read.state == "killed":
+    if found.tail and read.state == KILLED:
         remark(f"{found.tail} more rows than the log: it was killed between its files")
     if with_model:
         _against_model(read, out)

@@ -67,7 +67,7 @@ def test_effects_that_are_named_have_their_trend_and_what_is_unresolved_has_none
         diagnosed("runs/may", "2026-05-01", 0.076, 4e-14),
         diagnosed("runs/june", "2026-06-01", 0.200, None, "unresolved"),
     ]
-    found = {one.name: one for one in trend.trends(rows)}
+    found = {one.parameter: one for one in trend.trends(rows)}
     assert [len(one.figures) for one in found.values()] == [3, 2]
     line = found["f_overall"].line
     assert line is not None and line.slope == pytest.approx(0.012 / 120.0 * 30.4375, rel=0.02)

@@ -136,32 +136,14 @@ def opened_or_drawn(bench: Bench, seal: Path, key: Path, seed: int | None, only:
     return drawn
 
 
-def serve_concealed(
-    bench: Bench,
-    state: Path,
-    seal: Path,
-    key: Path | None = None,
-    conceal_seed: int | None = None,
-    only: str = "",
-    rate: float | None = None,
-    owner: int | None = None,
-    seed: int | None = None,
-    linger_s: float = 10.0,
-    ready: Callable[[], None] = lambda: None,
-) -> None:
-    """Serve a bench that conceals something until told to stop.
+def concealed_plant(seal: Path, key: Path | None, conceal_seed: int | None, only: str) -> Callable[[Bench], LivePlant]:
+    """What makes the line and the motor of a bench that conceals something.
 
     `key`: its key; `sealing.default_key` when left out.
     `conceal_seed`: of what is drawn; drawn itself when left out.
     `only`: an effect's id or a category that is to be drawn; anything when empty.
-    `rate`: seconds of the bench in one of the wall [-].
-    `linger_s`: how long after the owner this process ends, on the wall's clock [s].
     """
-
-    def made(bench: Bench) -> LivePlant:
-        return plant_of(opened_or_drawn(bench, seal, key or sealing.default_key(), conceal_seed, only), bench)
-
-    serve(bench, state, rate, owner, seed, linger_s, made, ready)
+    return lambda bench: plant_of(opened_or_drawn(bench, seal, key or sealing.default_key(), conceal_seed, only), bench)
 
 
 def _here(truth: Truth, bench: Bench) -> Truth:
@@ -213,10 +195,9 @@ def main() -> int:
     parser.add_argument("--conceal-seed", type=int, help="of what is drawn; drawn itself when left out")
     parser.add_argument("--only", default="", metavar="ID", help="an effect or a category that is to be drawn")
     o = parser.parse_args()
+    made = concealed_plant(o.seal, o.key, o.conceal_seed, o.only)
     try:
-        serve_concealed(
-            bench_of(o), o.state, o.seal, o.key, o.conceal_seed, o.only, o.rate, o.owner, o.seed, o.linger
-        )  # fmt: skip
+        serve(bench_of(o), o.state, o.rate, o.owner, o.seed, o.linger, made)
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2

@@ -214,8 +214,7 @@ def _cases(
 
 def _signatures(maker: str, argument: dict[str, Any]) -> dict[str, Any]:
     truth = truth_of(maker, argument["truth"])
-    found: dict[str, Any] = layout.plain(layout.maker_of(maker).separable(truth, Path(argument["folder"])))
-    return found
+    return layout.plain(layout.maker_of(maker).separable(truth, Path(argument["folder"])))
 
 
 def _next_test(case: Case, code: str, folder: Path) -> dict[str, Any]:
@@ -235,8 +234,7 @@ def _oracle() -> Oracle | None:
     """The held-out gain of a given set, where the diagnosis offers it: held_out_gain(folder, ids)."""
     from calibration import diagnosis
 
-    found: Oracle | None = getattr(diagnosis, "held_out_gain", None)
-    return found
+    return getattr(diagnosis, "held_out_gain", None)
 
 
 def _oracle_gain(argument: dict[str, Any]) -> dict[str, Any]:

@@ -204,21 +204,21 @@ def _marched_run(
             s[line.LINE], s[line.REGULATED] = under_load(p, supply, target)
             s[line.OPENED] = 1.0
             y = _turning(p, s[line.LINE] - less, angle, shuts * CELL_S, dt)
-        found = line.run_behind(p, marches.TABLE, y, s, supply.figures(), target, is_open, less, CELL_S, dt)
+        steps, begins = max(1, math.ceil(CELL_S / dt - 1e-9)), np.array([[y[motor.THETA], s[line.LINE]]])
+        ends = line.march(p, marches.TABLE, y, s, supply.figures(), target, is_open, less, steps, CELL_S / steps, True)
+        found = np.vstack([begins, ends[:, [0, 2]]])
     found.flags.writeable = False
     return found
 
 
 def _resting(p: np.ndarray, angle: float) -> np.ndarray:
     """A motor at rest in a vented line."""
-    found: np.ndarray = motor.rest(p, marches.TABLE, angle, p[motor.PA], False)
-    return found
+    return motor.rest(p, marches.TABLE, angle, p[motor.PA], False)
 
 
 def _turning(p: np.ndarray, feed: float, angle: float, ahead: float, dt: float) -> np.ndarray:
     """A motor that turns steadily, and comes to an angle some time ahead."""
-    found: np.ndarray = marches.turning(p, marches.TABLE, feed, marches.guess(p, feed), angle, ahead, dt)
-    return found
+    return marches.turning(p, marches.TABLE, feed, marches.guess(p, feed), angle, ahead, dt)
 
 
 def _from_pulse_to_pulse(angle: np.ndarray) -> np.ndarray:

@@ -144,8 +144,7 @@ def _cold(form: str, v: Values, clock: np.ndarray) -> np.ndarray:
         return 1.0 / (1.0 + t)
     if form == "logistic":  # the heat has a way to go before the bearing feels it
         return (1.0 + np.exp(-3.0)) / (1.0 + np.exp(3.0 * (t - 1.0)))
-    found: np.ndarray = np.exp(-t)
-    return found
+    return np.exp(-t)
 
 
 def from_json(data: Sequence[Mapping[str, Any]]) -> tuple[Concealed, ...]:

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from calibration.challenge.second_rig import concealed, instruments
 from calibration.challenge.second_rig.bench import Rig
@@ -21,7 +20,7 @@ from calibration.challenge.second_rig.concealed import Concealed
 from calibration.challenge.second_rig.machine import marches, motor
 from calibration.challenge.second_rig.machine.motor import OMEGA, PA, THETA
 from calibration.challenge.second_rig.machine.slots import BAR, L_MIN, R_AIR, RPM
-from calibration.challenge.second_rig.supply.line import LINE, Supply, at_rest, together
+from calibration.challenge.second_rig.supply.line import LINE, Supply, at_rest, march
 
 NS = 1_000_000_000
 SAMPLE_NS = 1_000_000  # of the shaft's angle
@@ -33,33 +32,6 @@ MOST_HISTORY, MOST_SETPOINTS = 60_000, 10_000
 SETTLED_BAR = 1e-7
 
 Listener = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
-
-
-# Numba takes arrays one by one: `second_rig`.
-@njit(cache=True)
-def carry_on(
-    p: np.ndarray,
-    table: np.ndarray,
-    y: np.ndarray,
-    s: np.ndarray,
-    figures: np.ndarray,
-    target: float,
-    is_open: bool,
-    less: float,
-    dt: float,
-    samples: np.ndarray,
-) -> None:
-    """March motor and line together.
-
-    `samples`, shape (n, 4): filled: angle [rad], speed [rad/s], pressure of the line [Pa], mean mass flow into the
-        motor [kg/s].
-    """
-    for k in range(samples.shape[0]):
-        passed = 0.0
-        for _ in range(STEPS):
-            passed += together(p, table, y, s, figures, target, is_open, less, dt)
-        samples[k, 0], samples[k, 1] = y[THETA], y[OMEGA]
-        samples[k, 2], samples[k, 3] = s[LINE], passed / (STEPS * dt)
 
 
 class Tachometer:
@@ -211,10 +183,10 @@ class LivePlant:
         )
         before = self.angle_rad, self.speed_rpm / RPM
         start_rad = float(self._y[THETA])
-        samples = np.empty((count, 4))
-        target, is_open = self.target_bar * BAR, not self.vented
-        dt = span_s / STEPS
-        carry_on(rows[0], marches.TABLE, self._y, self._s, self._figures, target, is_open, -lines[0], dt, samples)
+        target, opened, dt = self.target_bar * BAR, np.full(count, not self.vented), span_s / STEPS
+        samples = march(
+            rows[0], marches.TABLE, self._y, self._s, self._figures, target, opened, -lines[0], STEPS, dt, False
+        )
         if not np.all(np.isfinite(samples[-1])):
             raise ArithmeticError("the second rig's march failed: are the figures of its line physical?")
         angles, speeds = samples[:, 0], samples[:, 1]

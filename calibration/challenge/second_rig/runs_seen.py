@@ -123,8 +123,7 @@ def _opened(time: np.ndarray, supply_open: np.ndarray) -> np.ndarray:
     """Whether the valve is driven towards the regulator, a sample of `bench.SAMPLE_S` each, as rows say it."""
     at = bench.SAMPLE_S * (np.arange(int(np.ceil(time[-1] / bench.SAMPLE_S)) + 1) + 0.5)
     place = np.clip(np.searchsorted(time, at), 0, time.size - 1)
-    found: np.ndarray = supply_open[place] > 0.5
-    return found
+    return supply_open[place] > 0.5
 
 
 def spans(
@@ -291,8 +290,7 @@ class RunsSeen:
             out = (teeth[at[0]] - teeth[at[1]]) / (one.ends - one.begins)[:, None]
             out *= self.told["pitch_error_sd"] * 2.0 * np.pi / len(teeth)
             covariance += out @ out.T
-        found: np.ndarray = np.linalg.cholesky(covariance)
-        return found
+        return np.linalg.cholesky(covariance)
 
     def _gauge_noise(self, one: RunAsked, base: Rig) -> np.ndarray:
         """Noise of each pressure [Pa]: the gauge's own, and what its time does to a line that moves."""

@@ -95,8 +95,7 @@ class Seen:
         self._unit = seen / self.D if self.D > 0.0 else seen
 
     def _seen(self, columns: np.ndarray) -> np.ndarray:
-        found: np.ndarray = solve_triangular(self._lower, columns, lower=True)
-        return found
+        return solve_triangular(self._lower, columns, lower=True)
 
     def nearest(self, rivals: Sequence[Probed], rows: np.ndarray) -> dict[str, Any]:
         """The likest of the rivals: ``rho``, ``rival``, ``form`` and the probability that a best fit prefers the truth.

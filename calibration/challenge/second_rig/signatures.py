@@ -294,8 +294,7 @@ class Whitened:
         """Speed and flow of steady rows at equal gauge reading in units of noise: Cholesky of each row's covariance."""
         sp, sq, sn = (noise_sd(self.asked.noise[channel], scale) for channel in ("pressure", "flow", "speed"))
         if locked:
-            alone: np.ndarray = (q - slopes[:, 1] * p) / np.hypot(sq, slopes[:, 1] * sp)
-            return alone
+            return (q - slopes[:, 1] * p) / np.hypot(sq, slopes[:, 1] * sp)
         a = np.hypot(sn, slopes[:, 0] * sp)
         b = slopes[:, 0] * slopes[:, 1] * sp**2 / a
         c = np.sqrt(sq**2 + (slopes[:, 1] * sp) ** 2 - b**2)

@@ -110,8 +110,7 @@ def _levels(file: RecordingFile, room_bar: float) -> np.ndarray:
         if "supply_open" not in file.columns:
             return np.empty(0)
         values = values[file.columns["supply_open"].values > 0.5]
-    found: np.ndarray = values[np.isfinite(values)]
-    return found
+    return values[np.isfinite(values)]
 
 
 def _is_like(wanted: Capture, taken: Capture) -> bool:

@@ -72,11 +72,12 @@ def faint(comparison: Compared, mode: Mode, found: Sequence[Signature], rng: np.
         bayes = gain + math.log(possible.mean() / likely.mean())
         of_shapes.setdefault(one.effect, []).append((bayes, others[possible, 0]))
     K = len(problem.effects_that_could())
-    out = []
-    for name, shapes in of_shapes.items():
-        factors = np.exp([bayes for bayes, _ in shapes])
-        odds = float(factors.mean()) / K
-        count = np.round(DRAWS * factors / factors.sum()).astype(int)
-        drawn = [rng.choice(draws, n) for n, (_, draws) in zip(count, shapes, strict=True)]
-        out.append(Faint(name, odds, np.concatenate(drawn)))
-    return out
+    return [_over_shapes(name, shapes, K, rng) for name, shapes in of_shapes.items()]
+
+
+def _over_shapes(name: str, shapes: Sequence[tuple[float, np.ndarray]], K: int, rng: np.random.Generator) -> Faint:
+    """One of K effects, averaged over the shapes of its law by their evidence."""
+    factors = np.exp([bayes for bayes, _ in shapes])
+    count = np.round(DRAWS * factors / factors.sum()).astype(int)
+    drawn = [rng.choice(draws, n) for n, (_, draws) in zip(count, shapes, strict=True)]
+    return Faint(name, float(factors.mean()) / K, np.concatenate(drawn))

@@ -10,7 +10,6 @@ import numpy as np
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Problem
 from calibration.likelihood.tails import marginals
-from calibration.unknowns.effects import of_recording
 from calibration.unknowns.priors import Unknown
 from model.effects import EffectParameter
 
@@ -52,7 +51,8 @@ def sizes_of(problem: Problem, one: Candidate) -> list[Size]:
         declared = {p.name: problem.parameter(name, p.name) for p in problem.effect(name).parameters}
         parameter = declared[unknown.name]
         # Sine and cosine are one size in two parts; a figure of the shape stands alone.
-        own = [p for p in chosen[name] if of_recording(p)[0] == of_recording(unknown.name)[0]]
+        whose = {one.name: one.whose for effect, one in members if effect == name}
+        own = [p for p in chosen[name] if whose.get(p, "") == unknown.whose]
         mine = [unknown.name] if parameter.shape else [p for p in own if not declared[p].shape]
         off = LAW * math.hypot(*(chosen[name][p] for p in mine))
         low, high = unknown.value(z[i] + STEP * np.array([-1.0, 1.0]))

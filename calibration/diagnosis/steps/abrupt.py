@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from calibration.diagnosis.steps.locate import METERS, Place
+from calibration.diagnosis.steps.locate import METERS, Kind, Place
 from calibration.diagnosis.steps.search import values_of
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
@@ -68,7 +68,8 @@ class Step:
         what = "torque balance" if self.balance == "torque" else f"{METERS[self.channel]}'s reading"
         sentence = f"The {what} is off from {self.start_s:.0f} s on (seen in the {self.channel})."
         where = (self.start_s, self.end_s)
-        return Place(self.channel, self.balance, "time", where, "s", math.exp(-max(self.gain, 0.0)), sentence, ())
+        p_value = math.exp(-max(self.gain, 0.0))
+        return Place(Kind.STEP, self.channel, self.balance, "time", where, "s", p_value, sentence, ())
 
 
 def step_instead(comparison: Compared, mode: Mode) -> Step | None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -19,8 +20,21 @@ from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import GOOD
 from calibration.likelihood.mode import BAD, Mode, bad_weight, log_bad
 
-AGAIN = ", selection repeated in each fold"
 LEAST_PROBABILITY = 1e-300
+
+
+class Predicted(StrEnum):
+    """What was predicted, and by what."""
+
+    BY_SET = "set"  # folds, by the set of effects that is best without them
+    BY_CORRECTION = "correction"  # folds, by a smooth correction
+    UNSEEN_RUN = "unseen run"  # a run of its own, by the set that was named
+
+
+SELECTED = {
+    Predicted.BY_SET: ", selection repeated in each fold",
+    Predicted.BY_CORRECTION: "; the correction's coordinate, length and size weighed anew in each fold",
+}
 
 
 @dataclass(frozen=True)
@@ -46,6 +60,7 @@ class HeldOut:
     gain: float
     gain_se: float
     scheme: str
+    kind: Predicted
     size: dict[str, float] = field(default_factory=dict)
 
 
@@ -91,7 +106,7 @@ def summed_up(
     same: int,
     gains: Sequence[float],
     errors: dict[str, list[np.ndarray]],
-    again: str = AGAIN,
+    kind: Predicted = Predicted.BY_SET,
 ) -> HeldOut:
     """What the folds say together.
 
@@ -105,9 +120,9 @@ def summed_up(
     index = np.concatenate([np.flatnonzero(held) for held in folds])
     rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
     se = float(np.std(gains, ddof=1) * math.sqrt(len(gains))) if len(gains) > 1 else 0.0
-    scheme = f"{comparison.folds()[1]}{again}"
+    scheme = f"{comparison.folds()[1]}{SELECTED[kind]}"
     size = by_channel(comparison, index, comparison.read[index]) if comparison.rig else {}
-    return HeldOut(len(folds), same, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme, size)
+    return HeldOut(len(folds), same, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme, kind, size)
 
 
 def fit_on(comparison: Compared, mode: Mode, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from scipy.special import logsumexp, softmax
 
-from calibration.diagnosis.steps.confirm import HeldOut, fit_on, predict_held, summed_up
+from calibration.diagnosis.steps.confirm import HeldOut, Predicted, fit_on, predict_held, summed_up
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import Straight, freed, straight
 from calibration.likelihood.mode import Mode
@@ -28,7 +28,6 @@ STEP = 1e-3  # of a standard normal unknown, for a derivative
 ROOT3 = math.sqrt(3.0)
 Key = tuple[str, str, str, str]
 SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a curve stands out
-AGAIN = "; the correction's coordinate, length and size weighed anew in each fold"
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def hold_out(comparison: Compared, mode: Mode, u: np.ndarray) -> HeldOut | None:
         gains.append(density - density0)
         errors["before"].append(error0)
         errors["after"].append(error)
-    return summed_up(comparison, folds, int(same), gains, errors, AGAIN)
+    return summed_up(comparison, folds, int(same), gains, errors, Predicted.BY_CORRECTION)
 
 
 @dataclass(frozen=True)
@@ -273,13 +272,11 @@ def _of_balances(problem: Straight) -> list[Process]:
 def _between(knots: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Shares of the knots about each value, shape (n, k); none where there is no value."""
     apart = np.abs(np.nan_to_num(x, nan=np.inf)[:, None] - knots) / (knots[1] - knots[0])
-    found: np.ndarray = np.maximum(0.0, 1.0 - apart)
-    return found
+    return np.maximum(0.0, 1.0 - apart)
 
 
 def _root(knots: np.ndarray, length: float, size: float) -> np.ndarray:
     """Lower root of a Matern kernel of order 3/2: once smooth, so that it can follow an edge."""
     apart = ROOT3 * np.abs(knots[:, None] - knots) / (length * np.ptp(knots))
     kernel = size**2 * (1.0 + apart) * np.exp(-apart)
-    found: np.ndarray = np.linalg.cholesky(kernel + 1e-9 * size**2 * np.eye(knots.size))
-    return found
+    return np.linalg.cholesky(kernel + 1e-9 * size**2 * np.eye(knots.size))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -44,10 +45,26 @@ METERS = {
 CLEAREST, AS_WELL, BESIDE = 0, 1, 2  # ranks
 
 
+class Kind(StrEnum):
+    """What is said of a place."""
+
+    BALANCE = "balance"  # that a balance, or a reading along time, does not close along a coordinate
+    METER = "meter"  # that an instrument errs along its own range
+    STEP = "step"  # that something is off from a moment on
+    ROW = "row"  # that a reading stands out
+
+
 @dataclass(frozen=True)
 class Place:
-    """One place, as in diagnosis/1; numbers SI."""
+    """One place, as in diagnosis/1; numbers SI.
 
+    Attributes
+    ----------
+    recording : str
+        Of several recordings the one that it is in.
+    """
+
+    kind: Kind
     channel: str
     balance: str
     coordinate: str
@@ -56,6 +73,7 @@ class Place:
     p_value: float
     sentence: str
     same_as: tuple[str, ...]
+    recording: str = ""
 
 
 @dataclass(frozen=True)
@@ -173,10 +191,11 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
     by_a_meter = "; by what is named, an instrument's error" if balance != force.balance else ""
     span = f"most between {where[0]:.3g} and {where[1]:.3g} {force.unit}"
     of = f" of {force.recording}" if force.recording else ""
+    kind = Kind.BALANCE
     if force.balance == "sensor" and force.coordinate == "time":
         sentence = f"The {METERS[force.channel]}'s reading departs from the model's along time, {span}."
     elif force.balance == "sensor":
-        verb = "would do as well" if as_well else "is seen"
+        kind, verb = Kind.METER, "would do as well" if as_well else "is seen"
         sentence = f"An error of the {METERS[force.channel]}{of} along its own range {verb}, {span}."
     else:
         along = f"along {force.coordinate}{of}, {span}"
@@ -185,7 +204,9 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
         elif force.coordinate == "angle":
             along = f"along the shaft's angle{of}: something comes with every turn"
         sentence = f"The {NAMES[balance]} does not close {along} (seen in the {force.channel}{by_a_meter})."
-    return Place(force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same)
+    return Place(
+        kind, force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same, force.recording
+    )
 
 
 def _tail(problem: Straight, columns: np.ndarray, beside: np.ndarray | None = None) -> tuple[float, np.ndarray]:
@@ -249,4 +270,4 @@ def rows_as_places(bad: Sequence[tuple[str, int, str, float]]) -> list[Place]:
 
 def _row_place(file: str, row: int, channel: str, p: float) -> Place:
     sentence = f"The {channel} in {file}, row {row}, stands out from everything else."
-    return Place(channel, "sensor", "row", (float(row), float(row)), "1", p, sentence, ())
+    return Place(Kind.ROW, channel, "sensor", "row", (float(row), float(row)), "1", p, sentence, ())

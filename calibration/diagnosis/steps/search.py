@@ -22,7 +22,7 @@ from calibration.likelihood.compared import Compared, Problem
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import Mode, cost_of
 from calibration.likelihood.signatures import Signature, signatures
-from calibration.unknowns.effects import of_recording, unchanged
+from calibration.unknowns.effects import unchanged
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import Tell
 
@@ -167,14 +167,14 @@ class Search:
         could = {effect.id for effect in self.comparison.problem.effects_that_could()}
         jobs: list[_Job] = []
         for best in sorted(self.modes, key=lambda key: -self.modes[key].log_evidence)[:SHARED]:
-            values = values_of(self.comparison.problem, self.modes[best])
+            problem, mode = self.comparison.problem, self.modes[best]
             for member in best:
                 names = tuple(sorted({*best, unchanged(member)} - {member}))
                 if unchanged(member) == member or unchanged(member) not in could or names in self.modes:
                     continue
-                start = {one: z for one, z in values.items() if one[0] != member}
-                start |= _mean_of_each(values, member)
-                jobs.append(_Job(names, self.modes[best], self.comparison.in_time, start))
+                start = {one: z for one, z in values_of(problem, mode).items() if one[0] != member}
+                start |= _mean_of_each(problem, mode, member)
+                jobs.append(_Job(names, mode, self.comparison.in_time, start))
         self._refit(list({job.names: job for job in jobs}.values()))
 
     def swap(self) -> None:
@@ -238,12 +238,13 @@ def _found(comparison: Compared, job: _Job, best: float) -> Mode | None:
         return None
 
 
-def _mean_of_each(values: First, member: str) -> First:
+def _mean_of_each(problem: Problem, mode: Mode, member: str) -> First:
     """Values of an effect that all recordings share, from those that each has of it."""
     each: dict[str, list[float]] = {}
-    for (name, parameter), z in values.items():
+    unknowns = problem.effect_unknowns(mode.names)
+    for (name, one), z in zip(unknowns, mode.z[len(problem.nuisances) :], strict=True):
         if name == member:
-            each.setdefault(of_recording(parameter)[1], []).append(z)
+            each.setdefault(one.own, []).append(float(z))
     return {(unchanged(member), own): float(np.mean(z)) for own, z in each.items()}
 
 

@@ -10,13 +10,12 @@ import math
 
 import numpy as np
 
-from calibration.diagnosis.steps.confirm import HeldOut, by_channel
+from calibration.diagnosis.steps.confirm import HeldOut, Predicted, by_channel
 from calibration.likelihood.compared import Compared, Prediction
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
 from rig.recording import Recording
 
-SCHEME = "unseen run"
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried in turn until one lowers the cost
 PASSES = 6
 
@@ -44,8 +43,8 @@ def predict_unseen(seen: Compared, base: Mode, chosen: Mode, unseen: Recording) 
     blocks = [float(np.sum(gains[block])) for block in there.folds()[0]]
     se = float(np.std(blocks, ddof=1) * math.sqrt(len(blocks))) if len(blocks) > 1 else 0.0
     size = by_channel(there, index, there.read[index]) if there.rig else {}
-    scheme = f"{SCHEME} {unseen.folder.name}"
-    return HeldOut(1, 1, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme, size)
+    scheme = f"unseen run {unseen.folder.name}"
+    return HeldOut(1, 1, rmse["before"], rmse["after"], float(np.sum(gains)), se, scheme, Predicted.UNSEEN_RUN, size)
 
 
 def _density(seen: Compared, mode: Mode, there: Compared) -> tuple[np.ndarray, np.ndarray]:

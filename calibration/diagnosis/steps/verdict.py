@@ -87,28 +87,46 @@ def judge(
     excluded = [c for c in tested if _least_of(c, found) < LEAST_PROBABLE]
     tested = [c for c in tested if c not in excluded]
     if not tested:
-        passing = []
-    if not passing:
-        likeliest = next((c for c in found if c.names), None)
-        if likeliest and is_small(likeliest) and residual_p.get(likeliest.names, 0.0) >= RESIDUAL_P:
-            why = "an instrument's error, no larger than declared"
-            return Verdict("consistent", None, (), likeliest.probability, why)
-        why = "no set of listed effects explains what is left"
-        if excluded:
-            why += f"; {' and '.join(excluded[0].names)} would, and others are far more probable that do not"
-        return Verdict("unresolved", None, (), 0.0, why)
-    if base is not None and base.probability > 1.0 - NAMED:
-        if base.probability > 0.5 and p_value >= RESIDUAL_P:
-            return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
-        if base.probability > 0.5:  # held to what any set is held to
-            why = "what is left out is no listed effect: none is more probable than that nothing is left out"
-            return Verdict("unresolved", None, (), 0.0, why)
+        return _nothing_passes(found, excluded, residual_p)
+    if base is None or base.probability <= 1.0 - NAMED:
+        return _of_those_that_pass(found, allowed, passing, tested, residual_p, held_out)
+    if base.probability <= 0.5:
         likely = [c for c in found if (c is base or c in allowed) and c.probability > SHARE and c is not tested[0]]
         names, share = tuple(c.names for c in likely), tested[0].probability
         return Verdict("confounded", tested[0], names, share, "the base model is not excluded")
-    best = tested[0]
-    total = sum(c.probability for c in passing)
-    share = best.probability / total
+    if p_value >= RESIDUAL_P:
+        return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
+    # Held to what any set is held to.
+    why = "what is left out is no listed effect: none is more probable than that nothing is left out"
+    return Verdict("unresolved", None, (), 0.0, why)
+
+
+def _nothing_passes(
+    found: Sequence[Candidate[Fitted]],
+    excluded: Sequence[Candidate[Fitted]],
+    residual_p: dict[tuple[str, ...], float],
+) -> Verdict[Fitted]:
+    """Where no set leaves little enough, but for those that are far too improbable."""
+    likeliest = next((c for c in found if c.names), None)
+    if likeliest and is_small(likeliest) and residual_p.get(likeliest.names, 0.0) >= RESIDUAL_P:
+        why = "an instrument's error, no larger than declared"
+        return Verdict("consistent", None, (), likeliest.probability, why)
+    why = "no set of listed effects explains what is left"
+    if excluded:
+        why += f"; {' and '.join(excluded[0].names)} would, and others are far more probable that do not"
+    return Verdict("unresolved", None, (), 0.0, why)
+
+
+def _of_those_that_pass(
+    found: Sequence[Candidate[Fitted]],
+    allowed: Sequence[Candidate[Fitted]],
+    passing: Sequence[Candidate[Fitted]],
+    tested: Sequence[Candidate[Fitted]],
+    residual_p: dict[tuple[str, ...], float],
+    held_out: HeldOut | None,
+) -> Verdict[Fitted]:
+    """One set by name, or several: the base model is excluded."""
+    best, total = tested[0], sum(c.probability for c in passing)
     blocked = [c for c in allowed if c.probability > best.probability]
     larger = [c for c in found if holds(best.names) < holds(c.names)]
     core = best if all(c.probability < SUPERSET_ODDS * best.probability for c in larger) else None
@@ -118,34 +136,36 @@ def judge(
     if smaller:  # the further members are not certain: what they add is left unsaid
         best = core = min(smaller, key=lambda c: (len(c.names), -c.probability))
         blocked = []
+    share = best.probability / total
     if core is not None:
         share = sum(c.probability for c in passing if holds(core.names) <= holds(c.names)) / total
         passing = [best, *(c for c in passing if not holds(core.names) <= holds(c.names))]
         blocked = [c for c in allowed if c.probability > best.probability and not holds(core.names) <= holds(c.names)]
-    gained = held_out is None or held_out.gain > max(LEAST_GAIN, ERRORS * held_out.gain_se)
-    if held_out is not None and _are_of_instruments(best.names):
-        # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
-        gained = held_out.gain > -max(LEAST_GAIN, ERRORS * held_out.gain_se)
     rivals = [c for c in passing if c is not best and c.probability > SHARE * best.probability]
     if share < NAMED and not rivals:  # none of them is likely, and all together they are
         rivals = [c for c in passing if c is not best]
     # The model itself is not perfect to the last digit: a further member must be needed by more than a hair.
     rivals += [c for c in allowed if holds(c.names) < holds(best.names) and c not in passing and _nearly(c, residual_p)]
-    if share >= NAMED and gained and not blocked and not rivals:
-        return Verdict("named", best, (), share, "one set explains it alone")
     listed, sum_of = [], best.probability
     for c in rivals:
         if c not in passing or sum_of < LISTED * total:
             listed.append(c.names)
             sum_of += c.probability
     listed += [c.names for c in blocked if c.names not in listed]
-    if not listed:
-        if not gained:
-            return Verdict(
-                "unresolved", None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen"
-            )
+    if listed:
+        return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
+    if _gained(best, held_out):
         return Verdict("named", best, (), share, "one set explains it alone")
-    return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
+    return Verdict("unresolved", None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen")
+
+
+def _gained(best: Candidate[Fitted], held_out: HeldOut | None) -> bool:
+    """Whether a set predicts what it has not seen as well as is asked of it."""
+    if held_out is None:
+        return True
+    least = max(LEAST_GAIN, ERRORS * held_out.gain_se)
+    # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
+    return held_out.gain > (-least if _are_of_instruments(best.names) else least)
 
 
 def _least_of(candidate: Candidate[Fitted], found: Sequence[Candidate[Fitted]]) -> float:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 import textwrap
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import Any
 
 from calibration.data.dates import parsed
@@ -14,11 +12,10 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
 from calibration.report.comparison import words
-from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid, inline
-from calibration.report.render import render
+from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row
 from calibration.report.units import on_an_axis
-from calibration.unknowns.effects import CHANGED
+from calibration.unknowns.effects import changed, is_change, unchanged
 from model.effects import effects
 
 JSON = "comparison.json"
@@ -28,12 +25,7 @@ MOST, MOST_WIDE = 6, 38  # changes that are drawn, and characters of a line of t
 def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     """Files of the report by name: ``report.html``, ``report.png``."""
     drawn = along_dates.picture(panels(document))
-    return {HTML: page(context(found, document) | {"picture": inline(drawn)}), PNG: drawn}
-
-
-def page(filled: Mapping[str, Any]) -> bytes:
-    """The page, every text in it escaped."""
-    return render("comparison.html.j2", filled)
+    return {HTML: render("comparison.html.j2", context(found, document) | {"picture": inline(drawn)}), PNG: drawn}
 
 
 def panels(document: Mapping[str, Any]) -> list[Panel]:
@@ -72,8 +64,8 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "tests": _test_table(document),
         "seen": _seen_table(found),
         "notes": [*few_used(document["files"]), *(w for part in problem.parts for w in part.recording.warnings)],
-        "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
-        "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
+        "seconds": step_times(found.seconds),
+        "versions": versions(),
         "sha256": " and ".join(part.recording.sha256 for part in problem.parts if part.recording.sha256),
     }
 
@@ -106,7 +98,7 @@ def _set_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (
             words.called_set(one),
-            "" if one["refused"] is None else f"refused: {one['refused']}".replace(CHANGED, ""),
+            "" if one["refused"] is None else f"refused: {one['refused']}".replace(changed(""), ""),
             words.chance(one["probability"]),
         )
         for one in document["sets"]
@@ -118,7 +110,7 @@ def _test_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (
             f"{test['test']}: {test['command']}" if test["command"] else test["test"],
-            in_a_row([[name.replace(CHANGED, "") for name in one.split("+")] for one in test["separates"]], "and"),
+            in_a_row([[unchanged(name) for name in one.split("+")] for one in test["separates"]], "and"),
             f"{test['information_nats']:.1f}",
         )
         for test in document["next_tests"]
@@ -130,9 +122,9 @@ def _seen_table(found: Diagnosis) -> Grid:
     """From which size on each change would have been seen."""
     rows = []
     for one in found.resolved:
-        if not one.effect.endswith(CHANGED):
+        if not is_change(one.effect):
             continue
         size = found.comparison.problem.amplitude(one.effect)
         told = "–" if one.seen_from is None else words.quantity(one.seen_from, 0.0, size.unit, size.name)
-        rows.append((words.called([one.effect.removesuffix(CHANGED)]), told))
+        rows.append((words.called([unchanged(one.effect)]), told))
     return Grid(("change", "seen from"), tuple(rows))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.data.dates import as_text, parsed
+from calibration.diagnosis.document import Q95
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
 from calibration.report.diagnosis.words import quantity
@@ -21,7 +22,6 @@ from calibration.work.trend import Line, line_through
 from model.effects import effects
 
 CSV, PNG = "trend.csv", "trend.png"
-Q95 = 1.6448536269514722  # of a standard normal
 F_OVERALL = "f_overall"
 # What a slope is told per, the longest that the recordings span at least twice.
 PERIODS = (
@@ -55,18 +55,23 @@ class Trend:
 
     Attributes
     ----------
-    name : str
-        f_overall, or effect.parameter.
+    effect : str
+        Whose size it is; empty for f_overall.
     per : str
         What the line's slope is per.
     """
 
-    name: str
+    effect: str
     title: str
     unit: str
     figures: Sequence[Figure]
     line: Line | None
     per: str
+
+    @property
+    def parameter(self) -> str:
+        """Its name: f_overall, or the effect's own for its size."""
+        return effects()[self.effect].amplitude.name if self.effect else F_OVERALL
 
 
 def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
@@ -77,13 +82,13 @@ def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
     rows : sequence of mapping
         Of the table of fits or of diagnoses; what is not to be relied on is left out.
     """
-    found: dict[str, list[Figure]] = {F_OVERALL: []}
+    found: dict[str, list[Figure]] = {"": []}
     for row in rows:
         if not is_reliable(row):
             continue
-        for name, (mean, sd) in figures_of(row).items():
-            found.setdefault(name, []).append(Figure(str(row["recording"]), parsed(row["date"]), mean, sd))
-    return [_trend(name, figures) for name, figures in found.items() if len(figures) > 1]
+        for effect, (mean, sd) in figures_of(row).items():
+            found.setdefault(effect, []).append(Figure(str(row["recording"]), parsed(row["date"]), mean, sd))
+    return [_trend(effect, figures) for effect, figures in found.items() if len(figures) > 1]
 
 
 def is_reliable(row: Mapping[str, Any]) -> bool:
@@ -92,31 +97,31 @@ def is_reliable(row: Mapping[str, Any]) -> bool:
 
 
 def figures_of(row: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Mean and sd of f_overall, and of the size of each effect that is named [own units]."""
+    """Mean and sd of the size of each effect that is named, by its id, and of f_overall, by no id [own units]."""
     found = {}
     for key in (F_OVERALL, f"{F_OVERALL}_after"):
         if row.get(f"{key}_mean") is not None:
-            found[F_OVERALL] = (float(row[f"{key}_mean"]), float(row[f"{key}_sd"]))
+            found[""] = (float(row[f"{key}_mean"]), float(row[f"{key}_sd"]))
     if row.get("verdict") == "named":
         for effect in json.loads(row["diagnosis"])["effects"]:
             size = effects()[effect["id"]].amplitude.name
             if one := effect["parameters"].get(size):
-                found[f"{effect['id']}.{size}"] = (float(one["mean"]), float(one["sd"]))
+                found[effect["id"]] = (float(one["mean"]), float(one["sd"]))
     return found
 
 
 def sentence(trend: Trend) -> str:
     """The slope with its uncertainty, and what the scatter about the line says."""
-    name, n = trend.name.rpartition(".")[2], len(trend.figures)
+    n = len(trend.figures)
     dates = sorted(taken for one in trend.figures if (taken := one.taken) is not None)
     when = f" from {dates[0].date()} to {dates[-1].date()}" if len(dates) == n else ", in the order given"
     if trend.line is None:
         return f"{trend.title}: {n} recordings{when}; no line can be drawn through them."
     line = trend.line
-    slope = quantity(line.slope, line.slope_sd, trend.unit, name)
+    slope = quantity(line.slope, line.slope_sd, trend.unit, trend.parameter)
     far = abs(line.slope) / line.slope_sd
     level = float(np.average(line.value))
-    share = f", {100.0 * line.slope / level:+.1f} %".replace("-", "−") if level and name == F_OVERALL else ""
+    share = f", {100.0 * line.slope / level:+.1f} %".replace("-", "−") if level and not trend.effect else ""
     said = f"{trend.title}: {slope} {trend.per}{share} over {n} recordings{when}; {far:.1f} standard deviations from 0."
     if n == 2:
         return said
@@ -132,14 +137,15 @@ def sentence(trend: Trend) -> str:
 def table(rows: Sequence[Mapping[str, Any]]) -> bytes:
     """A row a recording, along the dates: date, f_overall, and the size of each effect that is named, as CSV."""
     told = [figures_of(row) for row in rows]
-    names = dict.fromkeys([F_OVERALL, *(name for one in told for name in one)])
+    names = {effect: f"{effect}.{effects()[effect].amplitude.name}" for one in told for effect in one if effect}
+    names = {"": F_OVERALL} | names
     columns = {"recording": many_table.TEXT, "date": many_table.TEXT, "reliable": many_table.FLAG}
-    columns |= {f"{name}_{key}": many_table.NUMBER for name in names for key in ("mean", "sd")}
+    columns |= {f"{name}_{key}": many_table.NUMBER for name in names.values() for key in ("mean", "sd")}
     made = []
     for row, one in zip(rows, told, strict=True):
         cells = {
-            f"{name}_{key}": value
-            for name, pair in one.items()
+            f"{names[effect]}_{key}": value
+            for effect, pair in one.items()
             for key, value in zip(("mean", "sd"), pair, strict=True)
         }
         made.append({"recording": str(row["recording"]), "date": row["date"], "reliable": is_reliable(row)} | cells)
@@ -153,13 +159,12 @@ def picture(found: Sequence[Trend]) -> bytes:
     return along_dates.picture([_panel(one) for one in found])
 
 
-def _trend(name: str, figures: Sequence[Figure]) -> Trend:
-    effect = name.rpartition(".")[0]
-    title = f"{effects()[effect].title} ({effect})" if effect else name
+def _trend(effect: str, figures: Sequence[Figure]) -> Trend:
+    title = f"{effects()[effect].title} ({effect})" if effect else F_OVERALL
     unit = effects()[effect].amplitude.unit if effect else "N m s"
     at, per = _places(figures)
     line = line_through(at, [one.mean for one in figures], [one.sd for one in figures])
-    return Trend(name, title, unit, figures, line, per)
+    return Trend(effect, title, unit, figures, line, per)
 
 
 def _places(figures: Sequence[Figure]) -> tuple[list[float], str]:
@@ -173,8 +178,7 @@ def _places(figures: Sequence[Figure]) -> tuple[list[float], str]:
 
 
 def _panel(trend: Trend) -> Panel:
-    name = trend.name.rpartition(".")[2]
-    factor, unit = on_an_axis(trend.unit, name)
+    factor, unit = on_an_axis(trend.unit, trend.parameter)
     points = [
         Point(
             one.recording.rpartition("/")[2], one.taken, *(factor * (one.mean + k * one.sd) for k in (0.0, -Q95, Q95))
@@ -182,6 +186,5 @@ def _panel(trend: Trend) -> Panel:
         for one in trend.figures
     ]
     line = None if trend.line is None else (factor * trend.line.value, factor * trend.line.value_sd)
-    effect = trend.name.rpartition(".")[0]
-    quantity = effects()[effect].amplitude.text if effect else name
+    quantity = effects()[trend.effect].amplitude.text if trend.effect else F_OVERALL
     return Panel(trend.title, quantity, unit, points, line)

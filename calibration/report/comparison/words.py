@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from calibration.report.diagnosis.table import tests
 from calibration.report.diagnosis.words import p_in_words, quantity
 from calibration.report.fit.words import probability
+from calibration.report.render import findings
 from calibration.report.sets_in_words import listed, titles
 from model.effects import effects
 
@@ -94,23 +96,13 @@ def figure(parameter: str, one: Mapping[str, Any], key: str) -> str:
 
 def table(found: Mapping[str, Any]) -> Table:
     """The answer, its rivals and the figures, for the terminal."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    made = Table("what", "finding", show_header=False)
-    made.add_row("verdict", f"{found['verdict']} ({p_in_words(found['mismatch']['p_value'])})")
+    rows = [("verdict", f"{found['verdict']} ({p_in_words(found['mismatch']['p_value'])})")]
     if found["unchanged_probability"] is not None:
-        made.add_row("nothing changed", f"probability {chance(found['unchanged_probability'])}")
-    for one in found["explanations"][:MOST_ROWS]:
-        made.add_row("explanation", escape(f"{called_set(one)} ({chance(one['probability'])})"))
+        rows.append(("nothing changed", f"probability {chance(found['unchanged_probability'])}"))
+    sets = found["explanations"][:MOST_ROWS]
+    rows += [("explanation", f"{called_set(one)} ({chance(one['probability'])})") for one in sets]
     for change in found["changes"][:MOST_ROWS]:
         for parameter, one in change["parameters"].items():
             words = f"{parameter}: {figure(parameter, one, 'before')} -> {figure(parameter, one, 'after')}"
-            made.add_row(
-                f"if {called([change['id']])}", escape(f"{words} (probability {chance(change['probability'])})")
-            )
-    for test in found["next_tests"][:MOST_ROWS]:
-        made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
-        if test["command"]:
-            made.add_row("", escape(test["command"]))
-    return made
+            rows.append((f"if {called([change['id']])}", f"{words} (probability {chance(change['probability'])})"))
+    return findings([*rows, *tests(found)])

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibration.diagnosis.document import Q95
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.verdict import RESIDUAL_P
 from calibration.report import style
 from calibration.report.diagnosis import numbers, sets
-from calibration.report.diagnosis.numbers import Q95, Coordinate, Curve, Model
+from calibration.report.diagnosis.numbers import Coordinate, Curve, Model
 from calibration.report.diagnosis.sets import Interval
 from calibration.systems.radial_piston.predict.kinds import RUN, STANDING
-from calibration.unknowns.priors import PASCAL_PER_BAR
+from configs.units import BAR
 from model.layout import L_MIN, RPM
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def held_rotor(found: Diagnosis, models: Sequence[Model]) -> bytes:
     mine = np.flatnonzero(found.comparison.kind == STANDING)
     rows = np.flatnonzero(np.isfinite(standing.pressure))
     rows = rows[np.argsort(standing.pressure[rows])]
-    pressure, flow = standing.pressure[rows] / PASCAL_PER_BAR, standing.flow[rows] * L_MIN
+    pressure, flow = standing.pressure[rows] / BAR, standing.flow[rows] * L_MIN
     with style.drawing(height_in=2.6) as (figure, panel):
         panel.errorbar(
             pressure, flow, Q95 * standing.sd[rows] * L_MIN, ecolor=style.INK, **style.MEASURED, label="read"

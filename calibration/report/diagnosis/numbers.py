@@ -8,10 +8,10 @@ import numpy as np
 
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.correction import Correction, corrections
-from calibration.diagnosis.steps.locate import METERS
+from calibration.diagnosis.steps.locate import METERS, Kind
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
-from calibration.unknowns.priors import PASCAL_PER_BAR
+from configs.units import BAR
 from model.layout import L_MIN, RPM
 
 UNITS = {"flow": ("L/min", L_MIN), "speed": ("rpm", RPM)}
@@ -19,11 +19,10 @@ KINDS = {"flow": FLOW, "speed": SPEED}
 FAMILIAR = {
     "speed": ("rpm", RPM),
     "time": ("min", 1.0 / 60.0),
-    "pressure": ("bar", 1.0 / PASCAL_PER_BAR),
+    "pressure": ("bar", 1.0 / BAR),
     "flow": ("L/min", L_MIN),
 }
 ERRORS = {"pressure": ("kPa", 1e-3), "flow": ("L/min", L_MIN), "speed": ("rpm", RPM)}  # of each channel's instrument
-Q95 = 1.6448536269514722  # of a standard normal
 SAME = 1e-9
 
 
@@ -101,7 +100,7 @@ def coordinates(found: Diagnosis) -> list[Coordinate]:
     if not plateaus.size:
         return []
     along = [
-        Coordinate("pressure reading", "bar", plateaus.pressure / PASCAL_PER_BAR),
+        Coordinate("pressure reading", "bar", plateaus.pressure / BAR),
         Coordinate("speed", "rpm", found.base.prediction.speed * RPM),
         Coordinate("time", "min", plateaus.time / 60.0),
     ]
@@ -157,7 +156,7 @@ def _curve(found: Diagnosis, one: Correction) -> Curve:
         (place.where[0] * factor, place.where[1] * factor)
         for place in found.places
         if (place.coordinate, place.channel) == (one.coordinate, one.channel)
-        and place.sentence.startswith("An error of") == (one.balance == "sensor")
+        and (place.kind is Kind.METER) == (one.balance == "sensor")
     )
     return Curve(
         title,

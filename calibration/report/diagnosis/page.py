@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import platform
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -17,10 +14,9 @@ from calibration.diagnosis.steps.misread import MISREAD
 from calibration.report import along_dates
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
-from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit.words import LEAST_P, figure, probability, rounded
 from calibration.report.origin import origins
-from calibration.report.render import render
+from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row, title, titles
 from calibration.report.units import FAMILIAR, on_an_axis
 from model.effects import effects
@@ -52,9 +48,9 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     if panels := _panels(document):
         figures["along"] = along_dates.picture(panels)
     filled = context(found, document)
-    inline = {name: f"data:image/png;base64,{base64.b64encode(one).decode()}" for name, one in figures.items()}
+    pictures = {name: inline(one) for name, one in figures.items()}
     return {
-        HTML: page(filled | {"figures": inline, "models": [one.name for one in models]}),
+        HTML: page(filled | {"figures": pictures, "models": [one.name for one in models]}),
         PNG: draw.essentials(found, models, curves, intervals, filled["verdict"]),
     }
 
@@ -96,9 +92,9 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "apart": _test_table(found, True),
         "promised": _promise_table(document),
         "notes": [*few_used(document.get("files", [])), *_notes(found)],
-        "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
+        "seconds": step_times(found.seconds),
         "instruments": _instrument_table(found),
-        "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
+        "versions": versions(),
         "sha256": problem.recording.sha256,
     }
 
@@ -209,7 +205,7 @@ def _place_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (
             words.BALANCES[place["balance"]],
-            place["channel"],
+            f"{place['channel']} of {place['recording']}" if place["recording"] else place["channel"],
             place["coordinate"],
             "" if place["coordinate"] == "direction" else words.span_in_words(place),
             ", ".join(place["same_as"]) or "nothing",

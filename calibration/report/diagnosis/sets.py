@@ -9,18 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.document import Q95
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.sizes.sizes import sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
+from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.misread import MISREAD
 from calibration.fit.posterior import UNINFORMED
-from calibration.report.diagnosis.numbers import Q95, of_mode
-from calibration.report.diagnosis.words import gain_in_figures, is_corrected, is_unseen, quantity
+from calibration.report.diagnosis.numbers import of_mode
+from calibration.report.diagnosis.words import gain_in_figures, quantity
 from calibration.report.fit.words import rounded, uncertainty
 from calibration.report.sets_in_words import listed, titles
 from calibration.report.units import FAMILIAR
 from calibration.systems.radial_piston.predict.kinds import RUN, STANDING, VENTED
-from calibration.unknowns.priors import PASCAL_PER_BAR
+from configs.units import BAR
 from model.effects import laws
 
 MOST_SHOWN = 6  # sets
@@ -83,7 +85,7 @@ def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
         z = first[effect.id].z
         sd = abs(size / z) * first[effect.id].sd if z else 0.0
         if math.isfinite(size):
-            where = f"at the highest level, {state.pressure[top] / PASCAL_PER_BAR:.2f} bar"
+            where = f"at the highest level, {state.pressure[top] / BAR:.2f} bar"
             said[effect.id] = f"{quantity(float(size), sd, unit)} {where}"
     return said
 
@@ -149,9 +151,9 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
         falls.append(f"from {before * factor:.2g} to {after * factor:.2g} {familiar} in the {channel}")
     gain = gain_in_figures(held_out)
     went = f"the error (rms) went {listed(falls)}. The logarithm of the probability that it gave them changed by "
-    if is_unseen(held_out):
+    if held_out["kind"] == Predicted.UNSEEN_RUN:
         return f"On readings of an {held_out['scheme']}, {went}{gain}; nothing had seen that run before."
-    if is_corrected(held_out):
+    if held_out["kind"] == Predicted.BY_CORRECTION:
         return (
             f"With a smooth correction in place of a cause, on readings that it had not seen, {went}"
             f"{gain}; cross-validated in {held_out['folds']} folds, in "

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calibration.diagnosis.next_test.recommend import NOTHING
+from calibration.diagnosis.steps.locate import Kind
 from calibration.report.fit.words import p_in_words, rounded, uncertainty
 from calibration.report.sets_in_words import in_a_row, listed
 from calibration.report.units import FAMILIAR, RAISED, for_people, powers
@@ -70,13 +71,14 @@ def reading_in_words(row: Mapping[str, Any]) -> str:
 def place_in_words(place: Mapping[str, Any]) -> str:
     """Where the model does not close, in a sentence."""
     sentence = str(place["sentence"])
-    if place["coordinate"] in ("row", "phase", "angle") or " is off from " in sentence:
+    if place["kind"] in (Kind.ROW, Kind.STEP) or place["coordinate"] in ("phase", "angle"):
         return sentence
-    if place["balance"] == "sensor" and sentence.startswith("An error of"):
+    if place["kind"] == Kind.METER:
         return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place)}."
     alike = f"; this recording cannot tell that from {listed(place['same_as'])}" if place["same_as"] else ""
     between = "" if place["coordinate"] == "direction" else f", most between {span_in_words(place)}"
-    return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{between}{alike}."
+    of = f" of {place['recording']}" if place["recording"] else ""
+    return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{of}{between}{alike}."
 
 
 def span_in_words(place: Mapping[str, Any]) -> str:
@@ -177,21 +179,11 @@ def steps_in_words(seconds: Mapping[str, float]) -> str:
     return f"{', '.join(parts)}; {sum(kinds.values()):.1f} s in all"
 
 
-def is_unseen(held_out: Mapping[str, Any]) -> bool:
-    """Whether the held-out readings are a run of their own instead of folds of the recording."""
-    return str(held_out["scheme"]).startswith("unseen run")
-
-
 def gain_in_figures(held_out: Mapping[str, Any]) -> str:
     """By how much the log score changed, with its standard error where there is one; and what a fall of it means."""
     gain, error = held_out["elpd_gain"], held_out["elpd_gain_se"]
     figures = f"{rounded(gain, error)} ± {uncertainty(error)}" if error > 0.0 else f"{gain:.1f}".replace("-", "−")
     return figures + (" (it predicts worse than the base model)" if gain < 0.0 else "")
-
-
-def is_corrected(held_out: Mapping[str, Any]) -> bool:
-    """Whether a smooth correction predicted the held-out readings instead of a set of effects."""
-    return "correction" in str(held_out["scheme"])
 
 
 def stability_in_words(shares: Sequence[float]) -> str:

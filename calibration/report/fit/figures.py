@@ -13,6 +13,7 @@ from calibration.fit.posterior import Posterior, thinned
 from calibration.report import style
 from calibration.report.fit import numbers
 from calibration.report.fit.numbers import Channel, Suspect
+from calibration.unknowns.priors import OfEffect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,8 +44,8 @@ def density(posterior: Posterior) -> bytes:
 
 def ridge(posterior: Posterior) -> bytes:
     """f_overall against the unknowns that it may trade off with."""
-    names = [estimate.unknown.name for estimate in posterior.estimates]
-    present = [name for name in names if name in RIDGES or numbers.is_of_effect(name)]
+    unknowns = [estimate.unknown for estimate in posterior.estimates]
+    present = [one.name for one in unknowns if one.name in RIDGES or isinstance(one.of, OfEffect)]
     with style.drawing(-(-len(present) // 2), 2, height_in=2.5 * -(-len(present) // 2), squeeze=False) as (
         figure,
         axes,

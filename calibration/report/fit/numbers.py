@@ -12,13 +12,12 @@ from scipy.special import ndtri
 from calibration.data.measurement import MISSING, OBSERVED, Rows
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior, SuspectRow, thinned
-from calibration.unknowns.effects import of_recording
-from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of
+from calibration.fit.whole import LEVELS
+from calibration.unknowns.priors import Unknown, column_of
+from configs.units import BAR
 from model import layout as at
-from model.effects import effects
 from model.solvers import steady
 
-LEVELS = (0.05, 0.16, 0.50, 0.84, 0.95)  # quantiles of the 90 % and 68 % bands, and the median
 UNITS = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
 GRID_POINTS = 41
 NOISE_NODES = ndtri((np.arange(15) + 0.5) / 15.0)  # of a standard normal, equally probable: bands without raggedness
@@ -141,7 +140,7 @@ def expected(
     """
     motor, z = found.motor, thinned(found.posterior.chain.flat())
     parameters, errors = found.likelihood.split(z)
-    nominal = pressure_bar * PASCAL_PER_BAR + np.where(is_gauge, motor.si("ambient_pressure"), 0.0)
+    nominal = pressure_bar * BAR + np.where(is_gauge, motor.si("ambient_pressure"), 0.0)
     gas, chosen = steady.gas_table(motor, nominal), found.likelihood.chosen(z)
     out = found.likelihood.states(parameters, errors, chosen, pressure_bar, is_gauge, gas, time)
     solved = np.all(out[..., steady.STATUS] != steady.NOT_CONVERGED, axis=1)
@@ -153,7 +152,7 @@ def expected(
         (2, "speed", steady.SPEED_OUT, steady.SPEED_SLOPE, at.RPM),
     ):
         gain = to_unit * (1.0 + errors[:, i, 1:2])
-        slope = out[..., slope_column] * gain * PASCAL_PER_BAR
+        slope = out[..., slope_column] * gain * BAR
         variance = _variance(found, name, errors, noise_scale) + var_p * slope**2
         result[name] = _mixture(pressure_bar, out[..., column] * gain + errors[:, i, 0:1], variance, slope)
     return result
@@ -202,18 +201,6 @@ def trade_offs(posterior: Posterior, name: str = TARGET) -> list[tuple[Unknown, 
 def samples(posterior: Posterior, name: str) -> np.ndarray:
     """Samples of one unknown in its unit, shape (n_samples,)."""
     return posterior.values[:, [estimate.unknown.name for estimate in posterior.estimates].index(name)]
-
-
-def is_of_effect(name: str) -> bool:
-    """Whether an unknown is an effect's: they are called ``effect.parameter``."""
-    effect, dot, _ = of_recording(name)[1].partition(".")
-    return bool(dot) and effect in effects()
-
-
-def sizes_in(posterior: Posterior, effect: str) -> list[tuple[str, str]]:
-    """The recording, empty where all share it, and the unknown of each parameter of an effect."""
-    names = [estimate.unknown.name for estimate in posterior.estimates]
-    return [(of_recording(name)[0], name) for name in names if of_recording(name)[1].startswith(f"{effect}.")]
 
 
 def prior_density(unknown: Unknown, values: np.ndarray) -> np.ndarray:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import platform
 import textwrap
-from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from calibration.fit.fit import Fit
@@ -17,26 +13,15 @@ from calibration.report.fit import words as fit_words
 from calibration.report.fit.numbers import TARGET
 from calibration.report.fit.words import AnyFit, figure, probability, rounded, uncertainty, with_unit
 from calibration.report.origin import origins
-from calibration.report.render import render
+from calibration.report.render import HTML, PNG, Grid, inline, render, versions
 from model.motor import Motor
 from rig.recording import Recording
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-HTML, PNG = "report.html", "report.png"
-PACKAGES = ("spinbench", "numpy", "scipy", "numba", "emcee")
 TITLE_WIDTH = 68  # letters that fit over the picture
 Variants = list[tuple[str, Posterior]]
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A table of the page: text only, the first ``words`` columns to the left, the others to the right."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    words: int = 1
 
 
 def report(found: Fit, variants: Variants) -> dict[str, bytes]:
@@ -71,6 +56,7 @@ def on_the_picture(found: AnyFit) -> str:
 
 def table(found: AnyFit) -> Table:
     """The unknowns, for the terminal."""
+    from rich.markup import escape
     from rich.table import Table
 
     wrong = bool(fit_words.contradicted(found))
@@ -79,7 +65,7 @@ def table(found: AnyFit) -> Table:
     for e in found.posterior.estimates:
         quantiles = (f"{e.quantiles[name]:.5g}" for name in ("q05", "q50", "q95"))
         name = f"{TARGET} (do not rely on it)" if wrong and e.unknown.name == TARGET else e.unknown.name
-        shown.add_row(name, e.unknown.unit, f"{e.mean:.5g}", f"{e.sd:.2g}", *quantiles, f"{e.sd_of_prior:.2f}")
+        shown.add_row(escape(name), e.unknown.unit, f"{e.mean:.5g}", f"{e.sd:.2g}", *quantiles, f"{e.sd_of_prior:.2f}")
     return shown
 
 
@@ -217,16 +203,9 @@ def convergence(found: AnyFit, further: list[tuple[str, str]]) -> Grid:
         *further,
         ("wall time", f"{found.posterior.seconds:.1f} s"),
         ("seed", str(found.settings.seed)),
-        ("versions", ", ".join([f"Python {platform.python_version()}", *map(_version, PACKAGES)])),
+        ("versions", versions()),
     ]
     return Grid((), tuple(entries))
-
-
-def _version(package: str) -> str:
-    try:
-        return f"{package} {version(package)}"
-    except PackageNotFoundError:
-        return f"{package} not installed"
 
 
 def _instrument_table(recording: Recording) -> Grid:
@@ -256,8 +235,3 @@ def _held_table(posterior: Posterior, motor: Motor) -> Grid:
         if name not in fitted
     )
     return Grid(("held fixed", "value", "source"), rows, 3)
-
-
-def inline(png: bytes) -> str:
-    """A picture as the address of itself."""
-    return f"data:image/png;base64,{base64.b64encode(png).decode()}"

@@ -13,12 +13,13 @@ from calibration.report.fit import page
 from calibration.report.fit import words as fit_words
 from calibration.report.fit.figures import BANDS
 from calibration.report.fit.words import rounded, uncertainty
+from calibration.report.render import HTML, PNG, Grid, inline
 from calibration.report.units import on_an_axis
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, SPEED
 from calibration.systems.several.problem import SeveralProblem
-from calibration.unknowns.effects import of_recording
-from calibration.unknowns.priors import PASCAL_PER_BAR
+from configs.units import BAR
+from model.effects import effects
 from model.layout import L_MIN, RPM
 
 CHANNELS = (("speed", SPEED, RPM, "rpm"), ("flow", FLOW, L_MIN, "L/min"))
@@ -38,8 +39,8 @@ def report(found: WholeFit, variants: page.Variants) -> dict[str, bytes]:
         pictures["along"] = along_dates.picture(panels)
     if variants:
         pictures["forest"] = fit_figures.forest(found.posterior, variants)
-    filled = _context(found, variants) | {"figures": {name: page.inline(png) for name, png in pictures.items()}}
-    return {page.HTML: page.page(filled), page.PNG: pictures["fit"]}
+    filled = _context(found, variants) | {"figures": {name: inline(png) for name, png in pictures.items()}}
+    return {HTML: page.page(filled), PNG: pictures["fit"]}
 
 
 def plateaus(found: WholeFit) -> bytes:
@@ -48,13 +49,13 @@ def plateaus(found: WholeFit) -> bytes:
         for column, (name, kind, factor, unit) in enumerate(CHANNELS):
             for k, (recording, part, at) in enumerate(parts_of(found.comparison)):
                 mine = np.flatnonzero((part.kind == kind) & part.known)
-                pressure = part.problem.blocks.plateaus.pressure[part.index[mine]] / PASCAL_PER_BAR
+                pressure = part.problem.blocks.plateaus.pressure[part.index[mine]] / BAR
                 bands, read = found.bands[:, at[mine]] * factor, part.read[mine] * factor
                 look = style.MEASURED | {"marker": MARKS[k % len(MARKS)], "markersize": 4.5}
                 for panel, less in ((axes[0, column], 0.0), (axes[1, column], bands[2])):
                     for (low, high, colour, _), width in zip(BANDS, (1.5, 5.0), strict=True):
                         panel.vlines(pressure, bands[low] - less, bands[high] - less, color=colour, linewidth=width)
-                    panel.plot(pressure, read - less, **look, label=recording[:40] or "measured")
+                    panel.plot(pressure, read - less, **look, label=style.plain(recording[:40]) or "measured")
             style.name_axes(axes[0, column], ("", "1"), (name, unit))
             style.name_axes(axes[1, column], ("pressure reading", "bar"), ("residual", unit))
             axes[1, column].axhline(0.0, color=style.COLOURS[0], linewidth=1.0)
@@ -92,14 +93,14 @@ def _panels(found: WholeFit) -> list[along_dates.Panel]:
     if not isinstance(problem, SeveralProblem):
         return []
     for name in sorted(problem.sharing.own & set(found.effects)):
-        size, points = problem.effect(name).amplitude, []
-        own = of_recording(size.name)[1]
-        factor, unit = on_an_axis(size.unit, own)
+        size, points = effects()[name].amplitude, []
+        factor, unit = on_an_axis(size.unit, size.name)
+        estimates = {one.unknown.whose: one for one in found.posterior.estimates if one.unknown.of == (name, size.name)}
         for mine in problem.along_dates():
-            one = found.posterior[f"{mine}: {name}.{own}"]
+            one = estimates[mine]
             figures = (factor * value for value in (one.mean, one.quantiles["q05"], one.quantiles["q95"]))
             points.append(along_dates.Point(mine, problem.dates[mine], *figures))
-        made.append(along_dates.Panel(problem.effect(name).title, size.text or own, unit, points))
+        made.append(along_dates.Panel(effects()[name].title, size.text or size.name, unit, points))
     return made
 
 
@@ -118,7 +119,7 @@ def remarks(found: WholeFit) -> list[str]:
 def _context(found: WholeFit, variants: page.Variants) -> dict[str, Any]:
     parts = list(parts_of(found.comparison))
     runs = [
-        {"name": f"{name}: {run.file}" if name else run.file, "picture": page.inline(run_in_time(found, part, at, i))}
+        {"name": f"{name}: {run.file}" if name else run.file, "picture": inline(run_in_time(found, part, at, i))}
         for name, part, at in parts
         for i, run in enumerate(part.problem.blocks.runs)
     ]
@@ -130,7 +131,7 @@ def _context(found: WholeFit, variants: page.Variants) -> dict[str, Any]:
     return page.common(found) | {
         "used": f"{count} and {len(runs)} run{'s' * (len(runs) != 1)} in time",
         "remarks": remarks(found),
-        "suspects": page.Grid(("file", "column", "row", "probability of being bad"), rows, 2),
+        "suspects": Grid(("file", "column", "row", "probability of being bad"), rows, 2),
         "variants": page.variant_table(found, variants),
         "notes": list(dict.fromkeys(words for one in found.recordings for words in one.warnings)),
         "convergence": page.convergence(
@@ -141,7 +142,7 @@ def _context(found: WholeFit, variants: page.Variants) -> dict[str, Any]:
     }
 
 
-def _laplace(found: WholeFit) -> page.Grid:
+def _laplace(found: WholeFit) -> Grid:
     """Each sampled unknown of motor and effects beside Laplace's approximation of it."""
     target, mode, rng = found.target, found.mode, np.random.default_rng(0)
     rows = []
@@ -163,4 +164,4 @@ def _laplace(found: WholeFit) -> page.Grid:
             )
         )
     header = ("unknown", "unit", "sampled", "Laplace", "means apart, sd", "ratio of sds", "")
-    return page.Grid(header, tuple(rows), 2)
+    return Grid(header, tuple(rows), 2)

@@ -12,13 +12,17 @@ from calibration.data.measurement import OBSERVED
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior
 from calibration.fit.whole import WholeFit
-from calibration.report.fit import numbers
-from calibration.report.fit.numbers import TARGET, UNITS, Suspect, is_of_effect
-from calibration.unknowns.priors import Unknown
+from calibration.report.fit.numbers import TARGET, UNITS, Suspect
+from calibration.unknowns.priors import Error, OfEffect, OfInstrument, Unknown, full_name
 from model.effects import effects
 
 INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
-ERRORS = {"offset": "offset", "scale": "scale", "noise_scale": "noise", "offset_drift": "drift of the offset"}
+ERRORS = {
+    Error.OFFSET: "offset",
+    Error.SCALE: "scale",
+    Error.NOISE: "noise",
+    Error.DRIFT: "drift of the offset",
+}
 FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
 LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
 WEAK = 0.25  # a correlation below it is not worth a word
@@ -51,18 +55,16 @@ def probability(value: float) -> str:
     return "> 0.999" if value > 0.999 else f"{value:.3f}"
 
 
-def called(name: str) -> str:
-    """An unknown's name as a person says it, the name of its recording ahead where it is one recording's own."""
-    recording, _, own = name.rpartition(": ")
-    if recording:
-        return f"{called(own)} in {recording}"
-    if is_of_effect(name):
-        effect, _, parameter = name.partition(".")
-        return f"{effects()[effect].title}, its {parameter}"
-    channel, _, error = name.partition("_")
-    if channel in INSTRUMENTS and error in ERRORS:
-        return f"{INSTRUMENTS[channel]}'s {ERRORS[error]}"
-    return f"the {name.replace('_', ' ')}"
+def called(unknown: Unknown) -> str:
+    """An unknown as a person calls it, with its recording where it is one recording's own."""
+    match unknown.of:
+        case OfEffect(effect, parameter):
+            said = f"{effects()[effect].title}, its {parameter}"
+        case OfInstrument(channel, error):
+            said = f"{INSTRUMENTS[channel]}'s {ERRORS[error]}"
+        case _:
+            said = f"the {unknown.own.replace('_', ' ')}"
+    return f"{said} in {unknown.whose}" if unknown.whose else said
 
 
 def prior_in_words(unknown: Unknown) -> str:
@@ -81,12 +83,13 @@ def held_effects(found: AnyFit) -> list[str]:
     sentences = []
     for name in found.effects:
         sizes = []
-        for recording, unknown in numbers.sizes_in(found.posterior, name):
-            one, parameter = found.posterior[unknown], unknown.rpartition(".")[2]
+        for one in found.posterior.estimates:
+            if not isinstance(one.unknown.of, OfEffect) or one.unknown.of.effect != name:
+                continue
             value = f"{rounded(one.mean, one.sd)} ± {uncertainty(one.sd)}"
             low, high = (rounded(one.quantiles[q], one.sd) for q in ("q05", "q95"))
-            mine = f"{recording}: {parameter}" if recording else parameter
-            words = f"{mine} {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})"
+            size = full_name(one.unknown.of.parameter, one.unknown.whose)
+            words = f"{size} {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})"
             sizes.append(f"{words}, which is its prior" if found.posterior.prior_dominates(one.unknown.name) else words)
         sentences.append(f"{effects()[name].title} ({name}): {'; '.join(sizes)}")
     return sentences
@@ -152,7 +155,7 @@ def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
     strong = [(unknown, r) for unknown, r in pairs if abs(r) >= WEAK][:4]
     if not strong:
         return f"{TARGET} trades off with no other unknown to speak of."
-    words = [f"{called(unknown.name)} ({r:+.2f})".replace("-", "−") for unknown, r in strong]
+    words = [f"{called(unknown)} ({r:+.2f})".replace("-", "−") for unknown, r in strong]
     listed = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
     return f"{TARGET} trades off mostly with {listed}; correlations in brackets."
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import platform
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import Any
 
 from calibration.data.runs_in_time import few_used
 from calibration.diagnosis.result import Diagnosis
-from calibration.report.fit.page import HTML, PACKAGES, PNG, Grid
 from calibration.report.fit.words import probability
 from calibration.report.machines import words
 from calibration.report.machines.picture import picture
 from calibration.report.origin import origins
-from calibration.report.render import render
+from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row
 from model.effects import effects
 
@@ -25,9 +21,7 @@ MOST = 12  # rows of a table
 def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     """Files of the report by name: ``report.html``, ``report.png``."""
     drawn = picture(found)
-    inline = f"data:image/png;base64,{base64.b64encode(drawn).decode()}"
-    filled = context(found, document) | {"picture": inline}
-    return {HTML: render("rig_diagnosis.html.j2", filled), PNG: drawn}
+    return {HTML: render("rig_diagnosis.html.j2", context(found, document) | {"picture": inline(drawn)}), PNG: drawn}
 
 
 def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
@@ -50,21 +44,8 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         ),
         "held_out": words.held_out_in_words(document),
         "friction": Grid(("viscous friction, or its like", "mean ± sd"), tuple(words.friction_in_words(document))),
-        "tests": Grid(
-            ("test", "tells", "nats"),
-            tuple(
-                (t["test"], in_a_row([one.split("+") for one in t["separates"]], "and"), f"{t['information_nats']:.1f}")
-                for t in document["next_tests"][:MOST]
-            ),
-            2,
-        ),
-        "nuisances": Grid(
-            ("what is free beside it", "mean ± sd"),
-            tuple(
-                (name, f"{one['mean']:.4g} ± {one['sd']:.2g} {one['unit']}")
-                for name, one in document["nuisances"].items()
-            ),
-        ),
+        "tests": Grid(("test", "tells", "nats"), tuple(_tests(document)), 2),
+        "nuisances": Grid(("what is free beside it", "mean ± sd"), tuple(_nuisances(document))),
         "noise": Grid(
             ("readings", "noise over the declared", "correlation of neighbours"),
             tuple((n["readings"], f"{n['scale']:.2f}", f"{n['correlation']:.2f}") for n in document["noise"]),
@@ -74,14 +55,26 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
             ("file", "rows used", "why not the rest"),
             tuple((one["file"], f"{one['rows_used']} of {one['rows']}", one["why"]) for one in document["files"]),
         ),
-        "seconds": Grid(("step", "time, s"), tuple((step, f"{s:.2f}") for step, s in found.seconds.items())),
-        "versions": ", ".join([f"Python {platform.python_version()}", *(f"{one} {version(one)}" for one in PACKAGES)]),
+        "seconds": step_times(found.seconds),
+        "versions": versions(),
         "sha256": recording.sha256,
     }
 
 
 def _p(value: float) -> str:
     return words.chance_in_words(value).removeprefix("p = ").removeprefix("p ")
+
+
+def _tests(document: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    return [
+        (t["test"], in_a_row([one.split("+") for one in t["separates"]], "and"), f"{t['information_nats']:.1f}")
+        for t in document["next_tests"][:MOST]
+    ]
+
+
+def _nuisances(document: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    free = document["nuisances"].items()
+    return [(name, f"{one['mean']:.4g} ± {one['sd']:.2g} {one['unit']}") for name, one in free]
 
 
 def _parameters(document: Mapping[str, Any]) -> list[tuple[str, ...]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from calibration.report.render import findings
 from calibration.report.sets_in_words import in_a_row, titles
 from model.effects import effects
 from model.layout import L_MIN
@@ -50,23 +51,19 @@ def chance_in_words(p: float) -> str:
 
 def table(document: Mapping[str, Any]) -> Table:
     """Effects, rivals, place, held-out errors, friction and next tests."""
-    from rich.table import Table
-
-    made = Table("what", "finding", show_header=False)
-    made.add_row("verdict", f"{document['verdict']} ({chance_in_words(document['mismatch']['p_value'])})")
-    for effect in document["effects"]:
-        made.add_row(effect["id"], f"probability {effect['probability']:.3f}; {_figures(effect)}".rstrip("; "))
-    for names in document["alternatives"][:MOST_ROWS]:
-        made.add_row("or", titles(names))
-    for place in document["located"][:MOST_ROWS]:
-        made.add_row("where", place["sentence"])
+    rows = [("verdict", f"{document['verdict']} ({chance_in_words(document['mismatch']['p_value'])})")]
+    rows += [
+        (one["id"], f"probability {one['probability']:.3f}; {_figures(one)}".rstrip("; "))
+        for one in document["effects"]
+    ]
+    rows += [("or", titles(names)) for names in document["alternatives"][:MOST_ROWS]]
+    rows += [("where", place["sentence"]) for place in document["located"][:MOST_ROWS]]
     for i, said in enumerate(held_out_in_words(document)):
-        made.add_row(f"held out, {document['improvement']['held_out']['scheme']}" if i == 0 else "", said)
-    for words, said in friction_in_words(document):
-        made.add_row(words, said)
+        rows.append((f"held out, {document['improvement']['held_out']['scheme']}" if i == 0 else "", said))
+    rows += friction_in_words(document)
     for test in document["next_tests"][:MOST_ROWS]:
-        made.add_row("next test", f"{test['test']} ({test['information_nats']:.1f} nats)")
-    return made
+        rows.append(("next test", f"{test['test']} ({test['information_nats']:.1f} nats)"))
+    return findings(rows)
 
 
 def held_out_in_words(document: Mapping[str, Any]) -> list[str]:

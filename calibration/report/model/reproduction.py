@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from calibration.report.model.paper_figures import CAPTIONS, draw_all
+from calibration.report.render import render
 from configs.units import BAR
 from model.article.comparison import Comparison, compare
 from model.article.reproduction import FRICTIONS, Reproduction
@@ -89,30 +90,20 @@ def _list(values: Any) -> list[float]:
 
 
 def _rendered(template: str, found: Reproduction, figures: str) -> bytes:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("calibration.report"),
-        autoescape=jinja2.select_autoescape(["html", "html.j2"]),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    text = environment.get_template(template).render(
-        comparisons=compare(found),
-        plateaus=_plateaus(found),
-        steps=found.step_rows,
-        peaks=found.peak_rows,
-        time_step=TIME_STEP,
-        steady=found.steady_rpm,
-        captions=CAPTIONS,
-        figures=figures,
-        number=number,
-        difference=difference,
-        published=published,
-    )
-    return text.encode()
+    filled = {
+        "comparisons": compare(found),
+        "plateaus": _plateaus(found),
+        "steps": found.step_rows,
+        "peaks": found.peak_rows,
+        "time_step": TIME_STEP,
+        "steady": found.steady_rpm,
+        "captions": CAPTIONS,
+        "figures": figures,
+        "number": number,
+        "difference": difference,
+        "published": published,
+    }
+    return render(template, filled)
 
 
 def number(value: float) -> str:

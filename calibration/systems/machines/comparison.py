@@ -19,7 +19,7 @@ from calibration.systems.machines.next_tests import tests
 from calibration.systems.machines.noise import Noise, Whitener, ends
 from calibration.systems.machines.noise_test import NoiseTest
 from calibration.systems.machines.problem import WIDE, Problem
-from calibration.unknowns.priors import Unknown
+from calibration.unknowns.priors import Error, OfInstrument, Unknown
 from rig.recording import Recording
 
 # Share of a reading by which the base model may miss it, at the median: a drive that all goes into dry friction is
@@ -202,24 +202,22 @@ class Comparison:
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
         """What an offset or a scale of an instrument does to the readings [SI], shape (m,); None of the rest."""
         unknown = self.problem.nuisances[i]
-        of_a_run = unknown.name.endswith(".drive_offset")
-        place, _, error = unknown.name.rpartition("." if of_a_run else "_")
-        if not of_a_run and (place not in self._channels or error not in ("offset", "scale")):
+        of = unknown.of
+        if not isinstance(of, OfInstrument) or of.channel not in self._channels:
             return None
         values, found = self.problem.values(z[: len(self.problem.nuisances)]), []
         for one, true in zip(self.readings, self.noise.split(raw), strict=True):
             own = one.label.partition(" ")[2]
-            if of_a_run:
-                found.append(np.full_like(true, 1.0 if own == place else 0.0))
+            if of.file:
+                found.append(np.full_like(true, 1.0 if own == of.file else 0.0))
                 continue
             offset = values.get(f"{one.channel}_offset", 0.0) + values.get(f"{own}.drive_offset", 0.0)
             part = np.ones_like(true)
-            if error == "scale":
-                weight, scale = self.problem.system.weight, 1.0 + values.get(f"{place}_scale", 0.0)
+            if of.error is Error.SCALE:
+                weight, scale = self.problem.system.weight, 1.0 + values.get(unknown.name, 0.0)
                 part = (true - offset) / scale if weight is None else np.full_like(true, weight)
-            found.append(part if one.channel == place else np.zeros_like(true))
-        column: np.ndarray = np.concatenate(found) * unknown.b
-        return column
+            found.append(part if one.channel == of.channel else np.zeros_like(true))
+        return np.concatenate(found) * unknown.b
 
     def channels(self) -> dict[str, np.ndarray]:
         """Which readings are of which channel: masks of shape (m,)."""

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from calibration.data.clock import times_of
 from calibration.systems.machines.readings import TO_SI, Flat, Readings, means, noise_sd, plateaus
 from calibration.systems.machines.system import FOLDS, Coordinates, Simulate
-from calibration.systems.machines.table import RigTable, instrument, rows_used
-from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
+from calibration.systems.machines.table import MachineTable, instrument, rows_used
+from calibration.unknowns.priors import Unknown
+from configs.units import BAR, ZERO_C
 from model.effects import effects
 from model.effects.laws import Chosen, readings_of
 from model.layout import RPM
 from model.rigs.displacement_machine import rows
 from model.rigs.state import Sizes, state_of
-from rig.recording import RecordingError
+from rig.recording import Recording, RecordingError, RecordingFile
 
 VOLUME_FACTOR = 1.3  # an inline motor tells no tolerance, and a cut-off takes in less than the geometric volume
 NOT_READ = "no speed, no pressure, or neither a torque nor a flow"
@@ -53,39 +55,30 @@ class DisplacementMachine:
     )
     weight = None
 
-    def __init__(self, table: RigTable) -> None:
+    def __init__(self, table: MachineTable) -> None:
         recording = table.recording
         readings: list[Readings] = []
         of_channel: list[np.ndarray] = []
         unknowns: list[Unknown] = []
         gauge = "pressure_bar_gauge" in recording.channels
         name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
-        files = [f for f in recording.files if f.kind == "steady" and {name, "speed_rpm"} <= set(f.columns)]
-        if not files:
-            raise RecordingError(f"{recording.folder}: displacement_machine: no steady file with speed_rpm and {name}")
-
-        def all_of(column: str, missing: float = np.nan) -> np.ndarray:
-            return np.concatenate(
-                [f.columns[column].values if column in f.columns else np.full(f.rows, missing) for f in files]
-            )
-
-        P = all_of(name) * PASCAL_PER_BAR + (table.ambient if gauge else 0.0)
-        speed = all_of("speed_rpm") / RPM
+        files = _files_of(recording, name)
+        P = _all_of(files, name) * BAR + (table.ambient if gauge else 0.0)
+        speed = _all_of(files, "speed_rpm") / RPM
         known = np.isfinite(P) & np.isfinite(speed)
         time = np.concatenate([times_of(f) for f in files])
         timed = bool(np.all(np.isfinite(time[known])))
-        time = time if timed else np.zeros(time.size)
-        T = all_of("inlet_temperature_c", table.room - KELVIN_AT_0_C) + KELVIN_AT_0_C
+        T = _all_of(files, "inlet_temperature_c", table.room - ZERO_C) + ZERO_C
         T = np.where(np.isfinite(T), T, table.room)
         group = plateaus(speed[known], P[known], np.repeat(np.arange(len(files)), [f.rows for f in files])[known])
         if not group.size:
             raise RecordingError(f"{recording.folder}: displacement_machine: no row has both speed_rpm and {name}")
-        rows_of = tuple(means(values[known], group)[0] for values in (speed, P, T, time))
+        rows_of = tuple(means(values[known], group)[0] for values in (speed, P, T, time if timed else 0.0 * speed))
         V = float(table.motor["displacement_m3_per_rev"])
         P_sd, first = noise_sd(recording, name, files[0]), files[0].noise_scale
         scale = means(np.concatenate([np.full(f.rows, f.noise_scale / first) for f in files])[known], group)[0]
         for column, channel, slope in (("torque_nm", "drive", V / (2.0 * np.pi)), ("flow_l_min", "flow", 0.0)):
-            value, share = means(all_of(column)[known] * TO_SI[column], group)
+            value, share = means(_all_of(files, column)[known] * TO_SI[column], group)
             has = np.isfinite(value)
             if has.any():
                 sd = (np.hypot(noise_sd(recording, column, files[0]) * share, slope * P_sd) * scale)[has]
@@ -95,17 +88,11 @@ class DisplacementMachine:
         counted = np.zeros(known.size, dtype=bool)
         if of_channel:
             counted[known] = np.any(of_channel, axis=0)[group]
-        ends = np.cumsum([f.rows for f in files])[:-1]
-        files_used = [
-            rows_used(file, {NOT_READ: ~part} if not part.all() else {})
-            for file, part in zip(files, np.split(counted, ends), strict=True)
-        ]
-        unknowns += instrument(recording, "pressure", name)
-        unknowns.append(Unknown("displacement", "1", "lognormal", 1.0, VOLUME_FACTOR, "inline motor"))
-        gauge_pa = float(np.median(rows_of[1])) - table.ambient
-        median = float(np.median(rows_of[0]))
+        volume = Unknown("displacement", "1", "lognormal", 1.0, VOLUME_FACTOR, "inline motor")
+        unknowns += [*instrument(recording, "pressure", name), volume]
+        median, gauge_pa = float(np.median(rows_of[0])), float(np.median(rows_of[1])) - table.ambient
         self._table, self._rows, self._has = table, rows_of, of_channel
-        self.readings, self.unknowns, self.files, self.timed = readings, unknowns, files_used, timed
+        self.readings, self.unknowns, self.files, self.timed = readings, unknowns, _used(files, counted), timed
         self.flats: list[Flat] = []
         self.sizes = Sizes(V * gauge_pa / (2.0 * np.pi), median, V * median / (2.0 * np.pi), gauge_pa)
 
@@ -184,10 +171,32 @@ class DisplacementMachine:
 
         words = f"bar abs, {REPEATS:.0f} plateaus"
         return {
-            f"locked rotor: flow at zero speed and {top / PASCAL_PER_BAR:.2f} {words}": at(0.0, top, True),
-            f"{0.5 * slow * RPM:.0f} rpm at {top / PASCAL_PER_BAR:.2f} {words}": at(0.5 * slow, top),
-            f"{fast * RPM:.0f} rpm at {0.5 * top / PASCAL_PER_BAR:.2f} {words}": at(fast, 0.5 * top),
+            f"locked rotor: flow at zero speed and {top / BAR:.2f} {words}": at(0.0, top, True),
+            f"{0.5 * slow * RPM:.0f} rpm at {top / BAR:.2f} {words}": at(0.5 * slow, top),
+            f"{fast * RPM:.0f} rpm at {0.5 * top / BAR:.2f} {words}": at(fast, 0.5 * top),
         }
+
+
+def _files_of(recording: Recording, pressure: str) -> list[RecordingFile]:
+    files = [f for f in recording.files if f.kind == "steady" and {pressure, "speed_rpm"} <= set(f.columns)]
+    if not files:
+        raise RecordingError(f"{recording.folder}: displacement_machine: no steady file with speed_rpm and {pressure}")
+    return files
+
+
+def _all_of(files: Sequence[RecordingFile], column: str, missing: float = np.nan) -> np.ndarray:
+    """A column of all files, one after the other."""
+    return np.concatenate(
+        [f.columns[column].values if column in f.columns else np.full(f.rows, missing) for f in files]
+    )
+
+
+def _used(files: Sequence[RecordingFile], counted: np.ndarray) -> list[dict[str, Any]]:
+    """What is used of each file, by whether each row of all counts."""
+    parts = np.split(counted, np.cumsum([f.rows for f in files])[:-1])
+    return [
+        rows_used(file, {NOT_READ: ~part} if not part.all() else {}) for file, part in zip(files, parts, strict=True)
+    ]
 
 
 SYSTEM = DisplacementMachine

@@ -9,8 +9,9 @@ import numpy as np
 
 from calibration.systems.machines.readings import SI_UNITS, TO_SI, Flat, Readings, noise_sd
 from calibration.systems.machines.system import Coordinates, Simulate, pieces_of, segments
-from calibration.systems.machines.table import RigTable, instrument, rows_used, transients
-from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown
+from calibration.systems.machines.table import MachineTable, instrument, rows_used, transients
+from calibration.unknowns.priors import Error, OfInstrument, Unknown
+from configs.units import BAR
 from model.effects.laws import Chosen
 from model.rigs.driven_axis import LOAD_AREA, Blocks, blocks_of, drive
 from model.rigs.state import Sizes
@@ -45,34 +46,17 @@ class DrivenAxis:
     balances = (("", "torque", "speed"), ("", "torque", "pressure"), ("", "torque", "time"), ("", "sensor", "time"))
     timed = True
 
-    def __init__(self, table: RigTable) -> None:
+    def __init__(self, table: MachineTable) -> None:
         recording = table.recording
         found: Files = []
         readings: list[Readings] = []
         uses = []
         of_drive, of_speed = ("force_n", "velocity_m_s") if table.slides else ("torque_nm", "speed_rpm")
         for file in transients(recording, "time_s", of_drive, of_speed):
-            columns = {name: column.values * TO_SI.get(name, 1.0) for name, column in file.columns.items()}
-            known = np.isfinite(columns["time_s"]) & np.isfinite(columns[of_drive]) & np.isfinite(columns[of_speed])
-            rows = np.flatnonzero(known)
-            columns = {name: values[known] for name, values in columns.items()}
-            n = columns["time_s"].size
-            size = max(min(LEAST_ROWS, n // FEW_BLOCKS), n // MOST_BLOCKS, 1)
             speed_sd = noise_sd(recording, of_speed, file)
-            pressure = columns.get("pressure_bar_abs")
-            if "pressure_bar_gauge" in columns:
-                pressure = columns["pressure_bar_gauge"] + table.ambient
-            blocks = blocks_of(
-                columns["time_s"],
-                columns[of_drive],
-                columns[of_speed],
-                size,
-                AT_REST * speed_sd,
-                None if table.slides else columns.get("angle_rad"),
-                pressure,
-            )
+            blocks, left = _blocks_of(table, file, of_drive, of_speed, AT_REST * speed_sd)
             found.append((file, blocks))
-            uses.append(rows_used(file, _left(known, rows, blocks)))
+            uses.append(rows_used(file, left))
             covariance = _covariance(table.inertia, blocks, noise_sd(recording, of_drive, file), speed_sd)
             sd = np.sqrt(np.diag(covariance))
             whitener = np.linalg.inv(np.linalg.cholesky(covariance)) if np.all(sd > 0.0) else None
@@ -175,17 +159,35 @@ def _left(known: np.ndarray, rows: np.ndarray, blocks: Blocks) -> dict[str, np.n
     return {why: mask for why, mask in left.items() if mask.any()}
 
 
-def _zeros_of_runs(table: RigTable, files: Files, of_drive: str, area: float | None) -> list[Unknown]:
+def _blocks_of(
+    table: MachineTable, file: RecordingFile, of_drive: str, of_speed: str, rest: float
+) -> tuple[Blocks, dict[str, np.ndarray]]:
+    """The rows of a run in blocks, and those that are left out by the reason; ``rest`` is a speed [rad/s, m/s]."""
+    columns = {name: column.values * TO_SI.get(name, 1.0) for name, column in file.columns.items()}
+    known = np.isfinite(columns["time_s"]) & np.isfinite(columns[of_drive]) & np.isfinite(columns[of_speed])
+    columns = {name: values[known] for name, values in columns.items()}
+    n = columns["time_s"].size
+    size = max(min(LEAST_ROWS, n // FEW_BLOCKS), n // MOST_BLOCKS, 1)
+    pressure = columns.get("pressure_bar_abs")
+    if "pressure_bar_gauge" in columns:
+        pressure = columns["pressure_bar_gauge"] + table.ambient
+    angle = None if table.slides else columns.get("angle_rad")
+    blocks = blocks_of(columns["time_s"], columns[of_drive], columns[of_speed], size, rest, angle, pressure)
+    return blocks, _left(known, np.flatnonzero(known), blocks)
+
+
+def _zeros_of_runs(table: MachineTable, files: Files, of_drive: str, area: float | None) -> list[Unknown]:
     """Zeros wander from run to run, as much as they may be off; of a single run the recording's own are enough."""
     channels = table.recording.channels
     zero = channels[of_drive].bias_sd * TO_SI[of_drive]
     gauge = next((c for c in channels if c.startswith("pressure_")), None)
     if gauge is not None and area is not None:
-        zero = float(np.hypot(zero, area * channels[gauge].bias_sd * PASCAL_PER_BAR))
+        zero = float(np.hypot(zero, area * channels[gauge].bias_sd * BAR))
     if len(files) < 2 or zero <= 0.0:
         return []
     why = "the zeros of a run, beside those of the recording"
-    return [Unknown(f"{file.file}.drive_offset", SI_UNITS[of_drive], "normal", 0.0, zero, why) for file, _ in files]
+    of = [OfInstrument("drive", Error.OFFSET, file.file) for file, _ in files]
+    return [Unknown(f"{one.file}.drive_offset", SI_UNITS[of_drive], "normal", 0.0, zero, why, one) for one in of]
 
 
 def _sizes(files: Files, readings: Sequence[Readings]) -> Sizes:
@@ -197,7 +199,7 @@ def _sizes(files: Files, readings: Sequence[Readings]) -> Sizes:
     return Sizes(float(np.sqrt(np.mean(force**2))), float(np.sqrt(np.mean(speed**2))))
 
 
-def _area(table: RigTable, files: Files, readings: Sequence[Readings]) -> float | None:
+def _area(table: MachineTable, files: Files, readings: Sequence[Readings]) -> float | None:
     """Piston area by which the drive follows the pressure [m2], roughly; None where no pressure varies."""
     seen = [
         (one.value, blocks.mean(np.nan_to_num(blocks.pressure - table.ambient))[blocks.used])

@@ -9,7 +9,7 @@ import numpy as np
 from calibration.data.runs_in_time import coast_down
 from calibration.systems.machines.readings import TO_SI, Flat, Readings, noise_sd
 from calibration.systems.machines.system import Coordinates, Simulate, pieces_of, segments
-from calibration.systems.machines.table import RigTable, instrument, rows_used, transients
+from calibration.systems.machines.table import MachineTable, instrument, rows_used, transients
 from model.effects.laws import Chosen
 from model.layout import RPM
 from model.rigs.free_rotor import coast
@@ -37,7 +37,7 @@ class FreeRotor:
     weight = None
     timed = True
 
-    def __init__(self, table: RigTable) -> None:
+    def __init__(self, table: MachineTable) -> None:
         recording = table.recording
         coasts: list[tuple[RecordingFile, np.ndarray, np.ndarray]] = []
         files = []
@@ -108,8 +108,7 @@ class FreeRotor:
             keep = np.exp(-rate * dt)
             per = (1.0 - keep) / (rate * J) if rate > 0.0 else dt / J
             out[k] = out[k - 1] * keep - 0.5 * (pieces[k] + pieces[k - 1]) * per
-        found: np.ndarray = 0.5 * (out + np.concatenate([out[:1], out[:-1]]))
-        return found
+        return 0.5 * (out + np.concatenate([out[:1], out[:-1]]))
 
     def folds(self) -> tuple[list[np.ndarray], str]:
         """Segments of the coast-downs."""

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from calibration.systems.machines.readings import Flat, Readings
-from calibration.systems.machines.table import RigTable
+from calibration.systems.machines.table import MachineTable
 from calibration.unknowns.priors import Unknown
 from model.effects.laws import Chosen
 from model.rigs.state import Sizes
@@ -50,7 +50,7 @@ class System(Protocol):
     timed: bool
     files: list[dict[str, Any]]
 
-    def __init__(self, table: RigTable) -> None: ...
+    def __init__(self, table: MachineTable) -> None: ...
 
     def could_show(self) -> list[str]:
         """Those of its effects that this recording could show."""

@@ -10,13 +10,14 @@ import numpy as np
 
 from calibration.data.runs_in_time import why_left
 from calibration.systems.machines.readings import SI_UNITS, TO_SI
-from calibration.unknowns.priors import KELVIN_AT_0_C, PASCAL_PER_BAR, Unknown
+from calibration.unknowns.priors import Unknown, off
+from configs.units import BAR, ZERO_C
 from model.rigs.state import AMBIENT_PA, ROOM_K
 from rig.recording import Recording, RecordingFile
 
 
 @dataclass(frozen=True)
-class RigTable:
+class MachineTable:
     """A rig as its recording describes it.
 
     Attributes
@@ -39,14 +40,14 @@ class RigTable:
     inertia: float
 
 
-def table_of(recording: Recording, motor: Mapping[str, Any]) -> RigTable:
+def table_of(recording: Recording, motor: Mapping[str, Any]) -> MachineTable:
     """The rig of a recording."""
     ambient, slides = recording.ambient, "mass_kg" in motor
-    return RigTable(
+    return MachineTable(
         recording,
         motor,
-        AMBIENT_PA if ambient.pressure_bar_abs is None else ambient.pressure_bar_abs * PASCAL_PER_BAR,
-        ROOM_K if ambient.temperature_c is None else ambient.temperature_c + KELVIN_AT_0_C,
+        AMBIENT_PA if ambient.pressure_bar_abs is None else ambient.pressure_bar_abs * BAR,
+        ROOM_K if ambient.temperature_c is None else ambient.temperature_c + ZERO_C,
         slides,
         float(motor.get("mass_kg") or motor.get("inertia_kg_m2") or 0.0)
         + (0.0 if slides else recording.added_inertia_kg_m2),
@@ -73,6 +74,4 @@ def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> dict[str, 
 def instrument(recording: Recording, channel: str, column: str) -> list[Unknown]:
     """Offset and scale of an instrument, where its recording declares that they may be off."""
     figures = recording.channels[column]
-    why = f"recording, channels.{column}"
-    both = (("offset", figures.bias_sd * TO_SI[column], SI_UNITS[column]), ("scale", figures.scale_sd, "1"))
-    return [Unknown(f"{channel}_{what}", unit, "normal", 0.0, sd, why) for what, sd, unit in both if sd > 0.0]
+    return off(channel, column, figures.bias_sd * TO_SI[column], SI_UNITS[column], figures.scale_sd)

@@ -59,5 +59,4 @@ def _standing_out(comparison: Comparison, mode: Mode) -> np.ndarray:
     sd = np.linalg.norm(comparison.whitener(mode.prediction, mode.u).plateaus, axis=1)
     far = np.abs(np.nan_to_num(comparison.read - comparison.raw(mode.prediction))[: 2 * n] / sd).reshape(2, n)
     beside = np.pad(far, ((0, 0), (1, 1)))
-    found: np.ndarray = np.any((far > OFF) & (far > 2.0 * np.maximum(beside[:, :-2], beside[:, 2:])), axis=0)
-    return found
+    return np.any((far > OFF) & (far > 2.0 * np.maximum(beside[:, :-2], beside[:, 2:])), axis=0)

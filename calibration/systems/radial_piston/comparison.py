@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data.blocks import levels
+from calibration.data.blocks import Blocks, levels
 from calibration.data.rows_used import by_diagnosis
 from calibration.likelihood.compared import Row
 from calibration.likelihood.expected import Test
@@ -87,27 +87,9 @@ class Comparison:
         plateaus = problem.blocks.plateaus
         self.used = tuple(run.used for run in problem.blocks.runs)
         self.sizes = tuple(int(used.sum()) for used in self.used)
-        n = plateaus.size
-        runs = problem.blocks.runs
-        self.read = np.concatenate(
-            [plateaus.flow, plateaus.speed, *(run.speed[used] for run, used in zip(runs, self.used, strict=True))]
-        )
-        kinds = [np.full(n, FLOW), np.full(n, SPEED)]
-        places = [np.arange(n), np.arange(n)]
-        for i, used in enumerate(self.used):
-            kinds.append(np.full(int(used.sum()), RUN + i))
-            places.append(np.flatnonzero(used))
-        beside = (
-            (VENTED, problem.blocks.vented.pressure),
-            (STANDING, problem.blocks.standing.flow),
-            *((LINE, run.line.pressure) for run in runs),
-        )
-        self.end = self.read.size
-        for kind, values in beside:
-            self.read = np.append(self.read, values)
-            kinds.append(np.full(values.size, kind))
-            places.append(np.full(values.size, -1))
-        self.kind, self.index = np.concatenate(kinds), np.concatenate(places)
+        n, runs = plateaus.size, problem.blocks.runs
+        self.read, self.kind, self.index = _vector(problem.blocks)
+        self.end = 2 * n + sum(self.sizes)
         self.known = np.isfinite(self.read)
         self.n = n
         swings = zip(problem.swing(), self.used, strict=True)
@@ -364,3 +346,15 @@ def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:
     """Slopes of flow and speed with pressure [SI]; 0 where the model gives no reading."""
     flow, speed = predicted.flow_slope, predicted.speed_slope
     return np.where(np.isfinite(flow), flow, 0.0), np.where(np.isfinite(speed), speed, 0.0)
+
+
+def _vector(blocks: Blocks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The readings [SI], the kind of each, and its row of the plateaus or sample of the run, shape (m,) each."""
+    plateaus, rows = blocks.plateaus, np.arange(blocks.plateaus.size)
+    parts = [(plateaus.flow, FLOW, rows), (plateaus.speed, SPEED, rows)]
+    parts += [(run.speed[run.used], RUN + i, np.flatnonzero(run.used)) for i, run in enumerate(blocks.runs)]
+    beside = [(blocks.vented.pressure, VENTED), (blocks.standing.flow, STANDING)]
+    beside += [(run.line.pressure, LINE) for run in blocks.runs]
+    parts += [(values, kind, np.full(values.size, -1)) for values, kind in beside]
+    kinds = [np.full(values.size, kind) for values, kind, _ in parts]
+    return np.concatenate([one[0] for one in parts]), np.concatenate(kinds), np.concatenate([one[2] for one in parts])

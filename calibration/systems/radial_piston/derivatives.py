@@ -11,6 +11,7 @@ from calibration.systems.radial_piston.predict import wheel
 from calibration.systems.radial_piston.predict.in_time import follows_angle
 from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, STANDING
 from calibration.systems.radial_piston.predict.problem import SI_OF
+from calibration.unknowns.priors import Error, OfInstrument
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
@@ -31,9 +32,9 @@ def known_derivative(
         The effects of the point.
     """
     problem = comparison.problem
-    name = problem.nuisances[i].name
-    if name.startswith(("flow_", "speed_")):
-        return _of_an_instrument(comparison, i, raw, z)
+    name, of = problem.nuisances[i].name, problem.nuisances[i].of
+    if isinstance(of, OfInstrument) and of.channel != "pressure":
+        return _of_an_instrument(comparison, i, of, raw, z)
     if name.endswith(".turn") and not follows_angle(names):
         return np.zeros_like(raw)
     run = problem.run_of(i)
@@ -46,15 +47,14 @@ def known_derivative(
     return found
 
 
-def _of_an_instrument(comparison: Comparison, i: int, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _of_an_instrument(comparison: Comparison, i: int, of: OfInstrument, raw: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Of an offset or a scale of flow or speed."""
     problem = comparison.problem
     unknown = problem.nuisances[i]
-    channel, _, error = unknown.name.partition("_")
-    mine = np.isin(comparison.kind, (FLOW, STANDING)) if channel == "flow" else comparison.kind > FLOW
-    if error == "offset":
-        return np.where(mine, unknown.b * SI_OF[channel], 0.0)
+    mine = np.isin(comparison.kind, (FLOW, STANDING)) if of.channel == "flow" else comparison.kind > FLOW
+    if of.error is Error.OFFSET:
+        return np.where(mine, unknown.b * SI_OF[of.channel], 0.0)
     scale = 1.0 + unknown.b * z[i]
-    place = problem.place(f"{channel}_offset")
-    offset = 0.0 if place is None else problem.nuisances[place].b * z[place] * SI_OF[channel]
+    place = problem.place(f"{of.channel}_{Error.OFFSET}")
+    offset = 0.0 if place is None else problem.nuisances[place].b * z[place] * SI_OF[of.channel]
     return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)

@@ -17,7 +17,7 @@ from scipy.linalg import cholesky_banded
 from scipy.linalg.lapack import dtbtrs, dtrtrs
 
 from calibration.systems.radial_piston.predict.problem import CHANNELS, Problem
-from calibration.unknowns.priors import NOISE_FACTOR, NOISE_SD, Unknown
+from calibration.unknowns.priors import NOISE_SD, Unknown, noise_scale
 
 CORRELATION_SD = 0.7  # of the inverse hyperbolic tangent: two in three lie within 0.6; of even correlations it is 0.9
 SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])
@@ -135,7 +135,7 @@ class Noise:
     def scale_unknowns(self) -> list[Unknown]:
         """What the first numbers of u stand for: u is the prior's sd times the standard normal number of each."""
         why = "a declared noise figure is uncertain by a factor 1.35"
-        return [Unknown(f"{channel}_noise_scale", "1", "lognormal", 1.0, NOISE_FACTOR, why) for channel in CHANNELS]
+        return [noise_scale(channel, why) for channel in CHANNELS]
 
     def told(self, u: np.ndarray) -> list[dict[str, Any]]:
         """Nothing: the page has the noise of each instrument."""
@@ -237,8 +237,7 @@ class Noise:
         """
         factor = np.linalg.cholesky(self._alike(u)) if self.n else np.zeros((0, 0))
         sd = self.declared * np.exp(u[SCALES])
-        drawn: np.ndarray = sd[:, None] * self.row_scale * (rng.standard_normal((3, self.n)) @ factor.T)
-        return drawn
+        return sd[:, None] * self.row_scale * (rng.standard_normal((3, self.n)) @ factor.T)
 
     def draw_samples(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Noise of the samples of the runs, pulses and rounding apart [SI], shape (k,).
@@ -259,8 +258,7 @@ class Noise:
 
         Little scatter from one to the next says nothing of what they have in common.
         """
-        found: np.ndarray = self.declared[2] * math.exp(max(u[2], 0.0)) * self.sample_scale
-        return found
+        return self.declared[2] * math.exp(max(u[2], 0.0)) * self.sample_scale
 
     def _alike(self, u: np.ndarray) -> np.ndarray:
         """Correlation of the plateaus' noise, shape (n, n)."""
@@ -268,8 +266,7 @@ class Noise:
 
     def _by_steps(self, values: np.ndarray) -> np.ndarray:
         """What hangs on the rows in between alone, for each pair of plateaus, shape (n, n); 0 where none are."""
-        found: np.ndarray = np.append(values, 0.0)[self.apart]
-        return found
+        return np.append(values, 0.0)[self.apart]
 
     def _plateaus(self, u: np.ndarray, slopes: Slopes, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What makes the plateaus' covariance: the correlation of rows, shape (2 n, 2 n); what one sd of the noise of

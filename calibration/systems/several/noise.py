@@ -58,7 +58,7 @@ class Noises:
     def scale_unknowns(self) -> list[Unknown]:
         """What the scales in u stand for, each with the name of its recording ahead."""
         return [
-            replace(one, name=f"{name}: {one.name}")
+            replace(one, whose=name)
             for part, name in zip(self._parts, self._names, strict=True)
             for one in part.noise.scale_unknowns()
         ]

@@ -13,14 +13,14 @@ from calibration.data.dates import date_of, day_of
 from calibration.likelihood.compared import Chosen
 from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
-from calibration.systems.several.sharing import CHANGE, OF_THE_MOTOR_CHANGED, SHARED, Sharing
-from calibration.unknowns.effects import CHANGED, of_recording, searched, unchanged
-from calibration.unknowns.priors import Unknown, column_of
+from calibration.systems.several.sharing import CHANGE, OF_THE_MOTOR_CHANGED, SHARED, Sharing, shared
+from calibration.unknowns.effects import changed, searched, unchanged
+from calibration.unknowns.priors import Error, OfInstrument, Unknown, column_of, full_name
 from model.effects import Effect, EffectParameter, effects
+from rig.recording import Channel, Recording
 
 END = 1e-6  # share by which a value keeps from the end of its prior
 Predictions = tuple[Prediction, ...]
-DRIFT = "_drift"
 
 
 class SeveralProblem:
@@ -49,7 +49,7 @@ class SeveralProblem:
         self._of: list[tuple[int, int]] = []  # the recording that a nuisance stands in first, and its place there
         self.scale: list[np.ndarray] = []
         self.before: list[dict[int, int]] = []
-        shared: dict[Hashable, int] = {}
+        places_of: dict[Hashable, int] = {}
         day_of_first: dict[Hashable, str] = {}
         # What was read from one folder was taken with the same instruments on one day, whatever was on the shaft.
         places = [(str(part.recording.folder), part.recording.sha256) for part in parts]
@@ -61,16 +61,16 @@ class SeveralProblem:
             day = day_of(part.recording)
             for i, one in enumerate(part.nuisances):
                 key, of = _whose(part, i, name, is_whole[k])
-                drift = _drift(part, one)
+                drift = _drift(part.recording, one)
                 if drift is not None and day_of_first.get(key, day) != day:
-                    self.scale[k][i], self.before[k][i] = drift.b / one.b, shared[key]
+                    self.scale[k][i], self.before[k][i] = drift.b / one.b, places_of[key]
                     key, of, one = (key, day), name, drift
-                if key in shared:
-                    mine.append(shared[key])
+                if key in places_of:
+                    mine.append(places_of[key])
                     continue
-                shared[key], day_of_first[key] = len(self.nuisances), day
+                places_of[key], day_of_first[key] = len(self.nuisances), day
                 mine.append(len(self.nuisances))
-                self.nuisances.append(replace(one, name=f"{of}: {one.name}") if of else one)
+                self.nuisances.append(replace(one, whose=of))
                 self._of.append((k, i))
             self.at.append(np.array(mine, dtype=int))
         self._added = [part.recording.added_inertia_kg_m2 for part in parts]
@@ -106,7 +106,7 @@ class SeveralProblem:
         mine = [
             i
             for i, (name, unknown) in enumerate(self.effect_unknowns(names), start=len(self.nuisances))
-            if name not in OF_THE_MOTOR_CHANGED and of_recording(unknown.name)[0] in ("", self.day_of[k])
+            if name not in OF_THE_MOTOR_CHANGED and unknown.whose in ("", self.day_of[k])
         ]
         return np.append(self.at[k], np.array(mine, dtype=int))
 
@@ -120,7 +120,7 @@ class SeveralProblem:
             found[i] += z[first]
         for name in OF_THE_MOTOR:
             place = self.parts[k].place(name)
-            change = chosen.get(name + CHANGED, {}).get(CHANGE.name, 0.0) if self.day_of[k] == self.days[-1] else 0.0
+            change = chosen.get(changed(name), {}).get(CHANGE.name, 0.0) if self.day_of[k] == self.days[-1] else 0.0
             added = (self._added[k], self._added[0]) if name == "inertia" else (0.0, 0.0)
             if place is None or (change == 0.0 and added[0] == added[1]):
                 continue
@@ -151,10 +151,10 @@ class SeveralProblem:
         """The effects of one recording, of those of all."""
         return {
             unchanged(name): {
-                own: value
-                for parameter, value in values.items()
-                for recording, own in [of_recording(parameter)]
-                if recording in ("", self.day_of[k])
+                one.name: values[key]
+                for one in shared(name).parameters
+                for mine in self._whose(name)
+                if mine in ("", self.day_of[k]) and (key := full_name(one.name, mine)) in values
             }
             for name, values in chosen.items()
             if name not in OF_THE_MOTOR_CHANGED
@@ -165,10 +165,10 @@ class SeveralProblem:
         found = dict.fromkeys(effect.id for part in self.parts for effect in part.effects_that_could())
         names = list(found)
         if self.sharing.changes:
-            names += [name + CHANGED for name in found if self._could_change(name)]
+            names += [changed(name) for name in found if self._could_change(name)]
             in_time = any(part.blocks.runs for part in self.parts)
             mine = [name for name in OF_THE_MOTOR if self.place(name) is not None and (in_time or name != "inertia")]
-            names += [name + CHANGED for name in mine]
+            names += [changed(name) for name in mine]
         return [self.effect(name) for name in names]
 
     def _could_change(self, name: str) -> bool:
@@ -189,7 +189,8 @@ class SeveralProblem:
 
     def nuisance_of(self, effect: str, parameter: str) -> str:
         """The nuisance that a parameter of an effect has the form of; empty where there is none."""
-        nuisance, day = self.effect(effect).nuisance, of_recording(parameter)[0]
+        nuisance = self.effect(effect).nuisance
+        day = next((one.whose for _, one in self.effect_unknowns([effect]) if one.name == parameter), "")
         if not day or not nuisance:
             return nuisance
         k = self.day_of.index(day)
@@ -198,12 +199,16 @@ class SeveralProblem:
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
         """Effect id and unknown of each parameter of a set, in its order."""
-        return [
-            (name, searched(one))
+        found = [
+            (name, replace(searched(one), whose=mine))
             for name in names
-            for one in self.effect(name).parameters
-            if (name, one.name) not in self.parts[0].given
+            for mine in self._whose(name)
+            for one in shared(name).parameters
         ]
+        return [(name, one) for name, one in found if (name, one.name) not in self.parts[0].given]
+
+    def _whose(self, effect: str) -> Sequence[str]:
+        return self.sharing.whose(effect, self.days)
 
     def parameter(self, effect: str, name: str) -> EffectParameter:
         """A parameter of an effect: its bounds and its scale."""
@@ -233,7 +238,7 @@ class SeveralProblem:
             pairs: list[tuple[Unknown, np.ndarray, np.ndarray]] = []
             for parameter in effects()[unchanged(change)].parameters:
                 one = replace(searched(parameter), why=parameter.text)
-                before, after = (one.value(mine[f"{day}: {one.name}"]) for day in (self.days[0], self.days[-1]))
+                before, after = (one.value(mine[full_name(one.name, day)]) for day in (self.days[0], self.days[-1]))
                 pairs.append((one, before, after))
             return pairs
         i = next(i for i, one in enumerate(self.nuisances) if one.name == unchanged(change))
@@ -263,7 +268,8 @@ class SeveralProblem:
 
     def in_si(self, nuisance: str) -> float:
         """What a nuisance's value is multiplied by to be SI [-]."""
-        return self.parts[0].in_si(nuisance.rpartition(": ")[2].removesuffix(DRIFT))
+        k, place = self._of[next(i for i, one in enumerate(self.nuisances) if one.name == nuisance)]
+        return self.parts[k].in_si(self.parts[k].nuisances[place].name)
 
     def run_of(self, i: int) -> int | None:
         """The run in time that a nuisance belongs to alone, counted through all recordings [-]; else None."""
@@ -310,14 +316,21 @@ class SeveralProblem:
         return sum(len(part.blocks.runs) for part in self.parts[:k])
 
 
-def _drift(part: Problem, one: Unknown) -> Unknown | None:
+def _figures(recording: Recording, one: Unknown) -> Channel | None:
+    """What is declared of the instrument whose error an unknown is; None of what is none."""
+    column = column_of(recording, one.of.channel) if isinstance(one.of, OfInstrument) else None
+    return None if column is None else recording.channels[column]
+
+
+def _drift(recording: Recording, one: Unknown) -> Unknown | None:
     """How far an instrument's offset may have drifted since another day; None where it is not said to."""
-    column = column_of(part.recording, one.name.partition("_")[0]) if one.name.endswith("_offset") else None
-    figures = None if column is None else part.recording.channels[column]
-    if figures is None or not figures.serial or figures.drift_sd == 0.0:
+    figures = _figures(recording, one)
+    if not isinstance(one.of, OfInstrument) or one.of.error is not Error.OFFSET or figures is None:
         return None
-    why = f"recording, channels.{column} drift_sd"
-    return Unknown(f"{one.name}{DRIFT}", one.unit, "normal", 0.0, figures.drift_sd, why)
+    if not figures.serial or figures.drift_sd == 0.0:
+        return None
+    of, why = one.of._replace(error=Error.DRIFT), f"{one.why} drift_sd"
+    return Unknown(f"{of.channel}_{of.error}", one.unit, "normal", 0.0, figures.drift_sd, why, of)
 
 
 def _z_within(unknown: Unknown, value: float) -> float:
@@ -336,8 +349,7 @@ def _whose(part: Problem, i: int, name: str, is_whole: bool) -> tuple[Hashable, 
     one, recording = part.nuisances[i], part.recording
     if one.name in OF_THE_MOTOR:
         return one.name, ""
-    column = column_of(recording, one.name.partition("_")[0]) if one.name.endswith(("_offset", "_scale")) else None
-    figures = recording.channels[column] if column is not None else None
+    figures = _figures(recording, one)
     if figures is not None and figures.serial and part.run_of(i) is None:
         return (figures.serial, figures.calibrated, one.name, one.b), figures.serial
     if is_whole and part.run_of(i) is None:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 from calibration.systems.radial_piston.batch.effects import EffectsError, refuse_effects
 from calibration.systems.radial_piston.comparison import OF_THE_MOTOR
-from calibration.unknowns.effects import CHANGED, unchanged
+from calibration.unknowns.effects import changed, is_change, unchanged
+from calibration.unknowns.priors import full_name
 from model.effects import Effect, EffectParameter, effects
 
 # What is ordinary for a parameter of the motor that changes at all: a fifth. The prior has long tails
@@ -37,19 +38,30 @@ class Sharing:
 
     def effect(self, name: str, recordings: Sequence[str]) -> Effect:
         """An effect as the recordings have it, by its id."""
-        of = unchanged(name)
-        if name in OF_THE_MOTOR_CHANGED:
-            # Refitted in any case: how far f_overall may have moved is asked for whatever moved.
-            return Effect(name, "rig", of.replace("_", " "), "", "", "", (CHANGE,), hidden=True)
-        effect = effects()[of]
+        effect = shared(name)
         if not self.is_own(name):
             return effect
-        parameters = tuple(replace(one, name=f"{mine}: {one.name}") for mine in recordings for one in effect.parameters)
+        parameters = tuple(
+            replace(one, name=full_name(one.name, mine)) for mine in recordings for one in effect.parameters
+        )
         return replace(effect, id=name, parameters=parameters)
+
+    def whose(self, name: str, recordings: Sequence[str]) -> Sequence[str]:
+        """The recordings that have the sizes of an effect for themselves; an empty name where all share them."""
+        return recordings if self.is_own(name) else [""]
 
     def is_own(self, name: str) -> bool:
         """Whether each recording has the sizes of an effect for itself."""
-        return name in self.own or (name.endswith(CHANGED) and name not in OF_THE_MOTOR_CHANGED)
+        return name in self.own or (is_change(name) and name not in OF_THE_MOTOR_CHANGED)
+
+
+def shared(name: str) -> Effect:
+    """An effect with the sizes that all recordings share, or a change of the motor, by its id."""
+    of = unchanged(name)
+    if name in OF_THE_MOTOR_CHANGED:
+        # Refitted in any case: how far f_overall may have moved is asked for whatever moved.
+        return Effect(name, "rig", of.replace("_", " "), "", "", "", (CHANGE,), hidden=True)
+    return effects()[of]
 
 
 def own_of_each(names: Sequence[str], recordings: int, held: Sequence[str] | None = None) -> Sharing:
@@ -76,5 +88,5 @@ def own_of_each(names: Sequence[str], recordings: int, held: Sequence[str] | Non
     return Sharing(frozenset(names))
 
 
-OF_THE_MOTOR_CHANGED = tuple(name + CHANGED for name in OF_THE_MOTOR)
+OF_THE_MOTOR_CHANGED = tuple(changed(name) for name in OF_THE_MOTOR)
 SHARED = Sharing()

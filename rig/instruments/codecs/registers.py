@@ -24,8 +24,7 @@ def number_of(words: Sequence[int], kind: Kind, order: WordOrder = "big") -> int
     NaN and infinities included.
     """
     ordered = words if order == "big" else list(reversed(words))
-    number: int | float = struct.unpack(_FORMATS[kind], struct.pack(f">{len(ordered)}H", *ordered))[0]
-    return number
+    return struct.unpack(_FORMATS[kind], struct.pack(f">{len(ordered)}H", *ordered))[0]
 
 
 def words_of(number: float, kind: Kind, order: WordOrder = "big") -> tuple[int, ...]:

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 
+from configs.units import BAR
+
 CRITICAL = 0.528  # pressure ratio below which an orifice's flow no longer grows
 ORIFICE = 0.6847  # choked flow: ORIFICE A P / sqrt(R T)
 STEP_S = 1e-3
 LEAST_BAR = 1e-6
-PA, L, MM2 = 1e5, 1e-3, 1e-6  # in a bar [Pa], a litre [m3], a square millimetre [m2]
+L, MM2 = 1e-3, 1e-6  # in a litre [m3], a square millimetre [m2]
 
 
 class AirLine:
@@ -44,8 +46,8 @@ class AirLine:
         self.entered_kg = 0.0  # through the regulator, since the start
         self._lag_s, self._droop = regulator_lag_s, droop_bar_min_l
         self._valve_time_s = valve_time_s
-        self._stiffness_bar_kg = gas_j_kg / (volume_l * L) / PA
-        self._choked = ORIFICE * valve_area_mm2 * MM2 * PA / math.sqrt(gas_j_kg)  # kg/s for each bar ahead
+        self._stiffness_bar_kg = gas_j_kg / (volume_l * L) / BAR
+        self._choked = ORIFICE * valve_area_mm2 * MM2 * BAR / math.sqrt(gas_j_kg)  # kg/s for each bar ahead
 
     def step(self, target_bar: float, is_open: bool, taken_kg_s: float, span_s: float) -> float:
         """Carry the line on, in small steps.
@@ -73,7 +75,7 @@ class AirLine:
         self.opened += min(share, max(-share, way - self.opened))
 
     def _regulator(self, target_bar: float, taken_kg_s: float, dt_s: float) -> None:
-        flow_l_min = taken_kg_s * self.gas_j_kg / (self.pressure_bar * PA) * 60e3
+        flow_l_min = taken_kg_s * self.gas_j_kg / (self.pressure_bar * BAR) * 60e3
         wanted = max(self.ambient_bar, target_bar - self._droop * flow_l_min)
         self.regulated_bar += (wanted - self.regulated_bar) * -math.expm1(-dt_s / self._lag_s)
 

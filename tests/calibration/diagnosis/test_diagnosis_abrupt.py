@@ -100,9 +100,14 @@ def test_an_unlisted_effect_is_no_candidate_but_a_value_can_be_given(tmp_path: P
 
 def test_a_place_says_the_moment_and_a_long_span_in_plain_figures() -> None:
     place = {
-        "channel": "speed", "balance": "sensor", "coordinate": "time", "unit": "s", "same_as": [],
+        "kind": "step", "channel": "speed", "balance": "sensor", "coordinate": "time", "unit": "s", "same_as": [],
+        "recording": "",
         "where": [340.0, 1100.24], "sentence": "The tachometer's reading is off from 340 s on (seen in the speed).",
     }  # fmt: skip
     assert place_in_words(place) == place["sentence"]
-    text = place_in_words({**place, "balance": "torque", "sentence": "The torque balance does not close."})
+    text = place_in_words(
+        {**place, "kind": "balance", "balance": "torque", "sentence": "The torque balance does not close."}
+    )
     assert text == "The torque balance does not close along time, most between 340 and 1100 s."
+    of_one = {**place, "kind": "balance", "recording": "may"}
+    assert place_in_words(of_one).startswith("The reading of an instrument does not close along time of may, most")

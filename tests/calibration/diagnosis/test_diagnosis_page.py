@@ -22,6 +22,7 @@ from rich.console import Console
 from calibration.data.refusals import refuse_starved
 from calibration.diagnosis import Diagnosis, as_json, diagnose, together
 from calibration.diagnosis.next_test.recommend import NextTest
+from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.verdict import Verdict
 from calibration.report import sets_in_words
@@ -156,7 +157,8 @@ def test_the_page_tells_the_error_on_held_out_rows(leak, page):
 
 
 def test_a_run_that_nothing_had_seen_is_told_from_cross_validation(leak):
-    unseen = dataclasses.replace(leak.held_out, folds=1, same=1, gain_se=0.0, scheme="unseen run <b>monday")
+    kind = Predicted.UNSEEN_RUN
+    unseen = dataclasses.replace(leak.held_out, folds=1, gain_se=0.0, scheme="unseen run <b>monday", kind=kind)
     said = words_of(dataclasses.replace(leak, held_out=unseen))
     assert "On readings of an unseen run &lt;b&gt;monday" in said
     assert re.search(r"changed by [\d.]+; nothing had seen that run before", said)  # of one piece: no error is known
@@ -165,7 +167,7 @@ def test_a_run_that_nothing_had_seen_is_told_from_cross_validation(leak):
 
 
 def test_what_an_unseen_run_says_has_its_error_and_a_loss_is_called_one(leak):
-    unseen = dataclasses.replace(leak.held_out, gain=-12.4, gain_se=3.1, scheme="unseen run monday")
+    unseen = dataclasses.replace(leak.held_out, gain=-12.4, gain_se=3.1, kind=Predicted.UNSEEN_RUN)
     found = dataclasses.replace(leak, held_out=unseen)
     told = "−12.4 ± 3.1 (it predicts worse than the base model)"
     assert f"changed by {told}; nothing had seen that run before" in words_of(found)

@@ -16,7 +16,7 @@ from calibration.data.refusals import refuse_at_rest
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.document import set_probability
 from calibration.diagnosis.steps.candidate import no_larger
-from calibration.diagnosis.steps.confirm import HeldOut, cross_validate, fit_on, predict_held
+from calibration.diagnosis.steps.confirm import HeldOut, Predicted, cross_validate, fit_on, predict_held
 from calibration.diagnosis.steps.detect import _Test
 from calibration.diagnosis.steps.misread import alone_at_an_end
 from calibration.diagnosis.steps.name import log_prior, refusal, weigh
@@ -164,7 +164,10 @@ def test_the_document_has_the_promised_form(leaking) -> None:
     assert again["format"] == "diagnosis/1"
     assert 0.0 <= again["mismatch"]["p_value"] <= 1.0
     for place in again["located"]:
-        assert set(place) == {"channel", "balance", "coordinate", "where", "unit", "p_value", "sentence", "same_as"}
+        assert set(place) == {
+            "kind", "channel", "balance", "coordinate", "where", "unit", "p_value", "sentence", "same_as",
+            "recording",
+        }  # fmt: skip
         assert place["where"][0] < place["where"][1]
     for effect in again["effects"]:
         assert set(effect) == {"id", "probability", "log10_bayes_factor", "parameters"}
@@ -288,7 +291,7 @@ def test_a_likely_base_model_is_held_to_what_any_set_is_held_to(p: float, kind: 
 def test_an_instrument_far_off_need_not_predict_better_than_one_that_is_pulled(gain: float, kind: str) -> None:
     """Differences below 4 decide nothing, whatever few folds say of their error."""
     base, heavy = Weighed((), 0.0), Weighed(("inertia",), 0.999)
-    held_out = HeldOut(12, 12, {}, {}, gain, 1.5, "")
+    held_out = HeldOut(12, 12, {}, {}, gain, 1.5, "", Predicted.BY_SET)
     assert judge(1e-9, [heavy, base], {(): 1e-9, heavy.names: 0.3}, held_out).kind == kind
 
 

@@ -5,6 +5,7 @@ import io
 import re
 import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,13 @@ from matplotlib.image import imread
 from calibration.fit.fit import Fit, fit
 from calibration.fit.posterior import FitQuality
 from calibration.fit.sampling import Settings
+from calibration.report import style
 from calibration.report.fit import numbers as fit_numbers
 from calibration.report.fit import page as fit_page
 from calibration.report.fit import words as fit_words
+from calibration.unknowns.effects import sampled
+from calibration.unknowns.priors import off
+from model.effects import effects
 from rig.recording import read_recording
 from tests import browser
 
@@ -221,7 +226,16 @@ def test_the_page_opens_in_a_browser(files, tmp_path):
     assert browser.has_print(browser.shown(files["report.html"], tmp_path))
 
 
+def test_dollars_in_a_name_are_no_mathematics():
+    with style.drawing(1, 1, height_in=2.0) as (figure, axes):
+        axes.plot([0.0, 1.0], [0.0, 1.0], label=style.plain(r"a$\nosuch$"))
+        assert axes.legend().get_texts()[0].get_text() == r"a\$\nosuch\$"
+        assert style.png(figure).startswith(b"\x89PNG")
+
+
 def test_an_instruments_error_is_not_called_by_the_effect_of_the_same_name():
-    assert fit_words.called("flow_scale") == "the flow meter's scale"
-    assert fit_words.called("monday: flow_scale") == "the flow meter's scale in monday"
-    assert fit_words.called("flow_scale.scale").endswith(", its scale")
+    _, scale = off("flow", "flow_l_min", 1.0, "L/min", 0.01)
+    assert fit_words.called(scale) == "the flow meter's scale"
+    assert fit_words.called(replace(scale, whose="monday")) == "the flow meter's scale in monday"
+    effect = sampled("flow_scale", effects()["flow_scale"].amplitude)
+    assert fit_words.called(effect).endswith(", its scale")

@@ -185,5 +185,4 @@ def steady(rows: np.ndarray, lines: np.ndarray, dt: float = STEP_S) -> np.ndarra
     """
     rows = np.ascontiguousarray(np.broadcast_to(rows, (lines.size, np.shape(rows)[-1])))
     omegas = np.array([guess(row, line) for row, line in zip(rows, lines, strict=True)])
-    found: np.ndarray = plateaus(rows, TABLE, lines, omegas, dt)
-    return found
+    return plateaus(rows, TABLE, lines, omegas, dt)

@@ -164,7 +164,7 @@ def together(
 
 # Numba takes arrays one by one: `second_rig`.
 @njit(cache=True)
-def run_behind(
+def march(
     p: np.ndarray,
     table: np.ndarray,
     y: np.ndarray,
@@ -173,27 +173,28 @@ def run_behind(
     target: float,
     opened: np.ndarray,
     less: float,
-    cell: float,
+    steps: int,
     dt: float,
+    rests: bool,
 ) -> np.ndarray:
-    """March over cells of equal duration; angle [rad] and pressure of the line [Pa] at their ends, shape (n + 1, 2).
-
-    While the valve is shut and rotor and line have long been at rest, nothing moves, and nothing is marched.
+    """March motor and line over cells of so many steps: what they are at the cells' ends, shape (n, 4).
 
     `y`: state of the motor at the start, laid out as at the top of `motor`; changed.
     `s`, shape (5,): state of the line at the start; changed.
     `opened`, shape (n,): whether the valve is driven towards the regulator in each cell.
+    `rests`: whether nothing is marched while the valve is shut and rotor and line have long been at rest.
+    Returns angle [rad], speed [rad/s], pressure of the line [Pa] and the mean mass flow into the motor [kg/s].
     """
-    found = np.empty((opened.size + 1, 2))
-    found[0, 0], found[0, 1] = y[THETA], s[LINE]
-    steps = max(1, math.ceil(cell / dt - 1e-9))
+    found = np.empty((opened.size, 4))
     still = 0
     for k in range(opened.size):
-        for _ in range(0 if still > STILL_CELLS and not opened[k] else steps):
-            together(p, table, y, s, figures, target, opened[k], less, cell / steps)
-        found[k + 1, 0], found[k + 1, 1] = y[THETA], s[LINE]
+        before, passed = s[LINE], 0.0
+        for _ in range(0 if rests and still > STILL_CELLS and not opened[k] else steps):
+            passed += together(p, table, y, s, figures, target, opened[k], less, dt)
+        found[k, 0], found[k, 1] = y[THETA], y[OMEGA]
+        found[k, 2], found[k, 3] = s[LINE], passed / (steps * dt)
         shut = s[OPENED] == 0.0 and not opened[k]
-        still = still + 1 if shut and y[OMEGA] == 0.0 and abs(found[k + 1, 1] - found[k, 1]) < STILL_PA else 0
+        still = still + 1 if shut and y[OMEGA] == 0.0 and abs(s[LINE] - before) < STILL_PA else 0
     return found
 
 

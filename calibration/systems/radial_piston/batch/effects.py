@@ -68,8 +68,7 @@ class Effects:
         """
         low = np.array([parameter.low for _, parameter in self._parameters()])
         high = np.array([parameter.high for _, parameter in self._parameters()])
-        found: np.ndarray = np.all((values >= low) & (values <= high), axis=1)
-        return found
+        return np.all((values >= low) & (values <= high), axis=1)
 
     def _parameters(self) -> list[tuple[str, EffectParameter]]:
         return [(name, parameter) for name in self.names for parameter in effects()[name].parameters]

@@ -23,14 +23,15 @@ from calibration.data.measurement import Measurement, Rows
 from calibration.systems.radial_piston.batch import states as effect_states
 from calibration.systems.radial_piston.batch.effects import Effects
 from calibration.systems.radial_piston.batch.rows import BAD, add_zero_rows, bad_rows, sum_rows
-from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, column_of, factors_at, values_of
+from calibration.unknowns.priors import CHANNELS, Error, OfInstrument, Unknown, column_of, factors_at, values_of
+from configs.units import BAR
 from model.effects.laws import Chosen
 from model.motor import QUANTITIES, Motor
 from model.solvers import steady
 from rig.recording import Recording
 
 FEW_ROWS = 3  # with fewer no reading is looked on as bad: there is nothing to tell it by
-ERRORS = ("offset", "scale", "noise_scale")
+ERRORS = (Error.OFFSET, Error.SCALE, Error.NOISE)
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,8 @@ class Likelihood:
         self._position = {name: i for i, name in enumerate(QUANTITIES)}
         self._bounds = [(i, QUANTITIES[u.name]) for i, u in enumerate(found) if u.name in QUANTITIES]
         rows = measured.steady
-        P_a = motor.si("ambient_pressure") / PASCAL_PER_BAR
-        nominal = (rows.pressure + np.where(rows.is_gauge, P_a, 0.0)) * PASCAL_PER_BAR
+        P_a = motor.si("ambient_pressure") / BAR
+        nominal = (rows.pressure + np.where(rows.is_gauge, P_a, 0.0)) * BAR
         self._gas = steady.gas_table(motor, nominal)
         columns = [column_of(recording, channel) for channel in ("pressure", "flow", "speed")]
         channels = [recording.channels[column] if column else None for column in columns]
@@ -117,7 +118,7 @@ class Likelihood:
                 out, errors[inside], self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found
             )
             add_zero_rows(
-                parameters[inside, self._position["ambient_pressure"]] / PASCAL_PER_BAR,
+                parameters[inside, self._position["ambient_pressure"]] / BAR,
                 errors[inside],
                 self._figures.noise_sd,
                 self._figures.resolution,
@@ -189,9 +190,9 @@ class Likelihood:
         true = (pressure_bar - errors[:, 0, 0:1]) / (1.0 + errors[:, 0, 1:2])
         above = np.where(is_gauge, parameters[:, self._position["ambient_pressure"]][:, None], 0)
         if self.effects is not None and time is not None:
-            shown = true * PASCAL_PER_BAR
+            shown = true * BAR
             return effect_states.solve(self.effects.way, parameters, self._readings, shown, above, gas, chosen, time)
-        P = true * PASCAL_PER_BAR + above
+        P = true * BAR + above
         return steady.solve(parameters, self._readings, np.clip(P, 2e4, 2e6), gas, slopes=True)
 
     def chosen(self, z: np.ndarray) -> Sequence[Chosen]:
@@ -228,9 +229,8 @@ class Likelihood:
         for i, unknown in enumerate(self.unknowns[: self._first_of_effects]):
             if unknown.name in self._position:
                 parameters[:, self._position[unknown.name]] = values[:, i] * QUANTITIES[unknown.name].to_si
-            else:
-                channel, _, error = unknown.name.partition("_")
-                errors[:, ("pressure", "flow", "speed").index(channel), ERRORS.index(error)] = values[:, i]
+            elif isinstance(unknown.of, OfInstrument):
+                errors[:, CHANNELS.index(unknown.of.channel), ERRORS.index(unknown.of.error)] = values[:, i]
         return parameters, errors, inside
 
 

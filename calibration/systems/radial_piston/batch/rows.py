@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from calibration.data.measurement import BELOW, MISSING, OBSERVED
-from calibration.unknowns.priors import PASCAL_PER_BAR
+from configs.units import BAR
 from model.layout import L_MIN, RPM
 from model.solvers import steady
 
@@ -71,8 +71,8 @@ def cases(
     case: np.ndarray,
 ) -> float:
     """Log weight of each of a row's eight cases (bit 0, 1, 2: pressure, flow, speed is bad), and their log sum."""
-    slope_q = out[steady.FLOW_SLOPE] * L_MIN * PASCAL_PER_BAR * (1.0 + errors[1, 1])
-    slope_n = out[steady.SPEED_SLOPE] * RPM * PASCAL_PER_BAR * (1.0 + errors[2, 1])
+    slope_q = out[steady.FLOW_SLOPE] * L_MIN * BAR * (1.0 + errors[1, 1])
+    slope_n = out[steady.SPEED_SLOPE] * RPM * BAR * (1.0 + errors[2, 1])
     q = out[steady.VOLUME_FLOW] * L_MIN * (1.0 + errors[1, 1]) + errors[1, 0]
     n = out[steady.SPEED_OUT] * RPM * (1.0 + errors[2, 1]) + errors[2, 0]
     good = np.empty(3)

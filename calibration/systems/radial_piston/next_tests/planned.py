@@ -17,7 +17,8 @@ from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.predict.carried import carried, of_any_day
 from calibration.systems.radial_piston.predict.kinds import RUN
-from calibration.unknowns.priors import PASCAL_PER_BAR, column_of
+from calibration.unknowns.priors import column_of
+from configs.units import BAR
 from model.layout import RPM
 from rig.recording import LEAST_IN_A_RUN, Column, Recording, RecordingFile
 
@@ -94,13 +95,13 @@ class _Bench:
         plateaus, runs = comparison.problem.blocks.plateaus, comparison.problem.blocks.runs
         self.columns = {channel: column_of(self.seen, channel) for channel in ("pressure", "flow", "speed")}
         self.is_gauge = "gauge" in str(self.columns["pressure"])
-        self.room = comparison.problem.motor.si("ambient_pressure") / PASCAL_PER_BAR
+        self.room = comparison.problem.motor.si("ambient_pressure") / BAR
         self.ambient = 0.0 if self.is_gauge else self.room
         groups = levels(plateaus)
-        self.levels = [float(np.mean(plateaus.pressure[group])) / PASCAL_PER_BAR for group in groups]
+        self.levels = [float(np.mean(plateaus.pressure[group])) / BAR for group in groups]
         self.low, self.top = min(self.levels), max(self.levels)
         self.speeds, self.speed_limit = plateaus.speed, comparison.problem.motor.si("speed_limit")
-        self.pressures = plateaus.pressure / PASCAL_PER_BAR
+        self.pressures = plateaus.pressure / BAR
         self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
         shown_every = self.seen.channels[str(self.columns["speed"])].window_s if self.columns["speed"] else None
         self.sample = float(np.median(np.diff(runs[0].time))) if runs else max(SAMPLE_S, shown_every or 0.0)

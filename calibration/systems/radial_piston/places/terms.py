@@ -78,16 +78,14 @@ def _laws(x: str, low: float, top: float) -> Iterator[tuple[str, str, float, flo
         text = f"{{a}}*abs({shown.strip('()')}){power}"
 
         def raised(w: np.ndarray, p: float = p) -> np.ndarray:
-            found: np.ndarray = np.abs((w - low) / (top - low)) ** p
-            return found
+            return np.abs((w - low) / (top - low)) ** p
 
         yield text, text, (top - low) ** -p, 0.0, raised
     for share in np.linspace(0.05, 0.95, STARTS):
         start = low + float(share) * (top - low)
 
         def ramp(w: np.ndarray, start: float = start) -> np.ndarray:
-            found: np.ndarray = np.maximum(0.0, w - start) / (top - start)
-            return found
+            return np.maximum(0.0, w - start) / (top - start)
 
         yield f"ramp in {x}", f"{{a}}*max(0, {x} - {start:.3g})", 1.0 / (top - start), float(share), ramp
         for edge in EDGES:
@@ -96,8 +94,7 @@ def _laws(x: str, low: float, top: float) -> Iterator[tuple[str, str, float, flo
             text = sharp if edge == EDGES[0] else f"{{a}}/(1 + exp(({start:.3g} - {x})/{scale:.2g}))"
 
             def step(w: np.ndarray, start: float = start, scale: float = scale) -> np.ndarray:
-                found: np.ndarray = expit((w - start) / scale)
-                return found
+                return expit((w - start) / scale)
 
             yield f"step in {x}", text, 1.0, float(share), step
 
@@ -114,8 +111,7 @@ def _clock(time: Along) -> list[tuple[str, str, float, float, Law]]:
         share = (float(start) - low) / (top - low)
 
         def step(t: np.ndarray, start: float = float(start)) -> np.ndarray:
-            found: np.ndarray = (t > start).astype(float)
-            return found
+            return (t > start).astype(float)
 
         found.append(("step in t", f"{{a}}*(t > {start:.4g})", 1.0, share, step))
     return found
