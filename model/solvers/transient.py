@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -37,8 +38,7 @@ MAX_STEP = 1e-3  # s, divided by the refinement
 DONE, TOO_MANY_STEPS, NOT_FINITE = 0, 1, 2
 
 
-@dataclass(frozen=True)
-class Supply:
+class Supply(NamedTuple):
     """One span of the line: from ``start_s`` on, ``pressure_pa`` (absolute) with the valve open or vented."""
 
     start_s: float
