@@ -112,7 +112,8 @@ def _speeds(
     those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
     around = uneven.around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
     tables = _tables(parameters, readings, line, start_rad_s, those, clock)
-    found: np.ndarray = _march(time, np.ascontiguousarray(line[:, 0]), tables, start_rad_s, parameters[at.J], start_rad, around)
+    begins = np.ascontiguousarray(line[:, 0])
+    found: np.ndarray = _march(time, begins, tables, start_rad_s, parameters[at.J], start_rad, around)
     return found
 
 

@@ -1,6 +1,6 @@
 """Cubic interpolation that keeps the shape of the data, compiled: Fritsch and Butland's slopes, as scipy has them.
 
-`scipy.interpolate.PchipInterpolator` gives the same to the bit; a table of a few points spends its time there on checks.
+`scipy.interpolate.PchipInterpolator` gives the same to the bit; with a table of a few points its time goes into checks.
 """
 
 from __future__ import annotations
