@@ -9,10 +9,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-# Before numpy is there. Matrices and batches are small: a second thread of BLAS or of a kernel only waits, and takes a
-# core from the other process of a test run while it does.
+# Before numpy is there. The matrices are small: a second thread of BLAS only waits, and takes a core while it does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import hypothesis
 import pytest
