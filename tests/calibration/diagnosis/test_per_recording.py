@@ -111,10 +111,9 @@ def test_a_recording_with_a_flywheel_in_one_run_is_one_day(tmp_path: Path) -> No
     ],
 )
 def test_what_cannot_be_of_each_recording_is_refused_in_a_line(
-    two_days: Path, tmp_path: Path, words: tuple[str, ...], said: str
+    two_days: Path, tmp_path: Path, spinbench_here, words: tuple[str, ...], said: str
 ) -> None:
-    placed = [two_days / word if word in LEAK else word for word in words]
-    done = spinbench(*placed, "-o", tmp_path / "out")
+    done = spinbench_here(*words, "-o", tmp_path / "out", cwd=two_days)
     assert done.returncode == 2, done.stderr
     assert said in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
