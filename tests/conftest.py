@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -121,6 +123,28 @@ def spinbench_here(monkeypatch, capsys) -> Callable[..., subprocess.CompletedPro
         with pytest.raises(SystemExit) as end:
             spinbench.main()
         out, err = capsys.readouterr()
+        return subprocess.CompletedProcess(words, end.value.code or 0, out, err)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def spinbench_anywhere() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """The same for fixtures that several tests share."""
+
+    def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+        words = ["spinbench", *map(str, arguments)]
+        said = [io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2)]
+        with (
+            pytest.MonkeyPatch.context() as patched,
+            contextlib.redirect_stdout(said[0]),
+            contextlib.redirect_stderr(said[1]),
+            pytest.raises(SystemExit) as end,
+        ):
+            patched.setattr(sys, "argv", words)
+            patched.chdir(cwd)
+            spinbench.main()
+        out, err = (stream.buffer.getvalue().decode("utf-8") for stream in said)
         return subprocess.CompletedProcess(words, end.value.code or 0, out, err)
 
     return run

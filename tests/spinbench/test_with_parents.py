@@ -153,7 +153,9 @@ def test_parents_of_parents_come_first_and_none_comes_twice(line, tmp_path):
 
 
 def test_an_exported_recording_finds_the_run_that_it_goes_on_from(line, tmp_path, spinbench_here):
-    result = spinbench_here("runs", "export", line[1], "--logs", tmp_path, "-o", tmp_path / "elsewhere" / "monday", cwd=tmp_path)
+    result = spinbench_here(
+        "runs", "export", line[1], "--logs", tmp_path, "-o", tmp_path / "elsewhere" / "monday", cwd=tmp_path
+    )
     assert result.returncode == 0, result.stderr
     found = readings.all_named([tmp_path / "elsewhere" / "monday"], tmp_path, parents=True)
     assert [one.folder.name for one in found] == [line[0], "monday"]

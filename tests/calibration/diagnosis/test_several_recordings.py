@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import tests.diagnosis_recordings as recordings
-from calibration.diagnosis import as_json, diagnose
-from calibration.diagnosis import mismatch
+from calibration.diagnosis import as_json, diagnose, mismatch
 from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
 from model.motor import read_motor
