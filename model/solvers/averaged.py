@@ -22,7 +22,7 @@ MOST_PASSES = 30
 TOLERANCE = 1e-9  # relative change of the temperature in the last pass
 
 
-@njit(cache=True, nogil=True)
+@njit(error_model="numpy", cache=True, nogil=True)
 def torques(
     parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P_in: float, omega: np.ndarray, out: np.ndarray
 ) -> tuple[float, float]:
@@ -49,7 +49,7 @@ def torques(
 
 
 # In one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True, nogil=True)
+@njit(error_model="numpy", cache=True, nogil=True)
 def torques_of_line(
     parameters: np.ndarray,
     readings: np.ndarray,
