@@ -12,7 +12,6 @@ from typing import Any
 import emcee
 import numpy as np
 from emcee.moves import Move
-from scipy.special import logsumexp
 
 from calibration.fit.peak import BatchLogProb
 from calibration.fit.transport import TransportMap
@@ -51,7 +50,8 @@ class IndependenceMove(Move):
         each = np.hstack([total, total - squares * (1.0 - self.LONG**-2)])
         log_t = -0.5 * (self.degrees + n) * np.log1p(each / self.degrees)
         weights = np.append(1.0 - self.STRETCHED, np.full(n, self.STRETCHED / (n * self.LONG)))
-        found: np.ndarray = logsumexp(log_t, b=weights, axis=1)
+        most = log_t.max(axis=1)
+        found: np.ndarray = most + np.log(np.exp(log_t - most[:, None]) @ weights)
         return found
 
     def draw(self, random: Any, walkers: int, n: int) -> np.ndarray:
