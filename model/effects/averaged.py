@@ -135,8 +135,8 @@ def _tables(
     slope, torque, flow, load = _cycles(parameters, readings, gas, nodes, coarse, fine)
     torque -= parameters[at.F_OVERALL] * fine + parameters[at.EXTRA_TORQUE]
     if any(effect.torque is not None for effect, _ in those):
-        every = np.tile(fine, nodes.size), flow.ravel(), np.repeat(nodes, FINE), load.ravel()
-        state = _state(*every, parameters, gas, clock)
+        speeds_of_all, lines = np.tile(fine, nodes.size), np.repeat(nodes, FINE)
+        state = _state(speeds_of_all, flow.ravel(), lines, load.ravel(), parameters, gas, clock)
         torque -= laws.sum_of_torques(those, state, np.zeros(torque.size, dtype=bool)).reshape(torque.shape)
     most_flow = max([1e-12, *(1.5 * one for one in flow.max(axis=1).tolist())])
     loss = _losses(those, nodes, np.linspace(0.0, most_flow, FLOWS), parameters, gas, clock)
@@ -217,7 +217,7 @@ def _cycles(
         told = np.all(np.isfinite(net), axis=1)
         found[~told, 1] = np.nan
         asked = np.maximum(fine, coarse[0])
-        for s in np.flatnonzero(told):
+        for s in np.flatnonzero(told).tolist():
             monotone.interpolate(coarse, net[s].copy(), asked, found[s, 1])
         return found
 
@@ -250,7 +250,7 @@ def _of_the_gas(parameters: np.ndarray) -> bytes:
 def _state(
     omega: np.ndarray,
     flow: np.ndarray,
-    pressure: float,
+    pressure: np.ndarray | float,
     load: np.ndarray,
     parameters: np.ndarray,
     gas: np.ndarray,
