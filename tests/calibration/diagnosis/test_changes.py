@@ -38,9 +38,7 @@ def recorded(
     with monkeypatch.context() as day:
         day.setattr(recordings, "read_motor", other)
         recordings.sweep(folder, seed, chosen)
-    header, *rows = (folder / "sweep.csv").read_text(encoding="utf-8").splitlines()
-    (folder / "sweep.csv").write_text("\n".join([header, *rows[::2]]) + "\n", encoding="utf-8")
-    return read_recording(folder)
+    return recordings.every_second_row(folder)
 
 
 def weighed(before: Recording, after: Recording) -> dict:

@@ -24,10 +24,11 @@ DATES = {"first": "2026-03-02", "second": "2026-01-20"}
 
 @pytest.fixture(scope="module")
 def two_days(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two sweeps of a motor whose leak is another on each day; the second one given is the older."""
+    """Half of two sweeps of a motor whose leak is another on each day; the second one given is the older."""
     folder = tmp_path_factory.mktemp("days")
     for seed, (name, leak) in enumerate(LEAK.items(), start=3):
         recordings.sweep(folder / name, seed, {"leakage": {"conductance_kg_s_pa2": leak, "exponent": 0.63}})
+        recordings.every_second_row(folder / name)
         with (folder / name / "recording.toml").open("a", encoding="utf-8") as file:
             file.write(f'[origin]\ndate = "{DATES[name]}"\n')
     return folder
