@@ -22,6 +22,7 @@ from calibration.fit.transport import TransportMap
 from calibration.likelihood.mode import minus_log_posterior
 from model.motor import read_motor
 from rig.recording import read_recording
+from tests.densities import log_normal
 from tests.diagnosis_recordings import add_coast_down, sweep
 
 SPINBENCH = Path(sys.executable).with_name("spinbench")
@@ -142,12 +143,6 @@ def test_bad_input_is_refused_in_words_and_nothing_is_written(bench, spinbench_h
 
 
 # The parts
-
-
-def log_normal(x: np.ndarray, mean: np.ndarray | float = 0.0, sd: float = 1.0) -> np.ndarray:
-    """As `scipy.stats.norm.logpdf`, in a tenth of the time."""
-    found: np.ndarray = -0.5 * ((x - mean) / sd) ** 2 - np.log(sd * np.sqrt(2.0 * np.pi))
-    return found
 
 
 def banana(z: np.ndarray) -> np.ndarray:
