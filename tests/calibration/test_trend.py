@@ -110,7 +110,7 @@ def test_a_motor_that_wears_is_told_along_the_dates_of_its_recordings(
         with (tmp_path / "runs" / date / "recording.toml").open("a", encoding="utf-8") as file:
             file.write(f'[origin]\ndate = "{date}"\n')
     monkeypatch.undo()  # what diagnoses them knows nothing of it
-    done = spinbench_here("many", "diagnose", "runs", "-o", "out", "--workers", 1, cwd=tmp_path)
+    done = spinbench_here("many", "diagnose", "runs", "-o", "out", "--workers", 2, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader((tmp_path / "out" / "trend.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["date"] for row in rows] == ["2026-01-01", "2026-03-01", "2026-05-01"]
