@@ -35,63 +35,63 @@ from numba import njit
 from model import layout as at
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def concave_centre(R6: float, R2: float) -> float:
     """Distance L1 of the concave circle's centre from the motor centre [m], Eq. 1."""
     return R6 - R2
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def angle_beta(L1: float, R2: float, R3: float) -> float:
     """Angle beta at the convex circle's centre [rad], Eq. 2."""
     return math.asin(math.sqrt(0.5) * L1 / (R2 + R3))
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def angle_gamma(beta: float) -> float:
     """Angle gamma at the concave circle's centre [rad], Eq. 3."""
     return 0.75 * math.pi - beta
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def junction_distance(L1: float, R2: float, R5: float, gamma: float) -> float:
     """Distance L3 of the roller's centre from the motor centre at the junction of the arcs [m], Eq. 4."""
     b = R2 - R5
     return math.sqrt(L1 * L1 + b * b - 2.0 * b * L1 * math.cos(gamma))
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def junction_angle(R2: float, R5: float, gamma: float, L3: float) -> float:
     """Critical angle alpha, where the roller passes from the concave to the convex arc [rad], Eq. 5."""
     return math.asin((R2 - R5) * math.sin(gamma) / L3)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def concave_arm(R2: float, R5: float) -> float:
     """Distance L5 of the roller's centre from the concave circle's centre [m], Eq. 6."""
     return R2 - R5
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def reach_concave(th: float, L1: float, L5: float) -> float:
     """Motor centre to roller centre, L4, on the concave arc [m], Eq. 7; valid for \\|th\\| <= alpha."""
     s = L1 * math.sin(th)
     return L1 * math.cos(th) + math.sqrt(L5 * L5 - s * s)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def convex_centre(L1: float, R2: float, R3: float) -> float:
     """Distance L2 of the convex circle's centre from the motor centre [m], Eq. 8."""
     return math.sqrt(0.5) * L1 + math.sqrt((R2 + R3) ** 2 - 0.5 * L1 * L1)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def convex_arm(R3: float, R5: float) -> float:
     """Distance L6 of the roller's centre from the convex circle's centre [m], Eq. 9."""
     return R3 + R5
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def reach_convex(th: float, L2: float, L6: float) -> float:
     """Motor centre to roller centre, L4, on the convex arc [m], Eq. 10; valid for alpha <= th <= pi/2 - alpha."""
     u = 0.25 * math.pi - th
@@ -99,7 +99,7 @@ def reach_convex(th: float, L2: float, L6: float) -> float:
     return L2 * math.cos(u) - math.sqrt(L6 * L6 - s * s)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def volume(L4: float, A_p: float, offset: float) -> float:
     """Volume of one cylinder [m3], Eq. 11 with erratum 1: V = Ap (L4 + R5 - Lp - R4).
 
@@ -111,7 +111,7 @@ def volume(L4: float, A_p: float, offset: float) -> float:
     return A_p * (L4 + offset)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def sin_phi_concave(th: float, L1: float, L5: float) -> float:
     """Magnitude of sin(phi) on the concave arc [-], Eq. 23.
 
@@ -123,7 +123,7 @@ def sin_phi_concave(th: float, L1: float, L5: float) -> float:
     return L1 * math.sin(th) / L5
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def sin_phi_convex(th: float, L2: float, L6: float) -> float:
     """Magnitude of sin(phi) on the convex arc [-], Eq. 24.
 
@@ -135,7 +135,7 @@ def sin_phi_convex(th: float, L2: float, L6: float) -> float:
     return L2 * math.sin(0.25 * math.pi - th) / L6
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def curve(parameters: np.ndarray, c: np.ndarray) -> None:
     """Fill the constants of the guide curve, Eq. 1-6, 8 and 9.
 
@@ -165,7 +165,7 @@ def curve(parameters: np.ndarray, c: np.ndarray) -> None:
     c[at.A_P] = 0.25 * math.pi * parameters[at.DP] ** 2
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def place(psi: float, c: np.ndarray) -> tuple[float, float, float, float]:
     """Everything that follows from the angle of one cylinder.
 

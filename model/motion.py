@@ -23,13 +23,13 @@ from __future__ import annotations
 from numba import njit
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def piston_force(A_p: float, P: float, P_a: float) -> float:
     """Gas force on a piston [N], Eq. 22."""
     return A_p * (P - P_a)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def gas_arm(L4: float, sin_phi: float, cos_phi: float, r: float, virtual_work: bool) -> float:
     """Arm of the gas force about the motor centre [m].
 
@@ -41,7 +41,7 @@ def gas_arm(L4: float, sin_phi: float, cos_phi: float, r: float, virtual_work: b
     return L4 * sin_phi / cos_phi if virtual_work else r * sin_phi
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def roller_torque(F: float, f_r: float, cos_phi: float, r: float, as_printed: bool) -> float:
     """Magnitude of the roller friction's torque [N m], the second term of Eq. 25.
 
@@ -53,7 +53,7 @@ def roller_torque(F: float, f_r: float, cos_phi: float, r: float, as_printed: bo
     return f_r * (F if as_printed else abs(F)) * cos_phi * r
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def acceleration(torque: float, f_overall: float, omega: float, inertia: float) -> float:
     """Angular acceleration [rad/s2], Eq. 21 and 25."""
     return (torque - f_overall * omega) / inertia

@@ -37,6 +37,7 @@ ROOMS = {
     "Settings": "calibration.fit.sampling",
     "diagnose": "calibration.diagnosis",
     "together": "calibration.diagnosis",
+    "compare": "calibration.diagnosis.changes",
     # the command line
     "main": "spinbench.cli",
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -37,36 +39,35 @@ FIGURES = {
 # Seconds that files take, the longest first: in that order they go, so that the two processes end together. The second
 # has kernels of its own, so that the two do not begin by compiling the same ones. `make quick` leaves these files out.
 SLOW = {
-    "test_fit": 165,
-    "test_second_rig": 151,
-    "test_with_parents": 150,
-    "test_several_recordings": 150,
-    "test_changes": 120,
-    "test_whole": 101,
-    "test_running": 97,
-    "test_diagnosis_verdict": 92,
+    "test_fit": 110,
+    "test_second_rig": 100,
+    "test_whole": 100,
+    "test_chain": 100,
+    "test_running": 92,
     "test_continued": 90,
-    "test_chain": 78,
-    "test_challenge_command": 70,
+    "test_diagnosis_verdict": 80,
+    "test_challenge_command": 75,
     "test_sbc": 65,
-    "test_per_recording": 60,
+    "test_changes": 55,
+    "test_with_parents": 50,
     "test_nulls": 47,
     "test_diagnosis_search": 42,
     "test_concealed_bench": 40,
     "test_live_check": 40,
-    "test_sampling": 40,
-    "test_trend": 40,
     "test_commands_of_the_docs": 39,
+    "test_several_recordings": 37,
     "test_diagnosis_side_by_side": 32,
     "test_left_out": 31,
     "test_diagnosis_page": 30,
     "test_fit_effects": 29,
     "test_fit_quality": 28,
+    "test_sampling": 26,
     "test_acquisition": 26,
     "test_second_rig_supply": 24,
     "test_fit_page": 22,
     "test_virtual_bus": 22,
     "test_rigs_diagnosis": 22,
+    "test_per_recording": 20,
     "test_readings_as_they_come": 20,
     "test_diagnosis_abrupt": 20,
     "test_kills": 19,
@@ -80,6 +81,7 @@ SLOW = {
     "test_extras": 13,
     "test_diagnosis_law": 13,
     "test_demonstrations": 13,
+    "test_trend": 12,
     "test_recording": 12,
     "test_drift": 12,
     "test_virtual_process": 12,
@@ -121,6 +123,28 @@ def spinbench_here(monkeypatch, capsys) -> Callable[..., subprocess.CompletedPro
         with pytest.raises(SystemExit) as end:
             spinbench.main()
         out, err = capsys.readouterr()
+        return subprocess.CompletedProcess(words, end.value.code or 0, out, err)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def spinbench_anywhere() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """The same for fixtures that several tests share."""
+
+    def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+        words = ["spinbench", *map(str, arguments)]
+        said = [io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2)]
+        with (
+            pytest.MonkeyPatch.context() as patched,
+            contextlib.redirect_stdout(said[0]),
+            contextlib.redirect_stderr(said[1]),
+            pytest.raises(SystemExit) as end,
+        ):
+            patched.setattr(sys, "argv", words)
+            patched.chdir(cwd)
+            spinbench.main()
+        out, err = (stream.buffer.getvalue().decode("utf-8") for stream in said)
         return subprocess.CompletedProcess(words, end.value.code or 0, out, err)
 
     return run

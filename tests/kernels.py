@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.challenge.second_rig.machine import marches, slots
+from calibration.fit.fit import prepare
 from calibration.likelihood.function import Function
 from calibration.systems.radial_piston.base import base_of
 from calibration.systems.radial_piston.comparison import Comparison
@@ -16,9 +18,13 @@ from tests import diagnosis_recordings as recordings
 
 
 def main() -> None:
-    """Solve one sweep with two runs in time: without effects, and with all of them."""
+    """Solve one sweep with two runs in time, without effects and with all; ask a fit and the second rig once."""
+    marches.steady(slots.vector(), np.array([2e5]))
     with tempfile.TemporaryDirectory() as folder:
-        recordings.sweep(Path(folder), 3, {})
+        likelihood = prepare(recordings.sweep(Path(folder), 3, {}))[2]
+        middle = np.zeros((1, len(likelihood.unknowns)))
+        likelihood.log_prob(middle)
+        likelihood.bad_probability(middle)
         recordings.add_spin_up(Path(folder), 3, {})
         comparison = Comparison(Problem(recordings.add_coast_down(Path(folder), 3, {})))
     base_of(comparison)

@@ -240,7 +240,7 @@ def _told(run: RunInTime, plateaus: Plateaus) -> RunInTime:
     order = np.argsort(plateaus.speed[known])
     fastest = float(np.max(run.speed[run.used]))
     level = float(np.interp(fastest, plateaus.speed[known][order], plateaus.pressure[known][order]))
-    valve = tuple(replace(span, pressure_pa=level) if span.is_open else span for span in run.valve)
+    valve = tuple(span._replace(pressure_pa=level) if span.is_open else span for span in run.valve)
     return replace(run, valve=valve, settled_sd=UNTOLD * level)
 
 

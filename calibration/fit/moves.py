@@ -7,20 +7,20 @@ which these were chosen.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import emcee
 import numpy as np
-from emcee.moves import Move
-from scipy.special import logsumexp
 
 from calibration.fit.peak import BatchLogProb
 from calibration.fit.transport import TransportMap
 
+if TYPE_CHECKING:
+    from emcee.moves import Move
+
 FLATTER = 1.5  # by which a stand-in's log density is divided, for proposals farther out
 
 
-class IndependenceMove(Move):
+class IndependenceMove:
     """Propose from a fixed distribution about the origin, wherever the walker stands (independence Metropolis).
 
     Successive samples then hardly depend on each other. Most proposals come from a Student t; one in seven is stretched
@@ -32,7 +32,6 @@ class IndependenceMove(Move):
     STRETCHED = 0.15
 
     def __init__(self, degrees: float = 20.0, spread: float = 1.05) -> None:
-        super().__init__()
         self.degrees = degrees
         self.spread = spread
 
@@ -51,7 +50,9 @@ class IndependenceMove(Move):
         each = np.hstack([total, total - squares * (1.0 - self.LONG**-2)])
         log_t = -0.5 * (self.degrees + n) * np.log1p(each / self.degrees)
         weights = np.append(1.0 - self.STRETCHED, np.full(n, self.STRETCHED / (n * self.LONG)))
-        return logsumexp(log_t, b=weights, axis=1)
+        most = log_t.max(axis=1)
+        found: np.ndarray = most + np.log(np.exp(log_t - most[:, None]) @ weights)
+        return found
 
     def draw(self, random: Any, walkers: int, n: int) -> np.ndarray:
         """Draws of the proposal, shape (walkers, n) [-]."""
@@ -87,7 +88,7 @@ class IndependenceMove(Move):
         return state, accepted
 
 
-class DelayedAcceptance(Move):
+class DelayedAcceptance:
     """Let a cheap stand-in walk some steps, and have the true posterior accept where it ends (Christen and Fox 2005).
 
     The stand-in's own steps are independence proposals in straightened coordinates, accepted by the stand-in: a kernel
@@ -105,7 +106,6 @@ class DelayedAcceptance(Move):
     STEPS = 24
 
     def __init__(self, stand_in: BatchLogProb, shape: TransportMap) -> None:
-        super().__init__()
         self.stand_in, self.shape, self.within = stand_in, shape, IndependenceMove()
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
@@ -151,7 +151,9 @@ class DelayedAcceptance(Move):
 
 def mixture() -> list[tuple[Move, float]]:
     """The moves of a fit: independent proposals, and differential evolution for what they do not reach."""
-    return [(IndependenceMove(), 0.8), (emcee.moves.DEMove(), 0.2)]
+    from emcee.moves import DEMove  # with scipy.stats; a third of a second, which pages of diagnoses are spared
+
+    return [(IndependenceMove(), 0.8), (DEMove(), 0.2)]
 
 
 def delayed(stand_in: BatchLogProb, shape: TransportMap) -> list[tuple[Move, float]]:
@@ -164,5 +166,7 @@ def delayed(stand_in: BatchLogProb, shape: TransportMap) -> list[tuple[Move, flo
     def flatter(z: np.ndarray) -> np.ndarray:
         return stand_in(z) / FLATTER
 
+    from emcee.moves import DEMove
+
     own, flat = DelayedAcceptance(stand_in, shape), DelayedAcceptance(flatter, shape)
-    return [(own, 0.7), (flat, 0.2), (emcee.moves.DEMove(), 0.1)]
+    return [(own, 0.7), (flat, 0.2), (DEMove(), 0.1)]

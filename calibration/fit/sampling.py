@@ -11,16 +11,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import emcee
 import numpy as np
-from emcee.autocorr import auto_window
-from emcee.moves import Move
 
 from calibration.fit import moves, peak
 from calibration.fit.peak import BatchLogProb
 from calibration.fit.store import Store
 from calibration.fit.transport import REACH, Plain, TransportMap
+
+if TYPE_CHECKING:
+    import emcee
+    from emcee.moves import Move
 
 ENSEMBLES = 4
 WALKERS = 48
@@ -37,7 +39,7 @@ RHAT = 1.01
 CANDIDATES = 512
 
 Factors = Callable[[np.ndarray], np.ndarray]
-Moves = Callable[[], list[tuple[Move, float]]]
+Moves = Callable[[], "list[tuple[Move, float]]"]
 Shape = TransportMap | Plain
 Progress = Callable[[int, float, str], None]  # effective samples so far, those wanted, in words
 
@@ -203,6 +205,8 @@ def _start(
     log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int, given: np.ndarray | None
 ) -> dict[str, np.ndarray]:
     """Block 0: the ensembles at their start, and the scattered points that the first map is fitted to."""
+    import emcee  # as in `calibration.fit.moves`
+
     rng, wanted = np.random.default_rng(seed), ENSEMBLES * walkers
     if given is None:
         points, values = _about_the_peak(log_prob, n_unknowns, wanted, rng)
@@ -240,6 +244,8 @@ def _advance(
     log_prob: BatchLogProb, states: list[emcee.State], shape: Shape, chosen: Moves, steps: int
 ) -> tuple[list[emcee.State], dict[str, np.ndarray]]:
     """One block of steps of every ensemble, taken in the straightened coordinates."""
+    import emcee
+
     interrupted = False
 
     def straightened(e: np.ndarray) -> np.ndarray:
@@ -315,6 +321,8 @@ def _tau(samples: np.ndarray) -> np.ndarray:
     The autocovariance of an ensemble is the mean over its walkers about the ensemble's own mean, so that a walker that
     hardly moves counts as what it is; the window is Sokal's, as emcee cuts it.
     """
+    from emcee.autocorr import auto_window
+
     ensembles, steps, _, n = samples.shape
     centred = samples - samples.mean(axis=(1, 2), keepdims=True)
     size = 2 * steps
@@ -344,6 +352,8 @@ def _packed(states: list[emcee.State], chain: np.ndarray, acceptance: np.ndarray
 
 
 def _restored(block: dict[str, np.ndarray], e: int) -> emcee.State:
+    import emcee
+
     position, has_gauss = (int(value) for value in block["position"][e])
     random_state = ("MT19937", block["key"][e], position, has_gauss, float(block["gauss"][e]))
     return emcee.State(block["coords"][e], log_prob=block["log_prob"][e], random_state=random_state)

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.interpolate import PchipInterpolator
 
 from model import layout as at
 from model.effects import laws, uneven
 from model.effects.effect import State
 from model.gas.cylinder import gas_state
 from model.solvers import averaged as base
+from model.solvers import monotone
 from model.solvers.recent import Recent
 from model.solvers.transient import Supply
 
@@ -35,6 +35,7 @@ NEXT_NODE, FARTHER_NODE, MOST_NODES = 1.2, 1.35, 24  # factors from one pressure
 
 _recent = Recent(32)
 _recent_cycles = Recent(16)
+_recent_tops = Recent(32)
 
 
 def speeds(
@@ -67,13 +68,13 @@ def speeds(
     chosen = laws.switched_on(chosen)
     if not any(effect.periodic for effect, _ in laws.members(chosen)):
         start_rad = 0.0  # nothing follows it
+    line = np.array(supply, dtype=np.float64).reshape(-1, 3)
     key = (
-        *(one.tobytes() for one in (parameters, readings, time)),
-        *supply,
+        *(one.tobytes() for one in (parameters, readings, time, line)),
         *((name, *sorted(chosen[name].items())) for name in sorted(chosen)),
         (start_rad_s, clock, start_rad),
     )
-    return _recent(key, lambda: _speeds(parameters, readings, supply, time, start_rad_s, chosen, clock, start_rad))
+    return _recent(key, lambda: _speeds(parameters, readings, line, time, start_rad_s, chosen, clock, start_rad))
 
 
 class _Tables(NamedTuple):
@@ -83,6 +84,7 @@ class _Tables(NamedTuple):
     `torque`, `flow`, shape (n, FINE): net torque [N m], and mass flow into the cylinders [kg/s].
     `slope`, shape (n, 2): what the torque gains per pressure in suction and in discharge [N m/Pa].
     `loss`, shape (n, 2, FLOWS): pressure lost ahead of the cylinders and behind them [Pa], over the flow.
+    Where nothing is `lossy`, nobody looks at `flow`, `slope` and `loss`: they have no rows.
     """
 
     pressures: np.ndarray
@@ -98,49 +100,56 @@ class _Tables(NamedTuple):
 def _speeds(
     parameters: np.ndarray,
     readings: np.ndarray,
-    supply: Sequence[Supply],
+    line: np.ndarray,
     time: np.ndarray,
     start_rad_s: float,
     chosen: laws.Chosen,
     clock: float,
     start_rad: float,
 ) -> np.ndarray:
+    """As `speeds`; the line as rows of start [s], pressure [Pa], and 1 where it is open."""
     parameters = laws.with_factors(parameters, chosen)
     those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
     around = uneven.around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
-    tables = _tables(parameters, readings, supply, start_rad_s, those, clock)
-    spans = np.array([span.start_s for span in supply])
-    return _march(time, spans, tables, start_rad_s, parameters[at.J], start_rad, around)
+    tables = _tables(parameters, readings, line, start_rad_s, those, clock)
+    begins = np.ascontiguousarray(line[:, 0])
+    found: np.ndarray = _march(time, begins, tables, start_rad_s, parameters[at.J], start_rad, around)
+    return found
 
 
 def _tables(
     parameters: np.ndarray,
     readings: np.ndarray,
-    supply: Sequence[Supply],
+    line: np.ndarray,
     start_rad_s: float,
     those: laws.Members,
     clock: float,
 ) -> _Tables:
     vented = float(parameters[at.P_A] + parameters[at.DP_OUT] + parameters[at.DP_IN])  # both ports at the same pressure
-    pressures = np.array([span.pressure_pa if span.is_open else vented for span in supply])
+    pressures = np.where(line[:, 2] > 0.0, line[:, 1], vented)
     nodes = _nodes(pressures)
     gas = gas_state(parameters, float(nodes[-1]), readings)
     top = _top_speed(parameters, readings, gas, float(nodes[-1]), start_rad_s)
     fine = np.linspace(0.0, top, FINE)
     coarse = top * (SLOWEST + (1.0 - SLOWEST) * 0.5 * (1.0 - np.cos(np.pi * np.arange(SPEEDS) / (SPEEDS - 1))))
     slope, torque, flow, load = _cycles(parameters, readings, gas, nodes, coarse, fine)
-    for s, P in enumerate(nodes):
-        state = _state(fine, flow[s], float(P), load[s], parameters, gas, clock)
-        torque[s] -= parameters[at.F_OVERALL] * fine + parameters[at.EXTRA_TORQUE]
-        torque[s] -= laws.sum_of_torques(those, state, np.zeros(FINE, dtype=bool))
-    most_flow = max([1e-12, *(1.5 * float(one.max()) for one in flow)])
+    torque -= parameters[at.F_OVERALL] * fine + parameters[at.EXTRA_TORQUE]
+    if any(effect.torque is not None for effect, _ in those):
+        speeds_of_all, lines = np.tile(fine, nodes.size), np.repeat(nodes, FINE)
+        state = _state(speeds_of_all, flow.ravel(), lines, load.ravel(), parameters, gas, clock)
+        torque -= laws.sum_of_torques(those, state, np.zeros(torque.size, dtype=bool)).reshape(torque.shape)
+    most_flow = max([1e-12, *(1.5 * one for one in flow.max(axis=1).tolist())])
     loss = _losses(those, nodes, np.linspace(0.0, most_flow, FLOWS), parameters, gas, clock)
     # Between two nodes everything goes in a straight line with the pressure.
     low = np.clip(np.searchsorted(nodes, pressures, side="right") - 1, 0, max(nodes.size - 2, 0))
     high = np.minimum(low + 1, nodes.size - 1)
     up = np.where(high > low, (pressures - nodes[low]) / np.maximum(nodes[high] - nodes[low], 1e-9), 0.0)
-    torque, flow, slope, loss = (_between(table, low, high, up) for table in (torque, flow, slope, loss))
-    return _Tables(pressures, torque, flow, slope, loss, top, most_flow, bool(np.any(loss)))
+    lossy = bool(np.any(loss))
+    if lossy:
+        flow, slope, loss = (_between(table, low, high, up) for table in (flow, slope, loss))
+    else:
+        flow, slope, loss = (np.ascontiguousarray(table[:0]) for table in (flow, slope, loss))
+    return _Tables(pressures, _between(torque, low, high, up), flow, slope, loss, top, most_flow, lossy)
 
 
 def _losses(
@@ -168,8 +177,16 @@ def _nodes(pressures: np.ndarray) -> np.ndarray:
 
 def _between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Rows of a table between its nodes."""
-    share = up.reshape(-1, *([1] * (table.ndim - 1)))
-    return (1.0 - share) * table[low] + share * table[high]
+    found = np.empty((up.size, *table.shape[1:]))
+    _put_between(table.reshape(len(table), -1), low, high, up, found.reshape(up.size, -1))
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _put_between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarray, out: np.ndarray) -> None:
+    for i in range(up.size):
+        for k in range(out.shape[1]):
+            out[i, k] = (1.0 - up[i]) * table[low[i], k] + up[i] * table[high[i], k]
 
 
 def _cycles(
@@ -180,39 +197,59 @@ def _cycles(
     coarse: np.ndarray,
     fine: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """`solvers.averaged.torques` at each pressure and at speeds between those that are solved, kept: of inertia,
-    viscous friction and extra torque it knows nothing. Slopes, then torque, flow and roller load."""
-    needed = parameters.copy()
-    needed[[at.J, at.F_OVERALL, at.EXTRA_TORQUE]] = 0.0
+    """`solvers.averaged.torques` at each pressure and at speeds between those that are solved, kept.
+
+    Slopes, then torque, flow and roller load.
+    """
 
     def solved() -> np.ndarray:
         out, found = np.empty((nodes.size, coarse.size, base.N_OUT)), np.zeros((nodes.size, 4, fine.size))
-        for s, P in enumerate(nodes):
-            found[s, 0, :2] = base.torques(parameters, readings, gas, float(P), coarse, out[s])
-            found[s, 2] = np.interp(fine, np.append(0.0, coarse), np.append(0.0, out[s, :, base.MASS_FLOW]))
+        slopes = np.empty((nodes.size, 2))
+        base.torques_of_line(parameters, readings, gas, nodes, coarse, out, slopes)
+        found[:, 0, :2] = slopes
+        from_rest, flow = np.append(0.0, coarse), np.zeros((nodes.size, coarse.size + 1))
+        flow[:, 1:] = out[:, :, base.MASS_FLOW]
+        for s in range(nodes.size):
+            found[s, 2] = np.interp(fine, from_rest, flow[s])
             found[s, 3] = np.interp(fine, coarse, out[s, :, base.LOAD])
         net = out[:, :, base.NET]
         told = np.all(np.isfinite(net), axis=1)
         found[~told, 1] = np.nan
-        if told.any():
-            found[told, 1] = PchipInterpolator(coarse, net[told], axis=1)(np.maximum(fine, coarse[0]))
+        asked = np.maximum(fine, coarse[0])
+        for s in np.flatnonzero(told).tolist():
+            monotone.interpolate(coarse, net[s].copy(), asked, found[s, 1])
         return found
 
-    found = _recent_cycles(tuple(one.tobytes() for one in (needed, readings, gas, nodes, coarse)), solved)
+    key = _of_the_gas(parameters), *(one.tobytes() for one in (readings, gas, nodes, coarse))
+    found = _recent_cycles(key, solved)
     return found[:, 0, :2], found[:, 1], found[:, 2], found[:, 3]
 
 
 def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, start: float) -> float:
-    out = np.empty((1, base.N_OUT))
-    base.torques(parameters, readings, gas, P, np.array([max(start, 1.0)]), out)
+    speed = max(start, 1.0)
+
+    def solved() -> np.ndarray:
+        out = np.empty((1, base.N_OUT))
+        base.torques(parameters, readings, gas, P, np.array([speed]), out)
+        return out
+
+    key = _of_the_gas(parameters), readings.tobytes(), gas.tobytes(), P, speed
+    net = float(_recent_tops(key, solved)[0, base.NET])
     f = max(float(parameters[at.F_OVERALL]), 1e-6)
-    return max(AHEAD * max(float(out[0, base.NET]), LEAST_TORQUE) / f, START_MARGIN * start)
+    return max(AHEAD * max(net, LEAST_TORQUE) / f, START_MARGIN * start)
+
+
+def _of_the_gas(parameters: np.ndarray) -> bytes:
+    """All of a parameter set that the torque of the gas hangs on: not inertia, viscous friction nor extra torque."""
+    needed = parameters.copy()
+    needed[[at.J, at.F_OVERALL, at.EXTRA_TORQUE]] = 0.0
+    return needed.tobytes()
 
 
 def _state(
     omega: np.ndarray,
     flow: np.ndarray,
-    pressure: float,
+    pressure: np.ndarray | float,
     load: np.ndarray,
     parameters: np.ndarray,
     gas: np.ndarray,

@@ -90,6 +90,12 @@ class State:
     load: np.ndarray
     time: np.ndarray
 
+    def changed(self, **values: np.ndarray) -> State:
+        """As `dataclasses.replace`, in a tenth of the time: a solver asks for it at every pass."""
+        found = object.__new__(State)
+        found.__dict__.update(self.__dict__, **values)
+        return found
+
 
 def unknown_state(like: np.ndarray) -> State:
     """A state of which nothing is known, for sensors whose law looks at none.

@@ -7,7 +7,6 @@ roller factor, so that the compiled solvers see nothing new. Losses of pressure 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from numba import njit
@@ -87,7 +86,7 @@ def torque(chosen: Chosen, state: State) -> np.ndarray:
     state : State
         Operating state; where the motor turns back, the laws see the size of its speed.
     """
-    return sum_of_torques(members(chosen), replace(state, omega=np.abs(state.omega)), state.omega < 0.0)
+    return sum_of_torques(members(chosen), state.changed(omega=np.abs(state.omega)), state.omega < 0.0)
 
 
 def sum_of_torques(those: Members, state: State, back: np.ndarray) -> np.ndarray:
@@ -192,12 +191,12 @@ def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_f
     those = members(chosen)
     if any(effect.torque is not None for effect, _ in those):
         speed, back = np.abs(state.omega), state.omega < 0.0
-        here = replace(state, omega=speed)
+        here = state.changed(omega=speed)
         torques = np.array(
             [
                 sum_of_torques(those, here, back),
-                sum_of_torques(those, replace(state, omega=speed + step_of(speed)), back),
-                sum_of_torques(those, replace(here, load=state.load + LOAD_STEP), back),
+                sum_of_torques(those, state.changed(omega=speed + step_of(speed)), back),
+                sum_of_torques(those, here.changed(load=state.load + LOAD_STEP), back),
             ]
         )
         _add_torques(changed, torques, speed, state.load, least_friction)

@@ -7,8 +7,6 @@ needs, and no better: what is compared with readings is solved in full.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from model import layout as at
@@ -90,7 +88,7 @@ class Neighbourhood:
         arrived, running, out, state = self._pass(self._x, parameters, pressures, chosen)
         change = np.einsum("nij,nj->ni", self._response, arrived - self._arrived)
         omega, mass_flow, load = (self._x + change).T
-        state = replace(state, omega=omega, mass_flow=mass_flow, load=load)
+        state = state.changed(omega=omega, mass_flow=mass_flow, load=load)
         volume = self._gas[:, at.GAS_R] * state.temperature / pressures
         speed, flow = omega.copy(), mass_flow * volume
         share = uneven.share_of_speed(laws.with_factors(parameters, chosen), chosen, speed)
@@ -130,7 +128,7 @@ class Neighbourhood:
         out, state = one_pass(
             parameters,
             chosen,
-            replace(given, omega=x[:, 0], mass_flow=x[:, 1], load=x[:, 2]),
+            given.changed(omega=x[:, 0], mass_flow=x[:, 1], load=x[:, 2]),
             lambda rows: base.solve_rows(rows, self._readings, pressures, self._gas, slopes=True, known=cycle),
         )
         return _vector(state), out[:, base.STATUS] == base.RUNNING, out, state

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -188,7 +188,7 @@ def _passes(
         i = np.flatnonzero(~settled)
         if not i.size:
             break
-        now = replace(_rows(state, i), mass_flow=given[i])
+        now = _rows(state, i).changed(mass_flow=given[i])
         theirs = laws.rows_of(chosen, i)
         out[i], new = one_pass(parameters[i], theirs, now, lambda rows: solver(rows, i))  # noqa: B023
         stalled = out[i, base.STATUS] == base.STALLED
@@ -234,28 +234,28 @@ def _balanced(state: State, parameters: np.ndarray, chosen: laws.Chosen) -> Stat
     f = parameters[:, at.F_OVERALL]
     share = np.linspace(1.0, 1.0 / TRIED_SPEEDS, TRIED_SPEEDS)
     over = np.array(
-        [(s - 1.0) * f * state.omega + laws.torque(chosen, replace(state, omega=s * state.omega)) for s in share]
+        [(s - 1.0) * f * state.omega + laws.torque(chosen, state.changed(omega=s * state.omega)) for s in share]
     )
     crossing = (over[:-1] > 0.0) & (over[1:] <= 0.0)
     best = share[np.where(crossing.any(axis=0), np.argmax(crossing, axis=0) + 1, 0)]
-    return replace(state, omega=best * state.omega, mass_flow=best * state.mass_flow)
+    return state.changed(omega=best * state.omega, mass_flow=best * state.mass_flow)
 
 
 def _rows(state: State, which: np.ndarray) -> State:
     """Some rows of a state, copied."""
-    return State(*(getattr(state, field.name)[which] for field in fields(State)))
+    return State(*(one[which] for one in vars(state).values()))
 
 
 def _put(state: State, where: np.ndarray, rows: State) -> None:
     """Put rows into a state, in place."""
-    for field in fields(State):
-        getattr(state, field.name)[where] = getattr(rows, field.name)
+    for one, theirs in zip(vars(state).values(), vars(rows).values(), strict=True):
+        one[where] = theirs
 
 
 def _arrived(out: np.ndarray, roller_factor: np.ndarray, chosen: laws.Chosen, state: State) -> State:
     """A state with the speed, the mass flow and the load that the base solver finds."""
     load = out[:, base.ROLLER] / np.where(roller_factor > 0.0, roller_factor, np.inf)
-    state = replace(state, omega=out[:, base.SPEED_OUT], mass_flow=out[:, base.MASS_FLOW], load=load)
+    state = state.changed(omega=out[:, base.SPEED_OUT], mass_flow=out[:, base.MASS_FLOW], load=load)
     if any(effect.leak for effect, _ in laws.members(chosen)):
-        return replace(state, mass_flow=state.mass_flow + laws.leak(chosen, state))
+        return state.changed(mass_flow=state.mass_flow + laws.leak(chosen, state))
     return state

@@ -7,8 +7,6 @@ tachometer reads 2 pi over the time of the turn, and the air per turn hardly cha
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numba import njit
 
@@ -34,7 +32,7 @@ def around(those: laws.Members) -> np.ndarray:
     if not those:
         return np.zeros(1)
     angle = np.linspace(0.0, 2.0 * np.pi, ANGLES + 1)
-    state = replace(unknown_state(angle), angle=angle)
+    state = unknown_state(angle).changed(angle=angle)
     return laws.sum_of_torques(those, state, np.zeros(angle.size, dtype=bool))
 
 

@@ -32,7 +32,7 @@ DRY_MU = np.polynomial.Polynomial.fit(_T_FIT, transport.sutherland_viscosity(_T_
 DRY_K = np.polynomial.Polynomial.fit(_T_FIT, transport.sutherland_conductivity(_T_FIT), 4).convert().coef
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def port_at(psi: float, lap: float) -> int:
     """Which port a cylinder sees at an angle: OUTLET, INLET or CLOSED.
 
@@ -51,7 +51,7 @@ def port_at(psi: float, lap: float) -> int:
     return CLOSED
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def phase_of(port: int, dV: float) -> int:
     """Row of Table 2: by the open port, or by the sign of the volume's change when closed.
 
@@ -69,7 +69,7 @@ def phase_of(port: int, dV: float) -> int:
     return COMPRESSION if dV < 0.0 else EXPANSION
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def closed_rate(P: float, V: float, dVdt: float, Q: float, gamma: float) -> float:
     """Rate of pressure with both ports shut [Pa/s], Eq. 17.
 
@@ -87,7 +87,7 @@ def closed_rate(P: float, V: float, dVdt: float, Q: float, gamma: float) -> floa
     return ((gamma - 1.0) * Q - gamma * P * dVdt) / V
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def open_flow(P: float, T: float, dVdt: float, Q: float, T_port: float, gas: np.ndarray) -> float:
     """Mass flow into a cylinder whose open port holds its pressure [kg/s], Eq. 15 and 16 with dP/dt = 0.
 
@@ -106,7 +106,7 @@ def open_flow(P: float, T: float, dVdt: float, Q: float, T_port: float, gas: np.
     return inward / T_port if inward > 0.0 else inward / T
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def open_port(P: float, T: float, V: float, P_p: float, T_p: float, gas: np.ndarray) -> tuple[float, float]:
     """The gas takes the pressure of a port at once: temperature after, and mass that entered.
 

@@ -40,7 +40,7 @@ def _collocation(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 GAUSS_POINT, GAUSS_WEIGHT, GAUSS_MATRIX = _collocation(N_GAUSS)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def place_nodes(
     parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.ndarray, node: np.ndarray
 ) -> tuple[float, float]:
@@ -83,7 +83,7 @@ def place_nodes(
     return V_low, V_high
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def heat_per_angle(
     phase: int,
     P: float,
@@ -131,7 +131,7 @@ def heat_per_angle(
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def pass_cycle(
     T: float,
     P_s: float,
@@ -207,7 +207,7 @@ def pass_cycle(
     return T, m - m_before, gas_work + gas_2
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _collect(rate: np.ndarray, span: float, stage: np.ndarray) -> float:
     """Integrate the rates at the points of a segment: renews ``stage``, returns the change over the segment."""
     total = 0.0
@@ -221,7 +221,7 @@ def _collect(rate: np.ndarray, span: float, stage: np.ndarray) -> float:
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _closed(
     P: float,
     V_end: float,
@@ -273,7 +273,7 @@ def _closed(
     return P + added / power, gas_work
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def friction_below_ambient(
     P_s: float, P_a: float, gamma: float, V_high: float, f_r: float, readings: np.ndarray, node: np.ndarray
 ) -> float:

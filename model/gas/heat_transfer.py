@@ -45,19 +45,19 @@ EXPANSION = 2
 SUCTION = 3
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def contact_area(V: float, D: float, A_p: float) -> float:
     """Area Ac through which the gas trades heat [m2]: the bore's wet wall and both ends."""
     return math.pi * D * V / A_p + 2.0 * A_p
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def gas_velocity(mdot: float, rho: float, A_c: float) -> float:
     """Effective gas velocity Ug [m/s], Eq. 20."""
     return abs(mdot) / (rho * A_c)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def reynolds(phase: int, rho: float, D: float, mu: float, V_p: float, U_g: float) -> float:
     """Reynolds number of a phase [-], Table 2 in its dimensionally consistent form (erratum 3)."""
     if V_p <= 0.0:
@@ -70,7 +70,7 @@ def reynolds(phase: int, rho: float, D: float, mu: float, V_p: float, U_g: float
     return rho * D * u / mu
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def nusselt(phase: int, Re: float, Pr: float) -> float:
     """Nusselt number a Re^b Pr^c [-], Eq. 19 with the constants of Table 2."""
     a = 0.12 if phase == EXPANSION else 0.08
@@ -78,7 +78,7 @@ def nusselt(phase: int, Re: float, Pr: float) -> float:
     return a * math.exp(b * math.log(Re) + 0.6 * math.log(Pr)) if Re > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def heat_rate(
     T_a: float, T_g: float, A_c: float, H_a: float, H_g: float, d_c: float, k_c: float, per_area: bool
 ) -> float:
@@ -89,7 +89,7 @@ def heat_rate(
     return (T_a - T_g) / (1.0 / (A_c * H_a) + wall + 1.0 / (A_c * H_g))
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def quartic(coefficients: np.ndarray, first: int, T: float) -> float:
     """A quartic in temperature, lowest order first, from five entries of an array.
 
@@ -107,7 +107,7 @@ def quartic(coefficients: np.ndarray, first: int, T: float) -> float:
 
 
 # Numba takes arrays one by one: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def cylinder_heat(
     phase: int,
     P: float,

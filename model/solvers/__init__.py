@@ -4,11 +4,13 @@ published   the article's own algorithm, explicit steps in time
 transient   in time, resolved in the crank angle (`crank_angle`, `port_edges`)
 steady      the periodic state directly (compiled in steady_points); pulse: the ripple within it
 averaged    in time, by the mean torque over a turn
+monotone    tables that keep their shape between their points
 recent      results that are asked for again
 
 Kernels take their arrays one by one, however many: numba counts the references to what a tuple holds at every call,
 which costs a short kernel a fifth of its time (`effects.averaged._rate`). Some are long, where parts that share a
-dozen running values would have to hand them to and fro.
+dozen running values would have to hand them to and fro. They divide as numpy does: without a look at every divisor they
+take a sixth less time, and what comes out of a division by 0 is told by its state, as what does not converge is.
 
 Parameters
 ----------

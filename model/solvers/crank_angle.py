@@ -28,7 +28,7 @@ N_STATE = W_ROLLER + 1
 N_EDGES = 8
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Rotor angles within 1/28 turn where some cylinder passes a port edge, an arc junction or a dead centre [rad]."""
     lap, half = parameters[at.LAP], 0.25 * math.pi
@@ -42,7 +42,7 @@ def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def rates(
     y: np.ndarray,
     dy: np.ndarray,
@@ -112,7 +112,7 @@ def rates(
 
 
 # Numba takes arrays one by one: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def runge_kutta(
     y: np.ndarray,
     h: float,
@@ -143,7 +143,7 @@ def runge_kutta(
 
 
 # Numba takes arrays one by one: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def angle_step(
     y: np.ndarray,
     target: float,

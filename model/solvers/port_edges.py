@@ -27,7 +27,7 @@ ON_THE_WAY, AT_EDGE, STOPPED = 0, 1, 2
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def locate(
     y: np.ndarray,
     h: float,
@@ -90,7 +90,7 @@ def locate(
     return h, event
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def take_port(y: np.ndarray, i: int, which: int, P_p: float, T_p: float, c: np.ndarray, gas: np.ndarray) -> None:
     """Cylinder ``i`` takes the pressure of a port at once; the exchange is booked.
 
@@ -119,7 +119,7 @@ def take_port(y: np.ndarray, i: int, which: int, P_p: float, T_p: float, c: np.n
         y[H_OUT] -= dU
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def set_ports(
     y: np.ndarray,
     port: np.ndarray,

@@ -28,7 +28,7 @@ N_TABLE = 11
 
 
 # In one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.ndarray, table: np.ndarray) -> float:
     """Integrals of the adiabatic torque of all cylinders over the steps of one pulse; returns its first edge [rad].
 
@@ -89,7 +89,7 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
     return first
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def torque_steps(
     P_s: float, P_d: float, P_a: float, d_gamma: float, f_r: float, table: np.ndarray, step_work: np.ndarray
 ) -> tuple[float, float]:
@@ -121,7 +121,7 @@ def torque_steps(
     return net / at.PULSE, gas / at.PULSE
 
 
-@njit(cache=True, nogil=True)
+@njit(error_model="numpy", cache=True, nogil=True)
 def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float) -> float:
     """What the mean torque less roller friction gains per pressure [N m/Pa].
 
@@ -169,7 +169,7 @@ def swing(P_s: float, P_d: float, P_a: float, f_r: float, table: np.ndarray, out
 
 
 # In one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def ripple(
     w: float, step_work: np.ndarray, table: np.ndarray, f: float, J: float, stride: int, speed: np.ndarray
 ) -> tuple[float, float, float]:
@@ -240,7 +240,7 @@ def ripple(
     return -1.0, 0.0, 0.0
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def rippled_mean(
     w: float, step_work: np.ndarray, table: np.ndarray, f: float, J: float, speed: np.ndarray, coarse_speed: np.ndarray
 ) -> tuple[float, float, float]:
@@ -262,7 +262,7 @@ def rippled_mean(
     return w, fine if w_coarse < 0.0 else fine + (fine - coarse) / 3.0, peak_to_peak
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def speeds_at(
     phase: np.ndarray, step: np.ndarray, table: np.ndarray, first: float, speed: np.ndarray, omega: np.ndarray
 ) -> None:
@@ -296,7 +296,7 @@ def speeds_at(
         omega[n] = math.sqrt((1.0 - s) * speed[j] ** 2 + s * speed[j + 1] ** 2)
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def steps_of(phase: np.ndarray, table: np.ndarray, first: float, step: np.ndarray) -> None:
     """The step of the table in which each angle lies.
 

@@ -25,7 +25,7 @@ KNOWN_T, KNOWN_SHARE, KNOWN_STAGE = range(3)  # temperature after blow-down [K],
 N_KNOWN = KNOWN_STAGE + heat_cycle.N_NODES  # and what heat adds at the points of the cycle
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _table_gamma(gas: np.ndarray) -> float:
     """The ratio of specific heats that tables are made for, the same for all pressures of a bench [-].
 
@@ -63,7 +63,7 @@ class _Tables(NamedTuple):
     V_high: float
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float) -> _Tables:
     """Tables of a parameter set."""
     c = np.empty(at.N_CURVE)
@@ -78,7 +78,7 @@ def _tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float) -> _Ta
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _solve_point(
     P_in: float,
     parameters: np.ndarray,
@@ -167,7 +167,7 @@ def _solve_point(
 
 
 # Numba takes arrays one by one: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _add_slopes(
     P: float,
     parameters: np.ndarray,
@@ -197,7 +197,7 @@ def _add_slopes(
 
 
 # Numba takes arrays one by one: `model.solvers`.
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _solve_span(
     parameters: np.ndarray,
     readings: np.ndarray,
@@ -238,13 +238,13 @@ def _solve_span(
             _add_slopes(P, mine, readings, gas[p], tables, tolerance, scratch, about, beside, out[p])
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two parameter sets share their tables."""
     return bool(np.all(one[: at.LAP + 1] == other[: at.LAP + 1]))
 
 
-@njit(cache=True, parallel=True)
+@njit(error_model="numpy", cache=True, parallel=True)
 def solve_batch(
     parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, gas: np.ndarray, slopes: bool, out: np.ndarray
 ) -> None:
@@ -269,7 +269,7 @@ def solve_batch(
         )
 
 
-@njit(cache=True, parallel=True)
+@njit(error_model="numpy", cache=True, parallel=True)
 def solve_each_row(
     parameters: np.ndarray,
     readings: np.ndarray,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -37,8 +38,7 @@ MAX_STEP = 1e-3  # s, divided by the refinement
 DONE, TOO_MANY_STEPS, NOT_FINITE = 0, 1, 2
 
 
-@dataclass(frozen=True)
-class Supply:
+class Supply(NamedTuple):
     """One span of the line: from ``start_s`` on, ``pressure_pa`` (absolute) with the valve open or vented."""
 
     start_s: float
@@ -80,7 +80,7 @@ class Transient:
         return mean
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _interval(theta: float, edge: np.ndarray) -> tuple[int, int]:
     """The pulse an angle lies in, and k: it is in [edge k, edge k + 1) of it; edge 8 is edge 0 of the next."""
     block = math.floor(theta / at.PULSE)
@@ -92,7 +92,7 @@ def _interval(theta: float, edge: np.ndarray) -> tuple[int, int]:
     return block, k
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _target(theta: float, lo: float, hi: float, sense: float, refine: int) -> float:
     """Where the next step is to end: the next of ``refine`` equal parts between two edges [rad]."""
     width = (hi - lo) / refine
@@ -103,7 +103,7 @@ def _target(theta: float, lo: float, hi: float, sense: float, refine: int) -> fl
     return lo if target < lo + 0.5 * width else target
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _time_to(distance: float, w: float, a: float, sense: float, most: float) -> float:
     """Time to an angle ahead from a speed at an acceleration [s], if it gets there, and no more than ``most``."""
     root = w * w + 2.0 * a * distance
@@ -114,7 +114,7 @@ def _time_to(distance: float, w: float, a: float, sense: float, most: float) -> 
     return most
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def _fill_sample(row: np.ndarray, s: float, h: float, y: np.ndarray, new: np.ndarray, c: np.ndarray, R: float) -> None:
     """Fill a sample at a share s of a step h: the angle of a cubic, the rest in a straight line."""
     s2, s3 = s * s, s * s * s
@@ -133,7 +133,7 @@ def _fill_sample(row: np.ndarray, s: float, h: float, y: np.ndarray, new: np.nda
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
-@njit(cache=True, nogil=True)
+@njit(error_model="numpy", cache=True, nogil=True)
 def integrate(
     y: np.ndarray,
     t_start: float,

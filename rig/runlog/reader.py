@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from rig.readings import Exchange, Reading
@@ -35,6 +34,9 @@ from rig.runlog.lines import torn_bytes, whole_lines
 from rig.runlog.plateaus import PlateauRow
 from rig.runlog.samples import read_samples, reading_of
 from rig.runlog.schema import EndRecord, EventLine, StartRecord, WireLine, parse
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAX_EVENTS = 1_000_000
 BEING_WRITTEN, KILLED = "being written", "killed"  # states of a run without an end record; else its outcome

@@ -7,15 +7,18 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from rig.readings import NS, Quality, Reading
 from rig.recording.mistakes import shown
 from rig.runlog import rows
 from rig.runlog.folder import RunError
 from rig.runlog.lines import whole_lines
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAX_SAMPLES = 20_000_000
 BLOCK_ROWS = 50_000
@@ -43,6 +46,8 @@ def read_samples(path: Path) -> pd.DataFrame:
     """
     blocks: list[pd.DataFrame] = []
     cells: list[list[str]] = []
+    import pandas as pd  # a fifth of a second, which commands that read no samples are spared
+
     for number, data in whole_lines(path):
         if number == 1:
             if data + b"\n" != rows.HEADER:
@@ -73,6 +78,8 @@ def _cells(data: bytes, place: str) -> list[str]:
 
 def _block(cells: list[list[str]], path: Path, first: int) -> pd.DataFrame:
     """Some rows as a table; `first` is the line of the first."""
+    import pandas as pd
+
     columns = dict(zip(rows.COLUMNS, zip(*cells, strict=True) if cells else [()] * len(rows.COLUMNS), strict=True))
     block: dict[str, object] = {}
     for name, texts in columns.items():

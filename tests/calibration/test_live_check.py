@@ -273,13 +273,11 @@ def warnings(folder: Path):
     return [event for event in read_run(folder).events if event.event == "warning"]
 
 
-def test_a_run_with_checks_verifies_and_replays_bit_for_bit(on_a_mountain):
+def test_a_run_with_checks_verifies_and_replays_bit_for_bit(on_a_mountain, spinbench_here):
     _, folder = on_a_mountain
     assert checks(folder)
     assert verify(folder) == []
-    replay = subprocess.run(
-        [*PROGRAM, "replay", "last", "--logs", str(folder.parent)], capture_output=True, text=True, check=False
-    )
+    replay = spinbench_here("replay", "last", "--logs", folder.parent, cwd=folder)
     assert replay.returncode == 0, replay.stderr
     assert "the same, bit for bit" in replay.stdout
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -98,7 +96,7 @@ def test_without_a_date_recordings_stand_in_the_order_given(tmp_path: Path) -> N
 
 
 def test_a_motor_that_wears_is_told_along_the_dates_of_its_recordings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spinbench_here
 ) -> None:
     for seed, (date, factor) in enumerate((("2026-05-01", 1.2), ("2026-01-01", 1.0), ("2026-03-01", 1.1)), start=3):
 
@@ -108,11 +106,11 @@ def test_a_motor_that_wears_is_told_along_the_dates_of_its_recordings(
 
         monkeypatch.setattr(recordings, "read_motor", worn)
         recordings.sweep(tmp_path / "runs" / date, seed, {})
+        recordings.every_second_row(tmp_path / "runs" / date)
         with (tmp_path / "runs" / date / "recording.toml").open("a", encoding="utf-8") as file:
             file.write(f'[origin]\ndate = "{date}"\n')
-    command = [sys.executable, "-m", "spinbench", "many", "diagnose", tmp_path / "runs", "-o", tmp_path / "out"]
-    more = ["--workers", "2"]
-    done = subprocess.run([*map(str, command), *more], cwd=ROOT, capture_output=True, text=True, check=False)
+    monkeypatch.undo()  # what diagnoses them knows nothing of it
+    done = spinbench_here("many", "diagnose", "runs", "-o", "out", "--workers", 2, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader((tmp_path / "out" / "trend.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["date"] for row in rows] == ["2026-01-01", "2026-03-01", "2026-05-01"]

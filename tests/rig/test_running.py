@@ -116,30 +116,32 @@ def test_a_sweep_finishes_and_is_sealed_with_the_line_vented(finished):
     assert [event.details["which"] for event in found.events if event.event == "zero"] == ["start", "end"]
 
 
-def test_a_finished_run_verifies_until_a_figure_is_changed(finished):
+def test_a_finished_run_verifies_until_a_figure_is_changed(finished, spinbench_anywhere):
     _, folder = finished
     assert verify(folder) == []
     samples = (folder / "samples.csv").read_bytes()
     try:
         (folder / "samples.csv").write_bytes(samples.replace(b",simulated,", b",ok,", 1))
-        result = run("runs", "verify", "last", "--logs", folder.parent)
+        result = spinbench_anywhere("runs", "verify", "last", "--logs", folder.parent, cwd=FOLDER)
     finally:
         (folder / "samples.csv").write_bytes(samples)
     assert result.returncode == 4
     assert "samples.csv: changed since the run was sealed" in result.stdout
 
 
-def test_a_finished_run_replays_bit_for_bit(finished):
+def test_a_finished_run_replays_bit_for_bit(finished, spinbench_anywhere):
     _, folder = finished
-    result = run("replay", "last", "--logs", folder.parent)
+    result = spinbench_anywhere("replay", "last", "--logs", folder.parent, cwd=FOLDER)
     assert result.returncode == 0, result.stderr
     rows = (folder / "samples.csv").read_bytes().count(b"\n") - 1
     assert f"{rows} samples of {rows}: the same, bit for bit" in result.stdout
 
 
-def test_a_finished_run_exports_to_a_recording_that_can_be_read(finished, tmp_path):
+def test_a_finished_run_exports_to_a_recording_that_can_be_read(finished, tmp_path, spinbench_anywhere):
     _, folder = finished
-    result = run("runs", "export", "last", "--logs", folder.parent, "-o", tmp_path / "recording")
+    result = spinbench_anywhere(
+        "runs", "export", "last", "--logs", folder.parent, "-o", tmp_path / "recording", cwd=FOLDER
+    )
     assert result.returncode == 0, result.stderr
     read = read_recording(tmp_path / "recording")
     steady = next(file for file in read.files if file.kind == "steady")
@@ -156,9 +158,9 @@ def test_a_finished_run_exports_to_a_recording_that_can_be_read(finished, tmp_pa
     }
 
 
-def test_a_run_is_shown_with_its_motors_number_and_its_note(finished):
+def test_a_run_is_shown_with_its_motors_number_and_its_note(finished, spinbench_anywhere):
     _, folder = finished
-    shown = run("runs", "show", folder).stdout
+    shown = spinbench_anywhere("runs", "show", folder, cwd=FOLDER).stdout
     assert "motor      ptm3600 no. A-17, lubrication none" in shown
     assert 'note       <b>"new seals"</b>\\n=1+1' in shown
 
@@ -332,10 +334,10 @@ def test_a_place_where_no_run_can_be_made_is_told_in_one_line(served, tmp_path):
     assert "the run's folder cannot be made" in line
 
 
-def test_every_mistake_of_a_bench_file_is_told_at_once_before_anything_is_opened(bench, tmp_path):
+def test_every_mistake_of_a_bench_file_is_told_at_once_before_anything_is_opened(bench, tmp_path, spinbench_anywhere):
     wrong = tmp_path / "wrong.toml"
     wrong.write_text(bench.read_text().replace("dwell_s = 2.0", "dwel_s = 2.0").replace('order = "up"', "order = 3"))
-    result = run("sweep", wrong, "--logs", tmp_path / "logs", *DAY)
+    result = spinbench_anywhere("sweep", wrong, "--logs", tmp_path / "logs", *DAY, cwd=FOLDER)
     assert result.returncode == 2
     lines = told(result)
     assert len(lines) == 2
@@ -484,10 +486,10 @@ def test_ctrl_c_at_the_last_question_of_a_bench_with_a_regulator_seals_the_run(b
 
 
 @pytest.fixture(scope="module")
-def sheet(by_hand, tmp_path_factory):
+def sheet(by_hand, tmp_path_factory, spinbench_anywhere):
     """The text of a printed sheet."""
     path = tmp_path_factory.mktemp("sheet") / "sheet.csv"
-    assert run("sheet", by_hand, "-o", path).returncode == 0
+    assert spinbench_anywhere("sheet", by_hand, "-o", path, cwd=FOLDER).returncode == 0
     return path.read_text()
 
 
@@ -501,7 +503,7 @@ def filled(sheet, path, entries):
     return path
 
 
-def test_a_filled_in_sheet_becomes_a_sealed_run(by_hand, sheet, tmp_path):
+def test_a_filled_in_sheet_becomes_a_sealed_run(by_hand, sheet, tmp_path, spinbench_anywhere):
     path = filled(
         sheet,
         tmp_path / "sheet.csv",
@@ -513,7 +515,9 @@ def test_a_filled_in_sheet_becomes_a_sealed_run(by_hand, sheet, tmp_path):
         ],
     )
     who = ["--motor-serial", "A-17", "--date", "2026-05-28"]
-    result = run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY, *who)
+    result = spinbench_anywhere(
+        "sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY, *who, cwd=FOLDER
+    )
     assert result.returncode == 0, result.stderr
     folder = only_run(tmp_path / "logs")
     origin = recording_of(read_run(folder)).recording.origin
@@ -525,7 +529,9 @@ def test_a_filled_in_sheet_becomes_a_sealed_run(by_hand, sheet, tmp_path):
     assert ",'=note" in (folder / "plateaus.csv").read_text()
 
 
-def test_every_mistake_on_a_sheet_is_told_with_its_row_and_there_is_no_run(by_hand, sheet, tmp_path):
+def test_every_mistake_on_a_sheet_is_told_with_its_row_and_there_is_no_run(
+    by_hand, sheet, tmp_path, spinbench_anywhere
+):
     path = filled(
         sheet,
         tmp_path / "sheet.csv",
@@ -536,61 +542,69 @@ def test_every_mistake_on_a_sheet_is_told_with_its_row_and_there_is_no_run(by_ha
             ("14:12", "1.01", "<10", "0"),
         ],
     )
-    result = run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY)
+    result = spinbench_anywhere("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY, cwd=FOLDER)
     assert result.returncode == 2
     assert [line.removeprefix(f"spinbench: {path}: ")[:6] for line in told(result)] == ["row 1:", "row 3:"]
     assert not (tmp_path / "logs").exists()
 
 
-def test_a_quotation_mark_that_is_not_closed_swallows_no_rows_of_a_sheet(by_hand, sheet, tmp_path):
+def test_a_quotation_mark_that_is_not_closed_swallows_no_rows_of_a_sheet(by_hand, sheet, tmp_path, spinbench_anywhere):
     readings = [("14:00", "1.01", "<10", "0"), ("14:05", "1.24", "14", "78"), ("14:08", "1.34", "22", "120")]
     path = filled(sheet, tmp_path / "sheet.csv", [*readings, ("14:12", "1.01", "<10", "0")])
     row = path.read_text().splitlines()[2]
     path.write_text(path.read_text().replace(row, row[: row.rindex(",")] + ',"loose belt'))
-    result = run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY)
+    result = spinbench_anywhere("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY, cwd=FOLDER)
     assert result.returncode == 2
     assert all(str(path) in line and "quotation mark" in line for line in told(result))
     assert not (tmp_path / "logs").exists()
 
 
-def test_a_sheet_is_not_held_against_a_model_that_its_few_readings_cannot_drive(by_hand, sheet, tmp_path):
+def test_a_sheet_is_not_held_against_a_model_that_its_few_readings_cannot_drive(
+    by_hand, sheet, tmp_path, spinbench_anywhere
+):
     blank = [("", ""), ("", "")]
     path = filled(sheet, tmp_path / "sheet.csv", [("14:00", "1.01", "<10", "0"), *blank, ("", "")])
-    assert run("sheet", by_hand, "--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY).returncode == 0
-    result = run("replay", "last", "--with-model", "--logs", tmp_path / "logs")
+    words = ("--enter", path, "--logs", tmp_path / "logs", *ROOM, *DAY)
+    assert spinbench_anywhere("sheet", by_hand, *words, cwd=FOLDER).returncode == 0
+    result = spinbench_anywhere("replay", "last", "--with-model", "--logs", tmp_path / "logs", cwd=FOLDER)
     assert result.returncode == 2
     assert "the pressure was read 1 times" in result.stderr
     assert "Traceback" not in result.stderr
 
 
-def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_path):
+def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_path, spinbench_anywhere):
     taken = run("capture", bench, "--kind", "zero", "--logs", tmp_path / "logs", *DAY)
     assert taken.returncode == 0, taken.stderr
-    result = run("replay", "last", "--with-model", "--logs", tmp_path / "logs", "-o", tmp_path / "out")
+    words = ("--with-model", "--logs", tmp_path / "logs", "-o", tmp_path / "out")
+    result = spinbench_anywhere("replay", "last", *words, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "speed" in result.stdout and "flow" not in result.stdout
     assert (tmp_path / "out" / "replay.png").is_file()
 
 
-def test_plateaus_at_one_level_and_a_flywheel_of_the_command_line_are_in_the_recording(bench, tmp_path):
+def test_plateaus_at_one_level_and_a_flywheel_of_the_command_line_are_in_the_recording(
+    bench, tmp_path, spinbench_anywhere
+):
     """The flywheel turns on the virtual shaft too: a run in time with it takes longer."""
     logs = ("--logs", tmp_path / "logs", *DAY)
     taken = run("capture", bench, "--kind", "plateaus", "--level-bar-abs", "1.25", "--plateaus", "3", *logs)
     assert taken.returncode == 0, taken.stderr
-    assert run("runs", "export", "last", *logs[:2], "-o", tmp_path / "plateaus").returncode == 0
+    exported = spinbench_anywhere("runs", "export", "last", *logs[:2], "-o", tmp_path / "plateaus", cwd=tmp_path)
+    assert exported.returncode == 0, exported.stderr
     rows = list(csv.DictReader((tmp_path / "plateaus" / "sweep.csv").read_text().splitlines()))
     assert [float(row["pressure_bar_abs"]) for row in rows][-3:] == pytest.approx([1.25] * 3, abs=0.01)
     assert all(float(row["speed_rpm"]) > 10.0 for row in rows)
     asked = ("capture", bench, "--kind", "coast-down", "--level-bar-abs", "1.5", "--added-inertia-kg-m2")
     assert run(*asked, "0.05", *logs).returncode == 0
-    assert run("runs", "export", "last", *logs[:2], "-o", tmp_path / "heavy").returncode == 0
+    exported = spinbench_anywhere("runs", "export", "last", *logs[:2], "-o", tmp_path / "heavy", cwd=tmp_path)
+    assert exported.returncode == 0, exported.stderr
     assert "added_inertia_kg_m2 = 0.05\n" in (tmp_path / "heavy" / "recording.toml").read_text()
     coasted = list(csv.DictReader((tmp_path / "heavy" / "coast_down.csv").read_text().splitlines()))
     turning = [
         float(row["time_s"]) for row in coasted if row["supply_open"] == "0" and float(row["speed_rpm"] or 0) > 9
     ]
     assert max(turning) - min(turning) > 0.8  # 0.15 s without it
-    refused = run(*asked, "-1", "--logs", tmp_path / "none", *DAY)
+    refused = spinbench_anywhere(*asked, "-1", "--logs", tmp_path / "none", *DAY, cwd=tmp_path)
     assert refused.returncode == 2
     assert "added_inertia_kg_m2" in refused.stderr and "Traceback" not in refused.stderr
     assert not (tmp_path / "none").exists()
@@ -618,11 +632,11 @@ def test_a_log_that_cannot_be_written_ends_with_what_is_known_of_the_line(bench,
     assert end.reason.count("File too large") == 1
 
 
-def test_all_mistakes_that_a_bench_file_makes_with_its_instruments_are_told(bench, tmp_path):
+def test_all_mistakes_that_a_bench_file_makes_with_its_instruments_are_told(bench, tmp_path, spinbench_anywhere):
     path = tmp_path / "two.toml"
     text = re.sub(r"(?m)^unit_id = .*$", "", bench.read_text(), count=1)
     path.write_text(re.sub(r"(?m)^channel = .*$", "", text, count=1))
-    result = run("doctor", path)
+    result = spinbench_anywhere("doctor", path, cwd=FOLDER)
     assert result.returncode == 2
     lines = told(result)
     assert len(lines) == 2

@@ -73,15 +73,16 @@ def taken(bench):
     return swept, captured
 
 
-def test_a_capture_keeps_the_run_that_it_was_taken_after(taken):
+def test_a_capture_keeps_the_run_that_it_was_taken_after(taken, spinbench_here):
     swept, captured = taken
     assert (read_run(captured).start.parent, read_run(captured).start.motor_serial) == (swept.name, "A-17")
-    assert f"parent     {swept.name}" in run("runs", "show", "last", cwd=swept.parents[1]).stdout
+    assert f"parent     {swept.name}" in spinbench_here("runs", "show", "last", cwd=swept.parents[1]).stdout
 
 
-def test_a_sweep_and_its_capture_are_diagnosed_together_by_naming_the_last(taken):
+def test_a_sweep_and_its_capture_are_diagnosed_together_by_naming_the_last(taken, spinbench_here):
     swept, captured = taken
-    result = run("diagnose", "last", "--with-parents", "--json", "-", cwd=swept.parents[1])
+    words = ["--with-parents", "--workers", 1, "--json", "-"]
+    result = spinbench_here("diagnose", "last", *words, cwd=swept.parents[1])
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     files = {one["file"] for one in found["files"]}
@@ -89,10 +90,10 @@ def test_a_sweep_and_its_capture_are_diagnosed_together_by_naming_the_last(taken
     assert found["verdict"] == "consistent"
 
 
-def test_a_sweep_and_its_capture_are_fitted_together_by_naming_the_last(taken):
+def test_a_sweep_and_its_capture_are_fitted_together_by_naming_the_last(taken, spinbench_here):
     swept, captured = taken
     words = ["--with-parents", "--steady-only", "--effective-samples", 200, "--json", "-"]
-    result = run("fit", "last", *words, cwd=swept.parents[1])
+    result = spinbench_here("fit", "last", *words, cwd=swept.parents[1])
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert f"{swept.name}/sweep.csv" in {one["file"] for one in found["files"]}
@@ -102,7 +103,7 @@ def test_a_sweep_and_its_capture_are_fitted_together_by_naming_the_last(taken):
     assert not any(name.endswith(f"{swept.name}: pressure_offset") for name in found["parameters"])
 
 
-def test_two_exported_sweeps_of_a_bench_share_the_errors_of_what_has_a_number(bench, taken, tmp_path):
+def test_two_exported_sweeps_of_a_bench_share_the_errors_of_what_has_a_number(bench, taken, tmp_path, spinbench_here):
     """From the bench file through the run log and recording.toml to the unknowns of both."""
     once = bench.parent / "once.toml"
     gauge = (FOLDER.parent / "instruments" / "keller_30x_abs.toml").read_text()
@@ -113,7 +114,8 @@ def test_two_exported_sweeps_of_a_bench_share_the_errors_of_what_has_a_number(be
     again = run("sweep", once, "--logs", tmp_path / "logs", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     for number, (name, logs) in enumerate(((taken[0], taken[0].parent), ("last", tmp_path / "logs"))):
-        exported = run("runs", "export", name, "--logs", logs, "-o", tmp_path / f"day{number}", cwd=tmp_path)
+        words = ["runs", "export", name, "--logs", logs, "-o", tmp_path / f"day{number}"]
+        exported = spinbench_here(*words, cwd=tmp_path)
         assert exported.returncode == 0, exported.stderr
         assert f'serial = "{GAUGE}"' in (tmp_path / f"day{number}" / "recording.toml").read_text()
     days = [read_recording(tmp_path / f"day{number}") for number in (0, 1)]
@@ -150,8 +152,10 @@ def test_parents_of_parents_come_first_and_none_comes_twice(line, tmp_path):
     assert together(line[1], line[2], cwd=tmp_path) == line
 
 
-def test_an_exported_recording_finds_the_run_that_it_goes_on_from(line, tmp_path):
-    result = run("runs", "export", line[1], "--logs", tmp_path, "-o", tmp_path / "elsewhere" / "monday", cwd=tmp_path)
+def test_an_exported_recording_finds_the_run_that_it_goes_on_from(line, tmp_path, spinbench_here):
+    result = spinbench_here(
+        "runs", "export", line[1], "--logs", tmp_path, "-o", tmp_path / "elsewhere" / "monday", cwd=tmp_path
+    )
     assert result.returncode == 0, result.stderr
     found = readings.all_named([tmp_path / "elsewhere" / "monday"], tmp_path, parents=True)
     assert [one.folder.name for one in found] == [line[0], "monday"]
@@ -172,10 +176,10 @@ def renamed_parent(folder, parent):
 
 
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_a_parent_that_is_missing_is_told_in_a_line(line, tmp_path, command):
+def test_a_parent_that_is_missing_is_told_in_a_line(line, tmp_path, spinbench_here, command):
     renamed_parent(tmp_path / line[0], "../gone")
     out = tmp_path / "out"
-    result = run(command, line[2], "--with-parents", "--logs", tmp_path, "-o", out, cwd=tmp_path)
+    result = spinbench_here(command, line[2], "--with-parents", "--logs", tmp_path, "-o", out, cwd=tmp_path)
     said = refused(result)
     assert f"{line[0]}: goes on from '../gone', which is neither in" in said and "without --with-parents" in said
     assert result.stderr.count("goes on from") == 1
@@ -183,9 +187,9 @@ def test_a_parent_that_is_missing_is_told_in_a_line(line, tmp_path, command):
 
 
 @pytest.mark.parametrize("last", [0, 2])
-def test_parents_that_go_in_a_circle_are_told_in_a_line(line, tmp_path, last):
+def test_parents_that_go_in_a_circle_are_told_in_a_line(line, tmp_path, spinbench_here, last):
     renamed_parent(tmp_path / line[0], line[last])
-    said = refused(run("fit", line[2], "--with-parents", "--logs", tmp_path, cwd=tmp_path))
+    said = refused(spinbench_here("fit", line[2], "--with-parents", "--logs", tmp_path, cwd=tmp_path))
     assert "its parents go in a circle" in said and line[0] in said
 
 
@@ -196,10 +200,10 @@ def test_parents_that_go_in_a_circle_are_told_in_a_line(line, tmp_path, last):
         (["--logs", "elsewhere"], "it is not in elsewhere, where this run is kept"),
     ],
 )
-def test_a_capture_after_a_run_of_another_motor_or_place_is_not_begun(bench, taken, options, words):
+def test_a_capture_after_a_run_of_another_motor_or_place_is_not_begun(bench, taken, spinbench_here, options, words):
     folder = bench.parent / ("elsewhere" if "elsewhere" in options else "logs")
     before = sorted(folder.glob("*"))
-    result = run("capture", bench, "--kind", "zero", "--after", taken[0], *options, cwd=bench.parent)
+    result = spinbench_here("capture", bench, "--kind", "zero", "--after", taken[0], *options, cwd=bench.parent)
     assert result.returncode == 2
     assert words in " ".join(result.stderr.replace("│", " ").split())
     assert sorted(folder.glob("*")) == before

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,19 @@ def spinbench(*arguments: str, folder: Path) -> None:
     assert found.returncode == 0, found.stderr[-2000:]
 
 
+@pytest.fixture
+def done_here(spinbench_here) -> Callable[..., None]:
+    """The same for what needs no bench, in this process."""
+
+    def run(*arguments: str, folder: Path) -> None:
+        found = spinbench_here(*arguments, cwd=folder)
+        assert found.returncode == 0, found.stderr[-2000:]
+
+    return run
+
+
 @pytest.mark.slow
-def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_path: Path) -> None:
+def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_path: Path, done_here) -> None:
     """Its line fills over a second, its gauge is read ten times in one, its tachometer counts 60 teeth."""
     text = (ROOT / "configs" / "benches" / "virtual.toml").read_text(encoding="utf-8")
     for before, after in (
@@ -36,9 +48,9 @@ def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_pat
         text = text.replace(before, after)
     (tmp_path / "bench.toml").write_text(text, encoding="utf-8")
     spinbench("sweep", "bench.toml", "--minutes-running", "0", "--operator", "test", folder=tmp_path)
-    spinbench("runs", "verify", "last", folder=tmp_path)
-    spinbench("runs", "export", "last", "-o", "recording", folder=tmp_path)
-    spinbench("diagnose", "recording", "--json", "verdict.json", "--seed", "1", folder=tmp_path)
+    done_here("runs", "verify", "last", folder=tmp_path)
+    done_here("runs", "export", "last", "-o", "recording", folder=tmp_path)
+    done_here("diagnose", "recording", "--workers", "1", "--json", "verdict.json", "--seed", "1", folder=tmp_path)
     said = json.loads((tmp_path / "verdict.json").read_text(encoding="utf-8"))
     assert {Path(one["file"]).stem for one in said["files"]} >= {"sweep", "coast_down", "spin_up"}
     assert said["mismatch"]["p_value"] > 1e-4
@@ -59,12 +71,12 @@ def test_a_line_that_holds_air_behind_a_gauge_with_one_value_a_second_is_explain
 
 
 @pytest.mark.slow
-def test_a_flywheel_that_the_bench_file_states_is_on_the_shaft_and_in_the_recording(tmp_path: Path) -> None:
+def test_a_flywheel_that_the_bench_file_states_is_on_the_shaft_and_in_the_recording(tmp_path: Path, done_here) -> None:
     text = (ROOT / "configs" / "benches" / "virtual.toml").read_text(encoding="utf-8")
     for name, more in (("bare", ""), ("heavy", "added_inertia_kg_m2 = 0.015\n")):
         (tmp_path / f"{name}.toml").write_text(text.replace("[ambient]", f"{more}[ambient]", 1), encoding="utf-8")
         spinbench("capture", f"{name}.toml", "--kind", "coast-down", "--rate", "10", folder=tmp_path)
-        spinbench("runs", "export", "last", "-o", name, folder=tmp_path)
+        done_here("runs", "export", "last", "-o", name, folder=tmp_path)
     bare, heavy = (read_recording(tmp_path / name) for name in ("bare", "heavy"))
     assert (bare.added_inertia_kg_m2, heavy.added_inertia_kg_m2) == (0.0, 0.015)
     # Four times the inertia: so much longer from three quarters of the speed to a quarter.

@@ -124,6 +124,7 @@ class Noise:
         between = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
         self.apart = np.where(files[:, None] == files[None, :], between, -1)
         self.steps = np.arange(int(self.apart.max(initial=0)) + 1)
+        self._last_alike: tuple[float, np.ndarray] | None = None
         enough = (int(np.sum(self.apart == 1)) // 2 >= FEWEST, step.size >= FEWEST)
         self.free = np.array([True, True, True, *enough])
         scales = [run.noise_scale[run.used] for run in problem.blocks.runs]
@@ -162,6 +163,7 @@ class Noise:
         """
         apart = (rows[:, None] | rows) & ~np.eye(self.n, dtype=bool)
         self.apart = np.where(apart, -1, self.apart)
+        self._last_alike = None
 
     def whitener(self, u: np.ndarray, slopes: Slopes, angle: np.ndarray) -> Whitener:
         """The map to standard normal numbers.
@@ -261,8 +263,12 @@ class Noise:
         return self.declared[2] * math.exp(max(u[2], 0.0)) * self.sample_scale
 
     def _alike(self, u: np.ndarray) -> np.ndarray:
-        """Correlation of the plateaus' noise, shape (n, n)."""
-        return self._by_steps(np.power(math.tanh(u[ROWS]), self.steps))
+        """Correlation of the plateaus' noise, shape (n, n); the last one is kept, as most steps are of scales."""
+        kept = self._last_alike
+        if kept is None or kept[0] != u[ROWS]:
+            kept = float(u[ROWS]), self._by_steps(np.power(math.tanh(u[ROWS]), self.steps))
+            self._last_alike = kept
+        return kept[1]
 
     def _by_steps(self, values: np.ndarray) -> np.ndarray:
         """What hangs on the rows in between alone, for each pair of plateaus, shape (n, n); 0 where none are."""

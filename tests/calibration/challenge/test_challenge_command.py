@@ -47,7 +47,7 @@ def here(spinbench_here, monkeypatch, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
+def campaign(tmp_path_factory, spinbench_anywhere):
     """Three sweeps, diagnosed by the command; then scored."""
     folder = tmp_path_factory.mktemp("campaign") / "blind"
     make(folder, len(sweep_rig.CONCEALED), 1, "development", maker=sweep_rig.NAME, workers=0)
@@ -57,7 +57,8 @@ def campaign(tmp_path_factory):
     shutil.move(away, folder / "sealed")
     book = folder.parent / "ledger.jsonl"
     outputs = ("--page", folder / "page", "--keep", folder / "kept", "--json", "-")
-    scored = spinbench("challenge", "score", folder, "--ledger", book, *outputs)
+    scored = spinbench_anywhere("challenge", "score", folder, "--ledger", book, *outputs, cwd=folder)
+    assert scored.returncode == 0, scored.stderr
     return folder, ran, scored, book
 
 
@@ -95,24 +96,24 @@ SEED = 25  # a warm-up and nothing, both sweeps alone
 
 
 @pytest.mark.slow
-def test_a_campaign_of_the_second_rig_from_the_draw_to_the_record(tmp_path):
+def test_a_campaign_of_the_second_rig_from_the_draw_to_the_record(tmp_path, here):
     """Its verdicts are the same to the bit with the seal there and with it away, by one worker and by two."""
     open_, shut, book, kept = (tmp_path / name for name in ("open", "shut", "ledger.jsonl", "kept"))
     words = ("--cases", 2, "--seed", SEED, "--family", "development", "--key", tmp_path / "key")
-    spinbench("challenge", "make", open_ / "blind", *words)
+    here("challenge", "make", open_ / "blind", *words)
     shutil.copytree(open_, shut)
     shutil.rmtree(shut / "blind" / "sealed")
     with_it = spinbench("challenge", "run", open_ / "blind", "--workers", 2).stdout
     without = spinbench("challenge", "run", shut / "blind", "--workers", 1).stdout
     assert with_it.split(";")[-1] == without.split(";")[-1]  # SHA-256 of the verdicts
     words = ("--key", tmp_path / "key", "--ledger", book, "--keep", kept, "--json", "-")
-    told = spinbench("challenge", "score", open_ / "blind", "--follow-ups", "--oracle", *words)
+    told = here("challenge", "score", open_ / "blind", "--follow-ups", "--oracle", *words)
     found = json.loads(told.stdout)
     assert (found["make_up"]["single"], found["make_up"]["none"]) == (1, 1)
     assert (found["wrong_names"]["all"]["hits"], found["outcomes"]["none"]) == (0, {"right": 1})
     assert found["separable"]["not_computed"] == 0
     assert found["held_out"]["cases"] == 1 and found["held_out"]["oracle_gain"] > 0.0
-    pooled = spinbench("challenge", "pool", kept / "blind.json.gz", "--same-code", "--ledger", book, "--json", "-")
+    pooled = here("challenge", "pool", kept / "blind.json.gz", "--same-code", "--ledger", book, "--json", "-")
     assert json.loads(pooled.stdout) == found
 
 
@@ -125,12 +126,12 @@ def test_a_broken_ledger_is_refused_in_a_sentence(campaign, here, tmp_path):
 
 
 @pytest.mark.slow
-def test_many_recordings_give_one_table_and_a_bad_one_stops_none(campaign, tmp_path):
+def test_many_recordings_give_one_table_and_a_bad_one_stops_none(campaign, here, tmp_path):
     fleet = tmp_path / "fleet"
     shutil.copytree(campaign[0] / "recordings" / "case0000", fleet / "good")
     shutil.copytree(campaign[0] / "recordings" / "case0000", fleet / "=bad")
     (fleet / "=bad" / "sweep.csv").unlink()
-    told = spinbench("many", "diagnose", fleet, "-o", tmp_path / "out", "--workers", 1, code=2)
+    told = here("many", "diagnose", fleet, "-o", tmp_path / "out", "--workers", 1, code=2)
     assert "=bad" in told.stderr
     table = pq.read_table(tmp_path / "out" / "table.parquet").to_pydict()
     assert [Path(name).name for name in table["recording"]] == ["=bad", "good"]

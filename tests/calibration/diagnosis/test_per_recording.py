@@ -24,10 +24,11 @@ DATES = {"first": "2026-03-02", "second": "2026-01-20"}
 
 @pytest.fixture(scope="module")
 def two_days(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two sweeps of a motor whose leak is another on each day; the second one given is the older."""
+    """Half of two sweeps of a motor whose leak is another on each day; the second one given is the older."""
     folder = tmp_path_factory.mktemp("days")
     for seed, (name, leak) in enumerate(LEAK.items(), start=3):
         recordings.sweep(folder / name, seed, {"leakage": {"conductance_kg_s_pa2": leak, "exponent": 0.63}})
+        recordings.every_second_row(folder / name)
         with (folder / name / "recording.toml").open("a", encoding="utf-8") as file:
             file.write(f'[origin]\ndate = "{DATES[name]}"\n')
     return folder
@@ -111,10 +112,9 @@ def test_a_recording_with_a_flywheel_in_one_run_is_one_day(tmp_path: Path) -> No
     ],
 )
 def test_what_cannot_be_of_each_recording_is_refused_in_a_line(
-    two_days: Path, tmp_path: Path, words: tuple[str, ...], said: str
+    two_days: Path, tmp_path: Path, spinbench_here, words: tuple[str, ...], said: str
 ) -> None:
-    placed = [two_days / word if word in LEAK else word for word in words]
-    done = spinbench(*placed, "-o", tmp_path / "out")
+    done = spinbench_here(*words, "-o", tmp_path / "out", cwd=two_days)
     assert done.returncode == 2, done.stderr
     assert said in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr

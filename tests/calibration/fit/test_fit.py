@@ -205,8 +205,9 @@ def windy(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def wrong(windy) -> subprocess.CompletedProcess[str]:
-    return run("bench", "-o", "out", "--json", "fit.json", "--steady-only", *BRIEF, cwd=windy)
+def wrong(windy, spinbench_anywhere) -> subprocess.CompletedProcess[str]:
+    words = ("bench", "-o", "out", "--json", "fit.json", "--steady-only", *BRIEF)
+    return spinbench_anywhere("fit", *words, cwd=windy)
 
 
 @pytest.mark.slow
@@ -250,8 +251,9 @@ def test_its_page_does_not_say_that_the_recording_decides_it(wrong, windy):
 
 
 @pytest.fixture(scope="module")
-def short(windy) -> subprocess.CompletedProcess[str]:
-    return run("bench", "-o", "short", "--json", "short.json", "--max-steps", "50", "--steady-only", *BRIEF, cwd=windy)
+def short(windy, spinbench_anywhere) -> subprocess.CompletedProcess[str]:
+    words = ("bench", "-o", "short", "--json", "short.json", "--max-steps", "50", "--steady-only", *BRIEF)
+    return spinbench_anywhere("fit", *words, cwd=windy)
 
 
 @pytest.mark.slow
@@ -437,21 +439,18 @@ def test_bad_input_is_refused_in_words_and_nothing_is_written(tmp_path, spinbenc
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_missing_folder_is_refused_in_a_line(tmp_path):
-    done = run("gone", "-o", "out", cwd=tmp_path)
+def test_a_missing_folder_is_refused_in_a_line(tmp_path, spinbench_here):
+    done = spinbench_here("fit", "gone", "-o", "out", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("spinbench: there is no folder 'gone', and no run in logs is called 'gone'")
     assert len(done.stderr.splitlines()) == 1
     assert not list(tmp_path.iterdir())
 
 
-def test_a_motor_file_with_a_negative_diameter_is_refused(tmp_path):
+def test_a_motor_file_with_a_negative_diameter_is_refused(tmp_path, spinbench_here):
     text = (ROOT / "configs" / "motors" / "ptm3600.toml").read_text(encoding="utf-8")
     (tmp_path / "bad.toml").write_text(text.replace("value = 24.03", "value = -24.03"), encoding="utf-8")
-    done = subprocess.run(
-        [COMMAND, "simulate", "--pressure-bar-abs", "2", "--motor", "bad.toml"],
-        capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False,
-    )  # fmt: skip
+    done = spinbench_here("simulate", "--pressure-bar-abs", "2", "--motor", "bad.toml", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("spinbench: ")
     assert "cylinder_diameter: -24.03 mm is outside" in done.stderr

@@ -8,12 +8,12 @@ from pathlib import Path
 import emcee
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from calibration.fit import moves, peak, sampling
 from calibration.fit.sampling import Settings, sample
 from calibration.fit.store import ChainError
 from calibration.fit.transport import TransportMap
+from tests.densities import log_normal
 
 QUICK = Settings(seed=3, effective_samples=500, most_steps=1000, walkers=16)
 
@@ -26,20 +26,20 @@ def correlated(n: int) -> np.ndarray:
 
 def banana(z: np.ndarray) -> np.ndarray:
     """z0 ~ N(0, 1), z1 ~ N(z0^2 / 2, 0.1), z2 ~ N(z1, 0.3): means 0, 1/2, 1/2; variances 1, 0.51, 0.60."""
-    found: np.ndarray = norm.logpdf(z[:, 0]) + norm.logpdf(z[:, 1], z[:, 0] ** 2 / 2, 0.1)
-    return found + norm.logpdf(z[:, 2], z[:, 1], 0.3)
+    found: np.ndarray = log_normal(z[:, 0]) + log_normal(z[:, 1], z[:, 0] ** 2 / 2, 0.1)
+    return found + log_normal(z[:, 2], z[:, 1], 0.3)
 
 
 def twisted(z: np.ndarray) -> np.ndarray:
     """Two unknowns N(0, 1), four more (sd 0.05) bent over them: a map from few draws misses the ends."""
     bent = [0.5 * z[:, 0] * z[:, 1], 0.5 * z[:, 1] * z[:, 2], *[z[:, 0] * (z[:, 0] - z[:, 1]) / 2] * 2]
-    found: np.ndarray = norm.logpdf(z[:, :2]).sum(axis=1)
-    return found + sum(norm.logpdf(z[:, 2 + k], middle, 0.05) for k, middle in enumerate(bent))
+    found: np.ndarray = log_normal(z[:, :2]).sum(axis=1)
+    return found + sum(log_normal(z[:, 2 + k], middle, 0.05) for k, middle in enumerate(bent))
 
 
 def walls(z: np.ndarray) -> np.ndarray:
     """Two narrow lanes that cross, each as long as the prior: neither is a polynomial of the other."""
-    across = np.logaddexp(norm.logpdf(z[:, 0], 0.0, 0.003), norm.logpdf(z[:, 1], 0.0, 0.003))
+    across = np.logaddexp(log_normal(z[:, 0], 0.0, 0.003), log_normal(z[:, 1], 0.0, 0.003))
     return across + gaussian(z)
 
 

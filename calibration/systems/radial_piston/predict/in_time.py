@@ -102,12 +102,10 @@ class Plan:
         """
         mean = self.mean_speed()
         parameters = laws.with_factors(self.parameters, laws.switched_on(self.chosen))
-        begins, pressures = (
-            np.array([getattr(one, what) for one in self.supply]) for what in ("start_s", "pressure_pa")
-        )
-        opened = np.array([one.is_open for one in self.supply])
+        begins, pressures, opened = np.array(self.supply, dtype=float).T
         low = float(parameters[at.P_A] + parameters[at.DP_IN] + parameters[at.DP_OUT])
-        line = np.where(opened, pressures, low)[np.maximum(np.searchsorted(begins, self.time, side="right") - 1, 0)]
+        span = np.maximum(np.searchsorted(begins, self.time, side="right") - 1, 0)
+        line = np.where(opened > 0.5, pressures, low)[span]
         high = max(float(line.max()), low + 1.0)
         vented, settled = swings(parameters, self.readings, np.array([low, high]), angle)
         swung = vented + (settled - vented) * (line - low) / (high - low)

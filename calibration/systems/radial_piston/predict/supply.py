@@ -142,12 +142,10 @@ class Course:
         last = begin[-1] + (begin[-1] - begin[-2] if begin.size > 1 else 1.0)
         share = self.share(0.5 * (begin + np.append(begin[1:], last)))
         pressure = vented_pa + (settled_pa - vented_pa) * share
-        spans: list[Supply] = []
-        for start, P in zip(begin.tolist(), pressure.tolist(), strict=True):
-            is_open = shut_pa < P
-            if not spans or is_open or spans[-1].is_open:
-                spans.append(Supply(start, P if is_open else vented_pa, is_open))
-        return tuple(spans)
+        is_open = shut_pa < pressure
+        kept = is_open | np.append(True, is_open[:-1])  # while it stays shut, one span will do
+        columns = begin, np.where(is_open, pressure, vented_pa), is_open
+        return tuple(map(Supply, *(column[kept].tolist() for column in columns)))
 
     def _wander(self, time: np.ndarray, opened: float) -> np.ndarray:
         """How far an open line is above where it should be [-]."""
