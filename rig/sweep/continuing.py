@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,6 +52,19 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
         kinds |= {phase.kind for phase in captures(at) if not phase.cut_short}
         at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
     return Taken(tuple(steps), frozenset(kinds), tuple(plateaus))
+
+
+def plateaus_before(run: Run, bench: Bench, logs: Path) -> tuple[Plateau, ...]:
+    """Plateaus of a run and of those that it followed, oldest first, as far as they are of this bench and there."""
+    found: list[Plateau] = []
+    seen: set[str] = set()
+    at: Run | None = run
+    with contextlib.suppress(RunError):  # one that is gone says no more
+        while at is not None and at.name not in seen and len(seen) < MOST_PARENTS:
+            seen.add(at.name)
+            found = [*(_plateaus(at) if at.start.bench == bench.name else []), *found]
+            at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
+    return tuple(found)
 
 
 def refuse_another_motor(run: Run, bench: Bench, motor_serial: str | None = None) -> None:

@@ -63,6 +63,7 @@ class SweepMachine:
         self._looked_ns = 0
         self._quiet_ns: int | None = None  # since when the line is vented and the rotor at rest
         self._settled, self._notes = True, list[str]()
+        self._made = False  # whether anything of the course was taken, what led to it apart
         self._capturing: Capturing | None = None
         self._zero = "start"
         self._ending: tuple[str, str] | None = None  # outcome and reason, once it is known that it ends early
@@ -170,7 +171,7 @@ class SweepMachine:
         verdict = self._verdict(task.level_bar_abs)
         self._task, self._notes, self._settled = task, [], True
         if not verdict.allowed:
-            return self._before(task, verdict, now_ns) or self._refuse(task, verdict.text)
+            return self._before(task, verdict, now_ns) or self._refuse(task, verdict.text, now_ns)
         if isinstance(task, CaptureTask) and task.kind == "spin-up":
             self._capturing = self._capture(task, now_ns)
             return [*self._release(), *self._enter(State.CAPTURE, now_ns, capture=task.kind)]
@@ -200,14 +201,17 @@ class SweepMachine:
         self._targets = deque([stone])
         return [Say(f"a plateau at {stone:g} bar abs comes first: {verdict.text}"), *self._start_ramp(now_ns)]
 
-    def _refuse(self, task: Step | CaptureTask, text: str) -> list[Order]:
+    def _refuse(self, task: Step | CaptureTask, text: str, now_ns: int) -> list[Order]:
         self._task = None
         ceiling = task.level_bar_abs - SAME_BAR
         gone = [task, *(other for other in self._tasks if other.level_bar_abs >= ceiling)]
         self._tasks = deque(other for other in self._tasks if other.level_bar_abs < ceiling)
         words = f"{task.level_bar_abs:g} bar abs and above are left out: {text}"
         steps = tuple(step for step in gone if isinstance(step, Step))
-        return [Refused(task.level_bar_abs, text, steps), Say(words, warning=True)]
+        refused = Refused(task.level_bar_abs, text, steps)
+        if not (self._tasks or self._made):
+            return [refused, *self.fail(now_ns, text)]
+        return [refused, Say(words, warning=True)]
 
     def _start_ramp(self, now_ns: int) -> list[Order]:
         target = self._targets[0]
@@ -266,6 +270,7 @@ class SweepMachine:
         number = len(self.plateaus) + 1
         taken = Plateau(number, self._task, self._entered_ns, end_ns, self._settled, means, "; ".join(notes))
         self.plateaus.append(taken)
+        self._made |= self._task in self.course.steps
         return [Record(taken), *self._enter(State.NEXT, now_ns)]
 
     def _is_over(self, end_ns: int, now_ns: int, view: View, channels: Iterable[str]) -> bool:
@@ -282,7 +287,7 @@ class SweepMachine:
                 self._set_bar = max(order.bar_abs, self.course.ambient_bar)
         if not self._capturing.over:
             return orders
-        self._capturing = None
+        self._capturing, self._made = None, True
         return [*orders, *self._enter(State.NEXT, now_ns)]
 
     def _capture(self, task: CaptureTask, now_ns: int) -> Capturing:

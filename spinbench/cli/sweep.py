@@ -130,7 +130,7 @@ def capture(
     """
     from rig.run.running import Wanted
     from rig.sweep.ambient import Given
-    from rig.sweep.continuing import refuse_another_motor
+    from rig.sweep.continuing import plateaus_before, refuse_another_motor
 
     parent = None if after is None else _among(after, logs)
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
@@ -140,7 +140,8 @@ def capture(
 
         if parent is not None:
             refuse_another_motor(parent, read, motor_serial)
-        return capture_course(read, ambient, kind.value, level_bar_abs, plateaus), []
+        known = () if parent is None else plateaus_before(parent, read, logs)
+        return replace(capture_course(read, ambient, kind.value, level_bar_abs, plateaus), known=known), []
 
     server, name = server_of(conceal, conceal_seed, only, key), parent.name if parent else None
     flywheel = added_inertia_kg_m2

@@ -76,13 +76,24 @@ def taken(bench):
 def test_a_capture_keeps_the_run_that_it_was_taken_after(taken, spinbench_here):
     swept, captured = taken
     assert (read_run(captured).start.parent, read_run(captured).start.motor_serial) == (swept.name, "A-17")
-    assert f"parent     {swept.name}" in spinbench_here("runs", "show", "last", cwd=swept.parents[1]).stdout
+    assert f"parent     {swept.name}" in spinbench_here("runs", "show", captured.name, cwd=swept.parents[1]).stdout
 
 
-def test_a_sweep_and_its_capture_are_diagnosed_together_by_naming_the_last(taken, spinbench_here):
+def test_a_capture_needs_no_plateaus_on_the_way_where_the_run_before_it_has_them(taken):
+    """The guard knows the motor from them: it lets the line go to 1.8 bar at once."""
+    swept, captured = taken
+    assert [plateau.level_bar_abs for plateau in read_run(swept).plateaus if "guard" not in plateau.note] == [
+        1.3,
+        1.5,
+        1.8,
+    ]
+    assert not read_run(captured).plateaus
+
+
+def test_a_sweep_and_its_capture_are_diagnosed_together_by_naming_the_capture(taken, spinbench_here):
     swept, captured = taken
     words = ["--with-parents", "--workers", 1, "--json", "-"]
-    result = spinbench_here("diagnose", "last", *words, cwd=swept.parents[1])
+    result = spinbench_here("diagnose", captured.name, *words, cwd=swept.parents[1])
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     files = {one["file"] for one in found["files"]}
@@ -90,15 +101,18 @@ def test_a_sweep_and_its_capture_are_diagnosed_together_by_naming_the_last(taken
     assert found["verdict"] == "consistent"
 
 
-def test_a_sweep_and_its_capture_are_fitted_together_by_naming_the_last(taken, spinbench_here):
-    swept, captured = taken
+def test_a_sweep_and_the_plateaus_after_it_are_fitted_together_by_naming_the_last(bench, taken, spinbench_here):
+    swept, _ = taken
+    more = run("capture", bench, "--kind", "plateaus", "--plateaus", 1, "--after", "last", cwd=bench.parent)
+    assert more.returncode == 0, more.stderr
+    last = sorted((bench.parent / "logs").iterdir())[-1]
     words = ["--with-parents", "--steady-only", "--effective-samples", 200, "--json", "-"]
     result = spinbench_here("fit", "last", *words, cwd=swept.parents[1])
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert f"{swept.name}/sweep.csv" in {one["file"] for one in found["files"]}
     assert found["parameters"]["f_overall"]["sd"] < 0.01
-    own = {f"{swept.name}: ambient_pressure", f"{captured.name}: ambient_pressure"}
+    own = {f"{swept.name}: ambient_pressure", f"{last.name}: ambient_pressure"}
     assert own | {f"{GAUGE}: pressure_offset", f"{TACH}: speed_scale"} <= set(found["parameters"])
     assert not any(name.endswith(f"{swept.name}: pressure_offset") for name in found["parameters"])
 

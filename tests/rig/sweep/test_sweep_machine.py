@@ -257,6 +257,17 @@ def test_a_detour_above_a_level_is_not_made_when_the_guard_refuses_it():
     assert max(order.bar_abs for order in walk.of(orders.SetPressure)) == 1.3
 
 
+def test_a_run_of_which_everything_was_refused_has_failed():
+    """Plateaus on the way to a level do not make a run of what was asked for."""
+    refusing = SimpleNamespace(allowed=False, text="the rotor stands at 1.5 bar abs", highest_pa_abs=1.5e5)
+    walk = Walk(
+        [], [CaptureTask("coast-down", 1.9, 0.2)], predict=lambda level, _: ALLOWED if level < 1.55 else refusing
+    ).go()
+    assert walk.machine.plateaus
+    assert (walk.finish.outcome, walk.finish.reason) == ("failed", refusing.text)
+    walk.assert_vented_last()
+
+
 def test_a_plateau_below_a_refused_level_comes_first_where_it_lets_the_guard_see_farther():
     def predict(level, plateaus):
         highest = 1.5 if len(plateaus) == 1 else 2.0  # the first plateau does not tell enough
