@@ -21,13 +21,14 @@ from calibration.report.diagnosis.words import gain_in_figures, quantity
 from calibration.report.fit.words import rounded, uncertainty
 from calibration.report.sets_in_words import listed, titles
 from calibration.report.units import FAMILIAR
-from calibration.systems.radial_piston.predict.kinds import RUN, STANDING, VENTED
+from calibration.systems.radial_piston.predict.kinds import LINE, RUN, STANDING, VENTED
 from configs.units import BAR
 from model.effects import laws
 
 MOST_SHOWN = 6  # sets
 LEAST_ODDS = 1e-3  # of a set whose f_overall is shown
 BESIDE_ROWS = {
+    LINE: "the gauge in the runs",
     VENTED: "the gauge with the line vented",
     STANDING: "the flow with the rotor at rest",
 }  # means over files
