@@ -20,7 +20,7 @@ RISEN_SHARE = 0.3  # ... and a start from rest from this share of its highest sp
 BEFORE_S = 0.25  # real time that a run in time is simulated before its first sample, to reach its steady state
 WHOLE = 0.03  # of a tooth by which a sample that spans whole teeth may miss them
 ROWS_ARE_TEETH = 0.9  # share of the samples that span whole teeth, from which on the rows are teeth
-LEAST_PULSE = 0.15  # of a pulse of the cylinders that a sample has to span: finer, it tells no more of the pulse
+LEAST_PULSE = 0.8  # of a pulse of the cylinders that a sample has to span
 SETTLING = 0.7  # share of a span that began with the valve, after which its line is taken to have settled at first
 UNSETTLED = 0.005  # share of its pressure by which a line does not settle where the gauge last was,
 UNTOLD = 0.05  # ... and where hardly a reading tells
@@ -114,15 +114,6 @@ class RunInTime:
         return int(self.time.size)
 
     @property
-    def turned(self) -> np.ndarray:
-        """How far the shaft has turned by the end of each sample, as the tachometer has it [rad], shape (n,).
-
-        Where a row is missing it turned on.
-        """
-        found: np.ndarray = np.cumsum(self.speed * np.diff(self.time, prepend=self.begin[:1]))
-        return found
-
-    @property
     def over(self) -> float:
         """When the last sample that is compared ends [s]."""
         return float(self.time[self.used][-1]) if self.used.any() else float(self.time[-1])
@@ -198,7 +189,10 @@ def _at_the_tooth_before(time: np.ndarray, begin: np.ndarray, speed: np.ndarray,
 def _by_pulses(
     time: np.ndarray, begin: np.ndarray, speed: np.ndarray, row: np.ndarray, scale: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Samples one after the other taken together until the shaft has turned by a part of a pulse of the cylinders."""
+    """Samples one after the other taken together until the shaft has turned by most of a pulse of the cylinders.
+
+    In one that is finer the pulse shows, and nobody knows how the shaft stood.
+    """
     turned = np.cumsum(speed * (time - begin))
     group = np.zeros(time.size, dtype=int)
     since, last = turned[0] if time.size else 0.0, 0

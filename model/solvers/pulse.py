@@ -136,38 +136,6 @@ def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float) -> float:
     return found
 
 
-@njit(cache=True, nogil=True)
-def swing(P_s: float, P_d: float, P_a: float, f_r: float, table: np.ndarray, out: np.ndarray) -> None:
-    """What the pulses add to the shaft's angle, times J w^2, at the ends of the steps; 0 on average.
-
-    With w dw/dth = torque / J, a torque above its mean adds E / (J w) to the speed, E being its integral over the
-    angle, and the integral of E over J w^2 to the angle: of first order in E / (J w^2).
-
-    Parameters
-    ----------
-    P_s, P_d, P_a : float
-        Pressure in suction, in discharge and of the ambient [Pa].
-    table : ndarray, shape (n_steps, 11)
-        Of `tabulate`.
-    out : ndarray, shape (n_steps + 1,)
-        Filled [J].
-    """
-    work = np.empty(N_STEPS)
-    net, _ = torque_steps(P_s, P_d, P_a, 0.0, f_r, table, work)
-    width = table[:, WIDTH]
-    for _ in range(2):
-        out[0] = 0.0
-        for j in range(N_STEPS):
-            out[j + 1] = out[j] + work[j] - net * width[j]
-        mean = 0.0
-        for j in range(N_STEPS):
-            mean += 0.5 * (out[j] + out[j + 1]) * width[j] / at.PULSE
-        out -= mean
-        for j in range(N_STEPS):
-            work[j] = 0.5 * (out[j] + out[j + 1]) * width[j]
-        net = 0.0
-
-
 # In one piece, its parts share their running values: `model.solvers`.
 @njit(error_model="numpy", cache=True)
 def ripple(

@@ -33,10 +33,10 @@ def base_of(comparison: Comparison) -> Mode:
     misread = _standing_out(comparison, base)
     if misread.any():
         comparison.noise.leave_alone(misread)
-    if misread.any():
-        return find(comparison, (), base, None)
-    # Once more: where the shaft stood shows best once the rest is where it belongs.
-    return find(comparison, (), base) if comparison.problem.blocks.runs else base
+    if comparison.problem.blocks.runs:
+        comparison.see_pulses(base.z)
+        return find(comparison, (), base, None) if misread.any() else find(comparison, (), base)
+    return find(comparison, (), base) if misread.any() else base
 
 
 def _by_plateaus(comparison: Comparison) -> Mode | None:
@@ -49,6 +49,7 @@ def _by_plateaus(comparison: Comparison) -> Mode | None:
     mode = find(steady, ())
     f, u = Function(comparison, ()), np.zeros(mode.u.size)
     z = with_lines(f, comparison, carried(steady.problem, mode, problem)[0], u)
+    comparison.see_pulses(z)
     D, nothing = np.zeros((comparison.read.size, z.size)), np.zeros(comparison.read.size)
     return Mode((), z, mode.u, D, D, nothing, np.eye(z.size), 0.0, nothing, f(z))
 

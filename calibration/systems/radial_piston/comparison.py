@@ -43,7 +43,7 @@ from calibration.systems.radial_piston.places.steps_in_time import steps_in_time
 from calibration.systems.radial_piston.places.terms import forms
 from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR, carried
 from calibration.systems.radial_piston.predict.kinds import FLOW, LINE, RUN, SPEED, STANDING, VENTED
-from calibration.systems.radial_piston.predict.problem import SWING_SD, Prediction, Problem
+from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from calibration.systems.radial_piston.predict.wheel import rest_sd
 from calibration.systems.radial_piston.valley import along_valley
 from calibration.unknowns.priors import Unknown
@@ -92,8 +92,7 @@ class Comparison:
         self.end = 2 * n + sum(self.sizes)
         self.known = np.isfinite(self.read)
         self.n = n
-        swings = zip(problem.swing(), self.used, strict=True)
-        self.swing = SWING_SD * np.concatenate([swing[used] for swing, used in swings] or [np.zeros(0)])
+        self.swing = np.zeros(self.end - 2 * n)
         self.trusting = False
         self._middle: np.ndarray | None = None
         self.in_time = bool(runs)
@@ -109,11 +108,25 @@ class Comparison:
         spots = (level[self.known[level + of * n]] + of * n for level in rows for of in (FLOW, SPEED))
         self.again = tuple(spot for spot in spots if spot.size > 1)
         self.noise = Noise(problem, self.known, self.sizes, self.step, apart)
+        self.see_pulses(np.zeros(len(problem.nuisances)))
 
     @property
     def angle_sd(self) -> np.ndarray:
         """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,)."""
         return np.hypot(self.swing, self.pitch_sd)
+
+    def see_pulses(self, z: np.ndarray) -> None:
+        """Take the swing of the pulses anew, from simulations at a point of the base model.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            The point [-].
+        """
+        swings = self.problem.see_pulses(z)
+        self.swing = np.concatenate(
+            [swing[used] for swing, used in zip(swings, self.used, strict=True)] or [np.zeros(0)]
+        )
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
         """The same comparison, with other parameters of effects given, as `Problem.giving` does."""
@@ -238,6 +251,7 @@ class Comparison:
     def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Prediction]:
         """A point with the lines and the angles of the runs where they suit the readings best, and what it predicts."""
         z = run_starts.with_lines(f, self, run_starts.turned(f, self, z, u, f(z))[0], u)
+        self.see_pulses(z[: f.k])
         return run_starts.turned(f, self, z, u, f(z))
 
     def channels(self) -> dict[str, np.ndarray]:

@@ -26,7 +26,6 @@ LOOSENS = ("roller_friction", "port_lap")  # what keeps a level standing
 LOOSER, LOOSER_BY = 24, 0.25  # steps of it with which a level that stands is made to turn [-]
 EDGE = math.sqrt(3.0)  # half a turn of the shaft, in sds of the angle's prior
 ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that there is
-WITHIN_PULSE = np.arange(1, 8) * EDGE / 4.0  # ... within a pulse
 LATE_S = (-0.12, 0.5, 0.03)  # from, to, step; moments at which a line begins to move, tried likewise,
 SLOW = np.arange(-1.5, 2.1, 0.7)  # ... with time constants, in sds of their prior
 LOUDER, FOLLOWED, MOST_LOOKS = 10.0, 3, 12  # factor on the noise meanwhile, lines that are followed, steps of each
@@ -45,34 +44,20 @@ def turned(
     u : ndarray, shape (5,)
         The noise [-].
     """
-    names = [one.name for one in comparison.problem.nuisances]
-    tries = [(".pulse", WITHIN_PULSE)] + ([(".turn", ALL_ROUND)] if follows_angle(f.names) else [])
-    for run, moved in enumerate(comparison.problem.blocks.runs):
-        for what, others in tries:
-            if moved.file + what in names:
-                z, here = _best_angle(f, comparison, z, u, here, names.index(moved.file + what), run, others)
-    return z, here
-
-
-def _best_angle(
-    f: Function,
-    comparison: Comparison,
-    z: np.ndarray,
-    u: np.ndarray,
-    here: Prediction,
-    place: int,
-    run: int,
-    others: np.ndarray,
-) -> tuple[np.ndarray, Prediction]:
-    """A point with one of its angles at the best of what is there and others, and the prediction there."""
-    white = comparison.whitener(here, u)
-    best = cost_at(comparison, z, u, here)
-    angles = (float(z[place]) + others + EDGE) % (2.0 * EDGE) - EDGE
-    for tried, there in each(functools.partial(_at_angle, f, z, here, place, run), angles):
-        r = white(comparison.read - comparison.raw(there))
-        cost = minus_log_posterior(r, white.log_scale, tried, u, comparison)
-        if cost < best:
-            best, z, here = cost, tried, there
+    if not follows_angle(f.names):
+        return z, here
+    for run in range(len(comparison.problem.blocks.runs)):
+        place = comparison.problem.place(f"{comparison.problem.blocks.runs[run].file}.turn")
+        if place is None:
+            continue
+        white = comparison.whitener(here, u)
+        best = cost_at(comparison, z, u, here)
+        angles = (float(z[place]) + ALL_ROUND + EDGE) % (2.0 * EDGE) - EDGE
+        for tried, there in each(functools.partial(_at_angle, f, z, here, place, run), angles):
+            r = white(comparison.read - comparison.raw(there))
+            cost = minus_log_posterior(r, white.log_scale, tried, u, comparison)
+            if cost < best:
+                best, z, here = cost, tried, there
     return z, here
 
 

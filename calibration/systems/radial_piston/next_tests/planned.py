@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from calibration.data.blocks import levels
 from calibration.data.runs import RunInTime
 from calibration.data.runs_in_time import placeholders
 from calibration.likelihood.expected import MODEL_SD, Capture, Expected
-from calibration.likelihood.function import Function
+from calibration.likelihood.function import Function, Predicts
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.predict.carried import carried, of_any_day
 from calibration.systems.radial_piston.predict.kinds import RUN
@@ -192,7 +193,7 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
     stays = of_any_day(seen.problem)
     first = carried(seen.problem, rivals[0], there.problem, stays)[0]
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
-        likely = Function(there, rivals[0].names)(first, smooth=True)
+        likely = _mean(there, rivals[0].names)(first)
         there = seen.of(_with_speeds(plan.recording, there.problem.blocks.runs[0], likely.runs[0]))
         if not there.problem.blocks.runs:
             raise FloatingPointError("the rotor would not turn")
@@ -201,9 +202,10 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
     found = []
     for one in rivals:
         z, covariance, new = carried(seen.problem, one, there.problem, stays)
+        mean = _mean(there, one.names)
+        here = mean(z)
         f = Function(there, one.names)
-        here = f(z)
-        slopes = f.derivatives(z, here, np.zeros((there.read.size, z.size)), one.u, f)
+        slopes = f.derivatives(z, here, np.zeros((there.read.size, z.size)), one.u, mean)
         if common is None:
             common = there.whitener(here, one.u)
         looked_at = there.known & ~((there.kind < RUN) & (there.index == 0))
@@ -227,6 +229,11 @@ def _refuse_too_few(planned: Recording, run: RunInTime) -> None:
         readings = float(seconds.sum() / np.median(np.diff(planned.files[1].columns["time_s"].values)))
     if readings < LEAST_IN_A_RUN:
         raise FloatingPointError(f"{readings:.0f} readings of the speed where {LEAST_IN_A_RUN} are needed")
+
+
+def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:
+    """Predictions by the mean torque: nobody can count on the phase of the pulses."""
+    return functools.partial(Function(there, names), smooth=True)
 
 
 def _with_speeds(recording: Recording, planned: RunInTime, speed: np.ndarray) -> Recording:

@@ -1,30 +1,38 @@
-"""A run in time as the motor would run it: by its mean torque, and with what the pulses of its cylinders add."""
+"""A run in time as the motor would run it: with every pulse of its cylinders, or by its mean torque alone."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from calibration.data.runs import RunInTime
-from model import geometry
+from calibration.work.threads import each
 from model import layout as at
-from model.effects import averaged, effects, laws
+from model.effects import averaged, effects
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
-from model.gas.cylinder import gas_state
 from model.motor import Motor
-from model.solvers import pulse
 from model.solvers import steady as base_steady
 from model.solvers.crank_angle import OMEGA, THETA
 from model.solvers.recent import Recent
 from model.solvers.transient import Supply, rest_state
 
+STRIDE = 4  # samples of a run in time between two looks at the effects' laws, where none follows the angle
 LEAD_STEP_S = 0.02  # between the samples of the steady part ahead of a run
 SLOWEST_START = 1.0  # rad/s
+BESIDE = 4  # samples either side over which the swing of the pulses is taken
+LONGEST_PULSE = 60  # samples
+PLACES = 8  # in a pulse, even
+ANGLES = 2  # within a pulse, over which is averaged what the pulses do where nobody knows how the shaft stood
 LAST_STEP_S = 1e-3  # of the time from rest, over which the speed that is reached is taken
-SLOWEST = 2.0  # rad/s; below it the pulses are not taken to grow
+AFTER = 8  # samples beyond the last, for runs that turn a little farther
+FINER = 4  # samples in one, where the pulses are followed
+LEAST_TURN = 1e-9  # rad from sample to sample, so that the angle is never twice the same
+SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
 
 Chosen = Mapping[str, Mapping[str, float]]
 
@@ -74,6 +82,24 @@ class Plan:
     angle: float
     set_at: float
 
+    def with_pulses(self) -> np.ndarray:
+        """Mean speeds since the time before, with the pulses of the cylinders [rad/s], shape (k,)."""
+        found = self.simulated()
+        mean: np.ndarray = found.speed.copy()
+        mean[1:] = np.diff(found.angle) / np.diff(self.time)
+        return mean
+
+    def simulated(self, finer: int = 1) -> effect_transient.Run:
+        """The run with the pulses of its cylinders."""
+        time = self.time
+        if finer > 1:
+            count = (time.size - 1) * finer + 1
+            time = np.interp(np.arange(count) / finer, np.arange(time.size), time)
+        stride = 1 if follows_angle(self.chosen) else STRIDE * finer
+        return effect_transient.simulate(
+            self.parameters, self.readings, self.supply, time, self.start, self.chosen, self.clock, stride
+        )
+
     def mean_speed(self) -> np.ndarray:
         """Mean speeds since the sample before, by the mean torque alone [rad/s], shape (k,)."""
         return averaged.speeds(
@@ -86,33 +112,6 @@ class Plan:
             self.clock,
             float(self.start[THETA]),
         )
-
-    def with_pulses(self, angle: np.ndarray, size: float = 1.0) -> np.ndarray:
-        """Mean speeds since the sample before, pulses and all [rad/s], shape (k,).
-
-        The pulses are those of a motor that turns steadily at the pressure of the moment: within a pulse the line and
-        the speed change little, but for the first of a start and those while a valve moves.
-
-        Parameters
-        ----------
-        angle : ndarray, shape (k,)
-            Of the shaft at the samples [rad].
-        size : float
-            Of the pulses, in those of the model [-].
-        """
-        mean = self.mean_speed()
-        parameters = laws.with_factors(self.parameters, laws.switched_on(self.chosen))
-        begins, pressures, opened = np.array(self.supply, dtype=float).T
-        low = float(parameters[at.P_A] + parameters[at.DP_IN] + parameters[at.DP_OUT])
-        span = np.maximum(np.searchsorted(begins, self.time, side="right") - 1, 0)
-        line = np.where(opened > 0.5, pressures, low)[span]
-        high = max(float(line.max()), low + 1.0)
-        vented, settled = swings(parameters, self.readings, np.array([low, high]), angle)
-        swung = vented + (settled - vented) * (line - low) / (high - low)
-        speed = np.maximum(0.5 * (mean + np.append(mean[1:], mean[-1])), SLOWEST)
-        mean = mean.copy()
-        mean[1:] += np.diff(size * swung / (parameters[at.J] * speed**2)) / np.diff(self.time)
-        return mean
 
     def read(self, mean: np.ndarray) -> np.ndarray:
         """What the tachometer makes of mean speeds, of the samples wanted [rad/s], shape (wanted,).
@@ -128,28 +127,66 @@ class Plan:
         found: np.ndarray = (turned[self.end] - turned[self.begin]) / (self.time[self.end] - self.time[self.begin])
         return found
 
+    def angle_of(self, mean: np.ndarray) -> np.ndarray:
+        """The shaft's angle at the samples [rad], shape (k,), counted so that it is the plan's where that is set.
 
-def swings(parameters: np.ndarray, readings: np.ndarray, pressures: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """What the pulses add to the shaft's angle at pressures of the line, times J w^2 [J], shape (n, k).
+        Parameters
+        ----------
+        mean : ndarray, shape (k,)
+            Mean speeds since the sample before [rad/s].
+        """
+        turned = np.append(0.0, np.cumsum(mean[1:] * np.diff(self.time)))
+        found: np.ndarray = turned - np.interp(self.set_at, self.time, turned) + self.angle
+        return found
+
+
+class Pulses:
+    """What the cylinders' pulses add to the angle of the shaft, as a function of that angle.
 
     Parameters
     ----------
-    pressures : ndarray, shape (n,)
-        Of the line [Pa].
-    angle : ndarray, shape (k,)
-        Of the shaft [rad].
+    angles : int
+        Angles within a pulse that are averaged over; 1 for that of the plan alone [-].
+
+    Attributes
+    ----------
+    mean, angle : ndarray, shape (k,)
+        That run by its mean torque: speeds [rad/s] and angles [rad].
     """
-    c, table = np.empty(at.N_CURVE), np.empty((pulse.N_STEPS, pulse.N_TABLE))
-    ends, out = np.empty(pulse.N_STEPS + 1), np.empty((pressures.size, angle.size))
-    gas = gas_state(parameters, float(pressures.max()), readings)
-    geometry.curve(parameters, c)
-    first = pulse.tabulate(parameters, readings, gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R]), c, table)
-    places = first + np.append(0.0, np.cumsum(table[:, pulse.WIDTH]))
-    P_d = parameters[at.P_A] + parameters[at.DP_OUT]
-    for k, P in enumerate(pressures):
-        pulse.swing(P - parameters[at.DP_IN], P_d, parameters[at.P_A], parameters[at.F_R], table, ends)
-        out[k] = np.interp(angle, places, ends, period=at.PULSE)
-    return out
+
+    def __init__(self, planned: Plan, angles: int = 1) -> None:
+        step = float(np.median(np.diff(planned.time)))
+        planned = replace(planned, time=np.append(planned.time, planned.time[-1] + step * np.arange(1, AFTER + 1)))
+        starts = [planned.start.copy() for _ in range(angles)]
+        for k, start in enumerate(starts):
+            start[THETA] += k * at.PULSE / angles
+        found = each(lambda start: replace(planned, start=start).simulated(FINER), starts)
+        self.mean = planned.mean_speed()
+        self.angle = planned.angle_of(self.mean)
+        smooth = np.interp(found[0].time, planned.time, self.angle)
+        smooth = np.maximum.accumulate(smooth) + LEAST_TURN * np.arange(smooth.size)
+        added = np.mean([one.angle - one.angle[0] for one in found], axis=0) - (smooth - smooth[0])
+        if not (
+            np.all(np.isfinite(smooth)) and np.all(np.isfinite(added))
+        ):  # it stalls: nothing is known of its pulses
+            smooth, added = np.arange(float(smooth.size)), np.zeros(smooth.size)
+        # Over a whole pulse each comes to nothing, wherever it began; what is left is what the mean torque has wrong.
+        grid = np.arange(smooth[0], smooth[-1] + at.PULSE / PLACES, at.PULSE / PLACES)
+        width = np.append(np.append(0.5, np.ones(PLACES - 1)), 0.5) / PLACES
+        padded = np.pad(np.interp(grid, smooth, added), PLACES // 2, "reflect", reflect_type="odd")
+        self._added = PchipInterpolator(grid, np.convolve(padded, width, "valid")) if grid.size > PLACES else None
+        self._ends = (float(grid[0]), float(grid[-1]))
+
+    def beside(self, planned: Plan) -> np.ndarray:
+        """Mean speeds since the sample before, pulses and all, of a run much like it [rad/s], shape (k,)."""
+        mean = planned.mean_speed()
+        angle = planned.angle_of(mean)
+        if self._added is None:
+            return mean
+        added = self._added(np.clip(angle, *self._ends))
+        out = mean.copy()
+        out[1:] += np.diff(added) / np.diff(planned.time)
+        return out
 
 
 def plan(
@@ -233,3 +270,28 @@ def _steady_speed(
     set_of = tuple((name, *sorted(chosen[name].items())) for name in sorted(chosen))
     weather = motor.vector().tobytes()
     return float(_recent((parameters.tobytes(), readings.tobytes(), weather, pressure_pa, clock, set_of), solved)[0])
+
+
+def swing(planned: Plan, run: RunInTime) -> np.ndarray:
+    """How far the pulses of the cylinders swing the shaft about its mean course, rms [rad], shape (n,)."""
+    found, smooth = planned.simulated(), planned.mean_speed()
+    mean = found.speed.copy()
+    mean[1:] = np.diff(found.angle) / np.diff(planned.time)
+    seen = _ripple(mean - smooth, mean, planned.time)
+    within = np.abs(found.speed - 0.5 * (mean + np.append(mean[1:], mean[-1])))  # a reading is a mean
+    width = np.ones(2 * BESIDE + 1) / (2 * BESIDE + 1)
+    rms = np.sqrt(np.convolve(np.pad(np.maximum(within, np.abs(seen)) ** 2, BESIDE, "edge"), width, "valid"))
+    out = np.zeros(run.size)
+    per_radian = 2.0 * math.pi / at.PULSE
+    out[planned.wanted] = (rms / (per_radian * np.maximum(np.abs(mean), SLOWEST)))[planned.end]
+    return out
+
+
+def _ripple(added: np.ndarray, mean: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """What the pulses add from reading to reading, where there are several readings to a pulse [rad/s]."""
+    step = np.diff(time, prepend=2.0 * time[0] - time[1])
+    width = np.clip(np.rint(at.PULSE / (np.maximum(np.abs(mean), SLOWEST) * step)).astype(int), 1, LONGEST_PULSE)
+    total, n = np.append(0.0, np.cumsum(added)), np.arange(added.size)
+    low, high = np.maximum(n - (width - 1) // 2, 0), np.minimum(n + width // 2, n.size - 1) + 1
+    found: np.ndarray = added - (total[high] - total[low]) / (high - low)
+    return found

@@ -31,16 +31,12 @@ from model.effects.laws import readings_of
 from model.effects.neighbourhood import Neighbourhood
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor, read_motor
-from model.solvers import pulse
 from model.solvers import steady as base_steady
 from rig.recording import Recording, RecordingError
 
 SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
 TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
-PULSE_SD = at.PULSE / math.sqrt(12.0)  # of an angle that may be anywhere in a pulse of the cylinders [rad]
-PULSES_SD = 0.2  # share by which the pulses of the cylinders may be larger or smaller than a steadily turning motor's,
-SWING_SD = 0.2  # ... and by which each may be otherwise
 BEGUN_SD = 0.1  # share by which a start from rest may be off where it is compared from: how it broke away nobody knows
 FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
@@ -116,8 +112,6 @@ class Problem:
         self.nuisances: list[Unknown] = [u for u in everything if not u.name.endswith("_noise_scale")]
         for run in self.blocks.runs:
             self.nuisances += line_unknowns(run, recording.supply) + wheel.wheel_unknowns(run, recording)
-            self.nuisances.append(Unknown(f"{run.file}.pulse", "rad", "normal", 0.0, PULSE_SD, "nobody noted it"))
-            self.nuisances.append(Unknown(f"{run.file}.pulses", "-", "normal", 0.0, PULSES_SD, "no form is exact"))
             if run.from_rest:
                 self.nuisances.append(Unknown(f"{run.file}.begun", "-", "normal", 0.0, BEGUN_SD, "nobody set it"))
         # A torque that follows the shaft is told from where that stood in the first run.
@@ -146,6 +140,7 @@ class Problem:
         line = np.nan_to_num(standing.pressure + np.where(standing.is_gauge, P_a, 0.0), nan=P_a)
         gas = [base_steady.gas_table(self.motor, P)[0, at.GAS_R] for P in np.clip(line, 5e4, 8e5)]
         self._standing_gas = np.array(gas)
+        self.pulses: dict[str, in_time.Pulses] = {}  # of each run, on its course by the mean torque
         self._lag_s = (recording.channels["speed_rpm"].lag_s or 0.0) if "speed_rpm" in recording.channels else 0.0
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Problem:
@@ -356,32 +351,30 @@ class Problem:
 
     def _read_speed(self, i: int, split: Split, chosen: dict[str, dict[str, float]], smooth: bool) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]
-        own = split[2][run.file]
         planned = self.plan(i, split, chosen)
-        angle = self._angle(run, planned) + own["pulse"]
-        true = planned.read(planned.mean_speed() if smooth else planned.with_pulses(angle, 1.0 + own["pulses"]))
+        pulses = None if smooth else self.pulses.get(run.file)
+        true = planned.read(pulses.beside(planned) if pulses else planned.mean_speed())
         reading = np.full(run.size, np.nan)
         reading[planned.wanted] = readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
-        return reading + wheel.added(run, own)
+        return reading + wheel.added(run, split[2][run.file])
 
-    def _angle(self, run: RunInTime, planned: in_time.Plan) -> np.ndarray:
-        """Angle of the shaft at a plan's times as the tachometer has it, counted from the run's first sample [rad]."""
-        ends = np.append(run.begin[0], run.time)
-        turned = run.turned
-        turned = np.append(turned[0] - run.speed[0] * (run.time[0] - run.begin[0]), turned)
-        late = self._lag_s * np.append(run.speed[0], run.speed)
-        found: np.ndarray = np.interp(planned.time, ends, turned + late)
-        return found
+    def see_pulses(self, z: np.ndarray) -> list[np.ndarray]:
+        """Take anew what the pulses of the cylinders add to the runs in time; predictions hold it from then on.
 
-    def swing(self) -> list[np.ndarray]:
-        """How far the pulses swing the shaft about its mean course in each run, rms [rad], shape (n,) each."""
-        parameters, found = self._base, []
-        angle = np.linspace(0.0, at.PULSE, pulse.N_STEPS, endpoint=False)
-        for run in self.blocks.runs:
-            highest = max((span.pressure_pa for span in run.valve if span.is_open), default=parameters[at.P_A])
-            rms = float(np.std(in_time.swings(parameters, self._readings, np.array([highest]), angle)))
-            found.append(rms / (parameters[at.J] * np.maximum(run.speed, in_time.SLOWEST) ** 2))
-        return found
+        Parameters
+        ----------
+        z : ndarray, shape (n_nuisances,)
+            Nuisances of the base model [-].
+
+        Returns
+        -------
+        list of ndarray, shape (n,)
+            How far they swing the shaft in each run [rad].
+        """
+        plans = [self.plan(i, self.split(z), {}) for i in range(len(self.blocks.runs))]
+        for run, planned in zip(self.blocks.runs, plans, strict=True):
+            self.pulses[run.file] = in_time.Pulses(planned, in_time.ANGLES)
+        return [in_time.swing(planned, run) for run, planned in zip(self.blocks.runs, plans, strict=True)]
 
     def effects_that_could(self) -> list[Effect]:
         """The listed effects that this recording could show: those of a transient only where there is one."""

@@ -64,7 +64,7 @@ def seen(run: RunInTime, what: str) -> np.ndarray:
     """What a wheel's unknown adds to the samples of a run [rad/s per rad], shape (n,)."""
     _, k, part = what.split("_")
     step = run.time - run.begin
-    ends = run.turned
+    ends = np.cumsum(run.speed * np.diff(run.time, prepend=run.begin[:1]))  # where a row is missing it turned on
     begins = ends - run.speed * step
     off = PARTS[part]
     found: np.ndarray = (off(int(k) * ends) - off(int(k) * begins)) / step
