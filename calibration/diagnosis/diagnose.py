@@ -399,7 +399,7 @@ def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict[
 def _hidden(comparison: Compared, base: Candidate, candidates: list[Candidate]) -> list[Candidate]:
     """Single effects that a recording hardly speaks against, and with which f_overall would be another."""
     f = comparison.problem.place(comparison.problem.friction)
-    if f is None:
+    if f is None or comparison.rig:  # of other machines it was not tried
         return []
     far = ANOTHER * math.sqrt(base.mode.covariance[f, f])
     single = (c for c in candidates if len(c.names) == 1 and not c.refused)

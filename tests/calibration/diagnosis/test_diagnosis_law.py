@@ -137,7 +137,7 @@ def test_f_overall_beside_a_torque_that_nobody_knows_holds_what_the_coast_down_c
     assert sd > 2.0 * smooth[0].z_sd[place]  # the process alone would not allow as much
     renamed = copy.copy(of[0])
     renamed.problem = copy.copy(of[0].problem)
-    renamed.problem.nuisances = [replace(one, name=one.name.replace("f_overall", "held")) for one in unknowns]
+    renamed.problem.nuisances = [replace(one, own=one.own.replace("f_overall", "held")) for one in unknowns]
     np.testing.assert_allclose(nuisances_beside(renamed, of[1], smooth[:1])[1], smooth[0].z_sd)  # it is no unknown
     flows = [one for one in smooth if one.balance == "mass"]
     for one in flows:  # a flow is no part of the friction
