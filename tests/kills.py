@@ -20,6 +20,7 @@ from pathlib import Path
 
 import psutil
 
+from rig.interlock.watchdog import START_S
 from rig.replay.replaying import replay
 from rig.runlog import read_run, repair, verify
 from rig.virtual.launch import ask
@@ -128,9 +129,15 @@ def kill_once(after_s: float) -> Kill:
             zero_after_s,
             read.state == ("finished" if finished else "killed"),
             replayed.same,
-            not verify(run),
+            not told(verify(run)),
             finished,
         )
+
+
+def told(problems):
+    """The same problems, said, for whoever looks why a kill was not survived."""
+    print(*problems, sep="\n")
+    return problems
 
 
 def _zero_after(temporary: Path, killed_ns: int) -> tuple[bool, float]:
@@ -154,10 +161,10 @@ def _zero_after(temporary: Path, killed_ns: int) -> tuple[bool, float]:
 
 def _wait_for_the_watchdog(run: Path) -> None:
     """Until the watchdog that the run names has ended; for one that is not named yet, as long as any may take."""
-    give_up = time.monotonic() + WATCHDOG_S
     text = (run / "events.jsonl").read_text(encoding="utf-8") if (run / "events.jsonl").exists() else ""
     events = [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
     pid = next((event["pid"] for event in events if event["event"] == "watchdog"), None)
+    give_up = time.monotonic() + (WATCHDOG_S if pid is None else START_S)  # it reads its files first, however slowly
     while time.monotonic() < give_up and (pid is None or psutil.pid_exists(pid)):
         time.sleep(0.05)
 
