@@ -164,7 +164,7 @@ def _wait_for_the_watchdog(run: Path) -> None:
     text = (run / "events.jsonl").read_text(encoding="utf-8") if (run / "events.jsonl").exists() else ""
     events = [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
     pid = next((event["pid"] for event in events if event["event"] == "watchdog"), None)
-    give_up = time.monotonic() + (WATCHDOG_S if pid is None else START_S)  # it reads its files first, however slowly
+    give_up = time.monotonic() + (WATCHDOG_S if pid is None else START_S)
     while time.monotonic() < give_up and (pid is None or psutil.pid_exists(pid)):
         time.sleep(0.05)
 

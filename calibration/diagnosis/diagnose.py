@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from calibration.diagnosis.mismatch import Detected, fit_base, test_base
 from calibration.diagnosis.next_test.promised import Promise, kept
 from calibration.diagnosis.next_test.recommend import MOST_RIVALS, NextTest, propose
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.sizes.not_excluded import Faint, faint
+from calibration.diagnosis.sizes.not_excluded import Faint, behind_friction, faint
 from calibration.diagnosis.sizes.resolves import resolved
 from calibration.diagnosis.steps.abrupt import Step, step_instead
 from calibration.diagnosis.steps.candidate import Candidate
@@ -43,8 +42,6 @@ from rig.recording import Recording, RecordingError, read_recording
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
 CERTAIN_P = 1e-9  # of a mismatch so gross that no test need see it
 NOT_DESCRIBED = "the model does not describe these readings at all"
-HARDLY = 0.05  # odds of an effect to the base model from which a recording hardly speaks against it,
-ANOTHER = 4.0  # ... and sds of f_overall by which it then is another
 WORTHLESS = 10.0  # nats a reading; a smooth correction that predicts worse by so much predicts nothing
 TESTS = 2.0  # looks at a recording with runs in time: the straight test, and the refits
 
@@ -387,20 +384,10 @@ def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict[
         return []
     if verdict.kind == "consistent":
         base = [c for c in candidates if not c.names]
-        hidden = _hidden(comparison, base[0], candidates) if base else []
+        hidden = behind_friction(comparison, base[0], candidates) if base else []
         likely = [*hidden, *(c for c in not_excluded(candidates) if c not in hidden)]
         return [*base, *likely] if likely else []
     if verdict.chosen is None:
         return sorted((c for c in candidates if c.names), key=lambda c: bool(c.refused))[:3]  # most probable first
     listed = set(verdict.alternatives)
     return [verdict.chosen, *(c for c in candidates if c.names in listed)]
-
-
-def _hidden(comparison: Compared, base: Candidate, candidates: list[Candidate]) -> list[Candidate]:
-    """Single effects that a recording hardly speaks against, and with which f_overall would be another."""
-    f = comparison.problem.place(comparison.problem.friction)
-    if f is None or comparison.rig:  # of other machines it was not tried
-        return []
-    far = ANOTHER * math.sqrt(base.mode.covariance[f, f])
-    single = (c for c in candidates if len(c.names) == 1 and not c.refused)
-    return [c for c in single if c.probability > HARDLY * base.probability and abs(c.mode.z[f] - base.mode.z[f]) > far]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,11 +39,8 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
     steps: list[Step] = []
     kinds: set[str] = set()
     plateaus: list[Plateau] = []
-    seen: set[str] = set()
-    at: Run | None = run
-    while at is not None and at.name not in seen and len(seen) < MOST_PARENTS:
+    for at in _back_from(run, logs):
         _check(at, bench)
-        seen.add(at.name)
         steps += [
             Step(plateau.level_bar_abs, plateau.direction, plateau.repeat)
             for plateau in at.plateaus
@@ -50,21 +48,26 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
         ]
         plateaus = [*_plateaus(at), *plateaus]
         kinds |= {phase.kind for phase in captures(at) if not phase.cut_short}
-        at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
     return Taken(tuple(steps), frozenset(kinds), tuple(plateaus))
 
 
 def plateaus_before(run: Run, bench: Bench, logs: Path) -> tuple[Plateau, ...]:
     """Plateaus of a run and of those that it followed, oldest first, as far as they are of this bench and there."""
     found: list[Plateau] = []
+    with contextlib.suppress(RunError):  # one that is gone says no more
+        for at in _back_from(run, logs):
+            found = [*(_plateaus(at) if at.start.bench == bench.name else []), *found]
+    return tuple(found)
+
+
+def _back_from(run: Run, logs: Path) -> Iterator[Run]:
+    """A run, and one after the other those that it followed."""
     seen: set[str] = set()
     at: Run | None = run
-    with contextlib.suppress(RunError):  # one that is gone says no more
-        while at is not None and at.name not in seen and len(seen) < MOST_PARENTS:
-            seen.add(at.name)
-            found = [*(_plateaus(at) if at.start.bench == bench.name else []), *found]
-            at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
-    return tuple(found)
+    while at is not None and at.name not in seen and len(seen) < MOST_PARENTS:
+        yield at
+        seen.add(at.name)
+        at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
 
 
 def refuse_another_motor(run: Run, bench: Bench, motor_serial: str | None = None) -> None:

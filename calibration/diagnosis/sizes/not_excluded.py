@@ -13,12 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.name import BEYOND_SD, declared_size
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import straight
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.signatures import Signature, log_gain, project
 
+HARDLY = 0.05  # odds of an effect to the base model from which a recording hardly speaks against it,
+ANOTHER = 4.0  # ... and sds of f_overall by which it then is another
 DRAWS = 4000
 FEWEST = 40  # draws that are possible; with fewer the effect is next to impossible
 
@@ -81,3 +84,13 @@ def _over_shapes(name: str, shapes: Sequence[tuple[float, np.ndarray]], K: int, 
     count = np.round(DRAWS * factors / factors.sum()).astype(int)
     drawn = [rng.choice(draws, n) for n, (_, draws) in zip(count, shapes, strict=True)]
     return Faint(name, float(factors.mean()) / K, np.concatenate(drawn))
+
+
+def behind_friction(comparison: Compared, base: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Single effects that a recording hardly speaks against, and with which f_overall would be another."""
+    f = comparison.problem.place(comparison.problem.friction)
+    if f is None or comparison.rig:  # of other machines it was not tried
+        return []
+    far = ANOTHER * math.sqrt(base.mode.covariance[f, f])
+    single = (c for c in candidates if len(c.names) == 1 and not c.refused)
+    return [c for c in single if c.probability > HARDLY * base.probability and abs(c.mode.z[f] - base.mode.z[f]) > far]

@@ -12,7 +12,8 @@ import pytest
 
 from calibration.diagnosis.next_test.information import Expected, expected_nats, repeats_needed
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked, weigh
-from calibration.diagnosis.steps.candidate import Candidate
+from calibration.diagnosis.sizes.not_excluded import behind_friction
+from calibration.diagnosis.steps.candidate import Candidate, vanishes
 from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Test
 from calibration.likelihood.mode import Mode
@@ -36,6 +37,25 @@ def base(comparison) -> Mode:
 def rival(comparison: Comparison, base: Mode, name: str) -> Candidate:
     mode = find(comparison, (name,), base)
     return Candidate((name,), mode, mode.log_evidence, 0.5)
+
+
+def test_what_hardly_anything_speaks_against_is_told_where_f_overall_would_be_another(comparison, base):
+    place = comparison.problem.place("f_overall")
+    sd = math.sqrt(base.covariance[place, place])
+
+    def candidate(names: tuple[str, ...], sds: float, probability: float) -> Candidate:
+        z = base.z.copy()
+        z[place] += sds * sd
+        return Candidate(names, replace(base, names=names, z=z), base.log_evidence, probability)
+
+    nothing, dry = candidate((), 0.0, 0.4), candidate(("coulomb_friction",), -5.0, 0.03)
+    others = [
+        candidate(("leakage",), 1.0, 0.1),  # f_overall stays
+        candidate(("windage",), 5.0, 0.01),  # the recording speaks against it
+        candidate(("coulomb_friction", "windage"), 5.0, 0.1),
+        replace(candidate(("load_friction",), 5.0, 0.1), refused=vanishes("load_friction")),
+    ]
+    assert behind_friction(comparison, nothing, [nothing, dry, *others]) == [dry]
 
 
 def normal(mean: float, shared: float, own: float) -> Expected:
