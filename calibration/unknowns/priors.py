@@ -24,7 +24,6 @@ NOISE_SD = math.log(NOISE_FACTOR)
 TEMPERATURE_SD = 0.5  # K, of a recorded temperature whose recording states no uncertainty
 PRESSURE_SD_BAR = 0.0015  # bar, of a recorded barometer that states none
 CHANNELS = ("pressure", "flow", "speed")
-PASCAL_PER_BAR = BAR
 SHAPE_FACTOR = 2.0  # one sd of the log-normal prior of a figure that shapes an effect's law
 
 

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import PchipInterpolator
 
 from model import layout as at
 from model.effects import laws, uneven
 from model.effects.effect import State
 from model.gas.cylinder import gas_state
 from model.solvers import averaged as base
-from model.solvers import monotone
 from model.solvers.recent import Recent
 from model.solvers.transient import Supply
 
@@ -215,9 +215,8 @@ def _cycles(
         net = out[:, :, base.NET]
         told = np.all(np.isfinite(net), axis=1)
         found[~told, 1] = np.nan
-        asked = np.maximum(fine, coarse[0])
-        for s in np.flatnonzero(told).tolist():
-            monotone.interpolate(coarse, net[s].copy(), asked, found[s, 1])
+        if told.any():
+            found[told, 1] = PchipInterpolator(coarse, net[told], axis=1)(np.maximum(fine, coarse[0]))
         return found
 
     key = _of_the_gas(parameters), *(one.tobytes() for one in (readings, gas, nodes, coarse))

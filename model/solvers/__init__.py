@@ -4,7 +4,6 @@ published   the article's own algorithm, explicit steps in time
 transient   in time, resolved in the crank angle (`crank_angle`, `port_edges`)
 steady      the periodic state directly (compiled in steady_points); pulse: the ripple within it
 averaged    in time, by the mean torque over a turn
-monotone    tables that keep their shape between their points
 recent      results that are asked for again
 
 Kernels take their arrays one by one, however many: numba counts the references to what a tuple holds at every call,

@@ -22,7 +22,8 @@ from calibration.systems.radial_piston.predict import gauge, in_time, wheel
 from calibration.systems.radial_piston.predict.standing import standing_flow
 from calibration.systems.radial_piston.predict.supply import Course, line_unknowns
 from calibration.unknowns.effects import all_searched
-from calibration.unknowns.priors import PASCAL_PER_BAR, Unknown, at_ambient, column_of, unknowns
+from calibration.unknowns.priors import Unknown, at_ambient, column_of, unknowns
+from configs.units import BAR
 from model import layout as at
 from model.effects import effects
 from model.effects import steady as effect_steady
@@ -34,7 +35,7 @@ from model.motor import QUANTITIES, Motor, read_motor
 from model.solvers import steady as base_steady
 from rig.recording import Recording, RecordingError
 
-SI_OF = {"pressure": PASCAL_PER_BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
+SI_OF = {"pressure": BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 CHANNELS = ("pressure", "flow", "speed")
 TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
 BEGUN_SD = 0.1  # share by which a start from rest may be off where it is compared from: how it broke away nobody knows
