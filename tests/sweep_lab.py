@@ -19,7 +19,7 @@ class Lab:
 
     def __init__(self):
         self.now_ns = 0
-        self.stops, self.answer, self.set_ns = 0, None, None
+        self.stops, self.answer, self.set_ns, self.set_again = 0, None, None, False
         self.set_bar = AMBIENT
         self.pressure, self.speed = AMBIENT, 0.0
         self.tau_pressure_s = 0.3
@@ -131,6 +131,7 @@ class LabAcquisition:
         self.clock = LabClock(self.lab)
         self.commands, self.events, self.plateaus = [], [], []
         self.dead_regulator = False
+        self.unheard = 0  # how many set-points are taken, and the reply is lost
         self.busy_s = 0.0  # for so long another device holds the line before a set-point goes over it
         self.before = {}  # a function of this, called once at the event of that name
 
@@ -142,6 +143,10 @@ class LabAcquisition:
             if self.busy_s:
                 self.clock.sleep(self.busy_s)
             self.lab.set_bar = AMBIENT + argument
+            if self.unheard:
+                self.unheard -= 1
+                self.clock.sleep(0.3)
+                raise LostError("line bus: nothing within 0.3 s")
         return Exchange("bus", device, action, argument, (Event("tx", self.lab.now_ns),))
 
     def hurry(self, device):

@@ -39,6 +39,7 @@ MIX_UPS = {
 # Share of a run's highest speed by which it may go the wrong way: fall while the supply is open, or rise while it is
 # closed. A regulator that overshoots, and a valve that is late, make 0.1 of it.
 WRONG_WAY = 0.2
+END = 3  # readings at the end of a run whose median is the speed there
 LATE_S = 0.1  # by which supply_open may be late or early: so much before and after the valve is moved says nothing
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
 
@@ -169,9 +170,9 @@ def _wrong_way(time: np.ndarray, speed: np.ndarray, begin: int, end: int, is_ope
     if end < time.size:
         sure &= time[begin:end] < time[end] - LATE_S
     part = speed[begin:end][sure]
-    if not part.size:
+    if part.size < END:
         return 0.0
-    return float(part.max()) - float(np.median(part[-3:]) if is_open else part[0])
+    return float(part[: 1 - END].max() - np.median(part[-END:])) if is_open else float(part.max() - part[0])
 
 
 def swept_volume(parameters: np.ndarray) -> float:

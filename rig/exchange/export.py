@@ -217,7 +217,9 @@ def _zero(
 
 def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: list[str]) -> list[RecordingFile]:
     files: list[RecordingFile] = []
-    for phase in captures(run):
+    phases, left_out = captures(run)
+    notes += left_out
+    for phase in phases:
         stem = phase.kind.replace("-", "_")
         number = 1 + sum(file.file.startswith(stem) for file in files)
         name = f"{stem}.csv" if number == 1 else f"{stem}_{number}.csv"

@@ -124,8 +124,8 @@ def zeros(run: Run) -> tuple[list[Phase], list[str]]:
     return phases, notes if len(phases) < len(events) else []
 
 
-def captures(run: Run) -> list[Phase]:
-    """The captures of a run.
+def captures(run: Run) -> tuple[list[Phase], list[str]]:
+    """The captures of a run, and what was left out.
 
     Parameters
     ----------
@@ -133,16 +133,20 @@ def captures(run: Run) -> list[Phase]:
         Its events ``capture end`` hold ``capture`` (the kind), ``start_s``, ``event_s`` and ``end_s``; a run of kind
         ``coast-down`` or ``spin-up`` that was imported without such an event is one capture from end to end.
     """
-    phases = []
+    phases: list[Phase] = []
+    notes: list[str] = []
     for event in run.events:
-        which = event.details.get("capture")
+        which, lost = event.details.get("capture"), event.details.get("left_out")
+        if event.event == CAPTURE and lost:
+            notes.append(f"{which} from {_span(event)[0]:.1f} s: left out: {lost}")
+            continue
         if event.event == CAPTURE and which in CAPTURES and "end_s" in event.details:
             when = event.details.get("event_s")
             event_s = float(when) if isinstance(when, int | float) else None
             phases.append(Phase(which, *_span(event), event_s, event.details.get("cut_short") is True))
     if not phases and run.start.kind in CAPTURES and run.start.imported:
         phases.append(_whole(run, run.start.kind))
-    return phases
+    return phases, notes
 
 
 def _span(event: EventLine) -> tuple[float, float]:

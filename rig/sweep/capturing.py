@@ -12,6 +12,9 @@ LEAD_S = 0.5  # recorded before the event
 REST_TIMEOUT_S = 30.0
 LONGER = 3.0  # the event's predicted duration, times this, is recorded,
 LEAST_S = 2.0  # and no less: valves and regulators have their own delay
+MOMENT_UNKNOWN = (
+    "the regulator took its set-point only when it was told again, so it is not known when the pressure began to change"
+)
 LONGEST_S = 30.0  # how long a coast-down waits for the line to be vented and the rotor to stand
 
 
@@ -34,7 +37,7 @@ class Capturing:
 
     def __init__(self, task: CaptureTask, ambient_bar: float, now_ns: int, by_hand: bool = False) -> None:
         self.task = task
-        self.over = False
+        self.over = self.lost = False  # lost: what was recorded cannot be used
         self._ambient_bar, self._by_hand = ambient_bar, by_hand
         self._since_ns = now_ns
         self._start_ns: int | None = None
@@ -59,6 +62,10 @@ class Capturing:
             self._event_ns = now_ns  # the person has the valve in hand: it is moved within this second
             return []
         if view.set_ns is not None and view.set_ns > self._event_ns and not self._moved:
+            if view.set_again:
+                self.over = self.lost = True
+                end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns, left_out=MOMENT_UNKNOWN)
+                return [SetPressure(VENTED), end]
             self._event_ns, self._moved = view.set_ns, True  # the line was busy when the order was given
         passed_s = (now_ns - self._event_ns) / NS
         if passed_s < self.duration_s:

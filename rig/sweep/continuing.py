@@ -47,7 +47,7 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
             if plateau.settled and plateau.level_bar_abs is not None
         ]
         plateaus = [*_plateaus(at), *plateaus]
-        kinds |= {phase.kind for phase in captures(at) if not phase.cut_short}
+        kinds |= {phase.kind for phase in captures(at)[0] if not phase.cut_short}
     return Taken(tuple(steps), frozenset(kinds), tuple(plateaus))
 
 

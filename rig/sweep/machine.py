@@ -17,7 +17,7 @@ from rig.plateaus.plan import SAME_BAR, UP, Step, stepping_stone
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
 from rig.sweep import judge
-from rig.sweep.capturing import CaptureTask, Capturing
+from rig.sweep.capturing import MOMENT_UNKNOWN, CaptureTask, Capturing
 from rig.sweep.course import ENDED, Course, State
 from rig.sweep.orders import (
     ABORTED,
@@ -65,6 +65,7 @@ class SweepMachine:
         self._settled, self._notes = True, list[str]()
         self._made = False  # whether anything of the course was taken, what led to it apart
         self._capturing: Capturing | None = None
+        self._lost: list[CaptureTask] = []
         self._zero = "start"
         self._ending: tuple[str, str] | None = None  # outcome and reason, once it is known that it ends early
         self._begun = False
@@ -287,8 +288,21 @@ class SweepMachine:
                 self._set_bar = max(order.bar_abs, self.course.ambient_bar)
         if not self._capturing.over:
             return orders
-        self._capturing, self._made = None, True
-        return [*orders, *self._enter(State.NEXT, now_ns)]
+        over, self._capturing = self._capturing, None
+        self._made |= not over.lost
+        return [*orders, *(self._lose(over.task, now_ns) if over.lost else self._enter(State.NEXT, now_ns))]
+
+    def _lose(self, task: CaptureTask, now_ns: int) -> list[Order]:
+        """Take a capture that cannot be used once more; the second time go on without it."""
+        what = f"the {task.kind} cannot be used: {MOMENT_UNKNOWN}"
+        is_first = task not in self._lost
+        if is_first:
+            self._lost.append(task)
+            self._tasks.appendleft(task)
+        elif not (self._tasks or self._made):
+            return self.fail(now_ns, what)
+        more = "; it is taken once more" if is_first else ""
+        return [Say(what + more, warning=True), *self._enter(State.NEXT, now_ns)]
 
     def _capture(self, task: CaptureTask, now_ns: int) -> Capturing:
         return Capturing(task, self.course.ambient_bar, now_ns, self.course.by_hand)

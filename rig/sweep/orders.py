@@ -22,6 +22,7 @@ class View(Protocol):
     stops: int  # how often the operator has asked to stop
     answer: str | None  # to the last `Ask`, once
     set_ns: int | None  # when the last set-point that was taken went over the wire [ns]
+    set_again: bool  # whether it took more than one try: the first may have been taken and not confirmed
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
         """The usable readings between two times."""
@@ -117,13 +118,14 @@ class CaptureStart:
 
 @dataclass(frozen=True)
 class CaptureEnd:
-    """Back to ordinary reading."""
+    """Back to ordinary reading. `left_out`: why the capture cannot be used; empty when it can."""
 
     kind: str
     start_ns: int
     event_ns: int
     end_ns: int
     cut_short: bool = False
+    left_out: str = ""
 
 
 @dataclass(frozen=True)

@@ -71,6 +71,7 @@ class BenchView:
         self.stops = 0
         self.answer: str | None = None
         self.set_ns: int | None = None
+        self.set_again = False
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
         """The usable readings between two times."""
@@ -168,7 +169,7 @@ class Runner:
         if self.regulator is None:
             return True
         value = self.to_set_point(bar_abs)
-        for _ in range(SET_TRIES):
+        for tried in range(SET_TRIES):
             try:
                 # An order to raise comes in time or never; one to vent is good at any time.
                 done = self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S, bar_abs != VENTED)
@@ -178,6 +179,7 @@ class Runner:
             else:
                 self._dead = ""
                 self.view.set_ns = next((event.time_ns for event in done.events if event.kind == "tx"), None)
+                self.view.set_again = tried > 0
                 where = bar_abs if bar_abs != VENTED else None
                 self._note("set-point", device=self.regulator, value=value, bar_abs=where)
                 return True
@@ -210,8 +212,11 @@ class Runner:
         }
         seconds = (order.end_ns - order.start_ns) / NS
         rates = {f"{role}_hz": round(count / seconds, 3) for role, count in counts.items() if seconds > 0.0}
-        cut = {"cut_short": True} if order.cut_short else {}
-        self._note("capture end", capture=order.kind, **times, **rates, **cut)
+        marks: dict[str, Any] = {"cut_short": True} if order.cut_short else {}
+        marks |= {"left_out": order.left_out} if order.left_out else {}
+        self._note("capture end", capture=order.kind, **times, **rates, **marks)
+        if order.left_out:
+            return
         self.hooks.progress.say(_captured(order, rates, seconds))
 
     def _release(self) -> bool:

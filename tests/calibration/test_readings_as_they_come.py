@@ -264,6 +264,7 @@ def test_a_supply_that_the_speed_contradicts_is_refused(
         (OPEN_FIRST, ROCKING),
         (~OPEN_FIRST, RISING),
         (None, RISING),
+        (~OPEN_FIRST[:36], np.append(RISING[:35], 340.0)),  # its readings end while it still gains speed
         (np.arange(90) < 37, FALLING),
         (np.arange(90) < 23, FALLING),
         (np.arange(90) >= 37, RISING),

@@ -11,7 +11,7 @@ from rig.plateaus.plateau import Mean, Plateau
 from rig.runlog import plateaus as table
 from rig.sweep.ambient import at_start
 from rig.sweep.hooks import Hooks, guarded, points_of
-from rig.sweep.planning import sweep_course
+from rig.sweep.planning import capture_course, sweep_course
 from rig.sweep.runner import run_course, set_points
 from tests.sweep_lab import AMBIENT, LabAcquisition, LabBench
 
@@ -193,6 +193,32 @@ def test_a_capture_counts_from_when_the_valve_was_told_on_a_busy_line_too(kind):
     (end,) = [details for what, details in acquisition.events if what == "capture end"]
     assert end["event_s"] - end["start_s"] == pytest.approx(3.5, abs=0.2)
     assert end["end_s"] - end["event_s"] >= 2.0
+
+
+@pytest.mark.parametrize("kind", ["coast-down", "spin-up"])
+def test_a_capture_whose_valve_may_have_moved_at_either_of_two_orders_is_taken_once_more(kind):
+    bench = LabBench(teeth=60, captures=[kind], capture_level_bar_abs=2.0, levels_bar_abs=[1.6])
+    acquisition = LabAcquisition(bench)
+    acquisition.before["capture start"] = lambda unheard: setattr(unheard, "unheard", 1)
+    assert run(acquisition).outcome == "finished"
+    first, second = [details for what, details in acquisition.events if what == "capture end"]
+    assert "not known when the pressure began to change" in first["left_out"]
+    assert "left_out" not in second and second["capture"] == kind
+    assert second["event_s"] - second["start_s"] == pytest.approx(0.5, abs=0.2)
+
+
+def test_a_capture_alone_that_is_lost_twice_is_a_run_that_failed():
+    acquisition = capturing("spin-up")
+    bench = acquisition.bench
+
+    def unheard(acquisition):
+        acquisition.unheard = 1
+        acquisition.before["capture end"] = lambda lost: lost.before.update({"capture start": unheard})
+
+    acquisition.before["capture start"] = unheard
+    course = capture_course(bench, at_start(bench, GIVEN), "spin-up", 2.0)
+    outcome = run_course(acquisition, acquisition, bench, course, Hooks())
+    assert outcome.outcome == "failed" and "not known when the pressure began to change" in outcome.reason
 
 
 class Heard:
