@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.special import bdtrc, stdtr
 
+from model.layout import PULSE, RPM
 from rig.recording import Recording, RecordingFile
 
 STANDS = 3.0  # sds of noise, or digits, up to which a speed read is that of a rotor at rest
@@ -36,7 +37,10 @@ START = "where the coast-down starts, compared with nothing"
 
 
 def turns(recording: Recording, file: RecordingFile) -> bool:
-    """Whether the rotor turns in a file: a reading is above noise and digit; in a run two in a row, for one is a lurch.
+    """Whether the rotor turns in a file: a reading is above noise and digit.
+
+    In a run two in a row are, for one is a lurch; and a motor turns by a pulse of its cylinders, for one that starts at
+    a dead point only rocks there.
 
     Parameters
     ----------
@@ -50,7 +54,14 @@ def turns(recording: Recording, file: RecordingFile) -> bool:
     above = read > max(STANDS * figures.noise_sd * file.noise_scale, figures.resolution)
     if file.kind != "transient":
         return bool(np.any(above))
-    return bool(np.any(above[1:] & above[:-1]))
+    if not np.any(above[1:] & above[:-1]):
+        return False
+    clock = file.columns.get("time_s")
+    if clock is None or not isinstance(recording.motor, str):
+        return True
+    at = clock.values[np.isfinite(column.values)]
+    passed_s = np.diff(at, prepend=at[0])
+    return bool(np.sum((read * passed_s)[above]) / RPM > PULSE)
 
 
 def lone_zeros(speed: np.ndarray) -> np.ndarray:

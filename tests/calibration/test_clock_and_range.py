@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from calibration.data.refusals import refuse_unusable
+from calibration.data.runs_in_time import turns
 from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.fit import fit
+from calibration.studies.nulls_draw import null_recording
 from calibration.systems.machines.problem import Problem as Machine
 from calibration.systems.radial_piston.batch.effects import EffectsError
 from rig.recording import RecordingError, read_recording
@@ -83,3 +86,14 @@ def test_a_run_in_which_the_tachometer_shows_noise_alone_is_left_aside(tmp_path)
     assert found["verdict"] == "consistent"
     assert [(one["file"], one["rows_used"]) for one in found["files"]] == [("sweep.csv", 26), ("spin_up.csv", 0)]
     assert "did not break away" in found["files"][1]["why"]
+
+
+def test_a_spin_up_that_only_rocks_at_a_dead_point_is_left_aside():
+    """With a large port lap the shaft may stand where no cylinder drives it on: it rocks there, at 2 bar too."""
+    draw, chance = (np.random.default_rng(seed) for seed in np.random.SeedSequence((9700026, 0, 0)).spawn(2))
+    recording, _ = null_recording("declared", True, draw)
+    turning = {file.file: turns(recording, file) for file in recording.files}
+    assert turning == {"sweep.csv": True, "spin_up.csv": False, "coast_down.csv": False}
+    speed = next(file for file in recording.files if file.file == "spin_up.csv").columns["speed_rpm"].values
+    assert np.max(speed) > 15.0
+    assert detect_mismatch(recording, chance).detection.p_value > 0.01
