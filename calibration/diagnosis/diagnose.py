@@ -29,7 +29,16 @@ from calibration.diagnosis.steps.name import evidence_p
 from calibration.diagnosis.steps.residual import Residuals
 from calibration.diagnosis.steps.search import Search
 from calibration.diagnosis.steps.unseen import predict_unseen
-from calibration.diagnosis.steps.verdict import ERRORS, MISMATCH_P, RESIDUAL_P, Verdict, judge, not_excluded, with_near
+from calibration.diagnosis.steps.verdict import (
+    ERRORS,
+    MISMATCH_P,
+    RESIDUAL_P,
+    Verdict,
+    judge,
+    not_excluded,
+    with_near,
+    with_open,
+)
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import Mode
@@ -160,17 +169,17 @@ def _explain(
         unnamed = _without_a_name(comparison, base, said, unseen_run, rng, clock)
         verdict = replace(verdict, why=unnamed.why)
     rivals = _rivals(comparison, candidates, verdict)[:MOST_RIVALS]
+    verdict = with_open(verdict, rivals)
     tests = _next_tests(comparison, rivals, clock)
     clock("weigh f_overall")
     unseen = _not_seen(search, verdict, rng)
     clock("")
-    open_ = rivals if tests else []
     promised = [one for promise in promises if (one := kept(promise, candidates))]
     sizes = resolved(comparison, first.base, first.detection.u, first.found)
     return Diagnosis(
         comparison, base, said.detection, places, candidates, residuals.p, residuals.left, verdict, unnamed.held_out,
         unnamed.term, tests, said.bad, clock.seconds, unnamed.correction, unnamed.beside, said.misread, unseen, sizes,
-        rivals=open_, promised=promised,
+        rivals=rivals, promised=promised,
     )  # fmt: skip
 
 

@@ -78,8 +78,6 @@ def judge(
     base = next((c for c in found if not c.names), None)
     if p_value >= MISMATCH_P:
         why = "the base model explains the recording"
-        if likely := not_excluded(found):
-            why += "; not excluded: " + ", ".join(f"{' + '.join(c.names)} ({c.probability:.2f})" for c in likely)
         return Verdict("consistent", None, (), base.probability if base else 1.0, why)
     allowed = [c for c in found if not c.refused and c.names]
     passing = [c for c in allowed if residual_p.get(c.names, 1.0) >= RESIDUAL_P]  # a rival not tested may pass
@@ -176,6 +174,14 @@ def _least_of(candidate: Candidate[Fitted], found: Sequence[Candidate[Fitted]]) 
 def _nearly(candidate: Candidate[Fitted], residual_p: dict[tuple[str, ...], float]) -> bool:
     """Whether what a set leaves unexplained is little enough for doubt."""
     return residual_p.get(candidate.names, 0.0) >= RESIDUAL_P / NEARLY
+
+
+def with_open(verdict: Verdict[Fitted], rivals: Sequence[Candidate[Fitted]]) -> Verdict[Fitted]:
+    """A consistent verdict that says what may be there all the same. `rivals`: what a next test should tell apart."""
+    likely = [f"{' + '.join(c.names)} ({c.probability:.2f})" for c in rivals if c.names]
+    if verdict.kind != "consistent" or not likely:
+        return verdict
+    return replace(verdict, why=f"{verdict.why}; not excluded: {', '.join(likely)}")
 
 
 def with_near(verdict: Verdict[Fitted], found: Sequence[Candidate[Fitted]]) -> Verdict[Fitted]:

@@ -174,7 +174,8 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
     was, value = (quantity(one["mean"], one["sd"], "N m s") for one in (before, after))
     beside = ", as before" if value == was else f"; in the base model alone it is {was}"
     if found["verdict"] == "consistent":
-        said = "what is not excluded is weighed in" if found["next_tests"] else "nothing has to be corrected"
+        is_open = any(one["effects"] for one in found.get("rivals", []))
+        said = "what is not excluded is weighed in" if is_open else "nothing has to be corrected"
         return f"f_overall is {value}{beside}; {said}."
     if found["verdict"] == "unresolved":
         return f"f_overall is {value} if what is missing is smooth; it has taken part of that: do not rely on it."

@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calibration.diagnosis.next_test.recommend import NOTHING
 from calibration.diagnosis.steps.locate import Kind
 from calibration.report.fit.words import p_in_words, rounded, uncertainty
 from calibration.report.sets_in_words import in_a_row, listed
@@ -32,10 +31,8 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
     """
     verdict, chance = found["verdict"], p_in_words(found["mismatch"]["p_value"])
     if verdict == "consistent":
-        # A test is proposed only where something else may be there too.
-        tests = found["next_tests"]
-        likely = dict.fromkeys(name for test in tests for name in test["separates"] if name != NOTHING)
-        also = f" Not excluded: {in_a_row([one.split('+') for one in likely], 'and')}." if likely else ""
+        likely = [one["effects"] for one in found.get("rivals", []) if one["effects"]]
+        also = f" Not excluded: {in_a_row(likely, 'and')}." if likely else ""
         rows = listed([reading_in_words(row) for row in found.get("suspect_rows", [])[:MOST_ROWS]])
         stands_out = f" Noise with heavy tails would explain what stands out: {rows}." if rows else ""
         return f"The model explains the recording ({chance}); nothing has to be added.{also}{stands_out}"

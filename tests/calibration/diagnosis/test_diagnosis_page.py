@@ -211,7 +211,7 @@ def test_a_verdict_that_rests_on_bad_readings_alone_tells_the_document_s_probabi
 
 def test_f_overall_is_as_before_only_where_its_mean_and_its_error_are(clean):
     before = {"mean": 0.064, "sd": 0.0010, "q05": 0.062, "q95": 0.066}
-    same = {"f_overall_before": before, "verdict": "consistent", "next_tests": []}
+    same = {"f_overall_before": before, "verdict": "consistent", "rivals": []}
     told = diagnosis_sets.bias_in_words(same | {"f_overall_after": before})
     assert told == "f_overall is 0.0640 ± 0.0010 N m s, as before; nothing has to be corrected."
     told = diagnosis_sets.bias_in_words(same | {"f_overall_after": before | {"sd": 0.0040}})

@@ -20,7 +20,7 @@ from calibration.diagnosis.steps.confirm import HeldOut, Predicted, cross_valida
 from calibration.diagnosis.steps.detect import _Test
 from calibration.diagnosis.steps.misread import alone_at_an_end
 from calibration.diagnosis.steps.name import log_prior, refusal, weigh
-from calibration.diagnosis.steps.verdict import Verdict, judge, not_excluded
+from calibration.diagnosis.steps.verdict import Verdict, judge, not_excluded, with_open
 from calibration.likelihood.compared import Row
 from calibration.likelihood.descent import find
 from calibration.likelihood.signatures import signatures
@@ -195,6 +195,8 @@ def test_dry_friction_that_hides_behind_the_rollers_is_not_excluded_and_gets_its
     true = read_motor("ptm3600").parameters.f_overall.value
     assert found["verdict"] == "consistent"
     assert "not excluded: coulomb_friction" in found["why"]
+    assert [one["effects"] for one in found["rivals"]] == [[], ["coulomb_friction"]]
+    assert sentence(found).endswith("Not excluded: “dry friction (coulomb_friction)”.")
     assert found["f_overall_before"]["q95"] < true
     assert found["f_overall_after"]["q05"] < true < found["f_overall_after"]["q95"]
     assert found["next_tests"][0]["separates"] == ["nothing missing", "coulomb_friction"]
@@ -227,8 +229,9 @@ def test_what_is_not_excluded_is_likely_enough_and_can_be_named() -> None:
     assert not_excluded([base, leak, gauge, drag]) == [leak]
     found = judge(0.3, [base, leak, gauge, drag], {(): 0.3}, None)
     assert (found.kind, found.alternatives, found.set_probability) == ("consistent", (), 0.4)
-    assert found.why == "the base model explains the recording; not excluded: leakage (0.30)"
-    assert judge(0.3, [base, drag], {(): 0.3}, None).why == "the base model explains the recording"
+    assert with_open(found, [base]) == found
+    # However it came to be a rival: `why`, the sentence and the proposed tests go by one list.
+    assert with_open(found, [base, leak]).why == "the base model explains the recording; not excluded: leakage (0.30)"
 
 
 @pytest.mark.parametrize(
