@@ -43,7 +43,7 @@ class Earlier:
 
     def promise(self, taken: Sequence[Recording]) -> Promise | None:
         """What it promised of new recordings; None where they hold no test that it asked for."""
-        from calibration.diagnosis.next_test.promised import asked_for
+        from calibration.diagnosis.next_test.promised import Rival, asked_for
         from calibration.likelihood.expected import Capture
 
         tests = [
@@ -51,7 +51,10 @@ class Earlier:
             for one in self.document["next_tests"]
             if one.get("capture")
         ]
-        rivals = {tuple(one["effects"]): one["log_evidence"] for one in self.document.get("rivals", [])}
+        rivals = {
+            tuple(one["effects"]): Rival(one["log_evidence"], one.get("probability", 1.0))
+            for one in self.document.get("rivals", [])
+        }
         return asked_for(tests, rivals, taken)
 
 

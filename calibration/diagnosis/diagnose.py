@@ -159,7 +159,7 @@ def _explain(
         return _of_something_else(first, off, clock)
     search = Search(comparison, first.base, side_by_side, clock.tell)
     residuals = Residuals(comparison, rng, side_by_side)
-    searched = _search(first, search, residuals, clock, {names for one in promises for names in one.log_evidence})
+    searched = _search(first, search, residuals, clock, {names for one in promises for names in one.rivals})
     base, candidates = searched.base, searched.candidates
     said, held_out, unseen_run = _said(searched, comparison, residuals, hold_out, clock)
     clock("locate")

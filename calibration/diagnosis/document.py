@@ -50,7 +50,10 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "f_overall_after": None if found.not_described else f_overall_after(found),
         "next_tests": next_tests_as_json(found.next_tests),
         # What a test that is given back was to tell apart, and how it stood before.
-        "rivals": [{"effects": list(c.names), "log_evidence": c.log_evidence} for c in found.rivals],
+        "rivals": [
+            {"effects": list(c.names), "log_evidence": c.log_evidence, "probability": c.probability}
+            for c in found.rivals
+        ],
         "promised": [asdict(one) for one in found.promised],
         "suspect_rows": [
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows

@@ -53,7 +53,7 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     from calibration.challenge.second_rig import another_day, draw, make_recording
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose
-    from calibration.diagnosis.next_test.promised import Promise
+    from calibration.diagnosis.next_test.promised import Promise, Rival
     from rig.recording import read_recording
 
     if code_of_a_case() != argument["code"]:
@@ -68,7 +68,8 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
             test = next((one for one in found.next_tests if one.capture), None)
             if test is None or test.capture is None:
                 break
-            promise = Promise(test.test, test.information_nats, {one.names: one.log_evidence for one in found.rivals})
+            rivals = {one.names: Rival(one.log_evidence, one.probability) for one in found.rivals}
+            promise = Promise(test.test, test.information_nats, rivals)
             folders.append(Path(place) / f"day_{day}")
             another_day(truth, asdict(test.capture), day, folders[-1])
             found = diagnose(as_given([read_recording(one) for one in folders]), SEED, promises=[promise])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,6 +12,21 @@ from calibration.likelihood.expected import Expected
 
 SETTLED_NATS = math.log(150.0)  # of the odds: beyond it two explanations count as told apart
 MOST_REPEATS = 100
+
+
+def pair_weights(probabilities: Sequence[float]) -> dict[tuple[int, int], float]:
+    """What each pair of explanations counts for [-], adding up to 1: a pair is worth a test if both are probable.
+
+    Parameters
+    ----------
+    probabilities : sequence of float
+        Of the explanations, two or more; where no pair is probable all count alike [-].
+    """
+    both = {
+        pair: math.prod(probabilities[i] for i in pair) for pair in itertools.combinations(range(len(probabilities)), 2)
+    }
+    total = sum(both.values())
+    return {pair: one / total if total > 0.0 else 1.0 / len(both) for pair, one in both.items()}
 
 
 def expected_nats(one: Expected, other: Expected, repeats: int = 1) -> float:

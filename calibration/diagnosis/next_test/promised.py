@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from calibration.diagnosis.next_test.information import pair_weights
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.expected import Capture
 from rig.recording import Recording, RecordingFile
@@ -18,19 +19,20 @@ BESIDE = "; "  # between tests that were taken together
 Names = tuple[str, ...]
 
 
+class Rival(NamedTuple):
+    """How a set of effects stood before a test: its log evidence and its probability [-]."""
+
+    log_evidence: float
+    probability: float
+
+
 @dataclass(frozen=True)
 class Promise:
-    """What a test was expected to tell before it was taken.
-
-    Attributes
-    ----------
-    log_evidence : mapping
-        Of each set of effects that it was to tell apart, by the recordings before it [-].
-    """
+    """What a test was expected to tell before it was taken, and the sets of effects that it was to tell apart."""
 
     test: str
     information_nats: float
-    log_evidence: Mapping[Names, float]
+    rivals: Mapping[Names, Rival]
 
 
 @dataclass(frozen=True)
@@ -45,23 +47,25 @@ class Kept:
 def kept(promise: Promise, candidates: Sequence[Candidate]) -> Kept | None:
     """What a test gave: how far it moved the log odds of two sets for the likelier of them, the mean over their pairs.
 
-    That is what was promised, with the likelier set in the place of the true one. Negative where the test speaks for
+    Each pair counts for what it was probable before. That is what was promised, with the likelier set in the place of
+    the true one. Negative where the test speaks for
     the other. None where fewer than two of the sets were weighed again.
     """
     now = {one.names: one.log_evidence for one in candidates}
-    pairs = itertools.combinations([names for names in promise.log_evidence if names in now], 2)
-    moved = []
-    for one, other in pairs:
-        after = now[one] - now[other]
-        before = promise.log_evidence[one] - promise.log_evidence[other]
-        moved.append((after - before) * (1.0 if after >= 0.0 else -1.0))
-    if not moved:
+    known = [names for names in promise.rivals if names in now]
+    if len(known) < 2:
         return None
-    return Kept(promise.test, promise.information_nats, round(float(np.mean(moved)), 2))
+    moved = 0.0
+    for pair, weight in pair_weights([promise.rivals[names].probability for names in known]).items():
+        one, other = (known[i] for i in pair)
+        after = now[one] - now[other]
+        before = promise.rivals[one].log_evidence - promise.rivals[other].log_evidence
+        moved += weight * (after - before) * (1.0 if after >= 0.0 else -1.0)
+    return Kept(promise.test, promise.information_nats, round(moved, 2))
 
 
 def asked_for(
-    tests: Sequence[tuple[str, float, Capture]], rivals: Mapping[Names, float], taken: Sequence[Recording]
+    tests: Sequence[tuple[str, float, Capture]], rivals: Mapping[Names, Rival], taken: Sequence[Recording]
 ) -> Promise | None:
     """The promise of the tests that new recordings hold; of several that were taken together the largest.
 
@@ -70,7 +74,7 @@ def asked_for(
     tests : sequence of (str, float, Capture)
         What was asked for, the nats promised [-], and what is to be taken.
     rivals : mapping
-        Log evidence of each set that they were to tell apart [-].
+        The sets that they were to tell apart.
     """
     held = [capture for one in taken for capture in captures_of(one)]
     found = [(words, nats) for words, nats, wanted in tests if any(_is_like(wanted, one) for one in held)]

@@ -2,23 +2,21 @@
 
 A test's information is the expected logarithm of the Bayes factor between two rivals for the one that holds: half the
 sum of the Kullback-Leibler divergences both ways, with all that the recording leaves open of motor, instruments and
-effects carried along; the mean over the pairs of rivals. It has no upper limit: 20 nats and 2000 are both certainty,
-but the larger forgives more that the model does not know.
+effects carried along; the mean over the pairs of rivals, each for what it is probable. It has no upper limit: 20 nats
+and 2000 are both certainty, but the larger forgives more that the model does not know.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.next_test.information import expected_nats, repeats_needed
+from calibration.diagnosis.next_test.information import expected_nats, pair_weights, repeats_needed
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.expected import Capture, Test
-from calibration.likelihood.mode import Mode
 
 MOST = 4
 MOST_APART = 2  # of those that need another instrument
@@ -51,38 +49,32 @@ class NextTest:
 
 def propose(comparison: Compared, rivals: Sequence[Candidate]) -> list[NextTest]:
     """Tests ranked by what they would tell between the most probable rivals, those with another instrument last."""
-    weighed = [one.mode for one in rivals[:MOST_RIVALS]]
+    weighed = rivals[:MOST_RIVALS]
     if len(weighed) < 2:
         return []
-    names = ["+".join(one.names) or NOTHING for one in weighed]
-    told = {test.words: test for test in comparison.tests(weighed)}  # of one level the middle one is the highest
-    found = [weigh(test, names, weighed) for test in told.values()]
+    modes = [one.mode for one in weighed]
+    told = {test.words: test for test in comparison.tests(modes)}  # of one level the middle one is the highest
+    found = [weigh(test, weighed) for test in told.values()]
     return ranked([one for one in found if one])
 
 
-def weigh(test: Test, names: Sequence[str], rivals: Sequence[Mode]) -> NextTest | None:
-    """What a test would tell; None where it cannot be simulated.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the rivals.
-    """
+def weigh(test: Test, rivals: Sequence[Candidate]) -> NextTest | None:
+    """What a test would tell; None where it cannot be simulated."""
     try:
-        read = test.expected(rivals)
+        read = test.expected([one.mode for one in rivals])
     except ArithmeticError:
         return None
-    pairs = list(itertools.combinations(range(len(names)), 2))
-    nats = {pair: expected_nats(read[pair[0]], read[pair[1]]) for pair in pairs}
+    weights = pair_weights([one.probability for one in rivals])
+    nats = {pair: expected_nats(read[pair[0]], read[pair[1]]) for pair in weights}
     if not np.all(np.isfinite([*nats.values()])):  # a model far from the readings: no test follows from it
         return None
-    told = [pair for pair in pairs if nats[pair] > LEAST_NATS]
-    separates = tuple(dict.fromkeys(names[i] for pair in told for i in pair))
+    told = [pair for pair in weights if nats[pair] > LEAST_NATS]
+    separates = tuple(dict.fromkeys("+".join(rivals[i].names) or NOTHING for pair in told for i in pair))
 
     def least(repeats: int) -> float:
         return min(expected_nats(read[i], read[j], repeats) for i, j in told)
 
-    mean = round(sum(nats.values()) / len(nats), 2)
+    mean = round(sum(weights[pair] * nats[pair] for pair in weights), 2)
     return NextTest(test.words, separates, mean, repeats_needed(least) if told else None, test.needs, test.capture)
 
 

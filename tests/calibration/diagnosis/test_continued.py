@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tests.diagnosis_recordings as recordings
-from calibration.diagnosis.next_test.promised import Kept, Promise, captures_of, kept
+from calibration.diagnosis.next_test.promised import Kept, Promise, Rival, captures_of, kept
 from calibration.diagnosis.steps.candidate import Candidate
 from rig.recording import read_recording, write_recording
 from tests.calibration.diagnosis.test_several_recordings import FRICTION, on_another_day
@@ -96,8 +96,10 @@ def test_what_a_test_gave_is_what_it_moved_the_odds_of_the_likelier_by():
     def candidate(names: tuple[str, ...], log_evidence: float) -> Candidate:
         return Candidate(names, None, log_evidence, 0.5)
 
-    promise = Promise("a test", 12.0, {(): -10.0, ("windage",): -12.0, ("leakage",): -11.0})
+    before = {(): Rival(-10.0, 0.5), ("windage",): Rival(-12.0, 0.25), ("leakage",): Rival(-11.0, 0.1)}
+    promise = Promise("a test", 12.0, before)
     now = [candidate((), -60.0), candidate(("windage",), -50.0), candidate(("leakage",), -60.5)]
     moved = [10.0 + 2.0, 0.5 - 1.0, 10.5 + 1.0]  # windage and nothing, nothing and leakage, windage and leakage
-    assert kept(promise, now) == Kept("a test", 12.0, round(float(np.mean(moved)), 2))
+    both = [0.5 * 0.25, 0.5 * 0.1, 0.25 * 0.1]
+    assert kept(promise, now) == Kept("a test", 12.0, round(float(np.average(moved, weights=both)), 2))
     assert kept(promise, now[:1]) is None

@@ -144,6 +144,24 @@ def test_two_losses_of_pressure_are_parted_by_gauges_at_their_places(comparison,
     assert [bool(one.needs) for one in found] == sorted(bool(one.needs) for one in found)
 
 
+def nothing(base: Mode) -> Candidate:
+    return Candidate((), base, base.log_evidence, 0.5)
+
+
+def test_what_a_test_tells_of_an_improbable_rival_counts_for_little(comparison, base):
+    """A far one is told by anything: by itself that is no reason to take a test."""
+
+    def at(place: float) -> Expected:
+        return Expected(np.array([place]), np.zeros((1, 1)), np.eye(1))
+
+    rivals = [nothing(base), *(replace(nothing(base), names=(name,)) for name in ("windage", "leakage"))]
+    test = Test("a test", "", lambda modes: [at(0.0), at(0.5), at(10.0)])
+    alike = weigh(test, rivals)
+    rare = weigh(test, [*rivals[:2], replace(rivals[2], probability=1e-6)])
+    assert alike.information_nats == pytest.approx((0.125 + 50.0 + 45.125) / 3.0, abs=0.01)
+    assert rare.information_nats == pytest.approx(0.125, abs=0.01)
+
+
 def with_size(comparison: Comparison, one: Candidate, z: float) -> Candidate:
     """The rival with its effect of ordinary size."""
     k = len(comparison.problem.nuisances)
@@ -188,9 +206,9 @@ def test_a_run_in_which_the_rotor_would_not_turn_is_not_proposed(comparison, bas
     faint = replace(pressure, values=np.where(pressure.values > 1.1, 1.02, pressure.values))
     files = (anchor, replace(run, columns={**run.columns, name: faint}))
     plan = replace(spin_up, recording=replace(spin_up.recording, files=files))
-    rivals = [base, rival(comparison, base, "windage").mode]
+    rivals = [nothing(base), rival(comparison, base, "windage")]
     test = Test(plan.words, "", partial(expected_readings, plan, comparison), plan.capture)
-    assert weigh(test, ["nothing", "windage"], rivals) is None
+    assert weigh(test, rivals) is None
 
 
 @pytest.mark.parametrize(("pulses", "is_told"), [(60.0, True), (2.0, False)])
@@ -203,4 +221,4 @@ def test_a_run_of_which_the_tachometer_shows_too_little_is_not_proposed(tmp_path
     mode = find(read, ())
     coast_down = next(plan for plan in planned(read) if plan.words.startswith("coast-down"))
     test = Test(coast_down.words, "", partial(expected_readings, coast_down, read), coast_down.capture)
-    assert (weigh(test, ["nothing", "windage"], [mode, rival(read, mode, "windage").mode]) is not None) is is_told
+    assert (weigh(test, [nothing(mode), rival(read, mode, "windage")]) is not None) is is_told
