@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
 
 SAMPLE_S = 0.005  # of a run in time, where the recording has none
+GAUGE_S = 0.1  # between two readings of the gauge in a run in time, where the recording has none
 NOISIER = 2.0  # a sample than a plateau, where the recording does not say
 SPIN_UP, COAST_DOWN = (10, 200), (20, 240)  # samples before the valve turns, and in all
 HIGHER, LEAST_HIGHER = 1.3, 1.05  # than the highest level so far; where the motor's speed allows less, so much at least
@@ -106,6 +107,7 @@ class _Bench:
         self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
         shown_every = self.seen.channels[str(self.columns["speed"])].window_s if self.columns["speed"] else None
         self.sample = float(np.median(np.diff(runs[0].time))) if runs else max(SAMPLE_S, shown_every or 0.0)
+        self.gauge_every = max(round(_gauge_s(self.seen, str(self.columns["pressure"])) / self.sample), 1)
         self.noisier = float(np.max(runs[0].noise_scale)) if runs else NOISIER
         self.inertia = comparison.problem.motor.si("inertia") - self.seen.added_inertia_kg_m2
 
@@ -153,6 +155,7 @@ class _Bench:
         line = np.where(opened, pressure, self.ambient)
         values = {"time_s": self.sample * (1.0 + np.arange(count)), "supply_open": opened.astype(float)}
         values |= self._read(line)
+        values[str(self.columns["pressure"])] = np.where(np.arange(count) % self.gauge_every, np.nan, line)
         values[str(self.columns["speed"])] = np.where(opened | (not from_rest), 100.0, 0.0)
         values.pop(str(self.columns["flow"]), None)
         return _file("planned.csv", "transient", 0.0, self.noisier, values)
@@ -168,6 +171,14 @@ class _Bench:
             if self.columns[channel]:
                 found[str(self.columns[channel])] = np.full(pressure.size, 100.0)
         return found
+
+
+def _gauge_s(seen: Recording, column: str) -> float:
+    """How long it is from one reading of the gauge to the next in a recording's runs in time [s]."""
+    runs = [file.columns for file in seen.files if file.kind == "transient" and column in file.columns]
+    gaps = [np.diff(one["time_s"].values[np.isfinite(one[column].values)]) for one in runs]
+    found = np.concatenate([np.zeros(0), *gaps])
+    return float(np.median(found)) if found.size else GAUGE_S
 
 
 def _file(
