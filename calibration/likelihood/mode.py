@@ -20,7 +20,7 @@ from calibration.likelihood.compared import Compared, Prediction, Problem
 from calibration.likelihood.tails import marginals
 from calibration.unknowns.effects import is_size
 
-BAD = 0.01
+BAD = 0.01  # probability that a single reading is bad, before looking
 BAD_WIDTH = 10.0  # a bad reading's error is as dense at 0 as a normal one of so many sds of a good one
 CAUCHY = BAD_WIDTH * math.sqrt(2.0 / math.pi)  # the scale of such a law
 # More of a channel are no single misreadings: this many, or as many as five if they are a fifth at most, or this share.

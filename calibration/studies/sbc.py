@@ -67,6 +67,7 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     """
     import configs
     from calibration.fit import fit
+    from calibration.likelihood.mode import BAD
     from calibration.systems.radial_piston.batch import rows
     from calibration.unknowns import priors
     from configs.units import BAR
@@ -91,7 +92,7 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
         shown = exact * (1.0 + scale) + offset
         sd = np.full(PLATEAUS, figures.noise_sd * noise_scale)
         good = np.hypot(sd, figures.resolution / np.sqrt(12.0))
-        bad = rng.uniform(size=PLATEAUS) < rows.BAD
+        bad = rng.uniform(size=PLATEAUS) < BAD
         sd = np.where(bad, rows.BAD_WIDTH * good + rows.BAD_SHARE * np.abs(shown), sd)
         reading = np.round((shown + sd * rng.standard_normal(PLATEAUS)) / figures.resolution) * figures.resolution
         censor = np.zeros(PLATEAUS, dtype=np.int8)

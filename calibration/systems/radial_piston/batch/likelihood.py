@@ -20,9 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.data.measurement import Measurement, Rows
+from calibration.likelihood.mode import BAD
 from calibration.systems.radial_piston.batch import states as effect_states
 from calibration.systems.radial_piston.batch.effects import Effects
-from calibration.systems.radial_piston.batch.rows import BAD, add_zero_rows, bad_rows, sum_rows
+from calibration.systems.radial_piston.batch.rows import add_zero_rows, bad_rows, sum_rows
 from calibration.unknowns.priors import CHANNELS, Error, OfInstrument, Unknown, column_of, factors_at, values_of
 from configs.units import BAR
 from model.effects.laws import Chosen

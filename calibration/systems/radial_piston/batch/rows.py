@@ -12,7 +12,6 @@ from configs.units import BAR
 from model.layout import L_MIN, RPM
 from model.solvers import steady
 
-BAD = 0.01  # probability that a single reading is bad, before looking
 BAD_WIDTH = 10.0  # a bad reading's sd, in sds of a good one ...
 BAD_SHARE = 0.1  # ... plus this share of the reading
 LOG_2_PI = math.log(2.0 * math.pi)
