@@ -55,13 +55,13 @@ def kept(promise: Promise, candidates: Sequence[Candidate]) -> Kept | None:
     known = [names for names in promise.rivals if names in now]
     if len(known) < 2:
         return None
-    moved = 0.0
+    gave = 0.0
     for pair, weight in pair_weights([promise.rivals[names].probability for names in known]).items():
         one, other = (known[i] for i in pair)
         after = now[one] - now[other]
         before = promise.rivals[one].log_evidence - promise.rivals[other].log_evidence
-        moved += weight * (after - before) * (1.0 if after >= 0.0 else -1.0)
-    return Kept(promise.test, promise.information_nats, round(moved, 2))
+        gave += weight * (after - before) * (1.0 if after >= 0.0 else -1.0)
+    return Kept(promise.test, promise.information_nats, round(gave, 2))
 
 
 def asked_for(

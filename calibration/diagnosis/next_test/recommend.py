@@ -1,19 +1,20 @@
 """Step 6: which test would part explanations that this recording cannot tell apart.
 
-A test's information is the expected logarithm of the Bayes factor between two rivals for the one that holds: half the
-sum of the Kullback-Leibler divergences both ways, with all that the recording leaves open of motor, instruments and
-effects carried along; the mean over the pairs of rivals, each for what it is probable. It has no upper limit: 20 nats
-and 2000 are both certainty, but the larger forgives more that the model does not know.
+A test's information is what it will give, as often more as less: how far it moves the log odds between two rivals for
+the true one, the mean over the pairs of rivals, each for what it is probable. Readings are drawn from the rivals, with
+all that the recording leaves open of motor, instruments and effects carried along. It has no upper limit: 20 nats and
+2000 are both certainty, but the larger forgives more that the model does not know.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.next_test.information import expected_nats, pair_weights, repeats_needed
+from calibration.diagnosis.next_test.information import given_nats, repeats_needed
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.expected import Capture, Test
@@ -64,18 +65,20 @@ def weigh(test: Test, rivals: Sequence[Candidate]) -> NextTest | None:
         read = test.expected([one.mode for one in rivals])
     except ArithmeticError:
         return None
-    weights = pair_weights([one.probability for one in rivals])
-    nats = {pair: expected_nats(read[pair[0]], read[pair[1]]) for pair in weights}
-    if not np.all(np.isfinite([*nats.values()])):  # a model far from the readings: no test follows from it
-        return None
-    told = [pair for pair in weights if nats[pair] > LEAST_NATS]
+    if not all(np.isfinite([*one.mean, *np.diag(one.shared)]).all() for one in read):
+        return None  # a model far from the readings: no test follows from it
+    given = partial(given_nats, read, [one.probability for one in rivals])
+    whole, nats = given()
+    told = [pair for pair in nats if nats[pair] > LEAST_NATS]
     separates = tuple(dict.fromkeys("+".join(rivals[i].names) or NOTHING for pair in told for i in pair))
 
     def least(repeats: int) -> float:
-        return min(expected_nats(read[i], read[j], repeats) for i, j in told)
+        each = given(repeats)[1]
+        return min(each[pair] for pair in told)
 
-    mean = round(sum(weights[pair] * nats[pair] for pair in weights), 2)
-    return NextTest(test.words, separates, mean, repeats_needed(least) if told else None, test.needs, test.capture)
+    return NextTest(
+        test.words, separates, round(whole, 2), repeats_needed(least) if told else None, test.needs, test.capture
+    )
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:
