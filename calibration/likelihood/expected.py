@@ -12,6 +12,9 @@ from calibration.likelihood.mode import Mode
 MODEL_SD = 5e-3  # of flow and speed: what two solutions of a model's equations differ by
 
 
+LEAST_OPEN = 1e-9  # of the most open direction's variance: what is less open is known
+
+
 @dataclass(frozen=True)
 class Expected:
     """What a test would read if an explanation holds.
@@ -19,16 +22,31 @@ class Expected:
     Attributes
     ----------
     mean : ndarray, shape (m,)
-        Expected, in standard deviations of the noise [-].
-    shared : ndarray, shape (m, m)
-        Covariance of what the recording leaves open, the same in each repeat [-].
+        At the most probable point, in standard deviations of the noise [-].
+    slopes : ndarray, shape (m, k)
+        What the readings do along each direction in which the recording leaves the point open, by one sd [-].
+    inexact : ndarray, shape (m, m)
+        Covariance of what the model has wrong, the same in each repeat [-].
     own : ndarray, shape (m, m)
         Covariance of noise and of all that is new in each repeat [-].
+    at : callable or None
+        From a place along the directions, shape (k,) [-], to the readings there; nan where there are none. None: they
+        are straight.
     """
 
     mean: np.ndarray
-    shared: np.ndarray
+    slopes: np.ndarray
+    inexact: np.ndarray
     own: np.ndarray
+    at: Callable[[np.ndarray], np.ndarray] | None = None
+
+
+def directions(covariance: np.ndarray) -> np.ndarray:
+    """Directions in which a point is open, each as long as its sd [-], shape (n, k)."""
+    variance, unit = np.linalg.eigh(covariance)
+    told = variance > LEAST_OPEN * float(variance.max(initial=0.0))
+    found: np.ndarray = unit[:, told] * np.sqrt(variance[told])
+    return found
 
 
 @dataclass(frozen=True)

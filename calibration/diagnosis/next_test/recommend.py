@@ -1,16 +1,16 @@
 """Step 6: which test would part explanations that this recording cannot tell apart.
 
 A test's information is what it will give, as often more as less: how far it moves the log odds between two rivals for
-the true one, the mean over the pairs of rivals, each for what it is probable. Readings are drawn from the rivals, with
-all that the recording leaves open of motor, instruments and effects carried along. It has no upper limit: 20 nats and
-2000 are both certainty, but the larger forgives more that the model does not know.
+the true one, the mean over the pairs of rivals, each for what it is probable. The other rival is fitted to the readings
+of the true one, with all that the recording leaves open of motor, instruments and effects. It has no upper limit: 20
+nats and 2000 are both certainty, but the larger forgives more that the model does not know.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -55,30 +55,36 @@ def propose(comparison: Compared, rivals: Sequence[Candidate]) -> list[NextTest]
         return []
     modes = [one.mode for one in weighed]
     told = {test.words: test for test in comparison.tests(modes)}  # of one level the middle one is the highest
-    found = [weigh(test, weighed) for test in told.values()]
-    return ranked([one for one in found if one])
+    found = {words: one for words, test in told.items() if (one := weigh(test, weighed))}
+    best = ranked([one for one, _ in found.values()])
+    return [replace(one, repeats=_repeats(found[one.test][1])) for one in best]
 
 
-def weigh(test: Test, rivals: Sequence[Candidate]) -> NextTest | None:
-    """What a test would tell; None where it cannot be simulated."""
+Given = Callable[[int], tuple[float, dict[tuple[int, int], float]]]
+
+
+def weigh(test: Test, rivals: Sequence[Candidate]) -> tuple[NextTest, Given] | None:
+    """A test, and what a number of its repeats would give; None where it cannot be simulated."""
     try:
         read = test.expected([one.mode for one in rivals])
     except ArithmeticError:
         return None
-    if not all(np.isfinite([*one.mean, *np.diag(one.shared)]).all() for one in read):
+    if not all(np.isfinite(one.mean).all() and np.isfinite(one.slopes).all() for one in read):
         return None  # a model far from the readings: no test follows from it
-    given = partial(given_nats, read, [one.probability for one in rivals])
-    whole, nats = given()
-    told = [pair for pair in nats if nats[pair] > LEAST_NATS]
-    separates = tuple(dict.fromkeys("+".join(rivals[i].names) or NOTHING for pair in told for i in pair))
+    given = cache(partial(given_nats, read, [one.probability for one in rivals]))
+    whole, nats = given(1)
+    separates = tuple(dict.fromkeys("+".join(rivals[i].names) or NOTHING for pair in _told(nats) for i in pair))
+    return NextTest(test.words, separates, round(whole, 2), None, test.needs, test.capture), given
 
-    def least(repeats: int) -> float:
-        each = given(repeats)[1]
-        return min(each[pair] for pair in told)
 
-    return NextTest(
-        test.words, separates, round(whole, 2), repeats_needed(least) if told else None, test.needs, test.capture
-    )
+def _told(nats: Mapping[tuple[int, int], float]) -> list[tuple[int, int]]:
+    return [pair for pair in nats if nats[pair] > LEAST_NATS]
+
+
+def _repeats(given: Given) -> int | None:
+    """How often a test has to be made to tell apart for certain what it separates; None where no number does."""
+    told = _told(given(1)[1])
+    return repeats_needed(lambda n: min(given(n)[1][pair] for pair in told)) if told else None
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:

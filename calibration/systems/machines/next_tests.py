@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from calibration.likelihood.expected import MODEL_SD, Expected, Test
+from calibration.likelihood.expected import MODEL_SD, Expected, Test, directions
 from calibration.likelihood.mode import Mode
 from calibration.systems.machines.problem import Problem
 from calibration.systems.machines.system import Simulate
@@ -43,8 +43,8 @@ def _expected(problem: Problem, one: Mode, simulate: Simulate) -> Expected:
     for i in range(one.z.size):
         step = min(STEP, max(LEAST_STEP, SHARE * float(np.sqrt(one.covariance[i, i]))))
         slopes[:, i] = (read(one.z + step * np.eye(one.z.size)[i])[0] - here) / step
-    shared = slopes @ one.covariance @ slopes.T + np.diag((MODEL_SD * here) ** 2)
-    return Expected(here / sd, shared / np.outer(sd, sd), np.eye(here.size))
+    open_ = slopes @ directions(one.covariance) / sd[:, None]
+    return Expected(here / sd, open_, np.diag((MODEL_SD * here / sd) ** 2), np.eye(here.size))
 
 
 def _noise(problem: Problem, best: Mode, channel: str) -> float:

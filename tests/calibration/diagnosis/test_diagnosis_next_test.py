@@ -9,13 +9,14 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
-from calibration.diagnosis.next_test.information import Expected, given_nats, repeats_needed
+from calibration.diagnosis.next_test.information import given_nats, log_density, repeats_needed
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked, weigh
 from calibration.diagnosis.sizes.not_excluded import behind_friction
 from calibration.diagnosis.steps.candidate import Candidate, vanishes
 from calibration.likelihood.descent import find
-from calibration.likelihood.expected import Test
+from calibration.likelihood.expected import Expected, Test
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.next_tests.planned import FLYWHEEL, expected_readings, planned
@@ -59,7 +60,7 @@ def test_what_hardly_anything_speaks_against_is_told_where_f_overall_would_be_an
 
 
 def normal(mean: float, shared: float, own: float) -> Expected:
-    return Expected(np.array([mean]), np.array([[shared]]), np.array([[own]]))
+    return Expected(np.array([mean]), np.array([[math.sqrt(shared)]]), np.zeros((1, 1)), np.array([[own]]))
 
 
 def even(one: Expected, other: Expected, repeats: int = 1) -> float:
@@ -67,26 +68,38 @@ def even(one: Expected, other: Expected, repeats: int = 1) -> float:
     return given_nats([one, other], [0.5, 0.5], repeats)[0]
 
 
-def test_the_information_is_what_drawn_readings_give_as_often_more_as_less():
+def test_the_density_of_straight_readings_is_the_normal_one():
     rng = np.random.default_rng(3)
-    means, sds = (0.0, 6.0), (1.2, 2.4)
-    one, other = (normal(mean, 0.0, sd**2) for mean, sd in zip(means, sds, strict=True))
-
-    def density(x: np.ndarray, i: int) -> np.ndarray:
-        return -0.5 * ((x - means[i]) / sds[i]) ** 2 - math.log(sds[i])
-
-    drawn = np.concatenate([means[i] + sds[i] * rng.standard_normal(n) for i, n in enumerate((150_000, 50_000))])
-    gave = (density(drawn, 0) - density(drawn, 1)) * np.where(np.arange(200_000) < 150_000, 1.0, -1.0)
-    whole, each = given_nats([one, other], [0.6, 0.2])
-    assert whole == pytest.approx(float(np.median(gave)), rel=0.1)
-    assert each == {(0, 1): whole}
+    slopes, rest = rng.standard_normal((5, 2)), rng.standard_normal((5, 5))
+    one = Expected(rng.standard_normal(5), slopes, 0.1 * rest @ rest.T, np.eye(5))
+    read = rng.standard_normal(5)
+    for repeats in (1, 4):
+        law = multivariate_normal(one.mean, slopes @ slopes.T + one.inexact + one.own / repeats)
+        told = log_density(one, read, repeats) - 2.5 * math.log(2.0 * math.pi)
+        assert told == pytest.approx(law.logpdf(read), abs=1e-9)
 
 
-def test_an_effect_of_which_hardly_a_size_is_known_promises_what_it_mostly_gives():
-    """The mean of what it gives would be 500 nats, made by draws of sizes that are seldom so large."""
-    known, open_ = normal(0.0, 0.0, 1.0), normal(0.0, 1000.0, 1.0)
-    assert even(known, open_) < 20.0
-    assert given_nats([known, open_], [0.9, 0.1])[0] < 5.0
+def test_an_effect_that_may_be_gone_is_hardly_told_from_nothing():
+    """Its size is 1 +- 0.5 and what it reads goes with the square: straight on, half of it would do."""
+
+    def at(place: np.ndarray) -> np.ndarray:
+        return 100.0 * np.maximum(1.0 + 0.5 * place, 0.0) ** 2
+
+    zero, one = np.zeros((1, 1)), np.eye(1)
+    nothing_, effect = normal(0.0, 0.0, 1.0), Expected(np.array([100.0]), np.array([[100.0]]), zero, one, at)
+    assert given_nats([nothing_, effect], [0.9, 0.1])[0] < 6.0
+    told = given_nats([nothing_, effect], [0.1, 0.9])[0]
+    assert told > 1000.0  # where it is there it is told for certain
+
+
+def test_what_a_test_gives_is_what_it_gives_with_half_of_the_probability():
+    """Of three explanations the second is as probable as not; only the third is far off."""
+    read = [normal(place, 0.0, 1.0) for place in (0.0, 1.0, 20.0)]
+    whole, each = given_nats(read, [0.3, 0.6, 0.1])
+    assert each == {(0, 1): 0.5, (0, 2): 200.0, (1, 2): 180.5}
+    # of the second: 0.5 beside the first, 180.5 beside the third, and 180 between these two
+    weights = np.array([0.18, 0.06, 0.03])
+    assert whole == pytest.approx(float(weights @ [0.5, 180.5, 180.0]) / weights.sum())
 
 
 def test_repeats_do_not_average_out_what_is_not_known_of_the_motor():
@@ -166,12 +179,12 @@ def test_what_a_test_tells_of_an_improbable_rival_counts_for_little(comparison, 
     """A far one is told by anything: by itself that is no reason to take a test."""
 
     def at(place: float) -> Expected:
-        return Expected(np.array([place]), np.zeros((1, 1)), np.eye(1))
+        return normal(place, 0.0, 1.0)
 
     rivals = [nothing(base), *(replace(nothing(base), names=(name,)) for name in ("windage", "leakage"))]
     test = Test("a test", "", lambda modes: [at(0.0), at(0.5), at(10.0)])
-    alike = weigh(test, rivals)
-    rare = weigh(test, [*rivals[:2], replace(rivals[2], probability=1e-6)])
+    alike, _ = weigh(test, rivals)
+    rare, _ = weigh(test, [*rivals[:2], replace(rivals[2], probability=1e-6)])
     assert alike.information_nats > 25.0 and rare.information_nats < 1.0
 
 

@@ -13,9 +13,10 @@ import numpy as np
 from calibration.data.blocks import levels
 from calibration.data.runs import RunInTime
 from calibration.data.runs_in_time import placeholders
-from calibration.likelihood.expected import MODEL_SD, Capture, Expected
+from calibration.likelihood.expected import MODEL_SD, Capture, Expected, directions
 from calibration.likelihood.function import Function, Predicts
 from calibration.likelihood.mode import Mode
+from calibration.systems.radial_piston.noise import Whitener
 from calibration.systems.radial_piston.predict.carried import carried, of_any_day
 from calibration.systems.radial_piston.predict.kinds import RUN
 from calibration.unknowns.priors import column_of
@@ -209,25 +210,34 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
         if not there.problem.blocks.runs:
             raise FloatingPointError("the rotor would not turn")
         _refuse_too_few(plan.recording, there.problem.blocks.runs[0])
-    common = None
-    found = []
-    for one in rivals:
-        z, covariance, new = carried(seen.problem, one, there.problem, stays)
-        mean = _mean(there, one.names)
-        here = mean(z)
-        f = Function(there, one.names)
-        slopes = f.derivatives(z, here, np.zeros((there.read.size, z.size)), one.u, mean)
-        if common is None:
-            common = there.whitener(here, one.u)
-        looked_at = there.known & ~((there.kind < RUN) & (there.index == 0))
-        raw = there.raw(here)
-        model = np.column_stack([np.where(there.kind == 0, raw, 0.0), np.where(there.kind > 0, raw, 0.0)]) * MODEL_SD
-        J = common(slopes)[looked_at]
-        blur = common(np.nan_to_num(model))[looked_at]
-        shared = J[:, ~new] @ covariance[np.ix_(~new, ~new)] @ J[:, ~new].T + blur @ blur.T
-        own = J[:, new] @ covariance[np.ix_(new, new)] @ J[:, new].T + np.eye(int(looked_at.sum()))
-        found.append(Expected(common(np.nan_to_num(raw))[looked_at], shared, own))
-    return found
+    common = there.whitener(_mean(there, rivals[0].names)(first), rivals[0].u)
+    return [_expected(there, common, one, *carried(seen.problem, one, there.problem, stays)) for one in rivals]
+
+
+def _expected(
+    there: Comparison, common: Whitener, one: Mode, z: np.ndarray, covariance: np.ndarray, new: np.ndarray
+) -> Expected:
+    """What a test would read under a rival, from its point and covariance there, and which of its unknowns are new."""
+    f, mean = Function(there, one.names), _mean(there, one.names)
+    looked_at = there.known & ~((there.kind < RUN) & (there.index == 0))
+    open_ = directions(np.where(new[:, None] | new, 0.0, covariance))
+
+    def white(difference: np.ndarray) -> np.ndarray:
+        found: np.ndarray = common(np.nan_to_num(difference))[looked_at]
+        return found
+
+    def at(place: np.ndarray) -> np.ndarray:
+        found = mean(f.clip(z + open_ @ place))
+        return white(there.raw(found)) if there.is_told(found) else np.full(int(looked_at.sum()), np.nan)
+
+    here = mean(z)
+    J = white(f.derivatives(z, here, np.zeros((there.read.size, z.size)), one.u, mean))
+    raw = there.raw(here)
+    inexact = white(
+        np.column_stack([np.where(there.kind == 0, raw, 0.0), np.where(there.kind > 0, raw, 0.0)]) * MODEL_SD
+    )
+    own = J[:, new] @ covariance[np.ix_(new, new)] @ J[:, new].T + np.eye(int(looked_at.sum()))
+    return Expected(white(raw), J @ open_, inexact @ inexact.T, own, at)
 
 
 def _refuse_too_few(planned: Recording, run: RunInTime) -> None:

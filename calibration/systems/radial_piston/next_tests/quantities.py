@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.likelihood.expected import Expected
+from calibration.likelihood.expected import Expected, directions
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.next_tests.planned import OF_THE_LIMIT
 from calibration.systems.radial_piston.predict import gauge
@@ -140,11 +140,10 @@ def expected_quantity(one: Quantity, problem: Problem, rivals: Sequence[Mode]) -
             parameters, errors, *_ = problem.split(z[:k])
             return one.value(parameters, errors, problem.chosen(names, z[k:])) / one.sd
 
-        z = rival.z
-        here = value(z)
-        slope = np.array([(value(z + step) - here) / STEP for step in STEP * np.eye(z.size)])
-        shared = slope @ rival.covariance @ slope
-        found.append(Expected(np.array([here]), np.array([[shared]]), np.eye(1)))
+        open_ = directions(rival.covariance)
+        here = value(rival.z)
+        slopes = np.array([(value(rival.z + step) - here) / STEP for step in STEP * open_.T])
+        found.append(Expected(np.array([here]), slopes[None, :], np.zeros((1, 1)), np.eye(1)))
     return found
 
 
