@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calibration.data.measurement import Measurement, Rows
 
 NOT_IN_A_FIT = "runs in time do not enter a fit to the plateaus alone"
-NEVER_TURNS = "the rotor did not break away: it turned by less than one pulse of its cylinders"
+NEVER_TURNS = "the rotor did not break away: it stands though the supply is open, and has not made a whole turn"
 OUTSIDE = "outside the part of the run that is compared, or without a speed"
 HELD = "the rotor is held"
 NOTHING_READ = "no pressure, or neither a flow nor a turning speed on the instrument's scale"

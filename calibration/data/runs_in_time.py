@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from scipy.special import bdtrc, stdtr
 
-from model.layout import PULSE, RPM
+from model.layout import RPM
 from rig.recording import Recording, RecordingFile
 
 STANDS = 3.0  # sds of noise, or digits, up to which a speed read is that of a rotor at rest
+AT_END = 3  # readings that tell whether a rotor stands at the end of a run
 TURNS = 0.1  # share of a run's highest speed above which a rotor is well on its way, and cannot stand a row later
 ALIKE = 0.5  # share of the faster neighbour's speed that the slower one has, on both sides of zeros that are bad
 FEW_ROWS = 0.9  # share of a file's rows; with fewer used, a warning names the others
@@ -39,8 +40,8 @@ START = "where the coast-down starts, compared with nothing"
 def turns(recording: Recording, file: RecordingFile) -> bool:
     """Whether the rotor turns in a file: a reading is above noise and digit.
 
-    In a run two in a row are, for one is a lurch; and a motor turns by a pulse of its cylinders, for one that starts at
-    a dead point only rocks there.
+    In a run two in a row are, for one is a lurch. A motor that stands at the end of a run though its supply is open has
+    been caught at a dead point, unless it has turned by a whole turn before.
 
     Parameters
     ----------
@@ -56,12 +57,13 @@ def turns(recording: Recording, file: RecordingFile) -> bool:
         return bool(np.any(above))
     if not np.any(above[1:] & above[:-1]):
         return False
-    clock = file.columns.get("time_s")
-    if clock is None or not isinstance(recording.motor, str):
+    clock, opened = file.columns.get("time_s"), file.columns.get("supply_open")
+    is_shut = opened is not None and opened.values[-1] < 0.5
+    if clock is None or is_shut or not isinstance(recording.motor, str) or np.any(above[-AT_END:]):
         return True
     at = clock.values[np.isfinite(column.values)]
     passed_s = np.diff(at, prepend=at[0])
-    return bool(np.sum((read * passed_s)[above]) / RPM > PULSE)
+    return bool(np.sum((read * passed_s)[above]) / RPM > 2.0 * np.pi)
 
 
 def lone_zeros(speed: np.ndarray) -> np.ndarray:

@@ -28,6 +28,7 @@ BESIDE = 4  # samples either side over which the swing of the pulses is taken
 LONGEST_PULSE = 60  # samples
 PLACES = 8  # in a pulse, even
 ANGLES = 2  # within a pulse, over which is averaged what the pulses do where nobody knows how the shaft stood
+CAUGHT = 0.5  # share of the way by the mean torque up to which a rotor has been caught at a dead point
 LAST_STEP_S = 1e-3  # of the time from rest, over which the speed that is reached is taken
 AFTER = 8  # samples beyond the last, for runs that turn a little farther
 FINER = 4  # samples in one, where the pulses are followed
@@ -165,10 +166,12 @@ class Pulses:
         self.angle = planned.angle_of(self.mean)
         smooth = np.interp(found[0].time, planned.time, self.angle)
         smooth = np.maximum.accumulate(smooth) + LEAST_TURN * np.arange(smooth.size)
-        added = np.mean([one.angle - one.angle[0] for one in found], axis=0) - (smooth - smooth[0])
-        if not (
-            np.all(np.isfinite(smooth)) and np.all(np.isfinite(added))
-        ):  # it stalls: nothing is known of its pulses
+        # From some angles a slow rotor is caught at a dead point; the one that was recorded was not.
+        turned = [one.angle - one.angle[0] for one in found if np.all(np.isfinite(one.angle))]
+        turned = [one for one in turned if one[-1] > CAUGHT * (smooth[-1] - smooth[0])]
+        if turned and np.all(np.isfinite(smooth)):
+            added = np.mean(turned, axis=0) - (smooth - smooth[0])
+        else:  # it stalls: nothing is known of its pulses
             smooth, added = np.arange(float(smooth.size)), np.zeros(smooth.size)
         # Over a whole pulse each comes to nothing, wherever it began; what is left is what the mean torque has wrong.
         grid = np.arange(smooth[0], smooth[-1] + at.PULSE / PLACES, at.PULSE / PLACES)
