@@ -16,7 +16,6 @@ from calibration.data.runs_in_time import placeholders
 from calibration.likelihood.expected import MODEL_SD, Capture, Expected, directions
 from calibration.likelihood.function import Function, Predicts
 from calibration.likelihood.mode import Mode
-from calibration.systems.radial_piston.noise import Whitener
 from calibration.systems.radial_piston.predict.carried import carried, of_any_day
 from calibration.systems.radial_piston.predict.kinds import RUN
 from calibration.unknowns.priors import column_of
@@ -26,6 +25,7 @@ from rig.recording import LEAST_IN_A_RUN, Column, Recording, RecordingFile
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
+    from calibration.systems.radial_piston.noise import Whitener
 
 SAMPLE_S = 0.005  # of a run in time, where the recording has none
 GAUGE_S = 0.1  # between two readings of the gauge in a run in time, where the recording has none
@@ -231,6 +231,8 @@ def _expected(
         return white(there.raw(found)) if there.is_told(found) else np.full(int(looked_at.sum()), np.nan)
 
     here = mean(z)
+    if not there.is_told(here):
+        raise FloatingPointError(f"the model with {' and '.join(one.names) or 'nothing added'} gives no reading of it")
     J = white(f.derivatives(z, here, np.zeros((there.read.size, z.size)), one.u, mean))
     raw = there.raw(here)
     inexact = white(

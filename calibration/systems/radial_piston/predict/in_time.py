@@ -32,6 +32,7 @@ CAUGHT = 0.5  # share of the way by the mean torque up to which a rotor has been
 LAST_STEP_S = 1e-3  # of the time from rest, over which the speed that is reached is taken
 AFTER = 8  # samples beyond the last, for runs that turn a little farther
 FINER = 4  # samples in one, where the pulses are followed
+NANOSECONDS = 9  # digits of a time
 LEAST_TURN = 1e-9  # rad from sample to sample, so that the angle is never twice the same
 SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
 
@@ -242,6 +243,7 @@ def plan(
         start = rest_state(motor, turned if follows_angle(chosen) else turned % at.PULSE)
         ahead = np.arange(supply[0].start_s, first - 0.5 * LEAD_STEP_S, LEAD_STEP_S)
     start[OMEGA] = speed
+    begins, ends = np.round(begins, NANOSECONDS), np.round(ends, NANOSECONDS)  # what begins where another ends
     time = np.unique(np.concatenate([ahead, begins, ends]))
     places = np.searchsorted(time, begins), np.searchsorted(time, ends)
     return Plan(
