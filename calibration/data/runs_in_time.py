@@ -19,7 +19,7 @@ from model.layout import RPM
 from rig.recording import Recording, RecordingFile
 
 STANDS = 3.0  # sds of noise, or digits, up to which a speed read is that of a rotor at rest
-AT_END = 3  # readings that tell whether a rotor stands at the end of a run
+AT_END = 3  # readings that tell whether a rotor stands at either end of a run
 TURNS = 0.1  # share of a run's highest speed above which a rotor is well on its way, and cannot stand a row later
 ALIKE = 0.5  # share of the faster neighbour's speed that the slower one has, on both sides of zeros that are bad
 FEW_ROWS = 0.9  # share of a file's rows; with fewer used, a warning names the others
@@ -40,8 +40,8 @@ START = "where the coast-down starts, compared with nothing"
 def turns(recording: Recording, file: RecordingFile) -> bool:
     """Whether the rotor turns in a file: a reading is above noise and digit.
 
-    In a run two in a row are, for one is a lurch. A motor that stands at the end of a run though its supply is open has
-    been caught at a dead point, unless it has turned by a whole turn before.
+    In a run two in a row are, for one is a lurch. A motor that started from rest and stands again though its supply is
+    open has been caught at a dead point, unless it has turned by a whole turn before.
 
     Parameters
     ----------
@@ -59,7 +59,8 @@ def turns(recording: Recording, file: RecordingFile) -> bool:
         return False
     clock, opened = file.columns.get("time_s"), file.columns.get("supply_open")
     is_shut = opened is not None and opened.values[-1] < 0.5
-    if clock is None or is_shut or not isinstance(recording.motor, str) or np.any(above[-AT_END:]):
+    is_at_rest = not np.any(above[:AT_END]) and not np.any(above[-AT_END:])
+    if clock is None or is_shut or not is_at_rest or not isinstance(recording.motor, str):
         return True
     at = clock.values[np.isfinite(column.values)]
     passed_s = np.diff(at, prepend=at[0])

@@ -248,6 +248,7 @@ OPEN_FIRST = np.arange(90) < 30
         (np.arange(90) < 50, FALLING, "from about 0.3 s on, before supply_open says that it closes at 0.5 s"),
         (np.arange(90) >= 50, RISING, "before supply_open says that it opens at 0.5 s"),
         (None, FALLING, "from about 0.3 s on, and the file does not say when the supply closed; add the column"),
+        (None, 0.1 * FALLING, "the file does not say when the supply closed"),  # it does not make a turn
     ],
 )
 def test_a_supply_that_the_speed_contradicts_is_refused(

@@ -101,6 +101,8 @@ def given_nats(
     probabilities : sequence of float
         Of the explanations, before it [-].
     """
+    if not any(probabilities):
+        probabilities = [1.0] * len(read)
     density = np.array([[log_density(one, true.mean, repeats) for one in read] for true in read])
     weights = pair_weights(probabilities)
     # by which the readings of the true one speak for it in each pair; where neither is true, for the likelier

@@ -100,6 +100,7 @@ def test_what_a_test_gives_is_what_it_gives_with_half_of_the_probability():
     # of the second: 0.5 beside the first, 180.5 beside the third, and 180 between these two
     weights = np.array([0.18, 0.06, 0.03])
     assert whole == pytest.approx(float(weights @ [0.5, 180.5, 180.0]) / weights.sum())
+    assert given_nats(read, [0.0, 0.0, 0.0]) == given_nats(read, [0.2, 0.2, 0.2])
 
 
 def test_repeats_do_not_average_out_what_is_not_known_of_the_motor():
