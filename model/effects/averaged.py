@@ -5,7 +5,9 @@ Torque and flow are tabulated over the speed for each span of the supply; the sp
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +30,7 @@ AHEAD = 1.3  # highest speed of the tables, of the one at which viscous friction
 LONGEST_STEP_S = 0.004
 LEAST_TORQUE = 0.05  # N m; so that the tables of a line that drives nothing reach somewhere
 START_MARGIN = 1.1
+FASTER = (1.0, 4.0, 16.0)  # times the speed at the start, at which the highest speed is asked for
 NEWTON = 4  # steps to the flow through a loss; its law is a power of the flow
 
 FEW_PRESSURES = 2  # of a line that does no more than step
@@ -225,15 +228,17 @@ def _cycles(
 
 
 def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P: float, start: float) -> float:
-    speed = max(start, 1.0)
-
-    def solved() -> np.ndarray:
+    def at_speed(speed: float) -> np.ndarray:
         out = np.empty((1, base.N_OUT))
         base.torques(parameters, readings, gas, P, np.array([speed]), out)
         return out
 
-    key = _of_the_gas(parameters), readings.tobytes(), gas.tobytes(), P, speed
-    net = float(_recent_tops(key, solved)[0, base.NET])
+    key, net = (_of_the_gas(parameters), readings.tobytes(), gas.tobytes(), P), math.nan
+    for faster in FASTER:  # with much heat from the wall there is no cycle at a slow speed
+        speed = faster * max(start, 1.0)
+        net = float(_recent_tops((*key, speed), partial(at_speed, speed))[0, base.NET])
+        if math.isfinite(net):
+            break
     f = max(float(parameters[at.F_OVERALL]), 1e-6)
     return max(AHEAD * max(net, LEAST_TORQUE) / f, START_MARGIN * start)
 

@@ -141,3 +141,11 @@ def test_much_heat_at_little_speed_spoils_no_other_speed() -> None:
     assert out[-1] == pytest.approx(alone[0], rel=1e-6)
     assert np.all(np.diff(out[:, torque_only.MASS_FLOW]) > 0.0)
     assert np.all(np.isfinite(run(changed(at.HEAT_FACTOR, 10.0), 40.0, {}, False)))
+
+
+def test_much_heat_spoils_no_start_from_rest() -> None:
+    """At the slow speed of a start there is no cycle at all, and that was taken for all speeds."""
+    time = np.arange(0.0, 1.0, STEP_S)
+    parameters = changed(at.HEAT_FACTOR, 12.0)
+    found = averaged.speeds(parameters, READINGS, [Supply(0.0, 2.0e5, True)], time, 0.0, {})
+    assert np.all(np.isfinite(found)) and found[-1] > 10.0
