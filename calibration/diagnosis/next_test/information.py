@@ -58,7 +58,7 @@ def log_density(one: Expected, read: np.ndarray, repeats: int = 1) -> float:
 
     at = one.at or (lambda place: one.mean + one.slopes @ place)
     place, r, J = np.zeros(one.slopes.shape[1]), white(read - one.mean), white(one.slopes)
-    cost = cost_of(r, place)
+    cost, now = cost_of(r, place), one.mean
     for _ in range(PASSES):
         step = np.linalg.solve(J.T @ J + np.eye(place.size), J.T @ r - place)
         before = cost
@@ -68,20 +68,20 @@ def log_density(one: Expected, read: np.ndarray, repeats: int = 1) -> float:
                 continue
             tried = white(read - here)
             if cost_of(tried, place + share * step) < cost:
-                place, r, cost = place + share * step, tried, cost_of(tried, place + share * step)
+                place, r, cost, now = place + share * step, tried, cost_of(tried, place + share * step), here
                 break
         if before - cost < LEAST_GAIN:
             break
         if one.at is not None:
-            J = white(np.column_stack(each(partial(_slope, at, place), np.eye(place.size))))
+            J = white(np.column_stack(each(partial(_slope, at, place, now), np.eye(place.size))))
     return (
         -cost - float(np.sum(np.log(np.diag(root)))) - 0.5 * float(np.linalg.slogdet(J.T @ J + np.eye(place.size))[1])
     )
 
 
-def _slope(at: Callable[[np.ndarray], np.ndarray], place: np.ndarray, along: np.ndarray) -> np.ndarray:
+def _slope(at: Callable[[np.ndarray], np.ndarray], place: np.ndarray, now: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Derivative of the readings along a direction, shape (m,); 0 where there are none a little way on."""
-    found: np.ndarray = np.nan_to_num(at(place + PROBE * along) - at(place)) / PROBE
+    found: np.ndarray = np.nan_to_num(at(place + PROBE * along) - now) / PROBE
     return found
 
 
