@@ -232,8 +232,8 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
     )
 
 
-def _alone(base: Mode) -> Candidate:
-    return Candidate((), base, base.log_evidence, 1.0)
+def _alone(mode: Mode) -> Candidate:
+    return Candidate(mode.names, mode, mode.log_evidence, 0.0)
 
 
 def _search(
@@ -383,7 +383,7 @@ def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
     names = tuple(sorted(set(ids) - {MISREAD}))  # every fit looks for those
     best = max((find(comparison, names, start) for start in (base, None)), key=lambda mode: mode.log_evidence)
     # The oracle need not choose: it knows the set.
-    known = [Candidate(names, best, best.log_evidence, 1.0), Candidate((), base, base.log_evidence, 0.0)]
+    known = [_alone(best), _alone(base)]
     return cross_validate(comparison, known, names, choose=False).gain
 
 

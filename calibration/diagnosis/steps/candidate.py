@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Generic, TypeVar
@@ -54,6 +55,8 @@ class Candidate(Generic[Fitted]):
         Ids, sorted; empty for the base model.
     log_evidence : float
         Conditional on its nuisance-like members being beyond three sd [-].
+    log_probability : float
+        Natural logarithm: sets may be thousands of nats apart [-].
     refused : Refusal or None
         Why it cannot be named; None where it can.
     """
@@ -61,5 +64,9 @@ class Candidate(Generic[Fitted]):
     names: tuple[str, ...]
     mode: Fitted
     log_evidence: float
-    probability: float
+    log_probability: float
     refused: Refusal | None = None
+
+    @property
+    def probability(self) -> float:
+        return math.exp(self.log_probability)

@@ -2,8 +2,9 @@
 
 Blocks are pressure levels (both directions together) and segments of the runs in time, or whole runs where there are
 several. The levels of a fold lie apart, so that what goes with the running time has readings before and after. In each
-fold the sets are weighed anew on the readings that are left and the best of them predicts those that are not, in the
-model made linear at each set's own most probable point.
+fold the sets are weighed anew on the readings that are left, and with these weights they predict those that are not
+together, in the model made linear at each set's own most probable point. The best alone would not do: where one block
+tells two sets apart, the other blocks cannot choose between them.
 """
 
 from __future__ import annotations
@@ -14,25 +15,24 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
+from scipy.special import logsumexp, softmax
 
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import GOOD
 from calibration.likelihood.mode import BAD, Mode, bad_weight, log_bad
 
-LEAST_PROBABILITY = 1e-300
-
 
 class Predicted(StrEnum):
     """What was predicted, and by what."""
 
-    BY_SET = "set"  # folds, by the set of effects that is best without them
+    BY_SET = "set"  # folds, by the sets of effects as probable as they are without them
     BY_CORRECTION = "correction"  # folds, by a smooth correction
     UNSEEN_RUN = "unseen run"  # a run of its own, by the set that was named
 
 
 SELECTED = {
-    Predicted.BY_SET: ", selection repeated in each fold",
+    Predicted.BY_SET: ", the sets weighed anew in each fold",
     Predicted.BY_CORRECTION: "; the correction's coordinate, length and size weighed anew in each fold",
 }
 
@@ -44,9 +44,9 @@ class HeldOut:
     Attributes
     ----------
     folds, same : int
-        Folds, and those in which the same set was chosen [-].
+        Folds, and those in which the same set was the most probable [-].
     before, after : dict
-        rmse by channel, of the base model and of the sets chosen [SI].
+        rmse by channel, of the base model and of the sets weighed [SI].
     gain, gain_se : float
         In log predictive density, and its standard error over the blocks [-].
     size : dict
@@ -72,31 +72,29 @@ def cross_validate(
     Parameters
     ----------
     choose : bool
-        Whether the set is chosen anew in each fold; otherwise it is ``names`` in all.
+        Whether the sets are weighed anew in each fold; otherwise ``names`` alone predicts.
     """
     blocks = comparison.folds()[0]
-    base = next(c for c in found if not c.names)
     others = [c for c in found if not c.refused or not c.names]
     # With nothing held out a set has the weight that it has in the whole recording: prior, doubt and bounds are in it.
-    beside = {
-        one.names: math.log(max(one.probability, LEAST_PROBABILITY)) - fit_on(comparison, one.mode, comparison.known)[2]
-        for one in others
-    }
+    beside = [one.log_probability - fit_on(comparison, one.mode, comparison.known)[2] for one in others]
+    of_base = next(i for i, one in enumerate(others) if not one.names)
     gains, same = [], 0
     errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
     for held in blocks:
-        scored = []
-        for one in others:
+        log_weights, densities, left = [], [], []
+        for one, its in zip(others, beside, strict=True):
             z, A, evidence = fit_on(comparison, one.mode, ~held)
-            scored.append((evidence + beside[one.names], one, z, A))
-        _, best, z, A = max((s for s in scored if choose or s[1].names == names), key=lambda s: s[0])
-        same += best.names == names
-        z0, A0 = next((s[2], s[3]) for s in scored if s[1] is base)
-        density, error = predict_held(comparison, best.mode, z, A, held)
-        density0, error0 = predict_held(comparison, base.mode, z0, A0, held)
-        gains.append(density - density0)
-        errors["before"].append(error0)
-        errors["after"].append(error)
+            density, error = predict_held(comparison, one.mode, z, A, held)
+            counts = choose or one.names == names
+            log_weights.append(evidence + its if counts else -math.inf)
+            densities.append(density)
+            left.append(error)
+        weights = softmax(log_weights)
+        same += others[int(np.argmax(weights))].names == names
+        gains.append(float(logsumexp(densities, b=weights)) - densities[of_base])
+        errors["before"].append(left[of_base])
+        errors["after"].append(weights @ np.array(left))
     return summed_up(comparison, blocks, int(same), gains, errors)
 
 

@@ -102,7 +102,7 @@ def weigh(comparison: Compared, modes: dict[tuple[str, ...], Mode]) -> list[Cand
     weight = [min(o[3] + doubt, best) for o in out]
     total = logsumexp(weight)
     order = sorted(range(len(out)), key=lambda i: (-out[i][3], out[i][0]))
-    return [Candidate(*out[i][:3], math.exp(weight[i] - total), out[i][4]) for i in order]
+    return [Candidate(*out[i][:3], float(weight[i] - total), out[i][4]) for i in order]
 
 
 def log_prior(k: int, K: int) -> float:

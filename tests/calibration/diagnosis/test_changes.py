@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -110,9 +111,9 @@ def test_what_both_days_have_alike_is_tried_where_a_change_of_it_was_found(
 def test_an_effect_has_changed_only_if_the_recordings_ask_for_it(probability: float, said: tuple[str, ...]) -> None:
     """The effect that both have alike is part of it: 20 to 1 is asked for, as of any further effect."""
     found = [
-        Candidate(("windage_changed",), None, 0.0, probability),
-        Candidate(("windage",), None, 0.0, 0.999 - probability if probability < 0.5 else 0.005),
-        Candidate((), None, 0.0, 1e-9),
+        Candidate(("windage_changed",), None, 0.0, math.log(probability)),
+        Candidate(("windage",), None, 0.0, math.log(0.999 - probability if probability < 0.5 else 0.005)),
+        Candidate((), None, 0.0, math.log(1e-9)),
     ]
     tested = {one.names: 0.5 for one in found[:2]} | {(): 1e-9}
     verdict = judge(1e-9, sorted(found, key=lambda one: -one.probability), tested, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -94,7 +95,7 @@ def test_what_a_recording_holds_is_told_as_it_is_asked_for(asked):
 
 def test_what_a_test_gave_is_what_it_moved_the_odds_of_the_likelier_by():
     def candidate(names: tuple[str, ...], log_evidence: float) -> Candidate:
-        return Candidate(names, None, log_evidence, 0.5)
+        return Candidate(names, None, log_evidence, math.log(0.5))
 
     before = {(): Rival(-10.0, 0.5), ("windage",): Rival(-12.0, 0.25), ("leakage",): Rival(-11.0, 0.1)}
     promise = Promise("a test", 12.0, before)

@@ -37,7 +37,7 @@ def base(comparison) -> Mode:
 
 def rival(comparison: Comparison, base: Mode, name: str) -> Candidate:
     mode = find(comparison, (name,), base)
-    return Candidate((name,), mode, mode.log_evidence, 0.5)
+    return Candidate((name,), mode, mode.log_evidence, math.log(0.5))
 
 
 def test_what_hardly_anything_speaks_against_is_told_where_f_overall_would_be_another(comparison, base):
@@ -47,7 +47,7 @@ def test_what_hardly_anything_speaks_against_is_told_where_f_overall_would_be_an
     def candidate(names: tuple[str, ...], sds: float, probability: float) -> Candidate:
         z = base.z.copy()
         z[place] += sds * sd
-        return Candidate(names, replace(base, names=names, z=z), base.log_evidence, probability)
+        return Candidate(names, replace(base, names=names, z=z), base.log_evidence, math.log(probability))
 
     nothing, dry = candidate((), 0.0, 0.4), candidate(("coulomb_friction",), -5.0, 0.03)
     others = [
@@ -173,7 +173,7 @@ def test_two_losses_of_pressure_are_parted_by_gauges_at_their_places(comparison,
 
 
 def nothing(base: Mode) -> Candidate:
-    return Candidate((), base, base.log_evidence, 0.5)
+    return Candidate((), base, base.log_evidence, math.log(0.5))
 
 
 def test_what_a_test_tells_of_an_improbable_rival_counts_for_little(comparison, base):
@@ -185,7 +185,7 @@ def test_what_a_test_tells_of_an_improbable_rival_counts_for_little(comparison, 
     rivals = [nothing(base), *(replace(nothing(base), names=(name,)) for name in ("windage", "leakage"))]
     test = Test("a test", "", lambda modes: [at(0.0), at(0.5), at(10.0)])
     alike, _ = weigh(test, rivals)
-    rare, _ = weigh(test, [*rivals[:2], replace(rivals[2], probability=1e-6)])
+    rare, _ = weigh(test, [*rivals[:2], replace(rivals[2], log_probability=math.log(1e-6))])
     assert alike.information_nats > 25.0 and rare.information_nats < 1.0
 
 
@@ -195,7 +195,7 @@ def with_size(comparison: Comparison, one: Candidate, z: float) -> Candidate:
     point = one.mode.z.copy()
     point[k] = z
     changed = Mode(*(point if name == "z" else value for name, value in vars(one.mode).items()))
-    return Candidate(one.names, changed, one.log_evidence, one.probability, one.refused)
+    return Candidate(one.names, changed, one.log_evidence, one.log_probability, one.refused)
 
 
 def test_the_same_explanation_twice_is_not_told_apart(comparison, base):

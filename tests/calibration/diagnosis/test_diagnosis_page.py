@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -290,7 +291,9 @@ def test_a_base_model_that_leaves_something_is_hatched_though_it_is_the_likelies
 
 def test_a_set_that_is_likelier_than_the_verdict_s_reaches_farther(leak):
     chosen = leak.verdict.chosen
-    better = dataclasses.replace(chosen, names=("leakage", "windage"), probability=10.0 * chosen.probability)
+    better = dataclasses.replace(
+        chosen, names=("leakage", "windage"), log_probability=math.log(10.0) + chosen.log_probability
+    )
     panel = odds_panel(dataclasses.replace(leak, candidates=[better, chosen]))
     ends = [bar.get_x() + bar.get_width() for bar in panel.patches]
     assert ends == pytest.approx([1.0, 0.0])

@@ -26,7 +26,7 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 def test_a_size_is_known_no_better_than_the_law(problem: Problem) -> None:
     comparison = Comparison(problem)
     mode = find(comparison, ("windage",), base_of(comparison))
-    (size,) = sizes_of(problem, Candidate(("windage",), mode, 0.0, 1.0))
+    (size,) = sizes_of(problem, Candidate(("windage",), mode, 0.0, 0.0))
     fitted = marginals(problem, ("windage",), mode.z, mode.covariance)["windage", "drag_nm_s2"].sd
     assert fitted == pytest.approx(math.sqrt(mode.covariance[-1, -1]), rel=0.1)
     low, value, high = size.unknown.value(size.z + fitted * np.array([-1.0, 0.0, 1.0]))
@@ -41,6 +41,6 @@ def test_a_sine_of_nothing_is_as_uncertain_as_its_cosine(problem: Problem) -> No
     names = ("once_per_rev_torque",)
     z = np.concatenate([np.zeros(k), [0.0, 0.5]])
     mode = replace(base_of(Comparison(problem)), z=z, covariance=1e-12 * np.eye(k + 2))
-    sine, cosine = sizes_of(problem, Candidate(names, mode, 0.0, 1.0))
+    sine, cosine = sizes_of(problem, Candidate(names, mode, 0.0, 0.0))
     assert sine.sd == pytest.approx(0.04 * 0.5)
     assert cosine.sd == pytest.approx(sine.sd)

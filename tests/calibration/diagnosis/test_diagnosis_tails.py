@@ -74,7 +74,7 @@ def test_a_large_size_costs_little_and_is_hardly_pulled(tmp_path: Path) -> None:
     allowed = math.log(2.0 * (SU.cdf(2e10 / 1.5e9) - 0.5))
     assert gain == pytest.approx(SU.logpdf(scales) - norm.logpdf(scales) - allowed, abs=1.0)
     assert gain > 6.0
-    (size,) = sizes_of(comparison.problem, Candidate(names, mode, 0.0, 1.0))
+    (size,) = sizes_of(comparison.problem, Candidate(names, mode, 0.0, 0.0))
     assert scales < size.z < scales + 2.0 * math.sqrt(mode.covariance[-1, -1])
     assert size.unknown.value(np.array(size.z)) == pytest.approx(true, abs=2.0 * size.sd * size.unknown.b)
 

@@ -355,6 +355,22 @@ def test_every_fold_chooses_a_leak_that_is_there(leaking) -> None:
     assert found.gain > 4.0
 
 
+def test_a_model_that_is_thousands_of_nats_behind_is_so_in_every_fold_that_does_not_hold_out_why(leaking) -> None:
+    """Its probability is no number that a computer holds; its logarithm is."""
+    comparison = Comparison(Problem(leaking[0]))
+    modes = {names: find(comparison, names) for names in ((), ("leakage",))}
+    held = comparison.folds()[0][0]
+    candidates, folds = {}, len(comparison.folds()[0])
+    for block_is_off in (False, True):
+        base = modes[()]
+        r = base.r + np.where(held, 100.0 * block_is_off, 0.0)
+        behind = 0.5 * float(r @ r - base.r @ base.r)
+        off = replace(base, r=r, log_evidence=base.log_evidence - behind)
+        candidates[block_is_off] = cross_validate(comparison, weigh(comparison, {**modes, (): off}), ("leakage",))
+    assert candidates[True].same == folds
+    assert candidates[True].gain > candidates[False].gain + 1000.0
+
+
 def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_path: Path) -> None:
     sweep(tmp_path, 7, {})
     text = (tmp_path / "recording.toml").read_text(encoding="utf-8")
