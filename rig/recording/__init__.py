@@ -16,7 +16,9 @@ docs/recording.md tells a person how to write one.
 """
 
 from rig.recording.contents import (
+    DOWN_TO,
     LEAST_IN_A_RUN,
+    UP_TO,
     Ambient,
     Channel,
     Column,
@@ -24,12 +26,15 @@ from rig.recording.contents import (
     RecordingError,
     RecordingFile,
     SupplyFigures,
+    captured_s,
 )
 from rig.recording.read import read_recording
 from rig.recording.write import write_recording
 
 __all__ = [
+    "DOWN_TO",
     "LEAST_IN_A_RUN",
+    "UP_TO",
     "Ambient",
     "Channel",
     "Column",
@@ -37,6 +42,7 @@ __all__ = [
     "RecordingError",
     "RecordingFile",
     "SupplyFigures",
+    "captured_s",
     "read_recording",
     "write_recording",
 ]

@@ -10,8 +10,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+# How a run in time is taken, from the valve's move on. Its event is over once the speed is down to a tenth of that
+# before, or up to nine tenths of that which it reaches.
+DOWN_TO, UP_TO = 0.1, 0.9
+LONGER, LEAST_S = 3.0, 2.0  # of the event, and no shorter: valves and regulators have their own delay
 LEAST_IN_A_RUN = 20  # readings of the speed while a run in time goes on; fewer do not show its course
 Kind = Literal["steady", "transient", "zero"]
+
+
+def captured_s(event_s: float) -> float:
+    """How long is recorded of a run in time whose event lasts so long, from the valve's move on [s]."""
+    return max(LONGER * event_s, LEAST_S)
 
 
 class RecordingError(ValueError):

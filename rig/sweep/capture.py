@@ -17,12 +17,10 @@ from model.operation import runs
 from model.operation.performance import NotSettledError, OperatingPointError
 from rig.bench.bench import Bench
 from rig.plateaus.plan import SweepError
-from rig.recording import LEAST_IN_A_RUN
+from rig.recording import DOWN_TO, LEAST_IN_A_RUN, UP_TO
 from rig.sweep.ambient import Ambient
 from rig.sweep.capturing import CaptureTask
 
-DOWN_TO = 0.1  # of the speed before: where a coast-down counts as over
-UP_TO = 0.9  # of the speed it reaches: where a spin-up does
 FIRST_LOOK_S, LONGEST_S = 1.0, 64.0
 SAMPLE_S = 1e-3
 KINDS = ("coast-down", "spin-up", "zero", "plateaus")

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rig.readings import NS
+from rig.recording import captured_s
 from rig.sweep import judge
 from rig.sweep.orders import VENTED, Ask, CaptureEnd, CaptureStart, Order, Say, SetPressure, View
 
 LEAD_S = 0.5  # recorded before the event
 REST_TIMEOUT_S = 30.0
-LONGER = 3.0  # the event's predicted duration, times this, is recorded,
-LEAST_S = 2.0  # and no less: valves and regulators have their own delay
 MOMENT_UNKNOWN = (
     "the regulator took its set-point only when it was told again, so it is not known when the pressure began to change"
 )
@@ -47,7 +46,7 @@ class Capturing:
     @property
     def duration_s(self) -> float:
         """How long is recorded after the event [s]."""
-        return max(LONGER * self.task.expected_s, LEAST_S)
+        return captured_s(self.task.expected_s)
 
     def advance(self, now_ns: int, view: View) -> list[Order]:
         """Go on."""

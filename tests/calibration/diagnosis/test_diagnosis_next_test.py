@@ -249,3 +249,19 @@ def test_a_run_of_which_the_tachometer_shows_too_little_is_not_proposed(tmp_path
     coast_down = next(plan for plan in planned(read) if plan.words.startswith("coast-down"))
     test = Test(coast_down.words, "", partial(expected_readings, coast_down, read), coast_down.capture)
     assert (weigh(test, [nothing(mode), rival(read, mode, "windage")]) is not None) is is_told
+
+
+@pytest.mark.parametrize(("window_s", "readings"), [(0.005, range(390, 410)), (0.1, None)])
+def test_a_run_is_planned_as_the_bench_would_record_it(comparison, base, window_s, readings):
+    """Two seconds of a spin-up and a few readings of the gauge; refused where too few readings fall in it."""
+    seen = comparison.problem.recording
+    name = next(name for name in seen.channels if name.startswith("speed"))
+    told = replace(seen, channels={**seen.channels, name: replace(seen.channels[name], window_s=window_s)})
+    there = Comparison(Problem(told))
+    plan = next(plan for plan in planned(there) if plan.words.startswith("spin-up"))
+    if readings is None:
+        with pytest.raises(FloatingPointError, match="readings of the speed where 20 are needed"):
+            expected_readings(plan, there, [base])
+    else:
+        (read,) = expected_readings(plan, there, [base])
+        assert read.mean.size in readings

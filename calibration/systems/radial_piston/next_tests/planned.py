@@ -21,7 +21,7 @@ from calibration.systems.radial_piston.predict.kinds import RUN
 from calibration.unknowns.priors import column_of
 from configs.units import BAR
 from model.layout import RPM
-from rig.recording import LEAST_IN_A_RUN, Column, Recording, RecordingFile
+from rig.recording import DOWN_TO, LEAST_IN_A_RUN, UP_TO, Column, Recording, RecordingFile, captured_s
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 SAMPLE_S = 0.005  # of a run in time, where the recording has none
 GAUGE_S = 0.1  # between two readings of the gauge in a run in time, where the recording has none
 NOISIER = 2.0  # a sample than a plateau, where the recording does not say
-SPIN_UP, COAST_DOWN = (10, 200), (20, 240)  # samples before the valve turns, and in all
+BEFORE = 10  # samples before the valve turns
+FIRST_LOOK_S = 4.0  # after it, until the model says how long the event is; longer by the flywheel
 HIGHER, LEAST_HIGHER = 1.3, 1.05  # than the highest level so far; where the motor's speed allows less, so much at least
 OF_THE_LIMIT = 0.95  # of the highest speed that the motor is made for
 PLATEAUS, PLATEAU_S = 10, 4.0  # one right after the other
@@ -150,9 +151,8 @@ class _Bench:
         return _file("planned.csv", "steady", start, 1.0, values, way)
 
     def run(self, pressure: float, from_rest: bool, longer: float = 1.0) -> RecordingFile:
-        before, count = SPIN_UP if from_rest else COAST_DOWN
-        count = int(count * longer)
-        opened = (np.arange(count) >= before) == from_rest
+        count = BEFORE + math.ceil(FIRST_LOOK_S * longer / self.sample)
+        opened = (np.arange(count) >= BEFORE) == from_rest
         line = np.where(opened, pressure, self.ambient)
         values = {"time_s": self.sample * (1.0 + np.arange(count)), "supply_open": opened.astype(float)}
         values |= self._read(line)
@@ -206,10 +206,9 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
     first = carried(seen.problem, rivals[0], there.problem, stays)[0]
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
         likely = _mean(there, rivals[0].names)(first)
-        there = seen.of(_with_speeds(plan.recording, there.problem.blocks.runs[0], likely.runs[0]))
+        there = seen.of(_as_captured(plan.recording, there.problem.blocks.runs[0], likely.runs[0]))
         if not there.problem.blocks.runs:
             raise FloatingPointError("the rotor would not turn")
-        _refuse_too_few(plan.recording, there.problem.blocks.runs[0])
     common = there.whitener(_mean(there, rivals[0].names)(first), rivals[0].u)
     return [_expected(there, common, one, *carried(seen.problem, one, there.problem, stays)) for one in rivals]
 
@@ -242,27 +241,37 @@ def _expected(
     return Expected(white(raw), J @ open_, inexact @ inexact.T, own, at)
 
 
-def _refuse_too_few(planned: Recording, run: RunInTime) -> None:
-    """A tachometer of few pulses, or of a slow display, sees too little of a short run."""
-    pulses = planned.channels[str(column_of(planned, "speed"))].pulses_per_rev
-    seconds = np.where(run.used, run.time - run.begin, 0.0)
-    if pulses:
-        readings = float(run.speed @ seconds) / (2.0 * np.pi) * pulses
-    else:
-        readings = float(seconds.sum() / np.median(np.diff(planned.files[1].columns["time_s"].values)))
-    if readings < LEAST_IN_A_RUN:
-        raise FloatingPointError(f"{readings:.0f} readings of the speed where {LEAST_IN_A_RUN} are needed")
-
-
 def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:
     """Predictions by the mean torque: nobody can count on the phase of the pulses."""
     return functools.partial(Function(there, names), smooth=True)
 
 
-def _with_speeds(recording: Recording, planned: RunInTime, speed: np.ndarray) -> Recording:
+def _as_captured(recording: Recording, planned: RunInTime, speed: np.ndarray) -> Recording:
+    """With the speeds that are likely, as long as the bench would record it.
+
+    Raises
+    ------
+    FloatingPointError
+        When the bench would refuse it: too few readings of the tachometer would fall in the event.
+    """
     anchor, run = recording.files
     name = next(name for name in run.columns if name.startswith("speed_rpm"))
     held, told = run.columns[name], np.isfinite(speed)
-    likely = np.interp(run.columns["time_s"].values, planned.time[told], speed[told]) if told.any() else 0.0
-    shown = placeholders(np.where(held.values > 0.0, np.maximum(likely * RPM, 0.1), 0.0))
-    return replace(recording, files=(anchor, replace(run, columns={**run.columns, name: Column(shown, held.censor)})))
+    time, is_open = run.columns["time_s"].values, run.columns["supply_open"].values > 0.5
+    likely = np.interp(time, planned.time[told], speed[told]) if told.any() else np.zeros(time.size)
+    shown = np.where(held.values > 0.0, np.maximum(likely * RPM, 0.1), 0.0)
+
+    moved = int(np.argmax(is_open != is_open[0]))
+    after = shown[moved:]
+    over = after >= UP_TO * after[-1] if is_open[moved] else after <= DOWN_TO * shown[moved - 1]
+    length = int(np.argmax(over)) if over.any() else over.size
+    pulses = recording.channels[name].pulses_per_rev
+    sample_s = float(time[1] - time[0])
+    turns = float(np.sum(after[:length])) / 60.0 * sample_s
+    readings = turns * pulses if pulses else length
+    if readings < LEAST_IN_A_RUN:
+        raise FloatingPointError(f"{readings:.0f} readings of the speed where {LEAST_IN_A_RUN} are needed")
+    kept = min(moved + math.ceil(captured_s(length * sample_s) / sample_s), run.rows)
+    columns = run.columns | {name: replace(held, values=placeholders(shown))}
+    cut = {key: Column(one.values[:kept], one.censor[:kept]) for key, one in columns.items()}
+    return replace(recording, files=(anchor, replace(run, rows=kept, columns=cut)))
