@@ -272,6 +272,6 @@ def _as_captured(recording: Recording, planned: RunInTime, speed: np.ndarray) ->
     if readings < LEAST_IN_A_RUN:
         raise FloatingPointError(f"{readings:.0f} readings of the speed where {LEAST_IN_A_RUN} are needed")
     kept = min(moved + math.ceil(captured_s(length * sample_s) / sample_s), run.rows)
-    columns = run.columns | {name: replace(held, values=placeholders(shown))}
+    columns = {**run.columns, name: replace(held, values=placeholders(shown))}
     cut = {key: Column(one.values[:kept], one.censor[:kept]) for key, one in columns.items()}
     return replace(recording, files=(anchor, replace(run, rows=kept, columns=cut)))
