@@ -69,7 +69,7 @@ def find(
         if cost_at(comparison, ends[0][0], ends[0][1], ends[0][3]) > best + HOPELESS:
             return close(comparison, names, *ends[0])
     ends += [_trusting(f, comparison, *end) for end in ends if _some_bad(comparison, end)]
-    ends = [_descend(f, comparison, *end, correlated=True) for end in ends]
+    ends = [_descend(f, comparison, *end, correlated=True, found=True) for end in ends]
     return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
 
 
@@ -159,6 +159,7 @@ def _descend(
     predicted: Prediction,
     fresh: bool = True,
     correlated: bool = False,
+    found: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
     """Gauss-Newton steps until one is short: the point, the noise, the derivatives and the prediction.
 
@@ -169,11 +170,11 @@ def _descend(
             D = f.derivatives(z, predicted, D, u)
         white = comparison.whitener(predicted, u)
         r, J = white(comparison.read - comparison.raw(predicted)), white(D)
-        weight, _ = robust_weights(r, comparison)
+        weight, _ = robust_weights(r, comparison, found)
         A = (J * weight[:, None]).T @ J + np.eye(z.size)
-        moved, predicted = _step(f, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D)
+        moved, predicted = _step(f, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D, found)
         far = float((moved - z) @ A @ (moved - z))
-        z, before, u = moved, u, suiting_noise(comparison, predicted, u, D, correlated)
+        z, before, u = moved, u, suiting_noise(comparison, predicted, u, D, correlated, found)
         stands = float(np.max(np.abs(u - before) / comparison.noise.spread)) < NOISE_SETTLED
         if far < SETTLED and stands and (fresh or far > 0.0):
             break
@@ -198,7 +199,7 @@ def _trusting(
     D: np.ndarray,
     predicted: Prediction,
 ) -> End:
-    """A search that takes no reading for bad, and from its end one that may.
+    """A search that takes no reading for bad, and from its end one that may, but for a whole level.
 
     Close to a stall the speed hangs so steeply on everything that a level given up for bad pulls no more, though a
     little way on it would fit.
@@ -210,8 +211,8 @@ def _trusting(
             end = _descend(f, comparison, begun, u, D, f(begun), fresh=begun is not z)
         finally:
             comparison.trusting = False
-        ends.append(_descend(f, comparison, *end, fresh=False))
-    return min(ends, key=lambda end: cost_at(comparison, end[0], end[1], end[3]))
+        ends.append(_descend(f, comparison, *end, fresh=False, found=True))
+    return min(ends, key=lambda end: cost_at(comparison, end[0], end[1], end[3], found=True))
 
 
 def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -237,9 +238,10 @@ def _step(
     downhill: np.ndarray,
     predicted: Prediction,
     D: np.ndarray,
+    is_end: bool,
 ) -> tuple[np.ndarray, Prediction]:
     """A share of a step that lowers the cost, and the prediction there; where none is found, no step."""
-    before = cost_at(comparison, z, u, predicted)
+    before = cost_at(comparison, z, u, predicted, is_end)
     whole = _bounded(A, downhill, f.low - z, f.high - z)
     falls, share = float(whole @ downhill), 1.0
     for _ in range(TRIES):
@@ -248,7 +250,7 @@ def _step(
         tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
         found, rise = f(tried), math.inf
         if comparison.is_told(found):
-            rise = cost_at(comparison, tried, u, found) - before
+            rise = cost_at(comparison, tried, u, found, is_end) - before
             if rise <= 1e-6:
                 return tried, found
         lowest = falls * share / (2.0 * (rise / share + falls))

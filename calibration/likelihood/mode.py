@@ -89,7 +89,7 @@ def close(
 
 
 def suiting_noise(
-    comparison: Compared, predicted: Prediction, u: np.ndarray, D: np.ndarray, correlated: bool
+    comparison: Compared, predicted: Prediction, u: np.ndarray, D: np.ndarray, correlated: bool, found: bool = False
 ) -> np.ndarray:
     """The noise that suits a prediction best [-], shape (k,).
 
@@ -101,10 +101,12 @@ def suiting_noise(
         Derivatives of the prediction with the unknowns, for what these took up of the noise [SI].
     correlated : bool
         Whether the correlations are set too: near a good fit only; far from it they would pass a misfit for noise.
+    found : bool
+        Whether it is the end of a search, as in `robust_weights`.
     """
     difference = comparison.read - comparison.raw(predicted)
     for _ in range(NOISE_STEPS):
-        weight, _ = robust_weights(comparison.whitener(predicted, u)(difference), comparison)
+        weight, _ = robust_weights(comparison.whitener(predicted, u)(difference), comparison, found)
         u = u + comparison.noise_step(difference, predicted, u, weight, D, correlated)[0]
     return u
 
@@ -137,7 +139,7 @@ def bad_weight(r: np.ndarray) -> np.ndarray:
     return weight
 
 
-def cost_at(comparison: Compared, z: np.ndarray, u: np.ndarray, predicted: Prediction) -> float:
+def cost_at(comparison: Compared, z: np.ndarray, u: np.ndarray, predicted: Prediction, found: bool = False) -> float:
     """The cost of a point with a noise: minus the log posterior, up to a constant [-].
 
     Parameters
@@ -148,7 +150,8 @@ def cost_at(comparison: Compared, z: np.ndarray, u: np.ndarray, predicted: Predi
         The noise [-].
     """
     white = comparison.whitener(predicted, u)
-    return minus_log_posterior(white(comparison.read - comparison.raw(predicted)), white.log_scale, z, u, comparison)
+    r = white(comparison.read - comparison.raw(predicted))
+    return minus_log_posterior(r, white.log_scale, z, u, comparison, found)
 
 
 def cost_of(comparison: Compared, mode: Mode) -> float:

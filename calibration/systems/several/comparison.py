@@ -175,8 +175,18 @@ class Several:
         return found, tuple(there)
 
     def loosened(self, f: Function, z: np.ndarray, here: Predictions, D: np.ndarray) -> list[np.ndarray]:
-        """The point itself."""
-        return [z]
+        """Points at which each level of one of the recordings that was seen to turn does."""
+        found = []
+        for k, part in enumerate(self.parts):
+            if not part.n:
+                continue
+            own, mine = self._own(k, f, z), Function(part, self.problem.names_in(f.names))
+            for moved in part.loosened(mine, own, here[k], self._derivatives(k, f.names, D)):
+                if moved is not own:
+                    ahead = z.copy()
+                    self._take_up(k, f, ahead, own, moved)
+                    found.append(f.clip(ahead))
+        return found or [z]
 
     def along_valley(
         self, f: Function, z: np.ndarray, tried: np.ndarray, here: Predictions, D: np.ndarray
