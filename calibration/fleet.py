@@ -15,13 +15,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibration.data.dates import as_text, date_of
+from calibration.data.joined import as_given
 from calibration.work import many_table
 from calibration.work.many import Item, Result, Task, Tell, run_many
 from calibration.work.sources import imported_sha256
 from rig.recording.files import write_files
 
 if TYPE_CHECKING:
+    from calibration.fit.fit import Fit
     from calibration.fit.sampling import Settings
+    from calibration.fit.whole import WholeFit
     from rig.recording import Recording
 
 Read = Callable[[Path], "Recording"]
@@ -54,9 +57,16 @@ def diagnose_all(
 
 
 def fit_all(
-    folders: Sequence[Path], read: Read, settings: Settings, out: Path, workers: int, scheduler: str | None, tell: Tell
+    folders: Sequence[Path],
+    read: Read,
+    settings: Settings,
+    steady_only: bool,
+    out: Path,
+    workers: int,
+    scheduler: str | None,
+    tell: Tell,
 ) -> list[dict[str, Any]]:
-    """Fit recordings, and write one table.
+    """Fit recordings as `spinbench fit` does, and write one table.
 
     Parameters
     ----------
@@ -69,7 +79,8 @@ def fit_all(
         The table's rows.
     """
     task = functools.partial(_fit_one, read)
-    done = _each(task, folders, {"settings": asdict(settings)}, out, workers, scheduler, tell)
+    options = {"settings": asdict(settings), "steady_only": steady_only}
+    done = _each(task, folders, options, out, workers, scheduler, tell)
     rows = [many_table.fit_row(result) for result in done]
     return _write(out, rows, many_table.fit_columns(rows), folders)
 
@@ -157,11 +168,16 @@ def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
 
 def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
     from calibration import fit_quality
-    from calibration.fit import fit
+    from calibration.fit import fit, whole
     from calibration.fit.document import as_json
-    from calibration.fit.sampling import Settings
+    from calibration.fit.sampling import STEADY, WHOLE, Settings
 
     recording, settings = read(Path(argument["folder"])), Settings(**argument["settings"])
-    quality = fit_quality.judge(recording, settings.seed)
-    found = as_json(replace(fit.fit(recording, settings), quality=quality))
-    return {"date": as_text(date_of(recording)), "posterior": found}
+    found: Fit | WholeFit
+    if argument["steady_only"] or all(file.kind != "transient" for file in recording.files):
+        quality = fit_quality.judge(recording, settings.seed)
+        found = fit.fit(recording, settings.within(STEADY))
+    else:
+        used, start, quality = fit_quality.judge_whole(as_given([recording]), settings.seed)
+        found = whole.fit(used, start.comparison, start.base, settings.within(WHOLE))
+    return {"date": as_text(date_of(recording)), "posterior": as_json(replace(found, quality=quality))}

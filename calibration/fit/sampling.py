@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,12 +44,17 @@ Shape = TransportMap | Plain
 Progress = Callable[[int, float, str], None]  # effective samples so far, those wanted, in words
 
 
+STEADY, WHOLE = (10_000, 12_000), (2000, 400)  # effective samples and steps that are usual: of plateaus, with runs
+
+
 @dataclass(frozen=True)
 class Settings:
     """How long to sample.
 
     Attributes
     ----------
+    effective_samples, most_steps : int
+        Of every unknown, and of each ensemble; 0 for what is usual, which `within` puts in.
     warm_up_blocks : int
         Blocks that the map is fitted to, not kept. `sample` doubles them where
         the chain drawn after them forgets too slowly.
@@ -64,6 +69,11 @@ class Settings:
     times_tau: float = TIMES_TAU
     warm_up_blocks: int = WARM_UP_BLOCKS
     block: int = BLOCK
+
+    def within(self, usual: tuple[int, int]) -> Settings:
+        """With what is usual, effective samples and steps, where nothing is asked for."""
+        samples, steps = usual
+        return replace(self, effective_samples=self.effective_samples or samples, most_steps=self.most_steps or steps)
 
 
 @dataclass(frozen=True)

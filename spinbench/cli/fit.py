@@ -15,11 +15,14 @@ from spinbench import readings
 from spinbench.cli.errors import MODEL_DOES_NOT_FIT, kept_when_interrupted
 from spinbench.cli.options import (
     LOGS,
+    EffectiveSamplesOption,
     JsonOption,
     LogsOption,
+    MaxStepsOption,
     PerRecordingOption,
     SeedOption,
     SetOption,
+    SteadyOnlyOption,
     WithoutOption,
     WithParentsOption,
 )
@@ -34,8 +37,6 @@ if TYPE_CHECKING:
     from calibration.systems.several.sharing import Sharing
     from rig.recording import Recording
 
-STEADY, WHOLE = (10_000, 12_000), (2000, 400)  # effective samples and steps, where the command line leaves them out
-
 
 @dataclass(frozen=True)
 class Asked:
@@ -47,11 +48,6 @@ class Asked:
     effects: list[str]
     steady_only: bool
     sharing: Sharing
-
-    def within(self, usual: tuple[int, int]) -> Settings:
-        """The settings, with what is usual where the command line says nothing (0)."""
-        samples, steps = self.settings.effective_samples or usual[0], self.settings.most_steps or usual[1]
-        return replace(self.settings, effective_samples=samples, most_steps=steps)
 
 
 def _kept(out: Path | None) -> str:
@@ -76,20 +72,10 @@ def fit(
     ] = None,
     json_file: JsonOption = None,
     seed: SeedOption = 1,
-    effective_samples: Annotated[
-        int | None,
-        typer.Option(
-            min=200, max=1_000_000, help="Least effective sample size of every unknown: 10 000, with runs in time 2000."
-        ),
-    ] = None,
-    max_steps: Annotated[
-        int | None,
-        typer.Option(min=50, max=1_000_000, help="Budget of each ensemble: 12 000 steps, with runs in time 400."),
-    ] = None,
+    effective_samples: EffectiveSamplesOption = None,
+    max_steps: MaxStepsOption = None,
     assignments: SetOption = None,
-    steady_only: Annotated[
-        bool, typer.Option("--steady-only", help="Leave runs in time out: plateaus and zero readings alone.")
-    ] = False,
+    steady_only: SteadyOnlyOption = False,
     speed_only: Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")] = False,
     compare: Annotated[
         bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall hangs on.")
@@ -152,8 +138,9 @@ def _is_whole(read: Sequence[Recording], asked: Asked) -> bool:
 def _fitted_steady(read: Recording, asked: Asked, out: Path | None) -> Fit:
     from calibration import fit_quality
     from calibration.fit import fit as fits
+    from calibration.fit.sampling import STEADY
 
-    settings = asked.within(STEADY)
+    settings = asked.settings.within(STEADY)
     with waiting("does the model explain the readings?") as tell:
         quality = fit_quality.judge(read, settings.seed, asked.assignments, asked.channels, asked.effects, tell)
     chain = out / "chain" if out else None
@@ -171,8 +158,9 @@ def _fitted_whole(read: Sequence[Recording], asked: Asked, out: Path | None) -> 
     from calibration import fit_quality
     from calibration.fit import whole
     from calibration.fit.fit import NotConvergedError
+    from calibration.fit.sampling import WHOLE
 
-    settings, workers = asked.within(WHOLE), min(2, os.cpu_count() or 1)
+    settings, workers = asked.settings.within(WHOLE), min(2, os.cpu_count() or 1)
     with waiting("does the model explain the readings?") as tell:
         used, start, quality = fit_quality.judge_whole(
             read, settings.seed, asked.assignments, asked.channels, asked.effects, tell, workers, asked.sharing
@@ -191,6 +179,7 @@ def _fitted_whole(read: Sequence[Recording], asked: Asked, out: Path | None) -> 
 def _variant(asked: Asked, name: str, changed: Sequence[Recording], channels: tuple[str, ...]) -> tuple[str, Posterior]:
     """A shorter fit, of the recordings as changed; whether its model explains them is not told."""
     from calibration.fit import fit as fits
+    from calibration.fit.sampling import STEADY
     from calibration.systems.radial_piston.batch import effects as with_effects
 
     held = with_effects.seen(asked.effects, channels)
@@ -198,7 +187,7 @@ def _variant(asked: Asked, name: str, changed: Sequence[Recording], channels: tu
     again = replace(asked, channels=channels, effects=held, sharing=sharing)
     if _is_whole(changed, asked):
         return name, _fitted_whole(changed, again, None).posterior
-    settings = fits.brief(asked.within(STEADY))
+    settings = fits.brief(asked.settings.within(STEADY))
     with sampling(name) as progress:
         found = fits.fit(changed[0], settings, asked.assignments, channels, None, progress, again.effects)
     return name, found.posterior

@@ -12,7 +12,14 @@ import typer
 
 from spinbench import readings
 from spinbench.cli.errors import UNUSABLE_INPUT
-from spinbench.cli.options import EffectiveSamplesOption, MaxStepsOption, SchedulerOption, SeedOption, WorkersOption
+from spinbench.cli.options import (
+    EffectiveSamplesOption,
+    MaxStepsOption,
+    SchedulerOption,
+    SeedOption,
+    SteadyOnlyOption,
+    WorkersOption,
+)
 from spinbench.cli.progress import bars
 from spinbench.cli.show import on_terminal, remark
 from spinbench.extras import need
@@ -48,8 +55,9 @@ def fit(
     recordings: ManyArgument,
     out: TableOption,
     seed: SeedOption = 1,
-    effective_samples: EffectiveSamplesOption = 2000,
-    max_steps: MaxStepsOption = 12_000,
+    effective_samples: EffectiveSamplesOption = None,
+    max_steps: MaxStepsOption = None,
+    steady_only: SteadyOnlyOption = False,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
 ) -> None:
@@ -59,10 +67,10 @@ def fit(
 
     _need_packages(scheduler)
     found = fleet.recordings_in(recordings, readings.is_recording)
-    settings = Settings(seed=seed, effective_samples=effective_samples, most_steps=max_steps)
+    settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     processes = workers or os.cpu_count() or 1
     with bars() as begin:
-        rows = fleet.fit_all(found, readings.read, settings, out, processes, scheduler, begin("fits"))
+        rows = fleet.fit_all(found, readings.read, settings, steady_only, out, processes, scheduler, begin("fits"))
     figures = [(row.get("f_overall_mean"), row.get("f_overall_sd")) for row in rows]
     fits_well = {True: "yes", False: "no: do not rely on it", None: ""}
     shown = [

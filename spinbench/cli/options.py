@@ -41,9 +41,18 @@ PerRecordingOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed; the same seed gives the same result to the bit.")]
 EffectiveSamplesOption = Annotated[
-    int, typer.Option(min=200, max=1_000_000, help="Least effective sample size of every unknown.")
+    int | None,
+    typer.Option(
+        min=200, max=1_000_000, help="Least effective sample size of every unknown: 10 000, with runs in time 2000."
+    ),
 ]
-MaxStepsOption = Annotated[int, typer.Option(min=50, max=1_000_000, help="Budget of each ensemble.")]
+MaxStepsOption = Annotated[
+    int | None,
+    typer.Option(min=50, max=1_000_000, help="Budget of each ensemble: 12 000 steps, with runs in time 400."),
+]
+SteadyOnlyOption = Annotated[
+    bool, typer.Option("--steady-only", help="Leave runs in time out: plateaus and zero readings alone.")
+]
 
 # A bench, and the room that it stands in.
 BenchArgument = Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 import signal
@@ -70,6 +71,17 @@ def test_f_overall_holds_the_truth_and_the_run_narrows_it(found, bench, spinbenc
     assert one["sd"] < alone["parameters"]["f_overall"]["sd"]
     used = {file["file"]: file["rows_used"] for file in alone["files"]}
     assert used["coast_down.csv"] == 0 and used["sweep.csv"] == 5
+
+
+@pytest.mark.slow
+def test_many_fit_fits_what_fit_fits(bench, spinbench_here):
+    few = ("--effective-samples", "200", "--workers", "1")
+    done = spinbench_here("many", "fit", "one", "-o", "table", *few, cwd=bench)
+    assert done.returncode == 0, done.stderr
+    with (bench / "table" / "table.csv").open(newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert float(row["inertia_sd"]) > 0.0  # no plateau tells of it
+    assert row["model_fits"] == "True"
 
 
 @pytest.mark.slow
