@@ -24,6 +24,7 @@ LEAST_GAIN = 0.005  # nats; a step that promises less is not tried shorter
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
 NOISE_SETTLED = 0.05  # of the noise's prior sds: a larger change asks for another point
 HOPELESS = 70.0  # nats behind the best set's end from which a search is not gone on with
+LITTLE = 1.0  # nats that such a search has to gain by a step
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 PULLED = 3.0  # sds from which a nuisance is handed over to the effect that has its form
 
@@ -52,7 +53,7 @@ def find(
     *starts : Mode or None
         Modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is given.
     best : float
-        Cost of another set. With runs in time a search that stays far behind ends early [-].
+        Cost of another set. A search that stays far behind ends early [-].
 
     Raises
     ------
@@ -63,12 +64,13 @@ def find(
     ends = []
     for point in _begun(comparison, f, starts or (None,), first or {}):
         z, predicted = comparison.turned(f, point.z, point.u, point.predicted)
-        ends.append(_descend(f, comparison, z, point.u, point.D, predicted))
-    if comparison.in_time:  # a search there takes its time: the best alone goes on
-        ends = [min(ends, key=lambda end: cost_at(comparison, end[0], end[1], end[3]))]
-        if cost_at(comparison, ends[0][0], ends[0][1], ends[0][3]) > best + HOPELESS:
-            return close(comparison, names, *ends[0])
-    ends += [_trusting(f, comparison, *end) for end in ends if _some_bad(comparison, end)]
+        ends.append(_descend(f, comparison, z, point.u, point.D, predicted, behind=best + HOPELESS))
+    nearest = min(ends, key=lambda end: cost_at(comparison, end[0], end[1], end[3]))
+    if cost_at(comparison, nearest[0], nearest[1], nearest[3]) > best + HOPELESS:
+        return close(comparison, names, *nearest)
+    ends = [nearest]  # the best alone goes on
+    if _some_bad(comparison, nearest):
+        ends.append(_trusting(f, comparison, *nearest))
     ends = [_descend(f, comparison, *end, correlated=True, found=True) for end in ends]
     return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
 
@@ -160,8 +162,11 @@ def _descend(
     fresh: bool = True,
     correlated: bool = False,
     found: bool = False,
+    behind: float = math.inf,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
     """Gauss-Newton steps until one is short: the point, the noise, the derivatives and the prediction.
+
+    With a cost above `behind`, a step that gains little is the last too.
 
     Derivatives are taken anew only after a long step: those of a place near by lead to the same point.
     """
@@ -172,11 +177,15 @@ def _descend(
         r, J = white(comparison.read - comparison.raw(predicted)), white(D)
         weight, _ = robust_weights(r, comparison, found)
         A = (J * weight[:, None]).T @ J + np.eye(z.size)
-        moved, predicted = _step(f, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D, found)
+        moved, predicted, cost, gain = _step(
+            f, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D, found
+        )
         far = float((moved - z) @ A @ (moved - z))
         z, before, u = moved, u, suiting_noise(comparison, predicted, u, D, correlated, found)
         stands = float(np.max(np.abs(u - before) / comparison.noise.spread)) < NOISE_SETTLED
         if far < SETTLED and stands and (fresh or far > 0.0):
+            break
+        if cost > behind and gain < LITTLE and fresh:
             break
         fresh = far > STALE or far == 0.0  # where old derivatives lead nowhere, new ones may
     return z, u, D, predicted
@@ -239,8 +248,8 @@ def _step(
     predicted: Prediction,
     D: np.ndarray,
     is_end: bool,
-) -> tuple[np.ndarray, Prediction]:
-    """A share of a step that lowers the cost, and the prediction there; where none is found, no step."""
+) -> tuple[np.ndarray, Prediction, float, float]:
+    """A share of a step that lowers the cost, the prediction and the cost there, and the gain; no step if none does."""
     before = cost_at(comparison, z, u, predicted, is_end)
     whole = _bounded(A, downhill, f.low - z, f.high - z)
     falls, share = float(whole @ downhill), 1.0
@@ -252,9 +261,9 @@ def _step(
         if comparison.is_told(found):
             rise = cost_at(comparison, tried, u, found, is_end) - before
             if rise <= 1e-6:
-                return tried, found
+                return tried, found, before + rise, -rise
         lowest = falls * share / (2.0 * (rise / share + falls))
         share *= min(max(lowest / share, SHORTEST), LONGEST) if math.isfinite(lowest) else SHORTEST
         if falls * share < LEAST_GAIN:
             break
-    return z, predicted
+    return z, predicted, before, 0.0

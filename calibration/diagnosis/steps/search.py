@@ -4,7 +4,7 @@ With runs in time an effect that hides from the linear model is refitted whateve
 best of the others.
 
 Sets are refitted side by side; what one knows of those before it does not hang on the number of processes, so neither
-does the result. Of what is far behind the best set so far only the start of the search is made.
+does the result. What is far behind the best set so far is not searched to its end.
 """
 
 from __future__ import annotations
