@@ -21,6 +21,7 @@ HALVINGS = 8  # of an effect with which the motor stalls
 TRIES = 4  # of a step that does not lower the cost: as far as the parabola through the last says, and
 LONGEST, SHORTEST = 0.5, 0.1  # shares of that one between which it is held
 LEAST_GAIN = 0.005  # nats; a step that promises less is not tried shorter
+SAME = 0.1  # prior sds in no direction more than which two ends of searches are one
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
 NOISE_SETTLED = 0.05  # of the noise's prior sds: a larger change asks for another point
 HOPELESS = 70.0  # nats behind the best set's end from which a search is not gone on with
@@ -68,9 +69,9 @@ def find(
     nearest = min(ends, key=lambda end: cost_at(comparison, end[0], end[1], end[3]))
     if cost_at(comparison, nearest[0], nearest[1], nearest[3]) > best + HOPELESS:
         return close(comparison, names, *nearest)
-    ends = [nearest]  # the best alone goes on
-    if _some_bad(comparison, nearest):
-        ends.append(_trusting(f, comparison, *nearest))
+    # With runs in time a search takes its time: the best alone goes on.
+    ends = [nearest] if comparison.in_time else _apart(ends)
+    ends += [_trusting(f, comparison, *end) for end in ends if _some_bad(comparison, end)]
     ends = [_descend(f, comparison, *end, correlated=True, found=True) for end in ends]
     return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
 
@@ -192,6 +193,15 @@ def _descend(
 
 
 End = tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]
+
+
+def _apart(ends: Sequence[End]) -> list[End]:
+    """Ends of searches, one of those that came to the same place."""
+    kept: list[End] = []
+    for end in ends:
+        if all(float(np.max(np.abs(end[0] - one[0]))) > SAME for one in kept):
+            kept.append(end)
+    return kept
 
 
 def _some_bad(comparison: Compared, end: End) -> bool:
