@@ -39,6 +39,7 @@ MIX_UPS = {
 # Share of a run's highest speed by which it may go the wrong way: fall while the supply is open, or rise while it is
 # closed. A regulator that overshoots, and a valve that is late, make 0.1 of it.
 WRONG_WAY = 0.2
+ALIKE = 0.1  # share by which two highest or two lowest readings of a rotor that goes by strokes may differ
 END = 3  # readings at the end of a run whose median is the speed there
 LATE_S = 0.1  # by which supply_open may be late or early: so much before and after the valve is moved says nothing
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
@@ -163,7 +164,10 @@ def _hold_against_supply(place: str, time: np.ndarray, speed: np.ndarray, opened
 
 
 def _wrong_way(time: np.ndarray, speed: np.ndarray, begin: int, end: int, is_open: bool) -> float:
-    """How far the speed of a span falls under an open supply, or rises under a closed one [rpm]."""
+    """How far the speed of a span falls under an open supply, or rises under a closed one [rpm].
+
+    A slow rotor gathers speed and loses it with each stroke: a fall that it has recovered from before is none.
+    """
     sure = np.ones(end - begin, dtype=bool)
     if begin:
         sure &= time[begin:end] > time[begin - 1] + LATE_S
@@ -172,7 +176,13 @@ def _wrong_way(time: np.ndarray, speed: np.ndarray, begin: int, end: int, is_ope
     part = speed[begin:end][sure]
     if part.size < END:
         return 0.0
-    return float(part[: 1 - END].max() - np.median(part[-END:])) if is_open else float(part.max() - part[0])
+    if not is_open:
+        return float(part.max() - part[0])
+    top, last = float(part[: 1 - END].max()), float(np.median(part[-END:]))
+    since = part[int(np.argmax(part >= (1.0 - ALIKE) * top)) :]
+    regained = np.maximum.accumulate(since[::-1])[::-1] - since > 0.5 * (top - since)
+    fall = top - last
+    return 0.0 if np.any(since[regained] <= last + ALIKE * fall) else fall
 
 
 def swept_volume(parameters: np.ndarray) -> float:

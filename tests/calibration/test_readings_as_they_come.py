@@ -237,6 +237,7 @@ def run_of_motor(folder: Path, opened: np.ndarray | None, speed: np.ndarray) -> 
 ROCKING = np.concatenate([np.full(30, 390.0), 390.0 * np.exp(-0.1 * np.arange(1, 51)), [1.0, 0.0, 293.0] + 7 * [0.0]])
 FALLING = np.concatenate([np.full(30, 390.0), 390.0 * np.exp(-0.1 * np.arange(1, 61))])
 RISING = np.concatenate([np.zeros(30), 390.0 * (1.0 - np.exp(-0.1 * np.arange(1, 61)))])
+STROKES = np.where(np.arange(90) < 60, 0.0, 50.0 + 10.0 * np.sin(0.6 * np.arange(90)))  # a slow rotor, late to start
 OPEN_FIRST = np.arange(90) < 30
 
 
@@ -265,6 +266,8 @@ def test_a_supply_that_the_speed_contradicts_is_refused(
         (OPEN_FIRST, ROCKING),
         (~OPEN_FIRST, RISING),
         (None, RISING),
+        (~OPEN_FIRST, STROKES),
+        (~OPEN_FIRST[:85], STROKES[:85]),
         (~OPEN_FIRST[:36], np.append(RISING[:35], 340.0)),  # its readings end while it still gains speed
         (np.arange(90) < 37, FALLING),
         (np.arange(90) < 23, FALLING),
