@@ -39,7 +39,7 @@ MIX_UPS = {
 # Share of a run's highest speed by which it may go the wrong way: fall while the supply is open, or rise while it is
 # closed. A regulator that overshoots, and a valve that is late, make 0.1 of it.
 WRONG_WAY = 0.2
-ALIKE = 0.1  # share by which two highest or two lowest readings of a rotor that goes by strokes may differ
+BY_STROKES = 0.1  # share by which two highest or two lowest readings of a rotor that goes by strokes may differ
 END = 3  # readings at the end of a run whose median is the speed there
 LATE_S = 0.1  # by which supply_open may be late or early: so much before and after the valve is moved says nothing
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
@@ -179,10 +179,10 @@ def _wrong_way(time: np.ndarray, speed: np.ndarray, begin: int, end: int, is_ope
     if not is_open:
         return float(part.max() - part[0])
     top, last = float(part[: 1 - END].max()), float(np.median(part[-END:]))
-    since = part[int(np.argmax(part >= (1.0 - ALIKE) * top)) :]
+    since = part[int(np.argmax(part >= (1.0 - BY_STROKES) * top)) :]
     regained = np.maximum.accumulate(since[::-1])[::-1] - since > 0.5 * (top - since)
     fall = top - last
-    return 0.0 if np.any(since[regained] <= last + ALIKE * fall) else fall
+    return 0.0 if np.any(since[regained] <= last + BY_STROKES * fall) else fall
 
 
 def swept_volume(parameters: np.ndarray) -> float:
