@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,11 +21,11 @@ HALVINGS = 8  # of an effect with which the motor stalls
 TRIES = 4  # of a step that does not lower the cost: as far as the parabola through the last says, and
 LONGEST, SHORTEST = 0.5, 0.1  # shares of that one between which it is held
 LEAST_GAIN = 0.005  # nats; a step that promises less is not tried shorter
-SAME = 0.1  # prior sds in no direction more than which two ends of searches are one
+SAME = 0.1  # prior sds; two ends of searches that are no farther apart in any direction are one
 SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
 NOISE_SETTLED = 0.05  # of the noise's prior sds: a larger change asks for another point
 HOPELESS = 70.0  # nats behind the best set's end from which a search is not gone on with
-LITTLE = 1.0  # nats that such a search has to gain by a step
+LITTLE = 1.0  # nats that a search so far behind has to gain by a step
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 PULLED = 3.0  # sds from which a nuisance is handed over to the effect that has its form
 
@@ -65,15 +65,24 @@ def find(
     ends = []
     for point in _begun(comparison, f, starts or (None,), first or {}):
         z, predicted = comparison.turned(f, point.z, point.u, point.predicted)
-        ends.append(_descend(f, comparison, z, point.u, point.D, predicted, behind=best + HOPELESS))
-    nearest = min(ends, key=lambda end: cost_at(comparison, end[0], end[1], end[3]))
-    if cost_at(comparison, nearest[0], nearest[1], nearest[3]) > best + HOPELESS:
-        return close(comparison, names, *nearest)
+        ends.append(_descend(f, comparison, replace(point, z=z, predicted=predicted), behind=best + HOPELESS))
+    costs = [_cost(comparison, end) for end in ends]
+    nearest = ends[int(np.argmin(costs))]
+    if min(costs) > best + HOPELESS:
+        return _closed(comparison, names, nearest)
     # With runs in time a search takes its time: the best alone goes on.
     ends = [nearest] if comparison.in_time else _apart(ends)
-    ends += [_trusting(f, comparison, *end) for end in ends if _some_bad(comparison, end)]
-    ends = [_descend(f, comparison, *end, correlated=True, found=True) for end in ends]
-    return max((close(comparison, names, *end) for end in ends), key=lambda mode: mode.log_evidence)
+    ends += [_trusting(f, comparison, end) for end in ends if _some_bad(comparison, end)]
+    ends = [_descend(f, comparison, end, correlated=True, found=True) for end in ends]
+    return max((_closed(comparison, names, end) for end in ends), key=lambda mode: mode.log_evidence)
+
+
+def _closed(comparison: Compared, names: Sequence[str], end: _Point) -> Mode:
+    return close(comparison, names, end.z, end.u, end.D, end.predicted)
+
+
+def _cost(comparison: Compared, at: _Point, found: bool = False) -> float:
+    return cost_at(comparison, at.z, at.u, at.predicted, found)
 
 
 def _begun(
@@ -156,82 +165,67 @@ def _begin(comparison: Compared, f: Function, start: Mode | None, first: dict[tu
 def _descend(
     f: Function,
     comparison: Compared,
-    z: np.ndarray,
-    u: np.ndarray,
-    D: np.ndarray,
-    predicted: Prediction,
+    at: _Point,
     fresh: bool = True,
     correlated: bool = False,
     found: bool = False,
     behind: float = math.inf,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]:
-    """Gauss-Newton steps until one is short: the point, the noise, the derivatives and the prediction.
+) -> _Point:
+    """Gauss-Newton steps until one is short.
 
-    With a cost above `behind`, a step that gains little is the last too.
-
-    Derivatives are taken anew only after a long step: those of a place near by lead to the same point.
+    With a cost above `behind`, a step that gains little is the last too. Derivatives are taken anew only after a long
+    step: those of a place near by lead to the same point.
     """
     for _ in range(MOST_PASSES):
         if fresh:
-            D = f.derivatives(z, predicted, D, u)
-        white = comparison.whitener(predicted, u)
-        r, J = white(comparison.read - comparison.raw(predicted)), white(D)
+            at = replace(at, D=f.derivatives(at.z, at.predicted, at.D, at.u))
+        white = comparison.whitener(at.predicted, at.u)
+        r, J = white(comparison.read - comparison.raw(at.predicted)), white(at.D)
         weight, _ = robust_weights(r, comparison, found)
-        A = (J * weight[:, None]).T @ J + np.eye(z.size)
-        moved, predicted, cost, gain = _step(
-            f, comparison, z, u, A, (J * weight[:, None]).T @ r - z, predicted, D, found
-        )
-        far = float((moved - z) @ A @ (moved - z))
-        z, before, u = moved, u, suiting_noise(comparison, predicted, u, D, correlated, found)
-        stands = float(np.max(np.abs(u - before) / comparison.noise.spread)) < NOISE_SETTLED
+        A = (J * weight[:, None]).T @ J + np.eye(at.z.size)
+        z, predicted, cost, gain = _step(f, comparison, at, A, (J * weight[:, None]).T @ r - at.z, found)
+        far = float((z - at.z) @ A @ (z - at.z))
+        u = suiting_noise(comparison, predicted, at.u, at.D, correlated, found)
+        stands = float(np.max(np.abs(u - at.u) / comparison.noise.spread)) < NOISE_SETTLED
+        at = _Point(z, u, at.D, predicted)
         if far < SETTLED and stands and (fresh or far > 0.0):
             break
         if cost > behind and gain < LITTLE and fresh:
             break
         fresh = far > STALE or far == 0.0  # where old derivatives lead nowhere, new ones may
-    return z, u, D, predicted
+    return at
 
 
-End = tuple[np.ndarray, np.ndarray, np.ndarray, Prediction]
-
-
-def _apart(ends: Sequence[End]) -> list[End]:
+def _apart(ends: Sequence[_Point]) -> list[_Point]:
     """Ends of searches, one of those that came to the same place."""
-    kept: list[End] = []
+    kept: list[_Point] = []
     for end in ends:
-        if all(float(np.max(np.abs(end[0] - one[0]))) > SAME for one in kept):
+        if all(float(np.max(np.abs(end.z - one.z))) > SAME for one in kept):
             kept.append(end)
     return kept
 
 
-def _some_bad(comparison: Compared, end: End) -> bool:
+def _some_bad(comparison: Compared, end: _Point) -> bool:
     """Whether any reading is taken for bad at the end of a search."""
-    white = comparison.whitener(end[3], end[1])
-    return bool(np.any(robust_weights(white(comparison.read - comparison.raw(end[3])), comparison)[1] > 0.5))
+    white = comparison.whitener(end.predicted, end.u)
+    return bool(np.any(robust_weights(white(comparison.read - comparison.raw(end.predicted)), comparison)[1] > 0.5))
 
 
-def _trusting(
-    f: Function,
-    comparison: Compared,
-    z: np.ndarray,
-    u: np.ndarray,
-    D: np.ndarray,
-    predicted: Prediction,
-) -> End:
+def _trusting(f: Function, comparison: Compared, at: _Point) -> _Point:
     """A search that takes no reading for bad, and from its end one that may, but for a whole level.
 
     Close to a stall the speed hangs so steeply on everything that a level given up for bad pulls no more, though a
     little way on it would fit.
     """
     ends = []
-    for begun in comparison.loosened(f, z, predicted, D):
+    for z in comparison.loosened(f, at.z, at.predicted, at.D):
         comparison.trusting = True
         try:
-            end = _descend(f, comparison, begun, u, D, f(begun), fresh=begun is not z)
+            end = _descend(f, comparison, replace(at, z=z, predicted=f(z)), fresh=z is not at.z)
         finally:
             comparison.trusting = False
-        ends.append(_descend(f, comparison, *end, fresh=False, found=True))
-    return min(ends, key=lambda end: cost_at(comparison, end[0], end[1], end[3], found=True))
+        ends.append(_descend(f, comparison, end, fresh=False, found=True))
+    return min(ends, key=lambda end: _cost(comparison, end, found=True))
 
 
 def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -251,29 +245,26 @@ def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) ->
 def _step(
     f: Function,
     comparison: Compared,
-    z: np.ndarray,
-    u: np.ndarray,
+    at: _Point,
     A: np.ndarray,
     downhill: np.ndarray,
-    predicted: Prediction,
-    D: np.ndarray,
     is_end: bool,
 ) -> tuple[np.ndarray, Prediction, float, float]:
     """A share of a step that lowers the cost, the prediction and the cost there, and the gain; no step if none does."""
-    before = cost_at(comparison, z, u, predicted, is_end)
-    whole = _bounded(A, downhill, f.low - z, f.high - z)
+    before = _cost(comparison, at, is_end)
+    whole = _bounded(A, downhill, f.low - at.z, f.high - at.z)
     falls, share = float(whole @ downhill), 1.0
     for _ in range(TRIES):
         move = share * whole
         move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
-        tried = f.along_valley(z, f.clip(f.advance(z, move)), predicted, D)
+        tried = f.along_valley(at.z, f.clip(f.advance(at.z, move)), at.predicted, at.D)
         found, rise = f(tried), math.inf
         if comparison.is_told(found):
-            rise = cost_at(comparison, tried, u, found, is_end) - before
+            rise = cost_at(comparison, tried, at.u, found, is_end) - before
             if rise <= 1e-6:
                 return tried, found, before + rise, -rise
         lowest = falls * share / (2.0 * (rise / share + falls))
         share *= min(max(lowest / share, SHORTEST), LONGEST) if math.isfinite(lowest) else SHORTEST
         if falls * share < LEAST_GAIN:
             break
-    return z, predicted, before, 0.0
+    return at.z, at.predicted, before, 0.0

@@ -32,7 +32,7 @@ class Predicted(StrEnum):
 
 
 SELECTED = {
-    Predicted.BY_SET: ", the sets weighed anew in each fold",
+    Predicted.BY_SET: ", selection repeated in each fold",
     Predicted.BY_CORRECTION: "; the correction's coordinate, length and size weighed anew in each fold",
 }
 

@@ -162,7 +162,7 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
         )
     return (
         f"On readings that it had not seen, {went}{gain}; cross-validated in {held_out['folds']} folds, in "
-        f"{held_out['same_set_in_folds']} of which the same set was chosen."
+        f"{held_out['same_set_in_folds']} of which the same set was the most probable."
     )
 
 

@@ -473,7 +473,7 @@ def test_of_several_runs_each_is_held_out_whole(tmp_path: Path) -> None:
         assert np.array_equal(np.sum(of_runs, axis=0) > 0, comparison.kind >= RUN)
     errors = [comparison.read[mask] for mask in of_runs]
     scheme = summed_up(comparison, of_runs, 0, [1.0, 2.0, 3.0], {"before": errors, "after": errors}).scheme
-    assert scheme == "pressure levels and whole runs, the sets weighed anew in each fold"
+    assert scheme == "pressure levels and whole runs, selection repeated in each fold"
 
 
 def test_recordings_of_one_bench_are_diagnosed_together(tmp_path: Path) -> None:

@@ -360,15 +360,15 @@ def test_a_model_that_is_thousands_of_nats_behind_is_so_in_every_fold_that_does_
     comparison = Comparison(Problem(leaking[0]))
     modes = {names: find(comparison, names) for names in ((), ("leakage",))}
     held = comparison.folds()[0][0]
-    candidates, folds = {}, len(comparison.folds()[0])
+    found = {}
     for block_is_off in (False, True):
         base = modes[()]
         r = base.r + np.where(held, 100.0 * block_is_off, 0.0)
         behind = 0.5 * float(r @ r - base.r @ base.r)
         off = replace(base, r=r, log_evidence=base.log_evidence - behind)
-        candidates[block_is_off] = cross_validate(comparison, weigh(comparison, {**modes, (): off}), ("leakage",))
-    assert candidates[True].same == folds
-    assert candidates[True].gain > candidates[False].gain + 1000.0
+        found[block_is_off] = cross_validate(comparison, weigh(comparison, {**modes, (): off}), ("leakage",))
+    assert found[True].same == found[True].folds
+    assert found[True].gain > found[False].gain + 1000.0
 
 
 def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_path: Path) -> None:
