@@ -13,7 +13,7 @@ from calibration.data.runs import UNTOLD, RunInTime, run_of
 from calibration.data.runs_in_time import repeated, turns
 from configs.units import BAR
 from model.layout import L_MIN, RPM
-from rig.recording import Recording
+from rig.recording import Recording, RecordingError
 
 FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 LEVEL_PA = 3000.0  # gap that parts two pressure levels
@@ -235,8 +235,14 @@ def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
 def _told(run: RunInTime, plateaus: Plateaus) -> RunInTime:
     """A run whose gauge was silent with the valve open has the line of the plateaus that turned as fast."""
     known = np.isfinite(plateaus.speed) & np.isfinite(plateaus.pressure)
-    if run.settled_sd > 0.0 or not known.any():
+    if run.settled_sd > 0.0:
         return run
+    if not known.any():
+        raise RecordingError(
+            f"{run.file}: the gauge has no reading in the second half of the time that the supply is open, and no "
+            "plateau tells at which pressure the motor turns as fast; record it again with a gauge that is read often "
+            "enough, or leave it out (--without)"
+        )
     order = np.argsort(plateaus.speed[known])
     fastest = float(np.max(run.speed[run.used]))
     level = float(np.interp(fastest, plateaus.speed[known][order], plateaus.pressure[known][order]))

@@ -240,7 +240,7 @@ def _valve(
     time: np.ndarray, pressure: np.ndarray, opened: np.ndarray
 ) -> tuple[tuple[Supply, ...], tuple[float, ...], float]:
     """Spans of the valve, how long no row was about each change [s], and by how much the gauge may not be where the
-    open line settles [Pa]; 0 where it was silent.
+    open line settles [Pa]; 0 where it was silent in the second half of such a span: until then the line fills.
 
     A change shows in the first row after it: it was somewhere between that and the row before.
 
@@ -261,7 +261,8 @@ def _valve(
         if opened[begin]:
             half = pressure[mine[mine.size // 2 :]] if begin else pressure[mine]
             told = max(UNSETTLED * mean, float(np.ptp(half)) if half.size > 1 else UNTOLD * mean)
-            sd = max(sd, told) if mine.size else sd
+            half_s = 0.5 * (start_s + time[end - 1])
+            sd = max(sd, told) if mine.size and (not begin or time[mine[-1]] > half_s) else sd
         spans.append(Supply(float(start_s), mean, bool(opened[begin])))
     return tuple(spans), tuple(unseen_s), sd
 

@@ -30,7 +30,7 @@ from calibration.systems.radial_piston.predict.supply import line_unknowns
 from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
 from spinbench.cli.progress import sampling
-from tests.diagnosis_recordings import sweep
+from tests.diagnosis_recordings import add_spin_up, sweep
 from tests.rig_recordings import axis, with_force
 from tests.spinbench.test_cli import refused
 
@@ -507,3 +507,34 @@ def test_a_run_whose_gauge_was_never_read_ends_in_words(tmp_path: Path, run: Run
     result = run("diagnose", str(folder))
     assert "Traceback" not in result.stderr
     assert result.returncode in (0, 2)
+
+
+def _read_once_while_it_fills(place: Path) -> None:
+    """Keep one reading of the gauge with the supply open: its first, while the line still fills."""
+    head, *rows = place.read_text(encoding="utf-8").splitlines()
+    columns = head.split(",")
+    P, flag = columns.index("pressure_bar_abs"), columns.index("supply_open")
+    cells = [row.split(",") for row in rows]
+    opened = [row for row in cells if row[flag] == "1"]
+    for row in opened:
+        row[P] = ""
+    opened[2][P] = "1.050"
+    place.write_text("\n".join([head, *map(",".join, cells)]) + "\n", encoding="utf-8")
+
+
+def test_a_gauge_that_was_read_only_while_the_line_filled_does_not_tell_the_level(tmp_path: Path, run: Run) -> None:
+    sweep(tmp_path / "run", 6, {})
+    add_spin_up(tmp_path / "run", 6, {})
+    _read_once_while_it_fills(tmp_path / "run" / "spin_up.csv")
+    found, _ = diagnosed(run, tmp_path / "run")
+    assert "spin_up.csv" in [one["file"] for one in found["files"]]
+    assert found["mismatch"]["p_value"] > 0.01
+    assert found["verdict"] == "consistent"
+
+
+def test_a_level_that_neither_gauge_nor_plateau_tells_is_refused(tmp_path: Path) -> None:
+    recording = run_of_motor(tmp_path / "run", ~OPEN_FIRST, RISING)
+    _read_once_while_it_fills(tmp_path / "run" / "run.csv")
+    blocks_of(recording)
+    with pytest.raises(RecordingError, match=r"run\.csv: the gauge has no reading in the second half .*\(--without\)"):
+        blocks_of(read_recording(tmp_path / "run"))
