@@ -16,7 +16,7 @@ from tests import chain
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUE_F_OVERALL = 0.0625  # of configs/motors/ptm3600.toml, which stands behind the virtual bench
-LEAST_P = 1e-4  # the noise of a bench is drawn anew in each run: of a hundred with nothing concealed one has a p below 0.01
+LEAST_P = 1e-4  # of a hundred benches with nothing concealed one has a p below 0.01, and each run has its own noise
 
 
 def spinbench(*arguments: str, folder: Path) -> None:
