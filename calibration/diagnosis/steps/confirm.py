@@ -5,13 +5,16 @@ several. The levels of a fold lie apart, so that what goes with the running time
 fold the sets are weighed anew on the readings that are left, and with these weights they predict those that are not
 together, in the model made linear at each set's own most probable point. The best alone would not do: where one block
 tells two sets apart, the other blocks cannot choose between them.
+
+A declared figure of the motor or of an instrument is a reading too, and is held out as one: a model that needs an
+inertia far from what was declared explains every reading, and predicts the inertia badly.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -49,6 +52,8 @@ class HeldOut:
         rmse by channel, of the base model and of the sets weighed [SI].
     gain, gain_se : float
         In log predictive density, and its standard error over the blocks [-].
+    declared : float
+        The same of the declared figures, each predicted from the readings and the other figures [-].
     size : dict
         Root mean square of the readings themselves by channel [SI]; empty where it is not told.
     """
@@ -62,6 +67,7 @@ class HeldOut:
     scheme: str
     kind: Predicted
     size: dict[str, float] = field(default_factory=dict)
+    declared: float = 0.0
 
 
 def cross_validate(
@@ -76,18 +82,19 @@ def cross_validate(
     """
     blocks = comparison.folds()[0]
     others = [c for c in found if not c.refused or not c.names]
+    counts = [choose or one.names == names for one in others]
     # With nothing held out a set has the weight that it has in the whole recording: prior, doubt and bounds are in it.
-    beside = [one.log_probability - fit_on(comparison, one.mode, comparison.known)[2] for one in others]
+    whole = [fit_on(comparison, one.mode, comparison.known) for one in others]
+    beside = [one.log_probability - evidence for one, (_, _, evidence) in zip(others, whole, strict=True)]
     of_base = next(i for i, one in enumerate(others) if not one.names)
     gains, same = [], 0
     errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
     for held in blocks:
         log_weights, densities, left = [], [], []
-        for one, its in zip(others, beside, strict=True):
+        for one, its, is_weighed in zip(others, beside, counts, strict=True):
             z, A, evidence = fit_on(comparison, one.mode, ~held)
             density, error = predict_held(comparison, one.mode, z, A, held)
-            counts = choose or one.names == names
-            log_weights.append(evidence + its if counts else -math.inf)
+            log_weights.append(evidence + its if is_weighed else -math.inf)
             densities.append(density)
             left.append(error)
         weights = softmax(log_weights)
@@ -95,7 +102,31 @@ def cross_validate(
         gains.append(float(logsumexp(densities, b=weights)) - densities[of_base])
         errors["before"].append(left[of_base])
         errors["after"].append(weights @ np.array(left))
-    return summed_up(comparison, blocks, int(same), gains, errors)
+    of_figures = np.array([_declared(comparison, z, A) for z, A, _ in whole])
+    log_weights = np.array([one.log_probability for one in others])[:, None] - of_figures
+    log_weights[~np.array(counts)] = -math.inf
+    declared = logsumexp(of_figures, b=softmax(log_weights, axis=0), axis=0) - of_figures[of_base]
+    return replace(summed_up(comparison, blocks, int(same), gains, errors), declared=float(np.sum(declared)))
+
+
+def _declared(comparison: Compared, z: np.ndarray, A: np.ndarray) -> np.ndarray:
+    """Log density of each declared figure given all readings and the other figures, shape (k,), but for a constant.
+
+    What belongs to a run in time alone, such as the angle at which it starts, nobody has declared.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n,)
+        The most probable point [-].
+    A : ndarray, shape (n, n)
+        Its precision [-].
+    """
+    figures = [i for i in range(len(comparison.problem.nuisances)) if comparison.problem.run_of(i) is None]
+    # Without its own prior, N(0, 1), the variance of a figure is v and its mean m: 1 / v = 1 / C_ii - 1.
+    C = np.diag(np.linalg.inv(A))[figures]
+    rest = np.maximum(1.0 - C, np.finfo(float).eps)
+    m, one_and_v = z[figures] / rest, 1.0 / rest
+    return -0.5 * (m**2 / one_and_v + np.log(one_and_v))
 
 
 def summed_up(

@@ -152,18 +152,21 @@ def _of_those_that_pass(
     listed += [c.names for c in blocked if c.names not in listed]
     if listed:
         return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
-    if _gained(best, held_out):
+    if _gained(held_out):
         return Verdict("named", best, (), share, "one set explains it alone")
     return Verdict("unresolved", None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen")
 
 
-def _gained(best: Candidate[Fitted], held_out: HeldOut | None) -> bool:
-    """Whether a set predicts what it has not seen as well as is asked of it."""
+def _gained(held_out: HeldOut | None) -> bool:
+    """Whether a set predicts what it has not seen better than the base model: readings and declared figures together.
+
+    Readings alone must not be predicted worse. The base model predicts them as well with an instrument, or an inertia,
+    far beyond its declared figures: then those speak.
+    """
     if held_out is None:
         return True
     least = max(LEAST_GAIN, ERRORS * held_out.gain_se)
-    # The base model predicts as well with an instrument far beyond its declared figures: those are what speaks.
-    return held_out.gain > (-least if _are_of_instruments(best.names) else least)
+    return held_out.gain > -least and held_out.gain + held_out.declared > least
 
 
 def _least_of(candidate: Candidate[Fitted], found: Sequence[Candidate[Fitted]]) -> float:

@@ -296,11 +296,22 @@ def test_a_likely_base_model_is_held_to_what_any_set_is_held_to(p: float, kind: 
     assert judge(p, [base, drag], {(): p, drag.names: 0.4}, None).kind == kind
 
 
-@pytest.mark.parametrize(("gain", "kind"), [(-3.0, "named"), (-5.0, "unresolved")])
-def test_an_instrument_far_off_need_not_predict_better_than_one_that_is_pulled(gain: float, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("gain", "declared", "kind"),
+    [
+        (-3.0, 12.0, "named"),
+        (0.5, 12.0, "named"),
+        (-5.0, 12.0, "unresolved"),
+        (0.5, 3.0, "unresolved"),
+        (8.0, -6.0, "unresolved"),
+    ],
+)
+def test_a_declared_figure_that_is_predicted_better_counts_as_a_reading(
+    gain: float, declared: float, kind: str
+) -> None:
     """Differences below 4 decide nothing, whatever few folds say of their error."""
     base, heavy = Weighed((), 0.0), Weighed(("inertia",), 0.999)
-    held_out = HeldOut(12, 12, {}, {}, gain, 1.5, "", Predicted.BY_SET)
+    held_out = HeldOut(12, 12, {}, {}, gain, 1.5, "", Predicted.BY_SET, declared=declared)
     assert judge(1e-9, [heavy, base], {(): 1e-9, heavy.names: 0.3}, held_out).kind == kind
 
 
