@@ -15,7 +15,7 @@ from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.sizes.sizes import Size, sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
-from calibration.diagnosis.steps.confirm import HeldOut
+from calibration.diagnosis.steps.confirm import HeldOut, Predicted
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
 from calibration.diagnosis.steps.verdict import Verdict
 from calibration.unknowns.priors import Unknown
@@ -219,4 +219,5 @@ def held_out_as_json(h: HeldOut | None) -> dict[str, Any] | None:
         **({"rms_of_readings": h.size} if h.size else {}),
         "elpd_gain": h.gain,
         "elpd_gain_se": h.gain_se,
+        **({"elpd_gain_of_declared_figures": h.declared} if h.kind == Predicted.BY_SET else {}),
     }

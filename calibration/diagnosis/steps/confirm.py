@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+from scipy.special import log_softmax, logsumexp, softmax
 
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Compared
@@ -99,13 +99,13 @@ def cross_validate(
             left.append(error)
         weights = softmax(log_weights)
         same += others[int(np.argmax(weights))].names == names
-        gains.append(float(logsumexp(densities, b=weights)) - densities[of_base])
+        gains.append(float(logsumexp(densities + log_softmax(log_weights))) - densities[of_base])
         errors["before"].append(left[of_base])
         errors["after"].append(weights @ np.array(left))
     of_figures = np.array([_declared(comparison, z, A) for z, A, _ in whole])
     log_weights = np.array([one.log_probability for one in others])[:, None] - of_figures
     log_weights[~np.array(counts)] = -math.inf
-    declared = logsumexp(of_figures, b=softmax(log_weights, axis=0), axis=0) - of_figures[of_base]
+    declared = logsumexp(of_figures + log_softmax(log_weights, axis=0), axis=0) - of_figures[of_base]
     return replace(summed_up(comparison, blocks, int(same), gains, errors), declared=float(np.sum(declared)))
 
 

@@ -162,7 +162,17 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
         )
     return (
         f"On readings that it had not seen, {went}{gain}; cross-validated in {held_out['folds']} folds, in "
-        f"{held_out['same_set_in_folds']} of which the same set was the most probable."
+        f"{held_out['same_set_in_folds']} of which the same set was the most probable.{_of_figures(held_out)}"
+    )
+
+
+def _of_figures(held_out: Mapping[str, Any]) -> str:
+    gain = held_out.get("elpd_gain_of_declared_figures")
+    if gain is None:
+        return ""
+    return (
+        " Each declared figure of motor and instruments was predicted from the readings and the other figures: that "
+        f"changed by {gain:.1f}.".replace("-", "−")
     )
 
 

@@ -78,7 +78,9 @@ def held_out_in_words(document: Mapping[str, Any]) -> list[str]:
         shares = f": from {before / size:.1%} to {after / size:.1%} of the readings" if before < size else ""
         said.append(f"error from {before * factor:.3g} to {after * factor:.3g} {unit}{shares}")
     gain = f"{held_out['elpd_gain']:.1f} ± {held_out['elpd_gain_se']:.1f}"
-    return [*said, f"log score gained {gain} over {held_out['folds']} block(s)"]
+    of_figures = held_out.get("elpd_gain_of_declared_figures")
+    more = f", and {of_figures:.1f} over the declared figures" if of_figures is not None else ""
+    return [*said, f"log score gained {gain} over {held_out['folds']} block(s){more}"]
 
 
 def friction_in_words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
