@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from calibration.data.blocks import levels
 from calibration.diagnosis.next_test.information import given_nats, log_density, repeats_needed
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked, weigh
 from calibration.diagnosis.sizes.not_excluded import behind_friction
@@ -152,6 +153,25 @@ def test_no_level_is_planned_at_which_the_motor_turns_faster_than_it_may(compari
     words = [plan.words for plan in planned(other) if plan.words.startswith("ten plateaus at")]
     assert len(words) == (4 if level else 3)
     assert not level or words[0] == f"ten plateaus at {level}"
+
+
+@pytest.mark.parametrize("lowest", [0.05, math.nan])
+def test_no_level_is_planned_at_which_the_rotor_may_stand_on_another_day(comparison, lowest):
+    """A few rpm, or a rotor that stood once, at the lowest level: the room's pressure is another one then."""
+    other = copy.copy(comparison)
+    other.problem = copy.copy(comparison.problem)
+    plateaus = comparison.problem.blocks.plateaus
+    second, first = sorted(levels(plateaus), key=lambda group: plateaus.pressure[group[0]])[1::-1]
+    speed = plateaus.speed.copy()
+    speed[first[0]] = lowest * np.nanmax(speed)
+    other.problem.blocks = replace(comparison.problem.blocks, plateaus=replace(plateaus, speed=speed))
+    words = [plan.words for plan in planned(other)]
+    for group, is_planned in ((first, False), (second, True)):
+        low = f"ten plateaus at {np.mean(plateaus.pressure[group]) / 1e5:.2f} bar"
+        assert (low in words) is is_planned
+    assert f"ten plateaus at {np.mean(plateaus.pressure[first]) / 1e5:.2f} bar" in [
+        plan.words for plan in planned(comparison)
+    ]
 
 
 def test_a_flywheel_is_declared_in_the_planned_recording(comparison):

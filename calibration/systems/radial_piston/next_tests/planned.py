@@ -33,6 +33,7 @@ NOISIER = 2.0  # a sample than a plateau, where the recording does not say
 BEFORE = 10  # samples before the valve turns
 FIRST_LOOK_S = 4.0  # after it, until the model says how long the event is; longer by the flywheel
 HIGHER, LEAST_HIGHER = 1.3, 1.05  # than the highest level so far; where the motor's speed allows less, so much at least
+MAY_STAND = 0.1  # share of the highest speed: where it is slower, the rotor may stand in a room of another pressure
 OF_THE_LIMIT = 0.95  # of the highest speed that the motor is made for
 PLATEAUS, PLATEAU_S = 10, 4.0  # one right after the other
 IN_TIME = ("coast-down", "spin-up")
@@ -103,8 +104,11 @@ class _Bench:
         self.ambient = 0.0 if self.is_gauge else self.room
         groups = levels(plateaus)
         self.levels = [float(np.mean(plateaus.pressure[group])) / BAR for group in groups]
-        self.low, self.top = min(self.levels), max(self.levels)
         self.speeds, self.speed_limit = plateaus.speed, comparison.problem.motor.si("speed_limit")
+        least = MAY_STAND * np.nanmax(self.speeds, initial=0.0)
+        turns = [least == 0.0 or bool(np.all(self.speeds[group] > least)) for group in groups]
+        self.low = min((level for level, surely in zip(self.levels, turns, strict=True) if surely), default=math.inf)
+        self.top = max(self.levels)
         self.pressures = plateaus.pressure / BAR
         self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
         shown_every = self.seen.channels[str(self.columns["speed"])].window_s if self.columns["speed"] else None
