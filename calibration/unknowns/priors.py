@@ -17,7 +17,7 @@ from scipy.special import ndtr, ndtri
 
 from configs.units import BAR, ZERO_C
 from model.motor import QUANTITIES, Motor
-from rig.recording import Recording
+from rig.recording import Channel, Recording
 
 NOISE_FACTOR = 1.35  # one standard deviation (log-normal 0.3) of how far a declared noise figure may be off
 NOISE_SD = math.log(NOISE_FACTOR)
@@ -208,6 +208,23 @@ def column_of(recording: Recording, channel: str) -> str | None:
     """The recording's column of a channel (pressure, flow, speed), or None where it has none."""
     starts = {"pressure": "pressure_bar_", "flow": "flow_l_min", "speed": "speed_rpm"}[channel]
     return next((column for column in recording.channels if column.startswith(starts)), None)
+
+
+def figures_of(recording: Recording, one: Unknown) -> Channel | None:
+    """What is declared of the instrument whose error an unknown is; None where it is none of these."""
+    column = column_of(recording, one.of.channel) if isinstance(one.of, OfInstrument) else None
+    return None if column is None else recording.channels[column]
+
+
+def drift_of(recording: Recording, one: Unknown) -> Unknown | None:
+    """How far an instrument's offset may have drifted since another day; None where it is not said to."""
+    figures = figures_of(recording, one)
+    if not isinstance(one.of, OfInstrument) or one.of.error is not Error.OFFSET or figures is None:
+        return None
+    if not figures.serial or figures.drift_sd == 0.0:
+        return None
+    of, why = one.of._replace(error=Error.DRIFT), f"{one.why} drift_sd"
+    return Unknown(f"{of.channel}_{of.error}", one.unit, "normal", 0.0, figures.drift_sd, why, of)
 
 
 def draw(found: Sequence[Unknown], rng: np.random.Generator, n: int) -> np.ndarray:

@@ -15,9 +15,9 @@ from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from calibration.systems.several.sharing import CHANGE, OF_THE_MOTOR_CHANGED, SHARED, Sharing, shared
 from calibration.unknowns.effects import changed, searched, unchanged
-from calibration.unknowns.priors import Error, OfInstrument, Unknown, column_of, full_name
+from calibration.unknowns.priors import Unknown, column_of, drift_of, figures_of, full_name
 from model.effects import Effect, EffectParameter, effects
-from rig.recording import Channel, Recording
+from rig.recording import Recording
 
 END = 1e-6  # share by which a value keeps from the end of its prior
 Predictions = tuple[Prediction, ...]
@@ -61,7 +61,7 @@ class SeveralProblem:
             day = day_of(part.recording)
             for i, one in enumerate(part.nuisances):
                 key, of = _whose(part, i, name, is_whole[k])
-                drift = _drift(part.recording, one)
+                drift = drift_of(part.recording, one)
                 if drift is not None and day_of_first.get(key, day) != day:
                     self.scale[k][i], self.before[k][i] = drift.b / one.b, places_of[key]
                     key, of, one = (key, day), name, drift
@@ -316,23 +316,6 @@ class SeveralProblem:
         return sum(len(part.blocks.runs) for part in self.parts[:k])
 
 
-def _figures(recording: Recording, one: Unknown) -> Channel | None:
-    """What is declared of the instrument whose error an unknown is; None of what is none."""
-    column = column_of(recording, one.of.channel) if isinstance(one.of, OfInstrument) else None
-    return None if column is None else recording.channels[column]
-
-
-def _drift(recording: Recording, one: Unknown) -> Unknown | None:
-    """How far an instrument's offset may have drifted since another day; None where it is not said to."""
-    figures = _figures(recording, one)
-    if not isinstance(one.of, OfInstrument) or one.of.error is not Error.OFFSET or figures is None:
-        return None
-    if not figures.serial or figures.drift_sd == 0.0:
-        return None
-    of, why = one.of._replace(error=Error.DRIFT), f"{one.why} drift_sd"
-    return Unknown(f"{of.channel}_{of.error}", one.unit, "normal", 0.0, figures.drift_sd, why, of)
-
-
 def _z_within(unknown: Unknown, value: float) -> float:
     """The standard normal number of a value [-], of one beyond the prior's ends that of the end."""
     if unknown.kind == "loguniform":
@@ -349,7 +332,7 @@ def _whose(part: Problem, i: int, name: str, is_whole: bool) -> tuple[Hashable, 
     one, recording = part.nuisances[i], part.recording
     if one.name in OF_THE_MOTOR:
         return one.name, ""
-    figures = _figures(recording, one)
+    figures = figures_of(recording, one)
     if figures is not None and figures.serial and part.run_of(i) is None:
         return (figures.serial, figures.calibrated, one.name, one.b), figures.serial
     if is_whole and part.run_of(i) is None:

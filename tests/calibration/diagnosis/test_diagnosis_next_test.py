@@ -285,3 +285,20 @@ def test_a_run_is_planned_as_the_bench_would_record_it(comparison, base, window_
     else:
         (read,) = expected_readings(plan, there, [base])
         assert read.mean.size in readings
+
+
+def test_a_gauge_that_drifts_from_day_to_day_promises_less(comparison, base):
+    """At rest it reads the ambient, its noise and its error: what is known of that is worth less another day."""
+    seen = comparison.problem.recording
+    name = next(name for name in seen.channels if name.startswith("pressure"))
+    found = {}
+    for drift_sd in (0.0, 0.004):
+        figures = replace(seen.channels[name], serial="G-7", drift_sd=drift_sd)
+        there = Comparison(Problem(replace(seen, channels={**seen.channels, name: figures})))
+        plan = next(plan for plan in planned(there) if plan.words.startswith("zero"))
+        (found[drift_sd],) = expected_readings(plan, there, [base])
+    added = found[0.004].own - found[0.0].own
+    noise_bar = math.hypot(seen.channels[name].noise_sd, seen.channels[name].resolution / math.sqrt(12.0))
+    one = (0.004 / noise_bar) ** 2 * 10.0  # the mean of ten readings, in its noise
+    assert np.max(added) == pytest.approx(one, rel=0.05)
+    assert np.count_nonzero(np.abs(added) > 1e-9) == 1

@@ -18,7 +18,7 @@ from calibration.likelihood.function import Function, Predicts
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.predict.carried import carried, of_any_day
 from calibration.systems.radial_piston.predict.kinds import RUN
-from calibration.unknowns.priors import column_of
+from calibration.unknowns.priors import column_of, drift_of
 from configs.units import BAR
 from model.layout import RPM
 from rig.recording import DOWN_TO, LEAST_IN_A_RUN, UP_TO, Column, Recording, RecordingFile, captured_s
@@ -198,7 +198,8 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
     """What a test would read under each rival, with all that the recording leaves open of it.
 
     The motor, the effects and the errors of instruments that have a serial number are known as well as the recording
-    tells; what is new on another day, such as the room or the shaft's angle, is anybody's guess.
+    tells, but for a drift that is declared; what is new on another day, such as the room or the shaft's angle, is
+    anybody's guess.
 
     Raises
     ------
@@ -242,6 +243,10 @@ def _expected(
         np.column_stack([np.where(there.kind == 0, raw, 0.0), np.where(there.kind > 0, raw, 0.0)]) * MODEL_SD
     )
     own = J[:, new] @ covariance[np.ix_(new, new)] @ J[:, new].T + np.eye(int(looked_at.sum()))
+    for i, unknown in enumerate(there.problem.nuisances):
+        drift = None if new[i] else drift_of(there.problem.recording, unknown)
+        if drift is not None:  # in an sd of the offset
+            own += (drift.b / unknown.b) ** 2 * np.outer(J[:, i], J[:, i])
     return Expected(white(raw), J @ open_, inexact @ inexact.T, own, at)
 
 
