@@ -17,7 +17,6 @@ from calibration.systems.several.sharing import CHANGE, OF_THE_MOTOR_CHANGED, SH
 from calibration.unknowns.effects import changed, searched, unchanged
 from calibration.unknowns.priors import Unknown, column_of, drift_of, figures_of, full_name
 from model.effects import Effect, EffectParameter, effects
-from rig.recording import Recording
 
 END = 1e-6  # share by which a value keeps from the end of its prior
 Predictions = tuple[Prediction, ...]
