@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,8 +43,33 @@ BEGUN_SD = 0.1  # share by which a start from rest may be off where it is compar
 FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
 
+MOTOR = "motor"
+
 # The motor's parameters, each channel's offset and scale, and by file what is a run's own, by the ends of the names.
 Split = tuple[np.ndarray, dict[str, tuple[float, float]], dict[str, dict[str, float]]]
+
+
+class _Destination(NamedTuple):
+    """Where a nuisance's value goes: into the motor's parameters, a channel's errors or what a run has of its own.
+
+    `place`: its index there, or of a run's own the end of its name. `to_si`: what it is multiplied by [-].
+    """
+
+    of: str
+    place: Any
+    to_si: float
+
+
+def _destination(unknown: Unknown) -> _Destination:
+    if unknown.name in QUANTITIES:
+        return _Destination(MOTOR, list(QUANTITIES).index(unknown.name), QUANTITIES[unknown.name].to_si)
+    if unknown.name == VENTED:
+        return _Destination(VENTED, 0, 1.0)
+    if "." in unknown.name:
+        file, _, what = unknown.name.rpartition(".")
+        return _Destination(file, what, 1.0)
+    channel, _, error = unknown.name.partition("_")
+    return _Destination(channel, 1, 1.0) if error == "scale" else _Destination(channel, 0, SI_OF[channel])
 
 
 @dataclass(frozen=True)
@@ -122,7 +148,7 @@ class Problem:
             self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))
         self._base = self.motor.vector()
         self._readings = self.motor.readings.vector()
-        self._place = {name: i for i, name in enumerate(QUANTITIES)}
+        self._goes_to = [_destination(unknown) for unknown in self.nuisances]
         columns = {channel: column_of(recording, channel) for channel in CHANNELS}
         self.noise = {
             channel: recording.channels[column].noise_sd * SI_OF[channel] if column else 0.0
@@ -225,9 +251,9 @@ class Problem:
             self._read_speed(i, split, chosen, smooth) if like is None or runs is None or i in runs else like.runs[i]
             for i in range(len(self.blocks.runs))
         )
-        line = self._line(split, chosen)
         if like is not None and runs:
-            return replace(like, runs=found, line=line)
+            return replace(like, runs=found, line=self._line(split, chosen, like.line, runs))
+        line = self._line(split, chosen)
         rows, true = self._plateaus(parameters, errors, chosen)
         if around is None:
             time = self.blocks.plateaus.time
@@ -265,21 +291,16 @@ class Problem:
             By file what is the run's own, by the ends of its unknowns' names [own unit].
         """
         parameters = self._base.copy()
-        errors = {channel: [0.0, 0.0] for channel in CHANNELS} | {VENTED: [0.5, 0.0]}
+        errors = {channel: [0.0, 0.0] for channel in (*CHANNELS, VENTED)}
+        errors[VENTED][0] = 0.5
         own: dict[str, dict[str, float]] = {run.file: {"turn": 0.0} for run in self.blocks.runs}
-        for at_z, unknown in zip(z, self.nuisances, strict=True):
-            value = float(unknown.value(np.asarray(at_z)))
-            if unknown.name in self._place:
+        for at_z, unknown, (of, place, to_si) in zip(z.tolist(), self.nuisances, self._goes_to, strict=True):
+            value = float(unknown.value(at_z))
+            if of == MOTOR:
                 quantity = QUANTITIES[unknown.name]
-                parameters[self._place[unknown.name]] = min(max(value, quantity.low), quantity.high) * quantity.to_si
-            elif unknown.name == VENTED:
-                errors[VENTED][0] = value
-            elif "." in unknown.name:
-                file, _, what = unknown.name.rpartition(".")
-                own[file][what] = value
+                parameters[place] = min(max(value, quantity.low), quantity.high) * to_si
             else:
-                channel, _, error = unknown.name.partition("_")
-                errors[channel][error == "scale"] = value * (SI_OF[channel] if error == "offset" else 1.0)
+                (errors if of in errors else own)[of][place] = value * to_si
         return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, own
 
     def _plateaus(
@@ -307,10 +328,22 @@ class Problem:
         parameters, errors, _ = split
         return gauge.vented_readings(vented, errors[VENTED][0], parameters[at.P_A], errors["pressure"], chosen)
 
-    def _line(self, split: Split, chosen: dict[str, dict[str, float]]) -> np.ndarray:
-        """What the gauge reads in the runs in time [Pa]."""
-        found = [np.zeros(0)]
-        found += [run.line.means(self.gauge_in(run, split, chosen, run.line.time)) for run in self.blocks.runs]
+    def _line(
+        self,
+        split: Split,
+        chosen: dict[str, dict[str, float]],
+        like: np.ndarray | None = None,
+        runs: Sequence[int] = (),
+    ) -> np.ndarray:
+        """What the gauge reads in the runs in time [Pa]; ``like`` has that of all but ``runs``."""
+        found, begin = [np.zeros(0)], 0
+        for i, run in enumerate(self.blocks.runs):
+            end = begin + run.line.pressure.size
+            if like is None or i in runs:
+                found.append(run.line.means(self.gauge_in(run, split, chosen, run.line.time)))
+            else:
+                found.append(like[begin:end])
+            begin = end
         return np.concatenate(found)
 
     def gauge_in(
