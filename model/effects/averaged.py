@@ -30,7 +30,7 @@ AHEAD = 1.3  # highest speed of the tables, of the one at which viscous friction
 LONGEST_STEP_S = 0.004
 LEAST_TORQUE = 0.05  # N m; so that the tables of a line that drives nothing reach somewhere
 START_MARGIN = 1.1
-FASTER = (1.0, 4.0, 16.0)  # times the speed at the start, at which the highest speed is asked for
+ASKED = (1.0, 4.0, 16.0, 64.0, 256.0)  # rad/s; speeds at which the torque is asked for that the highest one hangs on
 NEWTON = 4  # steps to the flow through a loss; its law is a power of the flow
 
 FEW_PRESSURES = 2  # of a line that does no more than step
@@ -44,7 +44,7 @@ _recent_tops = Recent(32)
 def speeds(
     parameters: np.ndarray,
     readings: np.ndarray,
-    supply: Sequence[Supply],
+    supply: Sequence[Supply] | np.ndarray,
     time: np.ndarray,
     start_rad_s: float,
     chosen: laws.Chosen,
@@ -57,8 +57,8 @@ def speeds(
     ----------
     parameters : ndarray, shape (24,)
         Base parameters [SI].
-    supply : sequence of Supply
-        The line, true pressures.
+    supply : sequence of Supply, or ndarray, shape (n, 3)
+        The line, true pressures; as rows of start [s], pressure [Pa], and 1 where it is open.
     time : ndarray, shape (n,)
         Increasing sample times [s]; the first is the start.
     start_rad_s : float
@@ -234,8 +234,7 @@ def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P:
         return out
 
     key, net = (_of_the_gas(parameters), readings.tobytes(), gas.tobytes(), P), math.nan
-    for faster in FASTER:  # with much heat from the wall there is no cycle at a slow speed
-        speed = faster * max(start, 1.0)
+    for speed in ASKED:  # with much heat from the wall there is no cycle at a slow speed
         net = float(_recent_tops((*key, speed), partial(at_speed, speed))[0, base.NET])
         if math.isfinite(net):
             break

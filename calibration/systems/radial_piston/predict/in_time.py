@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,6 +60,8 @@ class Plan:
         Sample times, those of a steady part ahead among them [s].
     start : ndarray, shape (23,)
         State at the first of them.
+    line : ndarray, shape (n, 3)
+        The supply as rows of start [s], pressure [Pa], and 1 where it is open.
     clock : float
         The recording's clock at time 0 of the run [s].
     begin, end : ndarray of int, shape (wanted,)
@@ -72,7 +74,7 @@ class Plan:
 
     parameters: np.ndarray
     readings: np.ndarray
-    supply: tuple[Supply, ...]
+    line: np.ndarray
     time: np.ndarray
     start: np.ndarray
     chosen: Chosen
@@ -83,6 +85,11 @@ class Plan:
     lag_s: float
     angle: float
     set_at: float
+
+    @property
+    def supply(self) -> tuple[Supply, ...]:
+        """The line as spans of constant pressure."""
+        return tuple(Supply(start, pressure, is_open > 0.0) for start, pressure, is_open in self.line.tolist())
 
     def with_pulses(self) -> np.ndarray:
         """Mean speeds since the time before, with the pulses of the cylinders [rad/s], shape (k,)."""
@@ -107,7 +114,7 @@ class Plan:
         return averaged.speeds(
             self.parameters,
             self.readings,
-            self.supply,
+            self.line,
             self.time,
             float(self.start[OMEGA]),
             self.chosen,
@@ -197,7 +204,7 @@ def plan(
     motor: Motor,
     run: RunInTime,
     parameters: np.ndarray,
-    supply: Sequence[Supply],
+    line: np.ndarray,
     angle: float,
     chosen: Chosen,
     begun: float = 0.0,
@@ -211,6 +218,8 @@ def plan(
         For its readings of the article and its state at rest.
     parameters : ndarray, shape (24,)
         Of the motor [SI].
+    line : ndarray, shape (n, 3)
+        The supply as rows of start [s], pressure [Pa], and 1 where it is open.
     angle : float
         Of the shaft where the run begins to be compared, or when its valve is moved [rad].
     begun : float
@@ -230,36 +239,32 @@ def plan(
     first = float(begins.min())
     if run.from_rest:
         set_at, ahead = first, np.zeros(0)
-        speed = _reached(parameters, readings, supply, first, chosen, run.start_s) * max(1.0 + begun, 0.0)
+        speed = _reached(parameters, readings, line, first, chosen, run.start_s) * max(1.0 + begun, 0.0)
         start = rest_state(motor, angle)
     else:
-        speed = max(
-            _steady_speed(motor, parameters, readings, supply[0].pressure_pa, chosen, run.start_s), SLOWEST_START
-        )
+        speed = max(_steady_speed(motor, parameters, readings, float(line[0, 1]), chosen, run.start_s), SLOWEST_START)
         # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
         set_at = run.valve[1].start_s if len(run.valve) > 1 else first
-        turned = angle - speed * (set_at - supply[0].start_s)
+        turned = angle - speed * (set_at - float(line[0, 0]))
         # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
         start = rest_state(motor, turned if follows_angle(chosen) else turned % at.PULSE)
-        ahead = np.arange(supply[0].start_s, first - 0.5 * LEAD_STEP_S, LEAD_STEP_S)
+        ahead = np.arange(float(line[0, 0]), first - 0.5 * LEAD_STEP_S, LEAD_STEP_S)
     start[OMEGA] = speed
     begins, ends = np.round(begins, NANOSECONDS), np.round(ends, NANOSECONDS)  # what begins where another ends
     time = np.unique(np.concatenate([ahead, begins, ends]))
     places = np.searchsorted(time, begins), np.searchsorted(time, ends)
-    return Plan(
-        parameters, readings, tuple(supply), time, start, chosen, run.start_s, wanted, *places, lag_s, angle, set_at
-    )
+    return Plan(parameters, readings, line, time, start, chosen, run.start_s, wanted, *places, lag_s, angle, set_at)
 
 
 def _reached(
-    parameters: np.ndarray, readings: np.ndarray, supply: Sequence[Supply], until: float, chosen: Chosen, clock: float
+    parameters: np.ndarray, readings: np.ndarray, line: np.ndarray, until: float, chosen: Chosen, clock: float
 ) -> float:
     """Speed that the mean torque has given a rotor from rest by a time [rad/s]."""
-    begins = next((span.start_s for span in supply if span.is_open), until)
+    begins = float(next(iter(line[line[:, 2] > 0.0, 0]), until))
     if begins >= until - LAST_STEP_S:
         return 0.0
     time = np.array([begins, until - LAST_STEP_S, until])
-    return float(averaged.speeds(parameters, readings, supply, time, 0.0, chosen, clock)[-1])
+    return float(averaged.speeds(parameters, readings, line, time, 0.0, chosen, clock)[-1])
 
 
 def _steady_speed(

@@ -375,13 +375,13 @@ class Problem:
         settled = float(gauge.true_pressure(reading, run.is_gauge, P_a, errors["pressure"], chosen)[0])
         shut = P_a + parameters[at.DP_IN] + parameters[at.DP_OUT]
         vented = P_a + own.get("floor", 0.0)
-        supply = Course(run.valve, own, run.over).staircase(max(settled, vented), vented, shut)
+        line = Course(run.valve, own, run.over).staircase(max(settled, vented), vented, shut)
         turned = dict(chosen)
         for name in chosen:
             turn_on = effects()[name].turned
             if turn_on is not None:
                 turned[name] = dict(turn_on(chosen[name], own["turn"]))
-        return in_time.plan(self.motor, run, parameters, supply, 0.0, turned, own.get("begun", 0.0), self._lag_s)
+        return in_time.plan(self.motor, run, parameters, line, 0.0, turned, own.get("begun", 0.0), self._lag_s)
 
     def _read_speed(self, i: int, split: Split, chosen: dict[str, dict[str, float]], smooth: bool) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]

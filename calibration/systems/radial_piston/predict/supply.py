@@ -119,8 +119,8 @@ class Course:
         clipped: np.ndarray = np.clip(found, 0.0, MOST_SHARE)
         return clipped
 
-    def staircase(self, settled_pa: float, vented_pa: float, shut_pa: float) -> tuple[Supply, ...]:
-        """The line as spans of constant pressure.
+    def staircase(self, settled_pa: float, vented_pa: float, shut_pa: float) -> np.ndarray:
+        """The line as spans of constant pressure: rows of start [s], pressure [Pa], and 1 where it is open.
 
         Parameters
         ----------
@@ -144,8 +144,7 @@ class Course:
         pressure = vented_pa + (settled_pa - vented_pa) * share
         is_open = shut_pa < pressure
         kept = is_open | np.append(True, is_open[:-1])  # while it stays shut, one span will do
-        columns = begin, np.where(is_open, pressure, vented_pa), is_open
-        return tuple(map(Supply, *(column[kept].tolist() for column in columns)))
+        return np.column_stack([begin, np.where(is_open, pressure, vented_pa), is_open])[kept]
 
     def _wander(self, time: np.ndarray, opened: float) -> np.ndarray:
         """How far an open line is above where it should be [-]."""
