@@ -235,7 +235,7 @@ def _plateaus(recording: Recording, measured: Measurement) -> Plateaus:
 def _told(run: RunInTime, plateaus: Plateaus) -> RunInTime:
     """A run whose gauge was silent with the valve open has the line of the plateaus that turned as fast."""
     known = np.isfinite(plateaus.speed) & np.isfinite(plateaus.pressure)
-    if run.settled_sd > 0.0:
+    if run.settled_sd > 0.0 or not (known.any() or any(span.is_open for span in run.valve)):
         return run
     if not known.any():
         raise RecordingError(

@@ -538,3 +538,10 @@ def test_a_level_that_neither_gauge_nor_plateau_tells_is_refused(tmp_path: Path)
     blocks_of(recording)
     with pytest.raises(RecordingError, match=r"run\.csv: the gauge has no reading in the second half .*\(--without\)"):
         blocks_of(read_recording(tmp_path / "run"))
+
+
+def test_a_coast_down_that_begins_with_the_supply_shut_needs_no_level(tmp_path: Path) -> None:
+    """Nothing is open in it: there is no level that a gauge could have told."""
+    shut = np.zeros(FALLING.size, dtype=bool)
+    (run,) = blocks_of(run_of_motor(tmp_path / "run", shut, FALLING)).runs
+    assert not any(span.is_open for span in run.valve)

@@ -11,10 +11,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from calibration.data.refusals import refuse_at_rest
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.document import set_probability
+from calibration.diagnosis.steps import confirm
 from calibration.diagnosis.steps.candidate import no_larger
 from calibration.diagnosis.steps.confirm import HeldOut, Predicted, cross_validate, fit_on, predict_held
 from calibration.diagnosis.steps.detect import _Test
@@ -335,6 +337,21 @@ def test_a_size_at_the_edge_of_what_is_believable_is_refused(leaking, names: str
     z[k + place] = unknown.z(value)
     said = refusal(comparison, replace(found, names=(name,), z=z))
     assert str(said) == f"{name}: {unknown.name} is at the bound of what is believable"
+
+
+def test_a_declared_figure_is_predicted_as_if_it_had_not_been_declared(leaking) -> None:
+    """Its own prior is taken off, the point found anew, and what was declared is read there."""
+    comparison = Comparison(Problem(leaking[0]))
+    z, A, _ = fit_on(comparison, find(comparison, ()), comparison.known)
+    figures = [i for i in range(z.size) if comparison.problem.run_of(i) is None]
+    predicted = []
+    for i in figures:
+        without = A.copy()
+        without[i, i] -= 1.0
+        there, variance = np.linalg.solve(without, A @ z)[i], np.linalg.inv(without)[i, i]
+        predicted.append(norm.logpdf(0.0, there, math.sqrt(1.0 + variance)) - norm.logpdf(0.0))
+    assert confirm._declared(comparison, z, A) == pytest.approx(predicted, rel=1e-5, abs=1e-5)
+    assert min(predicted) < -1.0 < max(predicted)
 
 
 def test_what_is_held_out_counts_in_every_model_whichever_takes_it_for_bad(leaking) -> None:
