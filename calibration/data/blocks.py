@@ -113,11 +113,17 @@ def blocks_of(recording: Recording) -> Blocks:
         When it has neither plateaus, nor runs in time that can be used, nor zero rows of the gauge.
     """
     measured = gather(recording, needs_plateaus=all(file.kind == "steady" for file in recording.files))
-    every = (run_of(file, recording) for file in recording.files if file.kind == "transient" and turns(recording, file))
+    every = [run_of(file, recording) for file in recording.files if file.kind == "transient" and turns(recording, file)]
     plateaus = _plateaus(recording, measured)
     runs = tuple(_told(run, plateaus) for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
     vented = _vented(recording)
     if not runs and not len(measured.steady) and not vented.pressure.size:
+        if every:
+            raise RecordingError(
+                f"{recording.folder}/{every[0].file}: too few speed readings show how the speed changes "
+                f"({int(every[0].used.sum())}; {FEWEST_SAMPLES} are needed). Record it again with a tachometer that is "
+                "read more often, or add plateaus"
+            )
         gather(recording)  # says what is missing
     return Blocks(plateaus, runs, vented, _standing(recording), measured)
 
