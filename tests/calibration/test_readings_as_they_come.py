@@ -550,7 +550,7 @@ def test_a_coast_down_that_begins_with_the_supply_shut_needs_no_level(tmp_path: 
 def test_a_run_with_too_few_readings_and_nothing_beside_it_is_refused_with_their_number(
     tmp_path: Path, run: Run
 ) -> None:
-    """A display that is read twice in a second shows a coast-down hardly once."""
+    """A display that is read five times in a second shows this coast-down hardly once."""
     folder = run_of_motor(tmp_path / "run", OPEN_FIRST, FALLING).folder
     head, *rows = (folder / "run.csv").read_text(encoding="utf-8").splitlines()
     (folder / "run.csv").write_text("\n".join([head, *rows[::20]]) + "\n", encoding="utf-8")
