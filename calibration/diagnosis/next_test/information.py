@@ -9,15 +9,16 @@ from functools import partial
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
 
 from calibration.likelihood.expected import Expected
 from calibration.work.threads import each
 
 SETTLED_NATS = math.log(150.0)  # of the odds: beyond it two explanations count as told apart
 MOST_REPEATS = 100
-PASSES, SHARES = 6, (1.0, 0.4, 0.15)  # of a fit to a test's readings, and of its steps that are tried
+MOST_LOOKS, CLOSE = 20, 1e-3  # of a fit to a test's readings, and the share of its cost that is worth no further one
+FAR_OFF = 100.0  # sd of the noise, of each reading where there is none: the rotor would not turn
 PROBE = 0.05  # sd, for derivatives
-LEAST_GAIN = 0.05  # nats
 
 
 def pair_weights(probabilities: Sequence[float]) -> dict[tuple[int, int], float]:
@@ -53,30 +54,24 @@ def log_density(one: Expected, read: np.ndarray, repeats: int = 1) -> float:
         found: np.ndarray = solve_triangular(root, difference, lower=True)
         return found
 
-    def cost_of(r: np.ndarray, place: np.ndarray) -> float:
-        return 0.5 * float(r @ r + place @ place)
+    at, m, k = one.at, *one.slopes.shape
+    straight = white(one.slopes)
 
-    at = one.at or (lambda place: one.mean + one.slopes @ place)
-    place, r, J = np.zeros(one.slopes.shape[1]), white(read - one.mean), white(one.slopes)
-    cost, now = cost_of(r, place), one.mean
-    for _ in range(PASSES):
-        step = np.linalg.solve(J.T @ J + np.eye(place.size), J.T @ r - place)
-        before = cost
-        for share in SHARES if np.any(np.abs(step) > PROBE) else ():
-            here = at(place + share * step)
-            if not np.isfinite(here).all():
-                continue
-            tried = white(read - here)
-            if cost_of(tried, place + share * step) < cost:
-                place, r, cost, now = place + share * step, tried, cost_of(tried, place + share * step), here
-                break
-        if before - cost < LEAST_GAIN:
-            break
-        if one.at is not None:
-            J = white(np.column_stack(each(partial(_slope, at, place, now), np.eye(place.size))))
-    return (
-        -cost - float(np.sum(np.log(np.diag(root)))) - 0.5 * float(np.linalg.slogdet(J.T @ J + np.eye(place.size))[1])
-    )
+    def misfit(place: np.ndarray) -> np.ndarray:
+        here = one.mean + one.slopes @ place if at is None else at(place)
+        return np.append(white(read - here) if np.isfinite(here).all() else np.full(m, FAR_OFF), place)
+
+    def slopes(place: np.ndarray) -> np.ndarray:
+        J = straight
+        if at is not None:
+            J = white(np.column_stack(each(partial(_slope, at, place, at(place)), np.eye(k))))
+        return np.vstack([-J, np.eye(k)])
+
+    settled = -float(np.sum(np.log(np.diag(root))))
+    if not k:
+        return settled - 0.5 * float(np.sum(misfit(np.zeros(0)) ** 2))
+    found = least_squares(misfit, np.zeros(k), slopes, ftol=CLOSE, xtol=CLOSE, gtol=CLOSE, max_nfev=MOST_LOOKS)
+    return settled - float(found.cost) - 0.5 * float(np.linalg.slogdet(found.jac.T @ found.jac)[1])
 
 
 def _slope(at: Callable[[np.ndarray], np.ndarray], place: np.ndarray, now: np.ndarray, along: np.ndarray) -> np.ndarray:

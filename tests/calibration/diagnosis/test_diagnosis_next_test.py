@@ -12,6 +12,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from calibration.data.blocks import levels
+from calibration.data.runs_in_time import placeholders
 from calibration.diagnosis.next_test.information import given_nats, log_density, repeats_needed
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked, weigh
 from calibration.diagnosis.sizes.not_excluded import behind_friction
@@ -227,7 +228,7 @@ def test_tests_are_proposed_with_runs_in_time_in_the_recording_too(tmp_path):
     sweep(tmp_path, 31, {})
     comparison = Comparison(Problem(add_coast_down(tmp_path, 32, {})))
     base = find(comparison, ())
-    rivals = [rival(comparison, base, name) for name in ("windage", "coulomb_friction")]
+    rivals = [with_size(comparison, rival(comparison, base, name), 1.0) for name in ("windage", "coulomb_friction")]
     found = propose(comparison, rivals)
     assert found
     for test in found:
@@ -250,7 +251,9 @@ def test_a_run_in_which_the_rotor_would_not_turn_is_not_proposed(comparison, bas
     anchor, run = spin_up.recording.files
     name = next(name for name in run.columns if name.startswith("pressure_bar"))
     pressure = run.columns[name]
-    faint = replace(pressure, values=np.where(pressure.values > 1.1, 1.02, pressure.values))
+    faint = replace(
+        pressure, values=np.where(pressure.values > 1.1, placeholders(np.full(run.rows, 1.02)), pressure.values)
+    )
     files = (anchor, replace(run, columns={**run.columns, name: faint}))
     plan = replace(spin_up, recording=replace(spin_up.recording, files=files))
     rivals = [nothing(base), rival(comparison, base, "windage")]
@@ -302,3 +305,18 @@ def test_a_gauge_that_drifts_from_day_to_day_promises_less(comparison, base):
     one = (0.004 / noise_bar) ** 2 * 10.0  # the mean of ten readings, in its noise
     assert np.max(added) == pytest.approx(one, rel=0.05)
     assert np.count_nonzero(np.abs(added) > 1e-9) == 1
+
+
+def test_an_explanation_that_can_read_like_the_true_one_is_not_told_apart():
+    """However bent the way there, and though the rotor would stand on a part of it."""
+
+    def bent(place: np.ndarray) -> np.ndarray:
+        size = 200.0 * math.exp(-0.8 * float(place[0]))
+        return np.full(4, math.nan) if place[0] > 6.0 else np.full(4, size)
+
+    slopes = np.full((4, 1), -160.0)
+    rival = Expected(bent(np.zeros(1)), slopes, np.zeros((4, 4)), np.eye(4), bent)
+    true = Expected(np.full(4, 8.0), np.zeros((4, 0)), np.zeros((4, 4)), np.eye(4))
+    there = math.log(200.0 / 8.0) / 0.8  # sds away
+    assert log_density(true, true.mean) == pytest.approx(0.0)
+    assert -0.5 * there**2 - 4.0 < log_density(rival, true.mean) < -0.5 * there**2
