@@ -277,8 +277,8 @@ def test_the_mean_torque_follows_a_torque_that_is_fixed_to_the_shaft(tmp_path: P
     problem = Problem(recording)
     split = problem.split(np.zeros(len(problem.nuisances)))
     if kind == "start from rest":
-        supply = (Supply(0.0, 2e5, True),)
-        plan = replace(problem.plan(0, split, {}), supply=supply, time=np.arange(0.0, 0.6, 0.005))
+        line = np.array([[0.0, 2e5, 1.0]])
+        plan = replace(problem.plan(0, split, {}), line=line, time=np.arange(0.0, 0.6, 0.005))
         plan = replace(plan, start=rest_state(problem.motor, 0.1))
         plans = [replace(plan, chosen=chosen) for chosen in ({}, once)]
     else:
