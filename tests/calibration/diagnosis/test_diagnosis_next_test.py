@@ -311,12 +311,12 @@ def test_an_explanation_that_can_read_like_the_true_one_is_not_told_apart():
     """However bent the way there, and though the rotor would stand on a part of it."""
 
     def bent(place: np.ndarray) -> np.ndarray:
-        size = 200.0 * math.exp(-0.8 * float(place[0]))
+        size = 8e4 * math.exp(-2.0 * float(place[0]))
         return np.full(4, math.nan) if place[0] > 6.0 else np.full(4, size)
 
-    slopes = np.full((4, 1), -160.0)
+    slopes = np.full((4, 1), -16e4)
     rival = Expected(bent(np.zeros(1)), slopes, np.zeros((4, 4)), np.eye(4), bent)
     true = Expected(np.full(4, 8.0), np.zeros((4, 0)), np.zeros((4, 4)), np.eye(4))
-    there = math.log(200.0 / 8.0) / 0.8  # sds away
+    there = math.log(8e4 / 8.0) / 2.0  # sds away, and each step in a straight line goes half of one
     assert log_density(true, true.mean) == pytest.approx(0.0)
     assert -0.5 * there**2 - 4.0 < log_density(rival, true.mean) < -0.5 * there**2
