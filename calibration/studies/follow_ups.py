@@ -1,18 +1,23 @@
 """What a test that a diagnosis asks for promised, against what it gave, on cases of the second rig.
 
 Each case is diagnosed. Where more than one explanation stays open, the first test that this bench can take is simulated
-as a recording of another day and given back; then once more. What is drawn is the challenge's make-up, nulls included.
+as a recording of another day and given back; then once more. What is drawn is the challenge's make-up, nulls included;
+or dry friction alone, in a sweep with a spin-up and a coast-down.
 
     python -m calibration.studies.follow_ups -o out/follow_ups     # resumable: a case that is there is not made again
+    python -m calibration.studies.follow_ups -o out/dry --dry-friction --days 0
 """
 
 from __future__ import annotations
 
+import math
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +32,8 @@ FAMILY = "development"
 FIRST_SEED, CASES = 300_000, 100
 SEED = 1  # of each diagnosis
 DAYS = 2  # tests that are taken, at most
+BY_D = (("below 3", 0.0, 3.0), ("3 to 7", 3.0, 7.0), ("7 and more", 7.0, math.inf))
+DRY, DRY_NM = "coulomb_friction", (0.06, 0.20)  # where it is concealed alone; even in the logarithm
 TOLD_APART = 10.0  # nats promised, above which a promise is held against what came of it
 PAGE = ("follow_ups.json", "follow_ups.md", "follow_ups.png")
 
@@ -42,15 +49,16 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     argument : mapping
-        ``seed`` of the draw, and ``code``, the hash of the sources that the campaign began with.
+        ``seed`` of the draw; ``dry``, whether dry friction alone is concealed; ``days``, tests that are taken at most;
+        and ``code``, the hash of the sources that the campaign began with.
 
     Returns
     -------
     dict
-        ``ids`` concealed, and ``steps``: of each diagnosis its verdict, what it is worth, and the test that was given
-        back before it with the nats promised and delivered.
+        ``ids`` concealed; ``D`` and ``rival`` of the first recording by the scorer; and ``steps``: of each diagnosis
+        its verdict, what it is worth, and the test that was given back before it, with nats promised and delivered.
     """
-    from calibration.challenge.second_rig import another_day, draw, make_recording
+    from calibration.challenge.second_rig import another_day, draw, make_recording, separable
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose
     from calibration.diagnosis.next_test.promised import Promise, Rival
@@ -59,12 +67,15 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     if code_of_a_case() != argument["code"]:
         raise OtherCodeError("this worker has other code than the campaign")
     truth = draw(FAMILY, argument["seed"], "follow-ups")
+    if argument["dry"]:
+        truth = dry_friction_alone(truth)
     with tempfile.TemporaryDirectory() as place:
         folders = [Path(place) / "first"]
         make_recording(truth, folders[0])
+        told_apart = separable(truth, folders[0])
         found = diagnose(read_recording(folders[0]), SEED)
         steps = [_step(truth, found)]
-        for day in range(1, DAYS + 1):
+        for day in range(1, argument["days"] + 1):
             test = next((one for one in found.next_tests if one.capture), None)
             if test is None or test.capture is None:
                 break
@@ -74,7 +85,33 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
             another_day(truth, asdict(test.capture), day, folders[-1])
             found = diagnose(as_given([read_recording(one) for one in folders]), SEED, promises=[promise])
             steps.append(_step(truth, found))
-    return {"ids": truth.ids, "category": truth.category, "steps": steps}
+    return {
+        "ids": truth.ids,
+        "category": truth.category,
+        "sizes": truth.sizes,
+        "D": told_apart["D"],
+        "rival": told_apart["rival"],
+        "steps": steps,
+    }
+
+
+def dry_friction_alone(truth: Any) -> Any:
+    """The same bench with dry friction alone, in a sweep with runs in time."""
+    from calibration.challenge.second_rig.concealed import USUAL, Concealed
+    from calibration.challenge.second_rig.draws import SINGLE
+
+    values = {"torque_nm": float(np.exp(truth.rng("dry friction").uniform(*np.log(DRY_NM))))}
+    return replace(
+        truth,
+        category=SINGLE,
+        ids=[DRY],
+        effects=[asdict(Concealed(DRY, USUAL[DRY], values))],
+        sizes={DRY: values},
+        place={},
+        near_nuisance=False,
+        total_sds={},
+        with_transients=True,
+    )
 
 
 def _step(truth: Any, found: Any) -> dict[str, Any]:
@@ -96,6 +133,8 @@ def _step(truth: Any, found: Any) -> dict[str, Any]:
 
 def run_campaign(
     cases: int,
+    dry: bool,
+    days: int,
     out: Path,
     workers: int,
     scheduler: str | None = None,
@@ -110,7 +149,11 @@ def run_campaign(
         When no scheduler answers, or it is lost on the way.
     """
     code = code_of_a_case()
-    items = [Item(f"case-{seed}", {"seed": seed, "code": code}, code) for seed in range(first_seed, first_seed + cases)]
+    mark = sha256(f"{code} {dry} {days}".encode()).hexdigest()
+    items = [
+        Item(f"case-{seed}", {"seed": seed, "dry": dry, "days": days, "code": code}, mark)
+        for seed in range(first_seed, first_seed + cases)
+    ]
     results = results_of(followed, items, out, workers, scheduler, tell)
     found = summary(results, code)
     files = {"follow_ups.json": json_bytes(found), "follow_ups.md": page(found).encode()}
@@ -138,15 +181,22 @@ def summary(results: Sequence[Result], code: str) -> dict[str, Any]:
         "ratios": len(ratios),
         "told_apart": len(apart),
         "named_after": [sum(_is_named(one, day) for one in apart) for day in range(1, DAYS + 1)],
+        "by_D": [
+            {"D": label, "outcomes": dict(Counter(one["steps"][0]["outcome"] for one in there))}
+            for label, low, high in BY_D
+            if (there := [one for one in done if one["ids"] and low <= one["D"] < high])
+        ],
         "wrong_before": sum(one["steps"][0]["outcome"] in WRONG for one in done),
         "wrong_after": sum(one["steps"][-1]["outcome"] in WRONG for one in open_),
         "rows": [
             {
                 "ids": one["ids"],
+                "D": one["D"],
                 "outcomes": [step["outcome"] for step in one["steps"]],
                 "tests": [promised["test"] for step in one["steps"] for promised in step["promised"]],
             }
-            for one in open_
+            for one in done
+            if one["ids"] or len(one["steps"]) > 1
         ],
     }
 
@@ -187,11 +237,22 @@ def page(found: Mapping[str, Any]) -> str:
         "",
         "![promised against delivered](follow_ups.png)",
         "",
-        "| concealed | what the diagnoses were worth | tests |",
-        "|---|---|---|",
+        "What the first diagnosis was worth, by D: how many sds of noise the first recording shows of what is",
+        "concealed, once the nuisances have taken up what they can.",
+        "",
+        "| D | cases |",
+        "|---|---|",
+        *(
+            f"| {one['D']} | {', '.join(f'{n} {what}' for what, n in one['outcomes'].items())} |"
+            for one in found["by_D"]
+        ),
+        "",
+        "| concealed | D | what the diagnoses were worth | tests |",
+        "|---|---|---|---|",
     ]
     lines += [
-        f"| {' + '.join(one['ids']) or 'nothing'} | {', then '.join(one['outcomes'])} | {'; '.join(one['tests'])} |"
+        f"| {' + '.join(one['ids']) or 'nothing'} | {one['D']:.1f} | {', then '.join(one['outcomes'])} "
+        f"| {'; '.join(one['tests'])} |"
         for one in found["rows"]
     ]
     return "\n".join(lines) + "\n"
@@ -215,8 +276,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign of a command line, print its page, and return the exit code."""
     parser = command_line("follow_ups", __doc__, FIRST_SEED, "of the cases", PAGE)
     parser.add_argument("--cases", type=whole_number, default=CASES, help="cases that are drawn (%(default)s)")
+    parser.add_argument("--days", type=whole_number, default=DAYS, help="tests that are taken at most (%(default)s)")
+    parser.add_argument("--dry-friction", action="store_true", help="conceal dry friction alone, with runs in time")
     given = parser.parse_args(arguments)
-    return go("follow_ups", given, PAGE, partial(run_campaign, given.cases), page)
+    return go("follow_ups", given, PAGE, partial(run_campaign, given.cases, given.dry_friction, given.days), page)
 
 
 if __name__ == "__main__":

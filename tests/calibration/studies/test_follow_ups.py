@@ -6,7 +6,7 @@ import pytest
 
 from calibration.challenge.second_rig import another_day, draw, make_recording
 from calibration.diagnosis.next_test.promised import captures_of
-from calibration.studies.follow_ups import page, picture, summary
+from calibration.studies.follow_ups import dry_friction_alone, page, picture, summary
 from calibration.work.many import Result
 from rig.recording import read_recording
 
@@ -39,10 +39,10 @@ def step(outcome: str, is_rival: bool, *promised: float) -> dict:
 
 def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
     cases = [
-        {"ids": ["windage"], "steps": [step("truth listed", True), step("right", False, 20.0, 10.0)]},
-        {"ids": ["leakage"], "steps": [step("truth listed", True), step("truth listed", True, 30.0, 30.0)]},
-        {"ids": ["inertia"], "steps": [step("missed", True), step("wrong name", False, 5.0, 40.0)]},
-        {"ids": [], "steps": [step("right", False)]},
+        {"ids": ["windage"], "D": 9.0, "steps": [step("truth listed", True), step("right", False, 20.0, 10.0)]},
+        {"ids": ["leakage"], "D": 8.0, "steps": [step("truth listed", True), step("truth listed", True, 30.0, 30.0)]},
+        {"ids": ["inertia"], "D": 2.0, "steps": [step("missed", True), step("wrong name", False, 5.0, 40.0)]},
+        {"ids": [], "D": 0.0, "steps": [step("right", False)]},
     ]
     results = [Result(f"case-{i}", one, "", 1.0) for i, one in enumerate(cases)]
     found = summary([*results, Result("case-9", None, "ValueError: no", 1.0)], "code")
@@ -51,6 +51,15 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
     assert (found["told_apart"], found["named_after"]) == (2, [1, 1])
     assert (found["wrong_before"], found["wrong_after"]) == (0, 1)
     words = page(found)
-    assert "median 0.75" in words and "| windage | truth listed, then right | a test |" in words
+    assert "median 0.75" in words and "| windage | 9.0 | truth listed, then right | a test |" in words
+    assert "| below 3 | 1 missed |" in words and "| 7 and more | 2 truth listed |" in words
     assert "case-9: ValueError: no" in words
     assert picture(found).startswith(b"\x89PNG")
+
+
+def test_dry_friction_alone_takes_the_place_of_all_that_is_concealed():
+    for index in range(20):
+        there = dry_friction_alone(draw("development", index, "days"))
+        assert there.ids == ["coulomb_friction"] and there.with_transients
+        (effect,) = there.rig().effects
+        assert effect.id == "coulomb_friction" and 0.06 <= effect.values["torque_nm"] <= 0.20
