@@ -14,7 +14,10 @@ that ridge by several of its widths at two prior sds.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 
 LEAST = 1e-3  # of its typical value: no value that varies by a factor is taken to fall below
 TRIMS = 6  # passes of the regression that leave out what lies far off the ridge
@@ -69,6 +72,12 @@ class TransportMap:
             found, miss, kept = _robustly_regressed(terms[:, self._columns[k]], scaled[:, k])
             self.coefficients.append(found)
             self.widening.append(_widening(terms[kept, : k + 1], miss[kept]))
+        polynomials, widening = np.zeros((n, terms.shape[1])), np.zeros((n, 1 + n))
+        for k in range(n):
+            polynomials[k, self._columns[k]] = self.coefficients[k]
+            widening[k, : k + 1] = self.widening[k]
+        scales = (self.mean, self.width, self.centre, self.span, self.rate)
+        self._kernel = (self.order, self.as_value, *scales, polynomials, widening)
 
     def push(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points from independent numbers.
@@ -85,24 +94,8 @@ class TransportMap:
         log_volume : ndarray, shape (n_points,)
             Logarithm of the map's Jacobian, up to a constant [-].
         """
-        n = e.shape[1]
-        points = np.zeros_like(e)
-        log_volume = np.zeros(len(e))
-        terms = np.zeros((len(e), 1 + n + len(self.pairs)))
-        terms[:, 0] = 1.0
-        for k, which in enumerate(self.order):
-            log_sd = self._log_sd(terms, k)
-            scaled = terms[:, self._columns[k]] @ self.coefficients[k] + np.exp(log_sd) * e[:, k]
-            log_volume += log_sd
-            if self.as_value[which]:
-                value = np.maximum(self.rate[which] * (scaled * self.span[which] + self.centre[which]), LEAST - 1.0)
-                points[:, which] = np.log1p(value) / self.rate[which]
-                log_volume -= self.rate[which] * points[:, which]
-            else:
-                points[:, which] = _between(scaled * self.width[which] + self.mean[which], -10.0 * REACH, 10.0 * REACH)
-            terms[:, 1 + k] = self._feature(points[:, which], which)
-            first = 1 + n + k * (k + 1) // 2
-            terms[:, first : first + k + 1] = terms[:, 1 : k + 2] * terms[:, k + 1 : k + 2]
+        points, log_volume = np.empty_like(e), np.empty(len(e))
+        _push(e, *self._kernel, points, log_volume)
         return points, log_volume
 
     def pull(self, points: np.ndarray) -> np.ndarray:
@@ -131,20 +124,56 @@ class TransportMap:
         safe = np.where(rate > 0.0, rate, 1.0)
         return np.where(rate > 0.0, np.expm1(safe * bounded) / safe, bounded)
 
-    def _feature(self, values: np.ndarray, which: int) -> np.ndarray:
-        """What one coordinate gives to the terms: `_warp` of one, standardised."""
-        rate, found = self.rate[which], _between(values, -2.0 * REACH, 2.0 * REACH)
-        if rate > 0.0:
-            found = np.expm1(rate * found) / rate
-        feature: np.ndarray = (found - self.centre[which]) / self.span[which]
-        return feature
-
     def _terms(self, points: np.ndarray) -> np.ndarray:
         """1, all coordinates, then all products of two, in the map's order, by their later coordinate."""
         warped = (self._warp(points, self.rate) - self.centre) / self.span
         features = warped[:, self.order]
         products = features[:, self.pairs[:, 0]] * features[:, self.pairs[:, 1]]
         return np.hstack([np.ones((len(points), 1)), features, products])
+
+
+@njit(cache=True, nogil=True)
+def _push(
+    e: np.ndarray,
+    order: np.ndarray,
+    as_value: np.ndarray,
+    mean: np.ndarray,
+    width: np.ndarray,
+    centre: np.ndarray,
+    span: np.ndarray,
+    rate: np.ndarray,
+    polynomials: np.ndarray,
+    widening: np.ndarray,
+    points: np.ndarray,
+    log_volume: np.ndarray,
+) -> None:
+    """`TransportMap.push`, a point at a time: each unknown needs those before it."""
+    n = e.shape[1]
+    features = np.empty(n)
+    for i in range(len(e)):
+        log_volume[i] = 0.0
+        for k in range(n):
+            which = order[k]
+            scaled, along, product = polynomials[k, 0], 0.0, 1 + n
+            for a in range(k):
+                scaled += polynomials[k, 1 + a] * features[a]
+                along += widening[k, 1 + a] * features[a]
+                for b in range(a + 1):
+                    scaled += polynomials[k, product] * features[a] * features[b]
+                    product += 1
+            log_sd = widening[k, 0] + min(max(along, -STEEPEST), STEEPEST)
+            scaled += math.exp(log_sd) * e[i, k]
+            log_volume[i] += log_sd
+            if as_value[which]:
+                value = max(rate[which] * (scaled * span[which] + centre[which]), LEAST - 1.0)
+                point = math.log1p(value) / rate[which]
+                log_volume[i] -= rate[which] * point
+            else:
+                point = min(max(scaled * width[which] + mean[which], -10.0 * REACH), 10.0 * REACH)
+            points[i, which] = point
+            bounded = min(max(point, -2.0 * REACH), 2.0 * REACH)
+            warped = math.expm1(rate[which] * bounded) / rate[which] if rate[which] > 0.0 else bounded
+            features[k] = (warped - centre[which]) / span[which]
 
 
 def _columns_of(k: int, n: int) -> np.ndarray:
