@@ -12,20 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from configs.units import ZERO_C
-from rig.exchange.mapping import ColumnTable, FileTable, MappingFile
-from rig.exchange.tables import Cells, Table
-from rig.exchange.units import unit_of
+from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, StandardTable, TableTable
+from rig.exchange.tables import Table
+from rig.exchange.units import DATED, unit_of
 from rig.recording import Column
-from rig.recording.columns import FIGURES
+from rig.recording.columns import FIGURES, MEASURED
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
 
 DAY_S = 86_400.0
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
+OVERLOAD, NOT_A_NUMBER = 9e36, 9.91e37  # SCPI's numbers for an overload (9.9e37), and for no reading
+NORMAL = StandardTable(pressure_bar_abs=1.01325, temperature_c=0.0)  # that `units` refers a flow of mass to
 ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read
 _NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)
-_CLOCK = re.compile(r"\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:\.[0-9]+)?)\s*", re.ASCII)
+_CLOCK = re.compile(r"\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:[.,][0-9]+)?)\s*(?:([AaPp])\.?[Mm]\.?)?\s*", re.ASCII)
+_DATE = re.compile(r"([0-9]{1,4})[-./]([0-9]{1,2})[-./]([0-9]{1,4})", re.ASCII)
 _SIGN = {"": 0, "<": -1, ">": 1}
 _HELD = ("time_s", "supply_open", "rotor_locked", "angle_rad")  # of averaged rows the last is taken
 
@@ -42,12 +45,18 @@ class Converted:
         ``up``, ``down`` or empty.
     cells : dict of str to list of str
         The text behind each column, where rows were not averaged.
+    lines : list of int
+        Of the source, that each row ends at.
+    notes : list of str
+        What a person should know of what was left out.
     """
 
     entry: FileTable
     columns: dict[str, Column]
     direction: NDArray[np.str_] | None = None
     cells: dict[str, list[str]] = field(default_factory=dict)
+    lines: list[int] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     @property
     def rows(self) -> int:
@@ -63,7 +72,8 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     RunError
         File, line and column of the first cell that cannot be used.
     """
-    rows = _rows(entry, table, mapping.table.decimal or ".")
+    reads = Cell(mapping.table)
+    rows = _rows(entry, table, reads)
     if not rows:
         raise RunError(f"{table.place}: no row is left of what [[files]] takes")
     converted = Converted(entry, {})
@@ -71,12 +81,20 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
         if name == "direction":
             converted.direction = _directions(source, table, rows)
             continue
-        cells = [source.constant] * len(rows) if source.column is None else _taken(table.column(source.column), rows)
-        column = _column(name, source, cells, table, rows, mapping.table.decimal or ".")
-        if not np.isnan(column.values).all():
-            converted.columns[name] = column
-            if source.column is not None:
-                converted.cells[name] = [str(cell) for cell in cells]
+        if source.sample_period_s is not None:
+            times = source.sample_period_s * np.arange(len(rows), dtype=np.float64)
+            converted.columns[name] = Column(times, np.zeros(len(rows), dtype=np.int8))
+            continue
+        cells = _cells(source, table, rows)
+        column = _column(name, source, cells, table, rows, reads, converted.notes)
+        if np.isnan(column.values).all():
+            converted.notes.append(
+                f"{table.place}, column '{_heading(source)}': no number in it, so there is no {name}"
+            )
+            continue
+        converted.columns[name] = column
+        if source.column is not None:
+            converted.cells[name] = [str(cell) for cell in cells]
     if not converted.columns:
         raise RunError(f"{table.place}: every cell that the mapping takes is empty")
     _bring_to_inlet(mapping, converted, table.place)
@@ -85,9 +103,12 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
             column = converted.columns[name]
             censor = column.censor if source.factor > 0.0 else -column.censor
             converted.columns[name] = Column(column.values * source.factor, censor)
+    lines = [table.lines[row] for row in rows]
     if isinstance(mapping.motor, str):
-        _check(entry, converted, [table.lines[row] for row in rows], table.place)
-    return _at_rest(mapping, _thinned(mapping, converted, table.place), [table.lines[row] for row in rows], table.place)
+        _check(entry, converted, lines, table.place)
+    thinned = _thinned(mapping, converted, table.place)
+    thinned.lines = lines[entry.average_rows - 1 :: entry.average_rows]
+    return _at_rest(mapping, thinned, table.place)
 
 
 def _check(entry: FileTable, converted: Converted, lines: Sequence[int], place: str) -> None:
@@ -107,7 +128,7 @@ def _check(entry: FileTable, converted: Converted, lines: Sequence[int], place: 
             )
 
 
-def _at_rest(mapping: MappingFile, converted: Converted, lines: Sequence[int], place: str) -> Converted:
+def _at_rest(mapping: MappingFile, converted: Converted, place: str) -> Converted:
     """Speeds below 0 as what they are: a tachometer's zero within its declared error, and otherwise a mistake."""
     speed, source = converted.columns.get("speed_rpm"), mapping.columns.get("speed_rpm")
     if speed is None or source is None or not (speed.values < 0.0).any():
@@ -118,21 +139,32 @@ def _at_rest(mapping: MappingFile, converted: Converted, lines: Sequence[int], p
     far = speed.values < -wanders
     if far.any():
         row = int(far.argmax())
-        line = lines[min((row + 1) * converted.entry.average_rows, len(lines)) - 1]
         raise RunError(
-            f"{place}, line {line}: speed_rpm is {speed.values[row]:g} rpm; if it is counted the other way round, give "
-            f"factor = -1; what is rest lies within {wanders:.3g} rpm below 0 ({ZERO_NOISE:g} noise_sd + "
+            f"{place}, line {converted.lines[row]}: speed_rpm is {speed.values[row]:g} rpm; if it is "
+            f"counted the other way round, give factor = -1; what is rest lies within {wanders:.3g} rpm below 0 "
+            f"({ZERO_NOISE:g} noise_sd + "
             f"{ZERO_BIAS:g} bias_sd + resolution): if the zero wanders farther, state its bias_sd"
         )
     converted.columns["speed_rpm"] = Column(np.where(speed.values < 0.0, 0.0, speed.values), speed.censor)
     return converted
 
 
-def _taken(cells: Cells, rows: list[int]) -> list[str | float]:
+def _cells(source: ColumnTable, table: Table, rows: list[int]) -> Sequence[str | float | None]:
+    if source.column is None:
+        return [source.constant] * len(rows)
+    if isinstance(source.column, list):
+        date, time = (table.column(key) for key in source.column)
+        return [f"{date[row]} {time[row]}" for row in rows]
+    cells = table.column(source.column)
     return [cells[row] for row in rows]
 
 
-def _rows(entry: FileTable, table: Table, decimal: str) -> list[int]:
+def _heading(source: ColumnTable) -> str:
+    keys = source.column if isinstance(source.column, list) else [source.column]
+    return shown("' and '".join(map(str, keys)))
+
+
+def _rows(entry: FileTable, table: Table, reads: Cell) -> list[int]:
     """Which rows of the table are taken."""
     count = len(table.columns[0])
     first, last = entry.rows or (1, count)
@@ -142,56 +174,141 @@ def _rows(entry: FileTable, table: Table, decimal: str) -> list[int]:
     cells, wanted = table.column(entry.only.column), entry.only.equals
     if isinstance(wanted, str):
         return [row for row in rows if str(cells[row]).strip() == wanted]
-    return [row for row in rows if _number(cells[row], decimal) == (wanted, 0)]
+    return [row for row in rows if reads.number(cells[row]) == (wanted, 0)]
 
 
-def _number(cell: str | float, decimal: str) -> tuple[float, int] | None:
-    """A cell's value and whether it is off scale; (nan, 0) when empty, None when it is no number."""
-    if not isinstance(cell, str):
-        return (cell, 0) if not math.isinf(cell) else None
-    if not cell.strip():
-        return math.nan, 0
-    if decimal == ",":
-        if "." in cell:
+class Cell:
+    """How a cell of a table is read.
+
+    Each method gives a value and whether it is off scale, or None for what it cannot read. (nan, 0) is an empty cell
+    or one without a reading, (inf, 1) one whose range ended.
+    """
+
+    def __init__(self, table: TableTable) -> None:
+        self.decimal = table.decimal or "."
+        self._over = {mark.casefold() for mark in table.over_range}
+        self._invalid = {mark.casefold() for mark in table.invalid}
+
+    def reading(self, cell: str | float) -> tuple[float, int] | None:
+        """A number, or what a logger writes in its place."""
+        word = str(cell).strip().casefold()
+        if word in self._over:
+            return math.inf, 1
+        if word in self._invalid:
+            return math.nan, 0
+        found = self.number(cell)
+        if found is None or not abs(found[0]) >= OVERLOAD:
+            return found
+        # SCPI-99, 7.2.1.4 and 7.2.1.5
+        return (math.nan, 0) if math.isclose(found[0], NOT_A_NUMBER, rel_tol=1e-4) else (math.inf, 1)
+
+    def number(self, cell: str | float) -> tuple[float, int] | None:
+        """A number, which a limit's sign may precede."""
+        if not isinstance(cell, str):
+            return (cell, 0) if not math.isinf(cell) else None
+        if not cell.strip():
+            return math.nan, 0
+        if self.decimal == ",":
+            if "." in cell:
+                return None
+            cell = cell.replace(",", ".")
+        match = _NUMBER.fullmatch(cell)
+        if match is None or math.isinf(float(match[2])):
             return None
-        cell = cell.replace(",", ".")
-    match = _NUMBER.fullmatch(cell)
-    if match is None or math.isinf(float(match[2])):
-        return None
-    return float(match[2]), _SIGN[match[1]]
+        return float(match[2]), _SIGN[match[1]]
+
+    def time(self, unit: str) -> Callable[[str | float], tuple[float, int] | None]:
+        """What reads a date, a time of day or both, in seconds from some moment."""
+        if unit in DATED:
+            return lambda cell: _dated(cell, DATED[unit])
+        return {"ISO": _iso_time, "hh:mm:ss": _clock_time, "Excel days": self._excel}[unit]
+
+    def _excel(self, cell: str | float) -> tuple[float, int] | None:
+        days = self.number(cell)
+        return None if days is None or math.isnan(days[0]) else (days[0] * DAY_S, 0)
 
 
 def _column(
     name: str,
     source: ColumnTable,
-    cells: list[str | float] | list[float | None],
+    cells: Sequence[str | float | None],
     table: Table,
     rows: list[int],
-    decimal: str,
+    reads: Cell,
+    notes: list[str],
 ) -> Column:
     """The cells in the column's unit, before any averaging; a length or an angle stays one."""
     unit = unit_of(name, source.unit, source.differentiate)
-    read: Callable[[str | float], tuple[float, int] | None]
-    read = _TIMES[source.unit] if unit.quantity == "time of day" else lambda cell: _number(cell, decimal)
+    of_day = unit.quantity == "time of day"
+    read = reads.time(source.unit) if of_day else reads.reading if name in MEASURED else reads.number
+    place = f"column '{_heading(source)}'"
     values, censor = np.empty(len(cells)), np.zeros(len(cells), dtype=np.int8)
     for index, cell in enumerate(cells):
         found = read(cell if cell is not None else "")
         if found is None:
-            place = f"{table.place}, line {table.lines[rows[index]]}, column '{shown(str(source.column))}'"
-            expected = "a number" if unit.quantity != "time of day" else f"a time ({source.unit})"
-            raise RunError(f"{place}: '{shown(str(cell))}' is not {expected}, decimals with '{decimal}'")
+            expected = "a number" if not of_day else f"a time ({source.unit})"
+            raise RunError(
+                f"{table.place}, line {table.lines[rows[index]]}, {place}: '{shown(str(cell))}' is not {expected}, "
+                f"decimals with '{reads.decimal}'"
+            )
         values[index], censor[index] = found
-    if unit.quantity == "time of day":
-        values = _from_the_first(values, days=source.unit == "hh:mm:ss")
+    over, marked = (
+        np.isinf(values),
+        [str(cell).strip() for cell, value in zip(cells, values, strict=True) if value != value],
+    )
+    values[over] = math.nan if source.highest is None else source.highest
+    censor[over & np.isnan(values)] = 0
+    _note(notes, f"{table.place}, {place}", over, source, name, [mark for mark in marked if mark and mark != "nan"])
+    if of_day:
+        values = _from_the_first(
+            values, source.unit, [f"{table.place}, line {table.lines[row]}, {place}" for row in rows]
+        )
+    if source.drop_repeats:
+        repeats = np.append(False, (np.diff(values) == 0.0) & (np.diff(censor) == 0))
+        values[repeats], censor[repeats] = math.nan, 0
     values = values * unit.factor / (source.pulses_per_rev or 1.0) + unit.offset
     return Column(values, censor)
 
 
+def _note(notes: list[str], place: str, over: np.ndarray, source: ColumnTable, name: str, marked: list[str]) -> None:
+    """Say how many cells were no plain numbers, and what was made of them."""
+    if over.any() and source.highest is None:
+        notes.append(
+            f"{place}: over range {over.sum()} times, taken as missing; with [columns.{name}] highest = .. they count "
+            "as more than that"
+        )
+    elif over.any():
+        notes.append(f"{place}: over range {over.sum()} times, taken as more than {source.highest:g} {source.unit}")
+    if marked:
+        told = ", ".join(f"'{shown(mark)}'" for mark in sorted(set(marked))[:5])
+        notes.append(f"{place}: no reading {len(marked)} times ({told}), taken as missing")
+
+
 def _clock_time(cell: str | float) -> tuple[float, int] | None:
     match = _CLOCK.fullmatch(str(cell))
-    if match is None or int(match[1]) > 23 or int(match[2]) > 59 or float(match[3]) >= 61.0:
+    if match is None:
         return None
-    return int(match[1]) * 3600.0 + int(match[2]) * 60.0 + float(match[3]), 0
+    hour, minute, second = int(match[1]), int(match[2]), float(match[3].replace(",", "."))
+    if match[4]:
+        if not 1 <= hour <= 12:
+            return None
+        hour = hour % 12 + (12 if match[4] in "pP" else 0)
+    if minute > 59 or second >= 61.0 or hour > 24 or (hour == 24 and (minute or second)):
+        return None
+    return hour * 3600.0 + minute * 60.0 + second, 0
+
+
+def _dated(cell: str | float, places: tuple[int, int, int]) -> tuple[float, int] | None:
+    date, _, clock = str(cell).strip().replace("T", " ").partition(" ")
+    parts, time = _DATE.fullmatch(date), _clock_time(clock)
+    if parts is None or time is None:
+        return None
+    year, month, day = (int(parts[1 + place]) for place in places)
+    try:
+        days = datetime.date(year, month, day).toordinal()
+    except ValueError:
+        return None
+    return days * DAY_S + time[0], 0
 
 
 def _iso_time(cell: str | float) -> tuple[float, int] | None:
@@ -203,32 +320,40 @@ def _iso_time(cell: str | float) -> tuple[float, int] | None:
         return None
 
 
-_TIMES = {"ISO": _iso_time, "hh:mm:ss": _clock_time}
-
-
-def _from_the_first(values: NDArray[np.float64], days: bool) -> NDArray[np.float64]:
-    """Times of day counted from the first row; a clock that falls back by half a day has passed midnight."""
-    if days:
+def _from_the_first(values: NDArray[np.float64], unit: str, places: Sequence[str]) -> NDArray[np.float64]:
+    """Times counted from the first row; a time of day that falls back by half a day has passed midnight."""
+    if unit == "hh:mm:ss":
         values = values + DAY_S * np.cumsum(np.diff(values, prepend=values[0]) < -DAY_S / 2.0)
+    back = np.diff(values) < 0.0
+    if back.any():
+        at = int(back.argmax())
+        raise RunError(
+            f"{places[at + 1]}: the clock goes back by {values[at] - values[at + 1]:g} s; was it set, as "
+            "for the end of summer time, or was the logger started again? Take the rows before and after as two of "
+            "[[files]]"
+        )
     return values - values[0]
 
 
 def _directions(source: ColumnTable, table: Table, rows: list[int]) -> NDArray[np.str_]:
     words = source.words or {"up": "up", "down": "down"}
     found = []
-    for row, cell in zip(rows, _taken(table.column(source.column or 0), rows), strict=True):
+    for row, cell in zip(rows, _cells(source, table, rows), strict=True):
         word = words.get(str(cell).strip(), "") if str(cell).strip() else "-"
         if word not in ("up", "down", "-"):
-            place = f"{table.place}, line {table.lines[row]}, column '{shown(str(source.column))}'"
+            place = f"{table.place}, line {table.lines[row]}, column '{_heading(source)}'"
             raise RunError(f"{place}: '{shown(str(cell))}' is neither up nor down; say it in words = {{..}}")
         found.append(word.strip("-"))
     return np.array(found, dtype="<U4")
 
 
 def _bring_to_inlet(mapping: MappingFile, converted: Converted, place: str) -> None:
-    """Q = Q_s (P_s/P)(T/T_s) where the flow refers to a standard state."""
+    """Q = Q_s (P_s/P)(T/T_s) where the flow refers to a standard state, or is one of mass."""
     source = mapping.columns.get("flow_l_min")
-    if source is None or source.standard is None or "flow_l_min" not in converted.columns:
+    if source is None or "flow_l_min" not in converted.columns:
+        return
+    standard = NORMAL if unit_of("flow_l_min", source.unit).quantity == "mass flow" else source.standard
+    if standard is None:
         return
     ambient = mapping.ambient
     if "pressure_bar_abs" in converted.columns:
@@ -236,14 +361,13 @@ def _bring_to_inlet(mapping: MappingFile, converted: Converted, place: str) -> N
     elif "pressure_bar_gauge" in converted.columns and ambient.pressure_bar_abs is not None:
         pressure = converted.columns["pressure_bar_gauge"].values + ambient.pressure_bar_abs
     else:
-        raise RunError(f"{place}: a standard flow needs the inlet's pressure (gauge: with [ambient] pressure_bar_abs)")
+        raise RunError(f"{place}: the flow's unit needs the inlet's pressure (gauge: with [ambient] pressure_bar_abs)")
     if "inlet_temperature_c" in converted.columns:
         temperature = converted.columns["inlet_temperature_c"].values
     elif ambient.temperature_c is not None:
         temperature = np.full(pressure.size, ambient.temperature_c)
     else:
-        raise RunError(f"{place}: a standard flow needs inlet_temperature_c, or [ambient] temperature_c")
-    standard = source.standard
+        raise RunError(f"{place}: the flow's unit needs inlet_temperature_c, or [ambient] temperature_c")
     ratio = (standard.pressure_bar_abs / pressure) * (temperature + ZERO_C) / (standard.temperature_c + ZERO_C)
     flow = converted.columns["flow_l_min"]
     converted.columns["flow_l_min"] = Column(flow.values * ratio, flow.censor)
@@ -271,7 +395,7 @@ def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converte
             values = np.where(known, np.where(np.isnan(blocks), 0.0, blocks).mean(axis=1), np.nan)
             columns[name] = Column(values, column.censor[last] if size == 1 else np.zeros(last.size, np.int8))
     direction = None if converted.direction is None else converted.direction[last]
-    return Converted(converted.entry, columns, direction, {} if size > 1 else converted.cells)
+    return Converted(converted.entry, columns, direction, {} if size > 1 else converted.cells, notes=converted.notes)
 
 
 def _rate(converted: Converted, name: str, factor: float, last: NDArray[np.intp], place: str) -> Column:

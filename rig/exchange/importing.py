@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +40,16 @@ UNITS = {
 ROLES = {"flow": "flow_l_min", "speed": "speed_rpm", "temperature": "inlet_temperature_c"}
 
 
-def import_files(files: Sequence[Path], mapping: Mapping, target: Path, as_recording: bool = False) -> Path:
+Tell = Callable[[str], None]
+
+
+def import_files(
+    files: Sequence[Path],
+    mapping: Mapping,
+    target: Path,
+    as_recording: bool = False,
+    tell: Tell = lambda words: None,
+) -> Path:
     """Import files: as a run in the folder of runs or, when the mapping holds another rig's motor, as a recording.
 
     Parameters
@@ -47,6 +58,8 @@ def import_files(files: Sequence[Path], mapping: Mapping, target: Path, as_recor
         Where runs are kept, or the recording's folder to make.
     as_recording : bool
         Whether data of a motor by name become a recording too.
+    tell : callable, optional
+        Of each thing that was left out, in words.
 
     Returns
     -------
@@ -54,10 +67,10 @@ def import_files(files: Sequence[Path], mapping: Mapping, target: Path, as_recor
         The run's folder, or the recording's.
     """
     is_run = isinstance(mapping.file.motor, str) and not as_recording
-    return (import_table if is_run else import_recording)(files, mapping, target)
+    return (import_table if is_run else import_recording)(files, mapping, target, tell)
 
 
-def import_table(files: Sequence[Path], mapping: Mapping, root: Path) -> Path:
+def import_table(files: Sequence[Path], mapping: Mapping, root: Path, tell: Tell = lambda words: None) -> Path:
     """Write tables as a run of kind ``import``; its readings count as unverified, for nothing here checked them.
 
     Returns
@@ -69,8 +82,10 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path) -> Path:
     ------
     RunError
         When a file cannot be read as the mapping says; no run is made then.
+    RecordingError
+        When what it gives would be no recording; nor then.
     """
-    parts = _converted(files, mapping)
+    parts = _converted(files, mapping, tell)
     columns = {name for part in parts for name in part.columns}
     foreign = sorted(columns - {"time_s", *UNITS})
     if foreign:
@@ -78,6 +93,8 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path) -> Path:
             f"{mapping.path}: {', '.join(foreign)}: not in a run of this motor; make a recording of it with -o, or, "
             "of another rig, give it as a table [motor]"
         )
+    with tempfile.TemporaryDirectory() as place:
+        _write(parts, mapping, Path(place) / "recording")
     start = _start(mapping, columns)
     with RunWriter.create(Path(root), start, wire=False) as writer:
         for path in sorted({path for path, _ in _entries(files, mapping)}):
@@ -89,7 +106,7 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path) -> Path:
     return writer.folder
 
 
-def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path) -> Path:
+def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path, tell: Tell = lambda words: None) -> Path:
     """Write tables as a recording/1 folder.
 
     Parameters
@@ -109,7 +126,19 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path) -> P
     RecordingError
         When what it gives is no recording.
     """
-    parts = _converted(files, mapping)
+    parts = _converted(files, mapping, tell)
+    Path(folder).parent.mkdir(parents=True, exist_ok=True)
+    _write(parts, mapping, Path(folder))
+    paths = sorted({path for path, _ in _entries(files, mapping)})
+    lines = [mapping.file.title, f"source: {mapping.file.source}", f"licence: {mapping.file.licence}"]
+    lines += [f"imported with {mapping.path.name} from {path.name}, SHA-256 {sha256_of(path)}" for path in paths]
+    lines += [words for part in parts for words in part.notes]
+    write_whole(Path(folder) / NOTES, ("\n".join(lines) + "\n").encode("utf-8"))
+    return Path(folder)
+
+
+def _write(parts: Sequence[Converted], mapping: Mapping, folder: Path) -> None:
+    """Write the parts as a recording. Raises RecordingError with the places of the sources."""
     columns = {name for part in parts for name in part.columns}
     ambient = Ambient(**mapping.file.ambient.model_dump())
     channels = {name: _channel(mapping, name) for name in MEASURED if name in columns}
@@ -120,18 +149,11 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path) -> P
         )
         for name, part in zip(named, parts, strict=True)
     )
-    Path(folder).parent.mkdir(parents=True, exist_ok=True)
+    origin = mapping.file.origin.model_dump(exclude_none=True)
     try:
-        origin = mapping.file.origin.model_dump(exclude_none=True)
-        made = Recording(Path(folder), mapping.file.motor, ambient, channels, recorded, origin=origin)
-        write_recording(made, Path(folder))
+        write_recording(Recording(folder, mapping.file.motor, ambient, channels, recorded, origin=origin), folder)
     except RecordingError as error:
-        raise RecordingError(_of_sources(str(error), Path(folder), named, parts)) from None
-    paths = sorted({path for path, _ in _entries(files, mapping)})
-    lines = [mapping.file.title, f"source: {mapping.file.source}", f"licence: {mapping.file.licence}"]
-    lines += [f"imported with {mapping.path.name} from {path.name}, SHA-256 {sha256_of(path)}" for path in paths]
-    write_whole(Path(folder) / NOTES, ("\n".join(lines) + "\n").encode("utf-8"))
-    return Path(folder)
+        raise RecordingError(_of_sources(str(error), folder, named, parts, mapping)) from None
 
 
 def _entries(files: Sequence[Path], mapping: Mapping) -> list[tuple[Path, FileTable]]:
@@ -151,20 +173,28 @@ def _entries(files: Sequence[Path], mapping: Mapping) -> list[tuple[Path, FileTa
     return [(known[entry.file], entry) for entry in mapping.file.files]
 
 
-def _converted(files: Sequence[Path], mapping: Mapping) -> list[Converted]:
+def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Converted]:
     if not files:
         raise RunError(f"{mapping.path}: no file was given to import")
     parts = []
+    columns = [source.column for source in mapping.file.columns.values()]
+    wanted = [key for one in columns if one is not None for key in (one if isinstance(one, list) else [one])]
     for path, entry in _entries(files, mapping):
-        table = read_table(path, mapping.file.table, entry.sheet, entry.group)
+        only = [entry.only.column] if entry.only else []
+        table = read_table(path, mapping.file.table, entry.sheet, entry.group, [*wanted, *only])
         part = convert(mapping.file, entry, table)
+        for words in part.notes:
+            tell(words)
         if entry.kind == "transient" and "time_s" not in part.columns:
-            raise RunError(f"{table.place}: a transient needs time_s")
+            raise RunError(
+                f"{table.place}: a transient needs time_s; where the source has no times, give [columns.time_s] "
+                "sample_period_s = .."
+            )
         parts.append(part)
     return parts
 
 
-def _names(parts: list[Converted]) -> list[str]:
+def _names(parts: Sequence[Converted]) -> list[str]:
     """A CSV name for each part, none twice."""
     names: list[str] = []
     for part in parts:
@@ -177,12 +207,19 @@ def _names(parts: list[Converted]) -> list[str]:
     return names
 
 
-def _of_sources(text: str, folder: Path, names: Sequence[str], parts: Sequence[Converted]) -> str:
+def _of_sources(text: str, folder: Path, names: Sequence[str], parts: Sequence[Converted], mapping: Mapping) -> str:
     """What is wrong with a recording that was not written, told of the files that it would be made of."""
     for name, part in zip(names, parts, strict=True):
-        text = text.replace(f"{folder / name}, row ", f"{part.entry.file}, of the rows taken the number ")
+        there = re.escape(str(folder / name))
+
+        def of_source(found: re.Match[str], part: Converted = part) -> str:
+            line, column = part.lines[int(found[1]) - 1], found[2]
+            heading = f", column {column}" if column else ""
+            return f"{part.entry.file}, line {line}{heading}"
+
+        text = re.sub(rf"{there}, row (\d+)(?:, column (\w+))?", of_source, text)
         text = text.replace(str(folder / name), part.entry.file)
-    return text
+    return text.replace(f"{folder}/recording.toml", str(mapping.path)).replace(str(folder), str(mapping.path))
 
 
 def _channel(mapping: Mapping, name: str) -> Channel:

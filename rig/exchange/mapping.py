@@ -22,6 +22,27 @@ FOLDER = CONFIGS / "imports"
 Kind = Literal["steady", "transient", "zero"]
 Positive = Annotated[float, Field(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
+OVER_RANGE = ("OL", "+OL", "O.L", "0L", "0.L", "OVLD", "OVER", "OVERLOAD", "OVERRANGE", "OFL", "1.#INF", "INF", "+INF")
+INVALID = (
+    *(
+        "NaN",
+        "-NaN",
+        "1.#QNAN",
+        "-1.#IND",
+        "1.#IND",
+        "#N/A",
+        "N/A",
+        "NA",
+        "NULL",
+        "None",
+        "ERR",
+        "ERROR",
+        "-OL",
+        "UNDER",
+    ),
+    *("-" * count for count in range(1, 9)),
+    *("*" * count for count in range(1, 9)),
+)
 Whole = Annotated[int, Field(ge=1, le=10_000_000)]
 
 
@@ -35,13 +56,17 @@ class StandardTable(Strict):
 class ColumnTable(Strict):
     """[columns.NAME]: where a column comes from, in which unit, and its instrument's 1-sigma figures."""
 
-    column: str | Whole | None = None  # its heading, or its place from 1
+    # Its heading, or its place from 1; of a date and a time two, which are read as one.
+    column: str | Whole | Annotated[list[str | Whole], Field(min_length=2, max_length=2)] | None = None
     constant: float | None = None  # in `unit`
+    sample_period_s: Positive | None = None  # of `time_s`, where the source has no times
     unit: str = ""
     factor: float = 1.0  # beside the unit's, such as -1 for a sign
     pulses_per_rev: Positive | None = None  # of a pulse rate
     standard: StandardTable | None = None  # of a standard flow
     differentiate: bool = False  # the source is a length or an angle, the column its mean rate since the row before
+    highest: float | None = None  # in `unit`: what the instrument shows at most, so that over range is more than that
+    drop_repeats: bool = False  # a value that the logger held is no reading
     words: dict[str, str] = Field(default_factory=dict)  # of `direction`: the source's word to up or down
     noise_sd: NotNegative | None = None
     bias_sd: NotNegative | None = None
@@ -50,8 +75,10 @@ class ColumnTable(Strict):
 
     @pydantic.model_validator(mode="after")
     def _comes_from_one_place(self) -> ColumnTable:
-        if (self.column is None) == (self.constant is None):
-            raise ValueError("give either column (a heading, or a place from 1) or constant")
+        if sum(one is not None for one in (self.column, self.constant, self.sample_period_s)) != 1:
+            raise ValueError(
+                "give one of column (a heading, or a place from 1), constant, and for time_s sample_period_s"
+            )
         return self
 
 
@@ -66,6 +93,8 @@ class TableTable(Strict):
     first_line: Whole | None = None  # of the data; the one after the headings when left out
     group: str = ""  # of a TDMS file
     sheet: str = ""  # of a workbook
+    over_range: list[str] = Field(default_factory=lambda: list(OVER_RANGE))  # what stands where the range ended
+    invalid: list[str] = Field(default_factory=lambda: list(INVALID))  # what stands where there is no reading
 
     @pydantic.model_validator(mode="after")
     def _text_says_its_marks(self) -> TableTable:
@@ -157,6 +186,8 @@ def _mistakes(name: str, table: ColumnTable) -> list[str]:
     place = f"columns.{shown(name)}"
     if name not in NAMES:
         return [f"{place}: no recording has this column{nearest(name)}; known: {', '.join(NAMES)}"]
+    if table.sample_period_s is not None:
+        return [] if name == "time_s" else [f"{place}: sample_period_s is of time_s alone"]
     try:
         unit = unit_of(name, "words" if name == "direction" else table.unit, table.differentiate)
     except RunError as error:
@@ -169,6 +200,10 @@ def _mistakes(name: str, table: ColumnTable) -> list[str]:
         )
     if (unit.quantity == "pulse rate") != (table.pulses_per_rev is not None):
         mistakes.append(f"{place}: Hz needs pulses_per_rev, and no other unit takes it")
+    if isinstance(table.column, list) and unit.quantity != "time of day":
+        mistakes.append(f"{place}: two columns are read as one for a date and a time alone")
+    if table.highest is not None and name not in MEASURED:
+        mistakes.append(f"{place}: this column is no instrument and has no highest")
     figures = (table.noise_sd, table.bias_sd, table.scale_sd, table.resolution)
     if name not in MEASURED and any(figure is not None for figure in figures):
         mistakes.append(f"{place}: this column is no instrument and has no figures")

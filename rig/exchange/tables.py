@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
+from rig.exchange.apart import read_apart
 from rig.exchange.mapping import TableTable
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain, read_bytes
@@ -25,6 +26,7 @@ MAX_PART_BYTES = 200_000_000  # of a workbook, unpacked
 MAX_COLUMNS = 4096
 WAVEFORM_TIME = "@time"  # the time track of a TDMS channel
 Cells = list[str] | list[float]
+_SPACED = re.compile(r'"([^"]*)"|(\S+)')
 _REFERENCE = re.compile(r"([A-Z]{1,3})([0-9]{1,7})")
 
 
@@ -36,12 +38,15 @@ class Table:
     ----------
     headings : list of str
         Empty where the file has none.
+    short : tuple of int
+        The line with the fewest cells, and their number; empty where each row has all.
     """
 
     place: str
     headings: list[str]
     columns: list[Cells]
     lines: Sequence[int]
+    short: tuple[int, int] | None = None
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
@@ -49,23 +54,41 @@ class Table:
         Raises
         ------
         RunError
-            When there is no such column, or the heading stands twice.
+            When there is no such column, a row is too short to have it, or the heading stands twice.
         """
+        at = self._at(key)
+        if self.short and at >= self.short[1]:
+            line, cells = self.short
+            raise RunError(
+                f"{self.place}, line {line}: {cells} cells, and column {at + 1} ('{shown(str(key))}') is not among "
+                "them; is the row cut off?"
+            )
+        return self.columns[at]
+
+    def _at(self, key: str | int) -> int:
         if isinstance(key, int):
             if key <= len(self.columns):
-                return self.columns[key - 1]
+                return key - 1
             raise RunError(f"{self.place}: there is no column {key}; it has {len(self.columns)}")
         found = [index for index, heading in enumerate(self.headings) if heading == key]
         if len(found) == 1:
-            return self.columns[found[0]]
+            return found[0]
         if found:
             raise RunError(f"{self.place}: {len(found)} columns are called '{shown(key)}'; give the place of one")
         listed = ", ".join(f"'{shown(heading)}'" for heading in self.headings[:40]) or "the file has no headings"
         raise RunError(f"{self.place}: no column is called '{shown(key)}'; there are {listed}")
 
 
-def read_table(path: Path, table: TableTable, sheet: str = "", group: str = "") -> Table:
+def read_table(
+    path: Path, table: TableTable, sheet: str = "", group: str = "", wanted: Sequence[str | int] = ()
+) -> Table:
     """Read a table.
+
+    Parameters
+    ----------
+    wanted : sequence of str or int
+        Headings and places of the columns that are taken, of all for none. Channels of a TDMS file that are not taken
+        may have another clock.
 
     Raises
     ------
@@ -74,11 +97,29 @@ def read_table(path: Path, table: TableTable, sheet: str = "", group: str = "") 
     """
     readers: dict[str, Callable[[], Table]] = {
         "csv": lambda: _csv(path, table),
-        "tdms": lambda: _tdms(path, group or table.group),
-        "mat": lambda: _mat(path),
+        "tdms": lambda: _foreign("tdms", path, group or table.group, wanted),
+        "mat": lambda: _foreign("mat", path, "", wanted),
         "xlsx": lambda: _xlsx(path, table, sheet or table.sheet),
     }
     return readers[table.reader]()
+
+
+def _foreign(reader: str, path: Path, group: str, wanted: Sequence[str | int]) -> Table:
+    if reader == "tdms":
+        try:
+            import nptdms  # noqa: F401 - whether it is there
+        except ImportError:
+            raise RunError(
+                'a TDMS file needs the package npTDMS; install it with `pip install "spinbench[formats]"`'
+            ) from None
+    with open_plain(path, MAX_BYTES):  # refuses what is no file, or too large
+        found = read_apart(reader, path, group, wanted)
+    return Table(**found, lines=range(1, len(found["columns"][0]) + 1))
+
+
+def read_here(reader: str, path: Path, group: str, wanted: Sequence[str | int]) -> Table:
+    """Read a TDMS or a MATLAB file in this process, for `rig.exchange.apart`. Raises RunError where it cannot be."""
+    return _tdms(path, group, wanted) if reader == "tdms" else _mat(path)
 
 
 def _csv(path: Path, table: TableTable) -> Table:
@@ -86,36 +127,57 @@ def _csv(path: Path, table: TableTable) -> Table:
         text = read_bytes(path, MAX_BYTES).decode(table.encoding).removeprefix("\ufeff")
     except UnicodeError:
         raise RunError(f"{path}: not {table.encoding} text; say its encoding in [table]") from None
+    lines, begin = text.splitlines(), table.heading_line
+    rows = _records(path, lines, begin or 1, table)
+    _, headings = next(rows, (0, [])) if begin else (0, [])
+    if table.first_line:
+        rows = _records(path, lines, table.first_line, table)
+    return _of_rows(str(path), headings, list(rows), table.first_line or begin + 1, is_text=True, table=table)
+
+
+def _records(path: Path, lines: list[str], first: int, table: TableTable) -> Iterator[tuple[int, list[str]]]:
+    """The rows from a line on, each with the line that it begins at. What stands before is no CSV."""
+    if table.delimiter == " ":  # any number of them
+        for number, line in enumerate(lines[first - 1 :], start=first):
+            yield number, [quoted or bare for quoted, bare in _SPACED.findall(line)]
+        return
+    reader = csv.reader(lines[first - 1 :], delimiter=table.delimiter or ",", strict=True)
+    begin = first
     try:
-        rows = list(csv.reader(text.splitlines(), delimiter=table.delimiter or ",", strict=True))
+        for row in reader:
+            yield begin, [cell.strip() for cell in row]
+            begin = first + reader.line_num
     except csv.Error as error:
-        raise RunError(f"{path}: not a table of CSV ({error})") from None
-    return _from_rows(str(path), [[cell.strip() for cell in row] for row in rows], table)
+        raise RunError(f"{path}, line {begin}: not a row of CSV ({error}); is heading_line right?") from None
 
 
-def _from_rows(place: str, rows: list[list[str]], table: TableTable) -> Table:
-    headings = rows[table.heading_line - 1] if 0 < table.heading_line <= len(rows) else []
-    first = table.first_line or table.heading_line + 1
-    data = [(number, row) for number, row in enumerate(rows[first - 1 :], start=first) if any(row)]
+def _of_rows(
+    place: str, headings: list[str], rows: list[tuple[int, list[str]]], first: int, is_text: bool, table: TableTable
+) -> Table:
+    data = [(number, row) for number, row in rows if any(row)]
     if not data:
         raise RunError(f"{place}: no rows from line {first} on")
     width = len(headings) or len(data[0][1])
     if width > MAX_COLUMNS:
         raise RunError(f"{place}: {width} columns; at most {MAX_COLUMNS} are read")
-    for number, row in data:
-        if len(row) > width and any(row[width:]):
-            raise RunError(f"{place}, line {number}: {len(row)} cells, expected {width}; is the delimiter right?")
+    if is_text:  # beside the table of a workbook there may be notes
+        for number, row in data:
+            if len(row) > width and any(row[width:]):
+                raise RunError(f"{place}, line {number}: {len(row)} cells, expected {width}; is the delimiter right?")
+            if len(row) < width and table.delimiter == " ":
+                raise RunError(
+                    f"{place}, line {number}: {len(row)} cells, expected {width}; where spaces part the columns, none "
+                    "can be empty"
+                )
+    least, line = min((len(row), number) for number, row in data)
     columns: list[Cells] = [[row[index] if index < len(row) else "" for _, row in data] for index in range(width)]
-    return Table(place, headings, columns, [number for number, _ in data])
+    short = (line, least) if is_text and least < width else None
+    return Table(place, headings, columns, [number for number, _ in data], short)
 
 
-def _tdms(path: Path, group: str) -> Table:
-    try:
-        from nptdms import TdmsFile
-    except ImportError:
-        raise RunError(
-            'a TDMS file needs the package npTDMS; install it with `pip install "spinbench[formats]"`'
-        ) from None
+def _tdms(path: Path, group: str, wanted: Sequence[str | int]) -> Table:
+    from nptdms import TdmsFile
+
     with open_plain(path, MAX_BYTES) as stream:
         try:
             file = TdmsFile.read(stream)
@@ -126,14 +188,42 @@ def _tdms(path: Path, group: str) -> Table:
     if name not in groups:
         listed = ", ".join(f"'{shown(found)}'" for found in groups)
         raise RunError(f"{path}: name the group of channels in [table]: group = one of {listed or 'none: it is empty'}")
-    headings, columns = [], []
+    place, headings, columns = f"{path}, group '{shown(name)}'", [], []
+    clocks: dict[str, tuple[str, float, float]] = {}
+    by_name = wanted and all(isinstance(key, str) for key in wanted)
     for channel in groups[name]:
+        if by_name and channel.name not in wanted:
+            continue
         headings.append(channel.name)
-        columns.append(_numbers(np.asarray(channel[:]), f"{path}, group '{shown(name)}', '{shown(channel.name)}'"))
-        if WAVEFORM_TIME not in headings and "wf_increment" in channel.properties:
-            headings.append(WAVEFORM_TIME)
-            columns.append(np.asarray(channel.time_track(), dtype=np.float64).tolist())
-    return _of_one_length(f"{path}, group '{shown(name)}'", headings, columns)
+        columns.append(_numbers(np.asarray(channel[:]), f"{place}, '{shown(channel.name)}'"))
+        if "wf_increment" in channel.properties:
+            clocks[channel.name] = _clock(channel.properties, f"{place}, '{shown(channel.name)}'")
+    if clocks:
+        _refuse_other_clocks(clocks, place)
+        _, offset, increment = next(iter(clocks.values()))
+        headings.append(WAVEFORM_TIME)
+        columns.append((offset + increment * np.arange(len(columns[0]))).tolist())
+    return _of_one_length(place, headings, columns)
+
+
+def _clock(properties: Mapping[str, Any], place: str) -> tuple[str, float, float]:
+    """When a waveform starts, by its date, its offset and its period [s]."""
+    try:
+        offset, increment = float(properties.get("wf_start_offset", 0.0)), float(properties["wf_increment"])
+    except (TypeError, ValueError):
+        raise RunError(f"{place}: wf_start_offset and wf_increment are not numbers") from None
+    return str(properties.get("wf_start_time", "")), offset, increment
+
+
+def _refuse_other_clocks(clocks: Mapping[str, tuple[str, float, float]], place: str) -> None:
+    (first, clock), *others = clocks.items()
+    for name, other in others:
+        if other != clock:
+            said = [
+                f"'{shown(one)}' from {start or 'no date'} + {offset:g} s every {increment:g} s"
+                for one, (start, offset, increment) in ((first, clock), (name, other))
+            ]
+            raise RunError(f"{place}: two clocks: {' and '.join(said)}; save the channels on one clock, or import one")
 
 
 def _mat(path: Path) -> Table:
@@ -192,7 +282,10 @@ def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
         if isinstance(error, RunError):
             raise
         raise RunError(f"{path}: not a workbook (.xlsx) that can be read ({shown(str(error), 100)})") from None
-    return _from_rows(f"{path}, sheet '{shown(sheet)}'", grid, table)
+    rows, begin = list(enumerate(grid, start=1)), table.heading_line
+    headings = grid[begin - 1] if 0 < begin <= len(grid) else []
+    first = table.first_line or begin + 1
+    return _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, rows[first - 1 :], first, is_text=False, table=table)
 
 
 def _part(archive: zipfile.ZipFile, name: str) -> Xml.Element:

@@ -47,11 +47,15 @@ _STANDARD_FLOW = {
     "sm3/h": 1000.0 / 60.0,
     "scfm": 28.316846592,
 }
+DATED = {"Y-M-D h:m:s": (0, 1, 2), "D.M.Y h:m:s": (2, 1, 0), "M/D/Y h:m:s": (2, 0, 1)}  # places of year, month, day
+_KG_S = {"kg/s": 1.0, "g/s": 1e-3, "kg/min": 1.0 / 60.0, "g/min": 1e-3 / 60.0, "kg/h": 1.0 / 3600.0}
+# By the density of dry air at 0 degC and 1.01325 bar, to which `converted` takes it as referred.
+_MASS_FLOW = {name: factor * 6e4 * 287.05 * ZERO_C / 101_325.0 for name, factor in _KG_S.items()}
 _OTHERS = {
     "speed": {"rpm": 1.0, "krpm": 1000.0, "rad/s": 30.0 / math.pi, "rev/s": 60.0, "deg/s": 1.0 / 6.0},
     "pulse rate": {"Hz": 60.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
-    "time of day": {"ISO": 1.0, "hh:mm:ss": 1.0},
+    "time of day": dict.fromkeys(("ISO", "hh:mm:ss", *DATED, "Excel days"), 1.0),
     "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "kN m": 1000.0, "lbf ft": 1.3558179483},
     "force": {"N": 1.0, "kN": 1000.0, "mN": 1e-3, "kgf": 9.80665, "lbf": 4.4482216153},
     "velocity": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "m/min": 1.0 / 60.0, "km/h": 1.0 / 3.6},
@@ -65,6 +69,7 @@ UNITS = {
     **{f"{name} gauge": Unit("gauge pressure", factor) for name, factor in _PRESSURE.items()},
     **{name: Unit("flow", factor) for name, factor in _FLOW.items()},
     **{name: Unit("standard flow", factor) for name, factor in _STANDARD_FLOW.items()},
+    **{name: Unit("mass flow", factor) for name, factor in _MASS_FLOW.items()},
     **{name: Unit(quantity, factor) for quantity, units in _OTHERS.items() for name, factor in units.items()},
     "degC": Unit("temperature", 1.0),
     "K": Unit("temperature", 1.0, -ZERO_C),
@@ -74,7 +79,7 @@ QUANTITIES = {
     "time_s": ("time", "time of day"),
     "pressure_bar_abs": ("absolute pressure",),
     "pressure_bar_gauge": ("gauge pressure",),
-    "flow_l_min": ("flow", "standard flow"),
+    "flow_l_min": ("flow", "standard flow", "mass flow"),
     "speed_rpm": ("speed", "pulse rate"),
     "inlet_temperature_c": ("temperature",),
     "supply_open": ("flag",),

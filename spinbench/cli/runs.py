@@ -82,7 +82,7 @@ def export(
 
 
 def import_data(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV or TDMS files.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV, TDMS, MATLAB or Excel files.")],
     mapping: Annotated[Path, typer.Option("--mapping", metavar="FILE", help="What their columns are, units and all.")],
     logs: LogsOption = LOGS,
     out: Annotated[
@@ -96,4 +96,4 @@ def import_data(
     read = read_mapping(mapping)
     if not isinstance(read.file.motor, str) and out is None:
         raise typer.BadParameter(f"{mapping} is of another rig: name the recording to make with -o")
-    print(import_files(files, read, logs if out is None else out, as_recording=out is not None))
+    print(import_files(files, read, logs if out is None else out, as_recording=out is not None, tell=remark))

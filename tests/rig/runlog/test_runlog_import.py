@@ -6,15 +6,18 @@ import sys
 import zipfile
 from pathlib import Path
 
+import hypothesis
+import hypothesis.strategies as st
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from configs import ConfigError
 from rig.exchange.export import recording_of
 from rig.exchange.importing import import_files, import_recording, import_table
 from rig.exchange.mapping import FOLDER, read_mapping
 from rig.exchange.units import UNITS, known_units, unit_of
-from rig.recording import read_recording
+from rig.recording import RecordingError, read_recording
 from rig.runlog import RunError, read_run, verify
 
 SHARED = Path(__file__).resolve().parents[4] / "shared"
@@ -176,11 +179,9 @@ def test_pulses_and_standard_litres_are_brought_to_rpm_and_to_the_inlet(imported
 def test_a_transient_with_clock_times_over_midnight_becomes_a_capture(imported):
     columns = COLUMNS + '[columns.time_s]\ncolumn = "Zeit"\nunit = "hh:mm:ss"\n'
     csv = "Zeit;Druck;Durchfluss;Drehzahl\n23:59:59;100,0;1,0;40,0\n00:00:00,5;0,0;0,5;20,0\n"
-    with pytest.raises(RunError, match=r"'00:00:00,5' is not a time \(hh:mm:ss\)"):
-        imported(csv, head=HEAD.replace("steady", "transient"), columns=columns)
-    run = imported(csv.replace("00,5;0", "00;0"), head=HEAD.replace("steady", "transient"), columns=columns)
+    run = imported(csv, head=HEAD.replace("steady", "transient"), columns=columns)
     (file,) = recording_of(run).recording.files
-    assert (file.file, file.kind, list(file.columns["time_s"].values)) == ("coast_down.csv", "transient", [0.0, 1.0])
+    assert (file.file, file.kind, list(file.columns["time_s"].values)) == ("coast_down.csv", "transient", [0.0, 1.5])
 
 
 def test_a_tdms_file_becomes_a_run(put, tmp_path):
@@ -426,3 +427,296 @@ def test_data_of_the_motor_become_a_recording_where_one_is_asked_for(put, tmp_pa
         import_files([csv], mapping, tmp_path / "runs")
     made = read_recording(import_files([csv], mapping, tmp_path / "new" / "recording", as_recording=True))
     assert list(made.files[0].columns["rotor_locked"].values) == [0.0, 1.0]
+
+
+# What loggers write
+
+
+SIMPLE = """
+[columns.pressure_bar_abs]
+column = "P"
+unit = "bar abs"
+[columns.speed_rpm]
+column = "n"
+unit = "rpm"
+"""
+CLOCKED = '[columns.time_s]\ncolumn = "t"\nunit = "{}"\n'
+
+
+@pytest.fixture
+def columns_of(put, tmp_path):
+    """Imports a table as a recording; returned are its columns of values and what was told."""
+
+    def run(csv, columns, head=HEAD, name="data.csv"):
+        told = []
+        mapping = read_mapping(put("elsewhere.toml", head + columns))
+        folder = import_recording([put(name, csv)], mapping, tmp_path / "recording", told.append)
+        (file,) = read_recording(folder).files
+        return {key: one.values.tolist() for key, one in file.columns.items()}, told, file
+
+    return run
+
+
+@pytest.mark.parametrize("mark", ["OL", "ol", "9.9E37", "9.99999999e+37", "1.#INF"])
+def test_where_the_range_ended_there_is_no_number_and_it_is_said(columns_of, mark):
+    head = HEAD.replace('decimal = ","', 'decimal = "."')
+    found, told, _ = columns_of(f"P;n\n2.0;397\n2.1;{mark}\n", SIMPLE, head)
+    np.testing.assert_equal(found["speed_rpm"], [397.0, np.nan])
+    assert len(told) == 1 and "column 'n': over range 1 times, taken as missing" in told[0] and "highest" in told[0]
+
+
+def test_over_range_is_more_than_the_highest_that_the_instrument_shows(columns_of):
+    columns = SIMPLE.replace('unit = "rpm"', 'unit = "rad/s"\nhighest = 60.0')
+    found, told, file = columns_of("P;n\n2,0;41,5\n2,1;OL\n", columns)
+    assert found["speed_rpm"][1] == pytest.approx(60.0 * 30.0 / np.pi)
+    assert file.columns["speed_rpm"].censor.tolist() == [0, 1]
+    assert told == [f"{told[0].partition(',')[0]}, column 'n': over range 1 times, taken as more than 60 rad/s"]
+
+
+@pytest.mark.parametrize("mark", ["NaN", "----", "1.#QNAN", "9.91E37", "***", "n/a"])
+def test_what_is_no_reading_is_missing_and_counted(columns_of, mark):
+    head = HEAD.replace('decimal = ","', 'decimal = "."')
+    found, told, _ = columns_of(f"P;n\n2.0;397\n2.1;{mark}\n2.1;{mark}\n", SIMPLE, head)
+    np.testing.assert_equal(found["speed_rpm"], [397.0, np.nan, np.nan])
+    assert told == [f"{told[0].partition(',')[0]}, column 'n': no reading 2 times ('{mark}'), taken as missing"]
+
+
+def test_other_marks_are_said_in_the_mapping_and_a_word_that_is_none_is_refused(columns_of):
+    with pytest.raises(RunError, match=r"line 3, column 'n': 'kaputt' is not a number"):
+        columns_of("P;n\n2,0;397\n2,1;kaputt\n", SIMPLE)
+    found, _, _ = columns_of("P;n\n2,0;397\n2,1;kaputt\n", SIMPLE, HEAD + 'invalid = ["kaputt"]\n')
+    np.testing.assert_equal(found["speed_rpm"], [397.0, np.nan])
+
+
+TIMES = {
+    "comma": ("hh:mm:ss", ["12:00:00,250", "12:00:00,500"], 0.25),
+    "noon": ("hh:mm:ss", ["11:59:59 AM", "12:00:00 PM"], 1.0),
+    "midnight": ("hh:mm:ss", ["11:59:59 p.m.", "12:00:00 a.m."], 1.0),
+    "hour 24": ("hh:mm:ss", ["23:59:58", "24:00:00"], 2.0),
+    "german": ("D.M.Y h:m:s", ["31.12.2023 23:59:59", "01.01.2024 00:00:01,5"], 2.5),
+    "american": ("M/D/Y h:m:s", ["2/28/2024 11:59:59 PM", "2/29/2024 12:00:00 AM"], 1.0),
+    "slashes": ("Y-M-D h:m:s", ["2023/12/31 12:00:00", "2023/12/31 12:00:10"], 10.0),
+    "iso": ("ISO", ["2023-12-31T12:00:00,5", "2023-12-31T12:00:01"], 0.5),
+    "zone": ("ISO", ["2023-10-29T02:59:59+02:00", "2023-10-29T02:00:00+01:00"], 1.0),
+    "excel": ("Excel days", ["45291,5", "45291,75"], 21_600.0),
+}
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_times_are_read_as_loggers_write_them(columns_of, name):
+    unit, (first, second), apart = TIMES[name]
+    found, _, _ = columns_of(f"t;P;n\n{first};2,0;397\n{second};2,1;398\n", SIMPLE + CLOCKED.format(unit))
+    assert found["time_s"] == pytest.approx([0.0, apart], abs=1e-5)
+
+
+NO_TIMES = {
+    "13 PM": ("hh:mm:ss", "13:00:00 PM"),
+    "0 AM": ("hh:mm:ss", "00:10:00 AM"),
+    "hour 25": ("hh:mm:ss", "25:00:00"),
+    "month 13": ("D.M.Y h:m:s", "01.13.2023 10:00:00"),
+    "no time": ("D.M.Y h:m:s", "01.12.2023"),
+    "empty": ("Excel days", ""),
+}
+
+
+@pytest.mark.parametrize("name", NO_TIMES)
+def test_what_is_no_time_is_refused_with_its_place(columns_of, name):
+    unit, cell = NO_TIMES[name]
+    with pytest.raises(RunError, match=r"data.csv, line 3, column 't'.* is not a time"):
+        columns_of(f"t;P;n\n{TIMES_BEFORE[unit]};2,0;397\n{cell};2,1;398\n", SIMPLE + CLOCKED.format(unit))
+
+
+TIMES_BEFORE = {"hh:mm:ss": "00:00:01", "D.M.Y h:m:s": "01.01.2023 00:00:00", "Excel days": "45291,5"}
+
+
+def test_a_date_and_a_time_in_two_columns_are_one(columns_of):
+    columns = SIMPLE + '[columns.time_s]\ncolumn = ["Datum", "Zeit"]\nunit = "D.M.Y h:m:s"\n'
+    csv = "Datum;Zeit;P;n\n31.12.2023;23:59:59;2,0;397\n01.01.2024;00:00:01;2,1;398\n"
+    assert columns_of(csv, columns)[0]["time_s"] == [0.0, 2.0]
+
+
+def test_a_clock_that_is_set_back_is_refused_with_its_line(columns_of):
+    csv = "t;P;n\n2023-10-29T02:59:59;2,0;397\n2023-10-29T02:00:00;2,1;398\n"
+    with pytest.raises(RunError, match=r"data.csv, line 3, column 't': the clock goes back by 3599 s.*summer time"):
+        columns_of(csv, SIMPLE + CLOCKED.format("ISO"))
+
+
+def test_a_source_without_times_has_a_period(columns_of):
+    columns = SIMPLE + "[columns.time_s]\nsample_period_s = 0.25\n"
+    assert columns_of("P;n\n2,0;397\n2,0;390\n2,0;380\n", columns)[0]["time_s"] == [0.0, 0.25, 0.5]
+
+
+def test_a_value_that_the_logger_held_is_no_reading(columns_of):
+    columns = SIMPLE.replace('unit = "rpm"', 'unit = "rpm"\ndrop_repeats = true')
+    found, _, _ = columns_of("P;n\n2,0;397\n2,0;397\n2,0;390\n2,0;390\n2,0;397\n", columns)
+    np.testing.assert_equal(found["speed_rpm"], [397.0, np.nan, 390.0, np.nan, 397.0])
+    assert found["pressure_bar_abs"] == [2.0] * 5
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("kg/h", 1.0), ("g/s", 3.6), ("kg/s", 3600.0)])
+def test_a_flow_of_mass_is_a_volume_at_the_inlet_s_state(columns_of, unit, factor):
+    columns = SIMPLE + f'[columns.flow_l_min]\ncolumn = "Q"\nunit = "{unit}"\n'
+    head = HEAD + "[ambient]\npressure_bar_abs = 1.0\ntemperature_c = 20.0\n"
+    head, ambient = head.split("[ambient]")[0], "[ambient]" + head.split("[ambient]")[1]
+    csv = f"P;Q;n\n2,0;{10.0 / factor:.9f};397\n".replace(".", ",")
+    found, _, _ = columns_of(csv, columns + ambient, head)
+    density = 2.0e5 / (287.05 * 293.15)
+    assert found["flow_l_min"][0] == pytest.approx(10.0 / 3600.0 / density * 6e4, rel=1e-4)
+
+
+# Tables that are not quite
+
+
+def test_any_number_of_spaces_parts_columns_and_a_short_row_is_refused(columns_of):
+    head = HEAD.replace('";"', '" "')
+    found, _, _ = columns_of("   P     n\n 2,0   397\n 2,1    40\n", SIMPLE, head)
+    assert (found["pressure_bar_abs"], found["speed_rpm"]) == ([2.0, 2.1], [397.0, 40.0])
+    with pytest.raises(
+        RunError, match=r"line 3: 1 cells, expected 2; where spaces part the columns, none can be empty"
+    ):
+        columns_of("   P     n\n 2,0   397\n         40\n", SIMPLE, head)
+
+
+def test_a_row_that_was_cut_off_is_refused_where_a_column_is_taken(columns_of):
+    with pytest.raises(RunError, match=r"line 3: 1 cells, and column 2 \('n'\) is not among them"):
+        columns_of("P;n;remark\n2,0;397;a\n2,1\n", SIMPLE)
+    assert columns_of("P;n;remark\n2,0;397\n2,1;398;b\n", SIMPLE)[0]["speed_rpm"] == [397.0, 398.0]
+
+
+def test_what_stands_before_the_headings_may_hold_any_marks(columns_of):
+    preamble = 'Comment: hose 3/4"\n"unfinished\n'
+    assert columns_of(f"{preamble}P;n\n2,0;397\n", SIMPLE, HEAD + "heading_line = 3\n")[0]["speed_rpm"] == [397.0]
+    with pytest.raises(RunError, match=r"data.csv, line 2: not a row of CSV"):
+        columns_of('P;n\n2,0;"397\n', SIMPLE)
+
+
+def test_a_column_that_is_taken_and_holds_no_number_is_told(columns_of):
+    columns = SIMPLE + '[columns.flow_l_min]\ncolumn = "Q"\nunit = "L/min"\n'
+    found, told, _ = columns_of("P;Q;n\n2,0;;397\n", columns)
+    assert "flow_l_min" not in found
+    assert len(told) == 1 and told[0].endswith("column 'Q': no number in it, so there is no flow_l_min")
+
+
+def test_a_mistake_names_the_line_and_the_column_of_the_source(put, tmp_path):
+    mapping = read_mapping(put("elsewhere.toml", HEAD + "heading_line = 2\n" + SIMPLE))
+    source = put("data.csv", "a bench\nP;n\n2,0;397\n\n548,2;398\n")
+    for make in (import_recording, import_table):
+        with pytest.raises(RecordingError, match=r"data.csv, line 5, column pressure_bar_abs: '548.2'"):
+            make([source], mapping, tmp_path / "out")
+        assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+def waveforms(path, **starts):
+    """A TDMS file of two waveforms of 5 samples in steps of 10 ms; each starts so many seconds late."""
+    nptdms = pytest.importorskip("nptdms", reason="npTDMS is not installed")
+    begin = np.datetime64("2024-05-01T10:00:00")
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject(
+                    "g", name, 2.0 + np.arange(5.0),
+                    {"wf_start_time": begin + np.timedelta64(int(1000 * late), "ms"), "wf_increment": 0.01},
+                )
+                for name, late in starts.items()
+            ]
+        )  # fmt: skip
+
+
+TDMS = HEAD.replace('"csv"\ndelimiter = ";"\ndecimal = ","', '"tdms"')
+
+
+def test_waveforms_on_one_clock_are_rows_and_on_two_are_refused(put, tmp_path):
+    mapping = read_mapping(put("labview.toml", TDMS + SIMPLE + CLOCKED.format("s").replace('"t"', '"@time"')))
+    waveforms(tmp_path / "one.tdms", P=0.0, n=0.0)
+    (file,) = read_recording(import_recording([tmp_path / "one.tdms"], mapping, tmp_path / "one")).files
+    assert file.columns["time_s"].values == pytest.approx(0.01 * np.arange(5))
+    waveforms(tmp_path / "two.tdms", P=0.0, n=0.5)
+    with pytest.raises(RunError, match=r"two clocks: 'P' from 2024-05-01T10:00:00.0* .* and 'n' from .*10:00:00.5"):
+        import_recording([tmp_path / "two.tdms"], mapping, tmp_path / "two")
+
+
+def test_a_channel_that_is_not_taken_may_have_another_clock(put, tmp_path):
+    mapping = read_mapping(put("labview.toml", TDMS + SIMPLE + CLOCKED.format("s").replace('"t"', '"@time"')))
+    waveforms(tmp_path / "data.tdms", room=0.25, P=0.0, n=0.0)
+    (file,) = read_recording(import_recording([tmp_path / "data.tdms"], mapping, tmp_path / "out")).files
+    assert set(file.columns) == {"time_s", "pressure_bar_abs", "speed_rpm"}
+
+
+CASES = SHARED / "cases"
+OF_CASES = {
+    "space_columns": {"pressure_bar_abs": [1.6, 1.8, 2.0, 2.2, 2.4], "flow_l_min": [44.0, 57.0, 73.0, 89.0, 104.0]},
+    "marks_ol": {"speed_rpm": [397.1, np.nan, 396.9]},
+    "marks_nan": {"speed_rpm": [397.1, np.nan, 396.9]},
+    "time_ampm": {"time_s": [0.0, 1.0, 2.0]},
+    "time_comma": {"time_s": [0.0, 0.25]},
+    "quoted_preamble": {"speed_rpm": [397.1]},
+    "empty_column": {"speed_rpm": [232.3, 316.5, 397.1]},
+    "negative_zero": {"speed_rpm": [0.0, 397.2]},
+}
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the cases are not beside the repository")
+@pytest.mark.parametrize("case", OF_CASES)
+def test_a_case_after_a_public_report_is_read_as_it_should_be(case, tmp_path):
+    (source,) = (path for path in (CASES / case).iterdir() if path.suffix != ".toml")
+    (mapping,) = (CASES / case).glob("*.toml")
+    (file,) = read_recording(import_recording([source], read_mapping(mapping), tmp_path / "out")).files
+    for name, values in OF_CASES[case].items():
+        np.testing.assert_allclose(file.columns[name].values[: len(values)], values)
+
+
+# Files of any bytes
+
+
+@pytest.mark.parametrize("reader", ["csv", "xlsx"])
+@hypothesis.given(data=st.data())
+def test_no_file_ends_in_anything_but_a_sentence(reader, data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("any")
+    cells = st.sampled_from(
+        ["2,0", "397", "", "OL", "NaN", '"', "\n", ";", "1e400", "-5", "12:00:00", "\x00", "٣", "="]
+    )
+    text = st.lists(cells, max_size=30).map(lambda parts: ("P;n\n" + ";".join(parts)).encode())
+    content = data.draw(st.one_of(text, st.binary(max_size=200)))
+    head = HEAD if reader == "csv" else TDMS.replace("tdms", reader)
+    (folder / "elsewhere.toml").write_text(head + ('sheet = "a"\n' if reader == "xlsx" else "") + SIMPLE)
+    (folder / "data").write_bytes(content)
+    try:
+        import_recording([folder / "data"], read_mapping(folder / "elsewhere.toml"), folder / "out")
+    except (RunError, RecordingError) as error:
+        assert str(error)
+        assert not (folder / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def whole_files(tmp_path_factory):
+    """The bytes of a TDMS and of a MATLAB file."""
+    folder = tmp_path_factory.mktemp("whole")
+    waveforms(folder / "data.tdms", P=0.0, n=0.0)
+    savemat(folder / "data.mat", {"P": np.arange(2.0, 7.0), "n": np.arange(2.0, 7.0)})
+    return {reader: (folder / f"data.{reader}").read_bytes() for reader in ("tdms", "mat")}
+
+
+@pytest.mark.parametrize("reader", ["tdms", "mat"])
+@hypothesis.given(data=st.data())
+@hypothesis.settings(max_examples=5)
+def test_no_damaged_file_ends_in_anything_but_a_sentence(reader, data, whole_files, tmp_path_factory):
+    folder, content = tmp_path_factory.mktemp("damaged"), bytearray(whole_files[reader])
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    del content[data.draw(st.integers(1, len(content))) :]
+    (folder / "elsewhere.toml").write_text(TDMS.replace("tdms", reader) + SIMPLE)
+    (folder / "data").write_bytes(content)
+    try:
+        import_recording([folder / "data"], read_mapping(folder / "elsewhere.toml"), folder / "out")
+    except (RunError, RecordingError) as error:
+        assert str(error)
+        assert not (folder / "out").exists()
+
+
+def test_a_file_that_takes_its_reader_down_is_refused(whole_files, put, tmp_path):
+    """scipy's compiled reader ends its process over this byte."""
+    content = bytearray(whole_files["mat"])
+    content[176] = 49
+    mapping = read_mapping(put("elsewhere.toml", TDMS.replace("tdms", "mat") + SIMPLE))
+    with pytest.raises(RunError, match=r"(?i)damaged.mat: not a mat(lab)? file that can be read"):
+        import_recording([put("damaged.mat", bytes(content))], mapping, tmp_path / "out")
