@@ -1,8 +1,8 @@
 """What an effect is: physics that the article leaves out, as a law that the solvers and the sensors take up.
 
-An effect is a module of this folder with an `EFFECT` in it; nothing else has to know of a new one. Its law says what it
-adds where it enters: a torque, a pressure loss, a leak, a factor on a parameter of the motor, or a change of what an
-instrument reads. Laws are pure functions of its parameters and of the operating state.
+An effect is a module below `definitions` with an `EFFECT` in it; nothing else has to know of a new one. Its law says
+what it adds where it enters: a torque, a pressure loss, a leak, a factor on a parameter of the motor, or a change of
+what an instrument reads. Laws are pure functions of its parameters and of the operating state.
 """
 
 from __future__ import annotations
@@ -147,6 +147,9 @@ class Effect:
         Time constant of the speed channel [s].
     nuisance : str
         The instrument error or parameter that every fit carries and this effect exceeds; empty where there is none.
+    usual_sd : float or None
+        How far the article's own law may be off in this effect's way, where no parameter of the motor says so: a size
+        of three of it and less is no missing effect [the amplitude's unit].
     transient_only : bool
         Whether a steady row says nothing of it.
     hidden : bool
@@ -176,6 +179,7 @@ class Effect:
     reads: Mapping[str, Reads] = field(default_factory=dict)
     lag: Callable[[Values], float] | None = None
     nuisance: str = ""
+    usual_sd: float | None = None
     transient_only: bool = False
     hidden: bool = False
     listed: bool = True

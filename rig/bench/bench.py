@@ -202,7 +202,21 @@ def read_bench(path: Path) -> Bench:
         found = next((place for place in places if place.is_file()), None)
         if found is not None:
             sources[instrument_source(str(name))] = configs.read_source(found)
-    return bench_of(path.stem, sources, str(path))
+    bench = bench_of(path.stem, sources, str(path))
+    _refuse_unreferenced_flow(bench, str(path))
+    return bench
+
+
+def _refuse_unreferenced_flow(bench: Bench, place: str) -> None:
+    """Refuse a meter of standard litres of which nothing says the state; a run that was recorded so is still read."""
+    name = bench.file.roles.flow
+    channel = (name or "").partition(".")[2]
+    is_standard = channel.startswith("flow_") and channel != "flow_l_min"
+    if is_standard and bench.channel("flow")[1].reference is None:
+        raise ConfigError(
+            f"{place}: roles.flow: '{name}' is no flow at the inlet's state, and has no reference by which it is "
+            f"brought there; state channels.{channel}.reference in the instrument file"
+        )
 
 
 def bench_path(path: Path) -> Path:

@@ -1,6 +1,6 @@
 """What an instrument is to the rest of the rig, and what its file in configs/instruments says.
 
-A family is a module of this folder, named as the files name it, with two things in it: `Settings`, a child of
+A family is a module of rig.instruments, named as the files name it, with two things in it: `Settings`, a child of
 `InstrumentFile`, and `build(device, settings, place)`. Nothing else has to know of a new one.
 """
 
@@ -125,27 +125,6 @@ class Instrument(Protocol):
         """Read every channel once; a failure of the device is a reading without a value.
 
         Raises LostError when the port failed.
-        """
-
-
-class Actuator(Instrument, Protocol):
-    """An instrument that sets the line's pressure."""
-
-    unit: str  # of the set-point
-    lowest: float
-    highest: float
-
-    def write(self, line: Line, value: float) -> float:
-        """Order a set-point and return what the device reads back, in ``unit``.
-
-        `value`: the set-point, in the actuator's unit [own unit].
-        Raises InstrumentError when the order was refused, or what is read back differs; LineError when nobody answers.
-        """
-
-    def set_failsafe(self, line: Line) -> str:
-        """Make the device go to zero by itself when it hears nothing, read that back, and say what was set.
-
-        Raises InstrumentError when the device has no such thing, or did not take it.
         """
 
 

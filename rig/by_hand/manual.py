@@ -22,6 +22,7 @@ from rig.plateaus.plan import UP, Step, stepping_stone
 from rig.plateaus.plateau import Mean, Plateau, mean_of
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
+from rig.runlog.schema import ZERO, ZERO_TAKEN_BACK
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.orders import ABORTED, FINISHED
@@ -210,7 +211,7 @@ class ManualSweep:
 
     def _undo(self) -> None:
         if not self.plateaus:
-            self._event("zero taken back", which="start")
+            self._event(ZERO_TAKEN_BACK, which="start")
             self._zero("start")
             return
         last = self.plateaus.pop()
@@ -251,7 +252,7 @@ class ManualSweep:
             }
             for name in self.prompter.typed
         }
-        self._event("zero", which=which, start_s=start_ns / NS, end_s=end_ns / NS, vented=True, channels=channels)
+        self._event(ZERO, which=which, start_s=start_ns / NS, end_s=end_ns / NS, vented=True, channels=channels)
 
     def _close_valve(self, may_undo: bool) -> bool | None:
         """Say it, and wait until the person says that it is done; None when the last plateau is taken back instead.

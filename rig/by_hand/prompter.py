@@ -11,6 +11,7 @@ from rig.by_hand.conversation import Command, Conversation, StoppedError, Typed,
 from rig.instruments.codecs.values import Value
 from rig.instruments.manual import EntryError, ManualEntry, decode_entry, example
 from rig.readings import Reading
+from rig.runlog.schema import ROOM
 from rig.sweep import ambient as room
 from rig.sweep.course import Course
 from rig.sweep.orders import Trip
@@ -144,7 +145,7 @@ class Prompter:
             self.person.say(f"  {error}")
             return
         self.person.room = now
-        self.acquisition.event("room", None, **now.told())
+        self.acquisition.event(ROOM, None, **now.told())
         self.person.say(f"  the room: {now.words()}")
 
     def _read(self, text: str, typed: Typed) -> dict[str, Reading]:

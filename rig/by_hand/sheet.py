@@ -10,7 +10,7 @@ from rig.bench.bench import Bench
 from rig.by_hand.by_hand import manual_device
 from rig.plateaus.plan import Step, plan
 
-ZERO = "zero"  # in the column of the level: instruments read with the line vented
+AT_ZERO = "zero"  # in the column of the level: instruments read with the line vented
 
 
 def sheet_columns(bench: Bench) -> list[str]:
@@ -27,9 +27,9 @@ def print_sheet(bench: Bench) -> str:
     columns = sheet_columns(bench)
     writer.writerow(columns)
     empty = [""] * (len(columns) - 3)
-    writer.writerow(["", ZERO, "", *empty])
+    writer.writerow(["", AT_ZERO, "", *empty])
     writer.writerows(["", f"{step.level_bar_abs:g}", step.direction, *empty] for step in _steps(bench))
-    writer.writerow(["", ZERO, "", *empty])
+    writer.writerow(["", AT_ZERO, "", *empty])
     return stream.getvalue()
 
 

@@ -17,7 +17,7 @@ from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile
 from rig.by_hand import entry
 from rig.by_hand.by_hand import manual_device
-from rig.by_hand.sheet import ZERO, sheet_columns
+from rig.by_hand.sheet import AT_ZERO, sheet_columns
 from rig.clock import Clock
 from rig.instruments.manual import EntryError, decode_entry
 from rig.lines.keyboard import KeyboardPort
@@ -25,6 +25,7 @@ from rig.plateaus.plan import DOWN, UP, Step, SweepError
 from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import NS, Exchange, Reading
 from rig.runlog import columns_of
+from rig.runlog.schema import ZERO
 from rig.sweep.ambient import Ambient
 from rig.sweep.orders import FINISHED
 from rig.sweep.runner import Outcome
@@ -130,7 +131,7 @@ def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Amb
             channels = {reading.name: {"mean": reading.value, "se": None, "n": 1} for reading in found.values()}
             which = "end" if plateaus else "start"
             times = {"start_s": row.time_s, "end_s": row.time_s}
-            sink.event("zero", time_ns, which=which, vented=True, channels=channels, **times)
+            sink.event(ZERO, time_ns, which=which, vented=True, channels=channels, **times)
             continue
         means = {role: entry.mean_of_entries([reading]) for role, reading in found.items()}
         if row.after:
@@ -185,7 +186,7 @@ def _plateau(
 def _row(cells: dict[str, str], typed: dict[str, ChannelFile], last_s: float | None) -> SheetRow:
     """One row; a ValueError says what is wrong with it."""
     time_s = _time(cells["time"], last_s)
-    level = None if cells["level_bar_abs"] == ZERO else _level(cells["level_bar_abs"])
+    level = None if cells["level_bar_abs"] == AT_ZERO else _level(cells["level_bar_abs"])
     direction = cells["direction"] or UP
     if direction not in (UP, DOWN):
         raise ValueError(f"direction: '{direction[:20]}' is neither up nor down")
@@ -226,5 +227,5 @@ def _time(cell: str, last_s: float | None) -> float:
 
 def _level(cell: str) -> float:
     if not NUMBER.fullmatch(cell):
-        raise ValueError(f"level_bar_abs: '{cell[:20]}': expected a number with a decimal point, or {ZERO}")
+        raise ValueError(f"level_bar_abs: '{cell[:20]}': expected a number with a decimal point, or {AT_ZERO}")
     return float(cell)

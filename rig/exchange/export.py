@@ -18,10 +18,10 @@ from rig.readings import NS
 from rig.recording import Ambient, Column, Recording, RecordingFile, write_recording
 from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
 from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of, write_whole
-from rig.runlog.phases import DERIVED_DEVICE, ROOM, Phase, Series, captures, quantity_channels, series, zeros
+from rig.runlog.phases import DERIVED_DEVICE, Phase, Series, captures, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN, Run
-from rig.runlog.schema import AmbientRecord
+from rig.runlog.schema import ROOM, AmbientRecord
 
 NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances

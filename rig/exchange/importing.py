@@ -21,10 +21,9 @@ from rig.recording.columns import FIGURES, MEASURED
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError, sha256_of, write_whole
-from rig.runlog.phases import CAPTURE, ZERO
 from rig.runlog.plateaus import PRESSURES, QUANTITIES
 from rig.runlog.rows import utc_text
-from rig.runlog.schema import AmbientRecord, ChannelRecord, ClockRecord, DeviceRecord, StartRecord
+from rig.runlog.schema import CAPTURE, ZERO, AmbientRecord, ChannelRecord, ClockRecord, DeviceRecord, StartRecord
 from rig.runlog.start import source, versions
 from rig.runlog.writer import RunWriter
 

@@ -1,11 +1,11 @@
-"""What carries the bytes: serial ports and sockets, the timing of question and answer, and the repair of a lost line.
+"""What carries the bytes: serial ports and sockets, and the timing of question and answer.
 
 port      what a port is, and the errors of a line
 serial    pyserial behind one adapter
 tcp       a TCP socket
 keyboard  a person at a terminal, as a port
 modbus    pymodbus behind one adapter: frames to registers and back
-line      question and answer: timeouts, retries, draining
+line      question and answer: timeouts, draining
 """
 
 from rig.lines.line import Line, Timing

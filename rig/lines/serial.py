@@ -21,7 +21,6 @@ from rig.clock import Clock
 from rig.lines.port import LostError
 from rig.readings import NS
 
-BITS = {"N": 1, "E": 2, "O": 2}  # start bit and parity bit of one byte
 WRITE_S = 5.0  # real time after which a device that takes nothing counts as lost
 FAULTS = (serial.SerialException, OSError, TermiosError)
 
@@ -39,11 +38,6 @@ class SerialPort:
         self.exclusive = sys.platform != "win32"
         self.baud, self.parity, self.stop_bits, self.data_bits = baud, parity, stop_bits, data_bits
         self._serial: serial.Serial | None = None
-
-    @property
-    def byte_s(self) -> float:
-        """Time of one byte on the wire [s]."""
-        return (BITS[self.parity] + self.data_bits + self.stop_bits) / self.baud
 
     def open(self) -> None:
         """Open the port for this program alone, with the driver's shortest latency where it has one."""

@@ -12,10 +12,8 @@ from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
 from rig.readings import NS, USABLE, Quality
 from rig.runlog.plateaus import columns_of
 from rig.runlog.reader import Run
-from rig.runlog.schema import EventLine
+from rig.runlog.schema import CAPTURE, ZERO, ZERO_TAKEN_BACK, EventLine
 
-ZERO, CAPTURE = "zero", "capture end"
-ZERO_TAKEN_BACK, ROOM = "zero taken back", "room"
 CAPTURES = ("coast-down", "spin-up")
 _USABLE = [quality.value for quality in USABLE]
 

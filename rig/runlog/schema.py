@@ -16,6 +16,8 @@ from rig.runlog.folder import RunError
 
 FORMAT = "run/1"
 MAX_SHOWN = 20  # mistakes
+# Events that an export looks for.
+ZERO, CAPTURE, ZERO_TAKEN_BACK, ROOM = "zero", "capture end", "zero taken back", "room"
 Kind = Literal["sweep", "coast-down", "spin-up", "zero", "plateaus", "manual", "import", "replay"]
 Outcome = Literal["finished", "aborted", "failed"]
 Text = Annotated[str, Field(max_length=20_000)]

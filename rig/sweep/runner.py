@@ -17,6 +17,7 @@ from rig.plateaus.plan import Step, SweepError
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
+from rig.runlog.schema import CAPTURE, ZERO
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.machine import SweepMachine
@@ -149,7 +150,7 @@ class Runner:
             case Record():
                 self._record(order.plateau)
             case Zero():
-                self._note("zero", **_zero_details(order))
+                self._note(ZERO, **_zero_details(order))
             case Refused():
                 self.left_out += order.left_out
                 levels = [[step.level_bar_abs, step.direction, step.repeat] for step in order.left_out]
@@ -214,7 +215,7 @@ class Runner:
         rates = {f"{role}_hz": round(count / seconds, 3) for role, count in counts.items() if seconds > 0.0}
         marks: dict[str, Any] = {"cut_short": True} if order.cut_short else {}
         marks |= {"left_out": order.left_out} if order.left_out else {}
-        self._note("capture end", capture=order.kind, **times, **rates, **marks)
+        self._note(CAPTURE, capture=order.kind, **times, **rates, **marks)
         if order.left_out:
             return
         self.hooks.progress.say(_captured(order, rates, seconds))

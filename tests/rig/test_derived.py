@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+import configs
 from rig.acquisition.derived import InletFlow, State, inlet_flow
 from rig.bench.bench import read_bench
 from rig.bench.instrument import Reference
@@ -40,6 +41,19 @@ def test_the_uncertainty_is_that_of_repeated_draws():
         for _ in range(4000)
     ]
     assert inlet_flow(100.0, 1.0, NORMAL, at(2.0, 0.02, 20.0, 1.0))[1] == pytest.approx(np.std(drawn), rel=0.05)
+
+
+def test_a_meter_of_standard_litres_that_tells_no_state_is_refused(tmp_path):
+    instruments, benches = (configs.FOLDER / name for name in ("instruments", "benches"))
+    meter = (instruments / "siargo_mf5700.toml").read_text(encoding="utf-8")
+    meter = re.sub(r"(?m)^reference = .*\n", "", meter)
+    (tmp_path / "meter.toml").write_text(meter, encoding="utf-8")
+    bench = (benches / "virtual.toml").read_text(encoding="utf-8").replace("siargo_mf5700", "meter")
+    (tmp_path / "bench.toml").write_text(bench, encoding="utf-8")
+    with pytest.raises(
+        configs.ConfigError, match=r"roles.flow: 'flowmeter.flow_sl_min' is no flow at the inlet's state"
+    ):
+        read_bench(str(tmp_path / "bench.toml"))
 
 
 @pytest.fixture

@@ -161,20 +161,18 @@ def declared_size(problem: Problem, name: str, parameter: str) -> tuple[float, i
     tuple of (float, int or None), or None
         Without a place where the nuisance is no unknown of the recording; None where the effect has the form of none.
     """
-    declared = problem.nuisance_of(name, parameter) or ("wall_heat" if name == "wall_heat_exchange" else "")
-    if not declared:
+    effect, declared = problem.effect(name), problem.nuisance_of(name, parameter)
+    scale = problem.amplitude(name).scale
+    if effect.usual_sd is not None:
+        return scale / effect.usual_sd, None
+    nuisance = problem.place(declared) if declared else None
+    if declared is None or nuisance is None:
         return None
-    nuisance = problem.place(declared)
-    if nuisance is None:
-        return (problem.amplitude(name).scale / 0.5, None) if name == "wall_heat_exchange" else None
     unknown = problem.nuisances[nuisance]
     unit = unknown.b * problem.in_si(declared)
-    if unknown.kind == "lognormal":
-        center = unknown.a if name != "inertia" else 1.0
-        unit = center * math.log(unknown.b)
-        if name == "load_friction":
-            unit = center * (unknown.b - 1.0)
-    return problem.amplitude(name).scale / unit, nuisance
+    if unknown.kind == "lognormal":  # which the effect multiplies, or adds to
+        unit = math.log(unknown.b) if effect.factors else unknown.a * (unknown.b - 1.0)
+    return scale / unit, nuisance
 
 
 def refusal(comparison: Compared, mode: Mode) -> Refusal | None:

@@ -25,12 +25,13 @@ from calibration.challenge.second_rig import (
     sheets,
     sizes,
 )
-from calibration.challenge.second_rig.concealed import Concealed
+from calibration.challenge.second_rig.concealed import USUAL, Concealed
 from calibration.challenge.second_rig.draws import ERRORS, MAKE_UP, WIDTHS
 from calibration.challenge.second_rig.machine import curve, losses, marches, motor, slots
 from calibration.challenge.second_rig.separable import _taken_up
 from calibration.challenge.second_rig.signatures import Whitened, asked_of
 from calibration.challenge.second_rig.small_torques import SmallTorques
+from model.effects import effects
 from rig.recording import read_recording
 
 PRESSURES = np.array([1.60, 1.70, 1.80, 1.83, 1.85, 1.95, 2.00]) * 1e5
@@ -623,6 +624,10 @@ class TestSeparable:
 
     def test_where_nothing_is_concealed_there_is_nothing_to_part(self, tmp_path):
         assert not separable(case_of("none"), tmp_path)["separable"]
+
+
+def test_every_effect_that_may_be_named_is_concealed_in_challenges():
+    assert {name for name, effect in effects().items() if effect.listed} == set(USUAL)
 
 
 def imports_of(path):

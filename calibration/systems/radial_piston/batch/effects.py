@@ -31,7 +31,7 @@ class Effects:
     Attributes
     ----------
     time : ndarray, shape (n_rows,)
-        Of each steady row on the recording's clock [s]; the row's number where none was taken.
+        Of each steady row on the recording's clock [s]; zeros where a row has none.
     """
 
     names: tuple[str, ...]

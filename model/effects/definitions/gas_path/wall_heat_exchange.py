@@ -21,4 +21,5 @@ EFFECT = Effect(
     signature="sweep: more flow at low speed, where the gas has time; transients: hardly anything",
     parameters=(EffectParameter("extra_share", "-", 0.0, 30.0, 12.0, text="extra share of the heat of Eq. 18"),),
     factors={"HEAT_FACTOR": heat_factor},
+    usual_sd=0.5,
 )
