@@ -1,7 +1,7 @@
 """The thread of a line: polls each device at its own period, carries out commands, and mends the line when it is lost.
 
 Everything on a line happens in this thread, one thing after the other, so two questions never cross on a bus. A device
-that has failed several times is asked rarely, so that its timeouts do not eat the others' time.
+that has failed several times is asked rarely where others wait, so that its timeouts do not eat their time.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from rig.readings import NS, Exchange
 
 FIRST_BACK_OFF_S = 0.1
 LONGEST_BACK_OFF_S = 2.0
-PROBE_S = 2.0  # a failing device is asked no more often than this,
+PROBE_S = 2.0  # where others wait on the line, a failing device is asked no more often than this,
 PROBE_SHARE = 0.05  # and takes no more than this share of the line's time
+ALONE_S = 0.5  # where none does: it is asked again after this
 IDLE_S = 0.5
 CAPTURE_PAUSE_S = 0.2  # of real time after a capture, in which the device is not polled
 FASTEST_REAL_S = 0.005  # of the wall, between two hurried polls: a fast virtual bench has a motor to compute too
@@ -297,8 +298,14 @@ class Worker(threading.Thread):
         """Whether a device fails, and is asked rarely."""
         failing = bool(getattr(device.driver, "failing", False))
         if failing:
-            device.due_ns = end_ns + int(max(PROBE_S * NS, device.last_cost_ns / PROBE_SHARE))
+            device.due_ns = end_ns + self._pause_ns(device.last_cost_ns)
         return failing
+
+    def _pause_ns(self, cost_ns: int) -> int:
+        """How long a device that fails is left alone, so that its timeouts do not eat the others' time."""
+        if len(self.devices) == 1:
+            return int(ALONE_S * NS)
+        return int(max(PROBE_S * NS, cost_ns / PROBE_SHARE))
 
     def _introduce(self, name: str) -> None:
         """Open and identify a device; its fault is raised."""
@@ -321,8 +328,8 @@ class Worker(threading.Thread):
             raise
         except actions.FAULTS as error:
             self._note("device not identified", self.clock.now_ns(), device=name, error=str(error))
-            cost_ns = self.clock.now_ns() - start_ns
-            device.due_ns = self.clock.now_ns() + int(max(PROBE_S * NS, cost_ns / PROBE_SHARE))
+            now_ns = self.clock.now_ns()
+            device.due_ns = now_ns + self._pause_ns(now_ns - start_ns)
         else:
             device.due_ns = self.clock.now_ns()
 

@@ -1,7 +1,8 @@
 """Alicat meters and controllers over their text protocol: ``A`` asks unit A for one frame, ``AS6.0`` sets a set-point.
 
 A frame is the unit's letter, then numbers in an order and in units that each device has of its own (``A??D*`` tells
-them), then the flags. No flag is ever dropped: over-range flags mark the quantity they speak of, faults mark all.
+them), then the flags. No flag is ever dropped: over-range flags mark the quantity they speak of, faults mark all, and
+with a word that is not known here every reading counts as unverified.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ if TYPE_CHECKING:
 
 OVER_RANGE = ("MOV", "VOV", "POV", "TOV", "OVR")  # mass, volume, pressure, temperature, totalizer
 FAULTS = ("ADC", "EXH")  # converter error; exhausting instead of controlling
-NOTES = ("HLD", "LCK")
+NOTES = ("HLD", "LCK", "TMF", "OPL", "P2O")  # display held, locked; total lost, pressure limited, 2nd pressure beyond
+WORD = re.compile(r"[A-Z][A-Z0-9]{1,3}")
+NO_NUMBER = re.compile(r"[+-]?-+(\.-+)?")
 # Which quantity an over-range flag speaks of, by the beginning of the channel's name.
 QUANTITIES = {"MOV": "flow_sl", "VOV": "flow_l", "POV": "pressure", "TOV": "temperature", "OVR": "total"}
 SETPOINT, GAS, UNUSED = "setpoint", "gas", "-"
@@ -95,13 +98,15 @@ def decode(text: str, address: str, layout: Sequence[str]) -> tuple[dict[str, st
     values, flags = words[1 : 1 + len(layout)], tuple(words[1 + len(layout) :])
     if len(values) < len(layout):
         raise BadReplyError(f"'{printable(text)}' has {len(values)} fields, the file's layout {len(layout)}")
-    unknown = [flag for flag in flags if flag not in (*OVER_RANGE, *FAULTS, *NOTES)]
-    if unknown:
+    strange = [flag for flag in flags if not WORD.fullmatch(flag)]
+    if strange:
         raise BadReplyError(
-            f"'{printable(text)}': '{printable(unknown[0])}' is no flag; is the layout the device's own?"
+            f"'{printable(text)}': '{printable(strange[0])}' is no flag; is the layout the device's own?"
         )
     for entry, word in zip(layout, values, strict=True):
-        if not (GAS_NAME if entry == GAS else NUMBER).fullmatch(word):
+        if not (GAS_NAME if entry == GAS else NUMBER).fullmatch(word) and (
+            entry in (GAS, SETPOINT) or not NO_NUMBER.fullmatch(word)
+        ):
             raise BadReplyError(f"'{printable(text)}': '{printable(word)}' stands where the layout has {entry}")
     return dict(zip(layout, values, strict=True)), flags
 
@@ -116,16 +121,24 @@ def judge(
     By channel, limits not yet looked at.
     """
     detail = joined(" ".join(flags), note)
-    faulty = any(flag not in (*OVER_RANGE, *NOTES) for flag in flags)
+    faulty = any(flag in FAULTS or not WORD.fullmatch(flag) for flag in flags)  # a status bit is no word
+    unknown = any(flag not in (*OVER_RANGE, *NOTES) for flag in flags)
     found = {}
     for name, number in numbers.items():
         if faulty:
             found[name] = Value(None, Quality.EXCEPTION, raw[name], detail)
+        elif math.isnan(number):
+            found[name] = Value(None, Quality.EXCEPTION, raw[name], joined("the device shows no number", detail))
         elif math.isfinite(number) and any(name.startswith(QUANTITIES.get(flag, "?")) for flag in flags):
             found[name] = Value(number, Quality.OVER_RANGE, raw[name], detail, -1 if number < 0.0 else 1)
         else:
-            found[name] = Value(number, raw=raw[name], detail=detail)
+            quality = Quality.UNVERIFIED if unknown else Quality.OK
+            found[name] = Value(number, quality, raw[name], detail)
     return found
+
+
+def _number(word: str) -> float:
+    return math.nan if NO_NUMBER.fullmatch(word) else float(word)
 
 
 class Alicat(Polled):
@@ -142,7 +155,7 @@ class Alicat(Polled):
         """Ask for one frame."""
         fields, flags, reply = self._frame(line, self.address)
         channels = self.settings.channels
-        numbers = {name: channel.scale * float(fields[name]) + channel.offset for name, channel in channels.items()}
+        numbers = {name: channel.scale * _number(fields[name]) + channel.offset for name, channel in channels.items()}
         note = f"gas {fields[GAS]}" if GAS in fields else ""
         return Answer(judge(numbers, fields, flags, note), reply.data, reply.request_ns, reply.reply_ns)
 

@@ -7,11 +7,17 @@ import time
 import pytest
 
 from rig.acquisition import Acquisition, RecorderError, actions
-from rig.bench.instrument import IdentityError
-from rig.lines import LineError, NoReplyError
-from rig.readings import Quality
+from rig.acquisition.worker import Worker
+from rig.bench.bench import DeviceTable, LineTable, Place
+from rig.bench.instrument import IdentityError, instrument_of
+from rig.clock import Clock
+from rig.instruments import modbus
+from rig.lines import Line, LineError, NoReplyError, Timing
+from rig.lines.serial import SerialPort
+from rig.readings import NS, Quality
 from rig.virtual.launch import port_for
-from tests.virtual_benches import MODBUS, bench, serving
+from tests.modbus_peer import ModbusPeer
+from tests.virtual_benches import FLOW, MODBUS, bench, serving
 
 
 def ports_of(served):
@@ -136,6 +142,31 @@ def test_a_dead_device_does_not_slow_the_others_on_its_line(acquiring, tmp_path)
         times = [r.time_ns for r in sink.readings("gauge.pressure_bar_abs") if r.usable and r.time_ns > begin]
         assert len(times) > 0.85 * spent_s / 0.2  # asked every 0.2 s
         assert len(failed()) - count <= 3  # the dead one, which would be asked 20 times
+
+
+def test_a_device_alone_on_its_line_is_read_again_soon_after_a_silence():
+    registers = {58 + place: 0 for place in range(6)}
+    settings = instrument_of(FLOW.encode(), "flow.toml")
+    where = Place(DeviceTable(instrument="i", line="net", unit_id=1), LineTable(kind="serial", port="pty"))
+    driver = modbus.build("meter", settings, where)
+    with ModbusPeer({1: registers}) as device:
+        clock, sink = Clock(), Kept()
+        line = Line("net", SerialPort(device.path, clock, 19200), clock, Timing(timeout_s=0.5, slowest_reply_s=0.6))
+        worker = Worker(line, {"meter": (driver, 0.2)}, sink.exchange, lambda *_, **__: None, clock)
+        worker.connect()
+        worker.start()
+        read = lambda: sum(one.usable for one in sink.readings("meter.flow_sl_min"))  # noqa: E731
+        try:
+            wait_until(lambda: read() > 3)
+            device.units.clear()
+            wait_until(lambda: driver.failing)
+            time.sleep(1.5)
+            count, back_ns = read(), clock.now_ns()
+            device.units[1] = registers
+            wait_until(lambda: read() > count)
+            assert (clock.now_ns() - back_ns) / NS < 2.0
+        finally:
+            worker.stop()
 
 
 def test_a_missing_device_is_told_at_the_start(tmp_path):

@@ -195,6 +195,9 @@ def test_a_modbus_file_that_makes_no_sense_is_refused(changes, words):
         ("TOV OVR", Quality.OK, Quality.OK),
         ("ADC", Quality.EXCEPTION, Quality.EXCEPTION),
         ("EXH MOV", Quality.EXCEPTION, Quality.EXCEPTION),
+        ("TMF OPL P2O", Quality.OK, Quality.OK),
+        ("XYZ", Quality.UNVERIFIED, Quality.UNVERIFIED),
+        ("XYZ MOV", Quality.UNVERIFIED, Quality.OVER_RANGE),
     ],
 )
 def test_an_alicat_flag_marks_what_it_speaks_of_and_is_never_dropped(flags, pressure, flow):
@@ -202,6 +205,14 @@ def test_an_alicat_flag_marks_what_it_speaks_of_and_is_never_dropped(flags, pres
     found = alicat.judge(numbers, dict.fromkeys(numbers, "raw"), flags.split())
     assert (found["pressure_bar_abs"].quality, found["flow_sl_min"].quality) == (pressure, flow)
     assert all(value.detail == flags for value in found.values())
+
+
+def test_where_alicat_shows_dashes_that_channel_alone_has_no_value():
+    fields, flags = alicat.decode("A --.-- +99.0 TMF", "A", ["pressure_bar_abs", "flow_sl_min"])
+    assert (fields["pressure_bar_abs"], fields["flow_sl_min"], flags) == ("--.--", "+99.0", ("TMF",))
+    found = alicat.judge({"pressure_bar_abs": float("nan"), "flow_sl_min": 99.0}, fields, flags)
+    assert (found["pressure_bar_abs"].value, found["pressure_bar_abs"].quality) == (None, Quality.EXCEPTION)
+    assert (found["flow_sl_min"].value, found["flow_sl_min"].quality) == (99.0, Quality.OK)
 
 
 def test_an_over_range_alicat_value_is_kept_as_a_limit():
@@ -214,7 +225,8 @@ def test_an_over_range_alicat_value_is_kept_as_a_limit():
     [
         ("B +1.0 +1.0", "not from unit A"),
         ("A +1.0", "has 1 fields"),
-        ("A +1.0 +1.0 XYZ", "'XYZ' is no flag"),
+        ("A +1.0 +1.0 +2.0", "'+2.0' is no flag"),
+        ("A +1.0 --.--", "'--.--' stands where the layout has setpoint"),
         ("A +1.0 Air", "'Air' stands where the layout has setpoint"),
         ("", "not from unit A"),
     ],
