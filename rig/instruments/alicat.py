@@ -172,7 +172,7 @@ class Alicat(Polled):
         request = question.encode("ascii") + END
         reply = line.ask(request, ends_with(END, MOST_BYTES), timing_of(self.settings, line))
         try:
-            text = reply.data.removesuffix(END).decode("ascii", errors="replace").strip("\n ")
+            text = reply.data.removesuffix(END).decode("ascii", errors="replace").strip("\n\0 ")
             return *decode(text, self.address, self.settings.layout), reply
         except BadReplyError:
             line.drop()

@@ -51,8 +51,8 @@ class Reply:
     reply_ns: int
 
 
-# How many bytes at the start of a buffer are a whole frame; None while more are needed. Raises BadReplyError when the
-# buffer cannot become one.
+# How many bytes at the start of a buffer end with a whole frame; None while more are needed. Raises BadReplyError when
+# the buffer cannot become one.
 Complete = Callable[[bytes], int | None]
 
 
@@ -72,6 +72,7 @@ class Line:
         self.heard_ns = 0
         self._events: list[Event] = []
         self._not_before_ns = 0  # no question before this time: an answer to an earlier one may still come
+        self._slowest_ns = 0  # until when an answer to the last question may come
         self._dirty = False
         self._doubtful = False  # a question went unanswered: its answer may still come, later than it should
 
@@ -95,14 +96,17 @@ class Line:
         self._events.clear()
         return taken
 
-    def ask(self, request: bytes, complete: Complete, timing: Timing | None = None) -> Reply:
+    def ask(
+        self, request: bytes, complete: Complete, timing: Timing | None = None, spoiled: Complete | None = None
+    ) -> Reply:
         """Ask a question and return the whole answer.
 
-        `complete`: tells the length of a whole frame at the start of the bytes received, or None while more are needed.
+        `complete`: tells how many of the bytes received end with a whole frame, or None while more are needed.
         `timing`: the device's own; the line's when left out.
-        Returns the first whole frame; what follows it in the same breath makes the line dirty and is drained before the
-        next question. Raises NoReplyError when the time was up; BadReplyError when what came cannot be an answer, or
-        came too early to be one; LostError when the port failed.
+        `spoiled`: the same, asked when no more bytes came in time: what is damaged is worth telling.
+        Returns the bytes up to the end of the first whole frame; what follows it in the same breath makes the line
+        dirty and is drained before the next question. Raises NoReplyError when the time was up; BadReplyError when
+        what came cannot be an answer, or came too early to be one; LostError when the port failed.
         """
         timing = timing or self.timing
         if self._dirty:
@@ -111,12 +115,16 @@ class Line:
         self._not_before_ns = request_ns + self._wait_ns(timing.slowest_reply_s)
         deadline_ns = request_ns + self._wait_ns(timing.timeout_s)
         self._dirty = True  # until the answer is in
-        buffer = b""
+        buffer, reply_ns = b"", request_ns
         while True:
-            reply_ns, data = self._receive(deadline_ns)
+            heard_ns, data = self._receive(deadline_ns)
             if not data:
+                length = spoiled(buffer) if spoiled else None
+                if length is not None:
+                    break
                 self._doubtful = True
                 raise NoReplyError(self._too_little(buffer, timing))
+            reply_ns = heard_ns
             buffer += data
             length = complete(buffer)
             if length is not None:
@@ -133,6 +141,7 @@ class Line:
         self._dirty = len(buffer) > length
         if self._doubtful:
             self._expect_no_second(request_ns, timing)
+        self._slowest_ns, self._not_before_ns = self._not_before_ns, reply_ns  # no other answer is due
         return Reply(buffer[:length], request_ns, reply_ns)
 
     def tell(self, data: bytes) -> int:
@@ -147,8 +156,12 @@ class Line:
         return self._receive(self.clock.now_ns() + self._wait_ns(wait_s))
 
     def drop(self) -> None:
-        """Mark the line as holding bytes that belong to no question; they are drained before the next one."""
+        """Mark the line as holding bytes that belong to no question; they are drained before the next one.
+
+        The answer to the last question may still come.
+        """
         self._dirty = True
+        self._not_before_ns = max(self._not_before_ns, self._slowest_ns)
 
     def _expect_no_second(self, request_ns: int, timing: Timing) -> None:
         """After a timeout: the first answer is the right one only when none comes after it."""

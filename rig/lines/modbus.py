@@ -26,6 +26,7 @@ from rig.readings import Quality
 READ_COILS, READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 1, 3, 4, 6, 16
 EXCEPTION_BIT = 0x80
 MOST_REGISTERS = 125
+MOST_STRAY = 4  # bytes before an answer, beside the question's echo
 MBAP_BYTES = 7  # transaction, protocol, length, unit
 EXCEPTIONS = {
     1: "illegal function",
@@ -81,24 +82,69 @@ def encode(request: Request, framing: str, transaction: int) -> bytes:
 
 
 def length_of(request: Request, framing: str) -> Complete:
-    """What tells how long the answer to a question is.
+    """What tells where the answer to a question ends.
 
-    It takes the bytes so far and gives the length of the frame, or None while more are needed.
+    It takes the bytes so far and gives how many of them end with the frame, or None while more are needed.
     """
     if framing == "tcp":
         return _tcp_length
-    good = 5 + (2 * request.count if request.function in (READ_HOLDING, READ_INPUT) else 3)
-    if request.function == READ_COILS:
-        good = 5 + (request.count + 7) // 8
 
     def rtu_length(buffer: bytes) -> int | None:
-        """An exception is five bytes; a good answer is as long as the question makes it."""
-        if len(buffer) < 2:
-            return None
-        length = 5 if buffer[1] & EXCEPTION_BIT else good
-        return length if len(buffer) >= length else None
+        """Up to the end of the answer, or of any whole frame that stands at the start."""
+        found = _answer_in(request, buffer)
+        if found is not None:
+            return found[1]
+        whole = _good_bytes(request, buffer)
+        is_frame = whole is not None and len(buffer) >= whole and _is_whole(buffer[:whole])
+        return whole if is_frame and buffer[:whole] != encode(request, framing, 0)[:whole] else None
 
     return rtu_length
+
+
+def _good_bytes(request: Request, frame: bytes) -> int | None:
+    """Bytes of an RTU answer: an exception has five, a good one what the question asks for; None where too few came."""
+    if len(frame) < 2:
+        return None
+    if frame[1] & EXCEPTION_BIT:
+        return 5
+    if request.function == READ_COILS:
+        return 5 + (request.count + 7) // 8
+    return 5 + (2 * request.count if request.function in (READ_HOLDING, READ_INPUT) else 3)
+
+
+def _is_whole(frame: bytes) -> bool:
+    return bool(_RTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big")))
+
+
+def _answer_in(request: Request, buffer: bytes) -> tuple[int, int] | None:
+    """Where an RTU answer begins and ends. Before it may stand the question's echo, and a stray byte or two.
+
+    An answer has the question's unit and function, its number of bytes, and a CRC that is right.
+    """
+    echo = 9 + 2 * len(request.values) if request.function == WRITE_MANY else 8
+    for begin in range(min(echo + MOST_STRAY, max(len(buffer) - 4, 0)) + 1):
+        frame = buffer[begin:]
+        length = _good_bytes(request, frame)
+        if length is None or len(frame) < length or frame[0] != request.unit:
+            continue
+        function, data = frame[1], length - 5
+        refused = function == request.function | EXCEPTION_BIT
+        is_read = request.function in (READ_COILS, READ_HOLDING, READ_INPUT)
+        if (refused or (function == request.function and (not is_read or frame[2] == data))) and _is_whole(
+            frame[:length]
+        ):
+            return begin, begin + length
+    return None
+
+
+def _spoiled(request: Request) -> Complete:
+    """What tells how long a damaged RTU answer is, once no more bytes come."""
+
+    def length(buffer: bytes) -> int | None:
+        whole = _good_bytes(request, buffer)
+        return whole if whole is not None and len(buffer) >= whole else None
+
+    return length
 
 
 def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tuple[int, ...]:
@@ -145,9 +191,12 @@ def exchange(line: Line, framing: str, request: Request, timing: Timing | None =
     """
     line.transactions += 1
     transaction = line.transactions & 0xFFFF
-    reply = line.ask(encode(request, framing, transaction), length_of(request, framing), timing)
+    is_rtu = framing == "rtu"
+    question, spoiled = encode(request, framing, transaction), _spoiled(request) if is_rtu else None
+    reply = line.ask(question, length_of(request, framing), timing, spoiled)
+    begin, _ = (_answer_in(request, reply.data) if is_rtu else None) or (0, 0)
     try:
-        return decode(request, framing, transaction, reply.data), reply
+        return decode(request, framing, transaction, reply.data[begin:]), reply
     except RefusedError:
         raise
     except BadReplyError:

@@ -127,9 +127,9 @@ def test_half_a_reply_is_a_timeout_that_says_what_came(on_line):
         (lambda good: rtu(bytes([good[0], 4]) + good[2:-2]), "an answer to function 4"),
         (lambda good: rtu(good[:2] + b"\x06" + bytes(6))[:7], "wrong CRC"),
         (lambda good: rtu(good[:2] + b"\x01" + good[3:-2]), "1 bytes of data where 2"),
-        (lambda good: b"\x00" + good, "wrong CRC"),
+        (lambda good: bytes(13) + good, "wrong CRC"),
     ],
-    ids=["crc", "unit", "function", "longer", "count", "noise before"],
+    ids=["crc", "unit", "function", "longer", "count", "much noise before"],
 )
 def test_what_is_not_the_answer_is_refused(on_line, damage, words):
     line = on_line(lambda request: [(0.0, damage(answer_of(request)))])
@@ -143,6 +143,65 @@ def test_an_exception_is_told_with_its_meaning(on_line):
     with pytest.raises(modbus.RefusedError, match=r"exception 2 \(illegal register address\)") as refused:
         read(line, 0)
     assert (refused.value.code, refused.value.quality) == (2, Quality.EXCEPTION)
+
+
+ABOUT = {
+    "zero before": lambda request, good: b"\x00" + good,
+    "echo before": lambda request, good: request + good,
+    "echo and noise before": lambda request, good: request + b"\xff\x00" + good,
+    "zero after": lambda request, good: good + b"\x00",
+    "zeros about": lambda request, good: b"\x00" + good + b"\x00\x00",
+}
+
+
+@pytest.mark.parametrize("what", ABOUT)
+def test_bytes_about_the_answer_cost_neither_it_nor_a_long_wait(on_line, what):
+    timing = Timing(timeout_s=0.4, slowest_reply_s=0.5, quiet_s=0.005)
+    line = on_line(lambda request: [(0.0, ABOUT[what](request, answer_of(request)))], timing)
+    begin = time.monotonic()
+    for _ in range(4):
+        assert [read(line, address) for address in (0, 10, 20)] == [(111,), (222,), (333,)]
+    assert time.monotonic() - begin < 6 * timing.slowest_reply_s  # of twelve questions
+
+
+def test_a_stray_byte_that_comes_late_costs_no_answer(on_line):
+    line = on_line(lambda request: [(0.0, answer_of(request)), (0.01, b"\x00")])
+    for _ in range(3):
+        assert read(line, 10) == (222,)
+        time.sleep(0.02)
+
+
+def test_of_an_exception_after_an_echo_the_meaning_is_told(on_line):
+    line = on_line(lambda request: [(0.0, request + rtu(bytes([request[0], request[1] | 0x80, 2])))])
+    with pytest.raises(modbus.RefusedError, match="illegal register address"):
+        read(line, 0)
+
+
+@pytest.mark.slow
+def test_noise_about_answers_that_may_be_late_gives_no_wrong_value(on_line):
+    """Echoes, stray bytes before and after, late answers and damaged ones, all mixed."""
+    draw = random.Random(8)
+    timing = Timing(timeout_s=0.01, slowest_reply_s=0.04, quiet_s=0.002)
+
+    def reply(request):
+        good = answer_of(request)
+        if draw.random() < 0.1:
+            good = good[:-3] + bytes([good[-3] ^ 1 << draw.randrange(8)]) + good[-2:]
+        before = request * (draw.random() < 0.3) + draw.randbytes(draw.choice([0, 0, 1, 2, 3]))
+        late = draw.random() < 0.15
+        return [(draw.uniform(0.012, 0.02) if late else 0.0, before + good + draw.randbytes(draw.choice([0, 0, 1])))]
+
+    line = on_line(reply, timing)
+    good = 0
+    for i in range(600):
+        address = (0, 10, 20)[i % 3]
+        try:
+            values = read(line, address)
+        except (NoReplyError, BadReplyError):
+            continue
+        assert values == (REGISTERS[address],)
+        good += 1
+    assert good > 250
 
 
 def test_the_echo_of_the_question_is_not_an_answer(on_line):

@@ -146,7 +146,7 @@ SPOILED = {
     "too few registers": (lambda good: rtu(good[:2] + b"\x04" + good[3:7]), Quality.TIMEOUT),  # more is waited for
     "too many registers": (lambda good: rtu(good[:2] + b"\x10" + good[3:-2] + bytes(4)), Quality.CRC),
     "wrong CRC": (lambda good: good[:-1] + bytes([good[-1] ^ 1]), Quality.CRC),
-    "noise before": (lambda good: b"\x00\xff" + good, Quality.CRC),
+    "much noise before": (lambda good: bytes(13) + good, Quality.CRC),
     "half": (lambda good: good[:6], Quality.TIMEOUT),
     "silence": (lambda good: None, Quality.TIMEOUT),
     "exception": (lambda good: rtu(bytes([good[0], good[1] | 0x80, 4])), Quality.EXCEPTION),
