@@ -6,6 +6,7 @@ A reading that failed is still a reading: it has no value, and a quality that sa
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -28,6 +29,13 @@ class Quality(StrEnum):
 
 GOOD = frozenset({Quality.OK, Quality.MANUAL, Quality.SIMULATED})
 USABLE = GOOD | {Quality.UNVERIFIED}  # what plateaus are made of; the run's record counts how many were unverified
+
+
+def scpi_number(number: float) -> float:
+    """A number of an instrument that speaks SCPI-99: there 9.91e37 is not a number, and +-9.9e37 beyond the range."""
+    if not abs(number) >= 9e36:
+        return number
+    return math.nan if math.isclose(number, 9.91e37, rel_tol=5e-4) else math.copysign(math.inf, number)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from rig.acquisition import actions
 from rig.bench.instrument import IdentityError
 from rig.clock import Clock
 from rig.lines import Line, LineError, LostError
+from rig.lines.modbus import RefusedError
 from rig.readings import NS, Exchange
 
 FIRST_BACK_OFF_S = 0.1
@@ -27,6 +28,7 @@ PROBE_S = 2.0  # where others wait on the line, a failing device is asked no mor
 PROBE_SHARE = 0.05  # and takes no more than this share of the line's time
 ALONE_S = 0.5  # where none does: it is asked again after this
 IDLE_S = 0.5
+BUSY_TRIES, BUSY_S = 4, 0.5  # of a device that says at the start that it is busy, and how long it is left alone
 CAPTURE_PAUSE_S = 0.2  # of real time after a capture, in which the device is not polled
 FASTEST_REAL_S = 0.005  # of the wall, between two hurried polls: a fast virtual bench has a motor to compute too
 KEPT_TIMES = 20_000
@@ -114,7 +116,7 @@ class Worker(threading.Thread):
         faults: list[Exception] = []
         for name in self.devices:
             try:
-                self._introduce(name)
+                self._introduce_patiently(name)
             except LostError:
                 raise
             except actions.FAULTS as error:
@@ -306,6 +308,18 @@ class Worker(threading.Thread):
         if len(self.devices) == 1:
             return int(ALONE_S * NS)
         return int(max(PROBE_S * NS, cost_ns / PROBE_SHARE))
+
+    def _introduce_patiently(self, name: str) -> None:
+        """Identify a device that may have just been switched on."""
+        for _ in range(BUSY_TRIES):
+            try:
+                self._introduce(name)
+                return
+            except RefusedError as error:
+                if not error.is_busy:
+                    raise
+            self._stopping.wait(BUSY_S)
+        self._introduce(name)
 
     def _introduce(self, name: str) -> None:
         """Open and identify a device; its fault is raised."""

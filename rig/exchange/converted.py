@@ -15,6 +15,7 @@ from configs.units import ZERO_C
 from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, StandardTable, TableTable
 from rig.exchange.tables import Table
 from rig.exchange.units import DATED, unit_of
+from rig.readings import scpi_number
 from rig.recording import Column
 from rig.recording.columns import FIGURES, MEASURED
 from rig.recording.mistakes import shown
@@ -23,7 +24,6 @@ from rig.runlog.folder import RunError
 
 DAY_S = 86_400.0
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
-OVERLOAD, NOT_A_NUMBER = 9e36, 9.91e37  # SCPI's numbers for an overload (9.9e37), and for no reading
 NORMAL = StandardTable(pressure_bar_abs=1.01325, temperature_c=0.0)  # that `units` refers a flow of mass to
 ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read
 _NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)
@@ -197,10 +197,10 @@ class Cell:
         if word in self._invalid:
             return math.nan, 0
         found = self.number(cell)
-        if found is None or not abs(found[0]) >= OVERLOAD:
-            return found
-        # SCPI-99, 7.2.1.4 and 7.2.1.5
-        return (math.nan, 0) if math.isclose(found[0], NOT_A_NUMBER, rel_tol=1e-4) else (math.inf, 1)
+        if found is None:
+            return None
+        number = scpi_number(found[0])
+        return (math.inf, 1) if number == math.inf else (number, found[1]) if number > -math.inf else (math.nan, 0)
 
     def number(self, cell: str | float) -> tuple[float, int] | None:
         """A number, which a limit's sign may precede."""

@@ -114,7 +114,9 @@ class Adam4024(Polled):
         timing = timing_of(self.settings, line)
         try:
             words, _ = repeated(lambda: self._unit.read(line, NAME, NAME_COUNT, timing), 1)
-        except RefusedError:
+        except RefusedError as error:
+            if error.is_busy:
+                raise
             version = "it does not tell its name"
         else:
             if words[0] != MODEL:

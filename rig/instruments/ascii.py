@@ -19,12 +19,13 @@ from rig.instruments.placing import refuse_keyboard
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
 from rig.lines import BadReplyError, Line
 from rig.lines.line import Complete, Reply
-from rig.readings import Quality
+from rig.readings import Quality, scpi_number
 
 if TYPE_CHECKING:
     from rig.bench.bench import Place
 
 NUMBER = re.compile(r"[+-]?(\d{1,12}(\.\d{0,12})?|\.\d{1,12})([eE][+-]?\d{1,2})?")
+SIGN_APART = re.compile(r"^([+-]) {1,12}(?=[0-9.])")
 SERIAL_GROUP = "serial"
 
 Words = Annotated[str, pydantic.StringConstraints(max_length=64, pattern=r"^[\x00-\x7f]*$")]
@@ -90,9 +91,10 @@ def _value(text: str, channel: TextChannel) -> Value:
         return Value(-rising * float("inf"), raw=text, detail=f"'{text}' stands for under-range")
     if text in channel.invalid:
         return Value(None, Quality.EXCEPTION, text, f"the device reports a fault: '{text}'")
-    if not NUMBER.fullmatch(text):
+    number = SIGN_APART.sub(r"\1", text)
+    if not NUMBER.fullmatch(number):
         raise BadReplyError(f"'{printable(text)}' in the reply is not a number")
-    return Value(channel.scale * float(text) + channel.offset, raw=text)
+    return Value(channel.scale * scpi_number(float(number)) + channel.offset, raw=text)
 
 
 def ends_with(terminator: bytes, most_bytes: int) -> Complete:

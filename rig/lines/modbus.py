@@ -39,6 +39,7 @@ EXCEPTIONS = {
     10: "gateway path unavailable",
     11: "gateway target does not respond",
 }
+BUSY = (5, 6, 10, 11)
 _RTU = FramerRTU(DecodePDU(False))
 _TCP = FramerSocket(DecodePDU(False))
 
@@ -49,6 +50,11 @@ class RefusedError(BadReplyError):
     def __init__(self, text: str, code: int) -> None:
         super().__init__(text, Quality.EXCEPTION)
         self.code = code
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it may do later what was asked, as a device that starts: it is no other model."""
+        return self.code in BUSY
 
 
 @dataclass(frozen=True, slots=True)

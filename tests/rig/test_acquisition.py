@@ -144,15 +144,21 @@ def test_a_dead_device_does_not_slow_the_others_on_its_line(acquiring, tmp_path)
         assert len(failed()) - count <= 3  # the dead one, which would be asked 20 times
 
 
-def test_a_device_alone_on_its_line_is_read_again_soon_after_a_silence():
-    registers = {58 + place: 0 for place in range(6)}
+def alone(device):
+    """A worker of a line with one meter, which the device of a pty plays, and what it has read."""
     settings = instrument_of(FLOW.encode(), "flow.toml")
     where = Place(DeviceTable(instrument="i", line="net", unit_id=1), LineTable(kind="serial", port="pty"))
+    clock, sink = Clock(), Kept()
+    line = Line("net", SerialPort(device.path, clock, 19200), clock, Timing(timeout_s=0.5, slowest_reply_s=0.6))
     driver = modbus.build("meter", settings, where)
+    return Worker(line, {"meter": (driver, 0.2)}, sink.exchange, lambda *_, **__: None, clock), sink
+
+
+def test_a_device_alone_on_its_line_is_read_again_soon_after_a_silence():
+    registers = {58 + place: 0 for place in range(6)}
     with ModbusPeer({1: registers}) as device:
-        clock, sink = Clock(), Kept()
-        line = Line("net", SerialPort(device.path, clock, 19200), clock, Timing(timeout_s=0.5, slowest_reply_s=0.6))
-        worker = Worker(line, {"meter": (driver, 0.2)}, sink.exchange, lambda *_, **__: None, clock)
+        worker, sink = alone(device)
+        clock, driver = worker.clock, worker.devices["meter"].driver
         worker.connect()
         worker.start()
         read = lambda: sum(one.usable for one in sink.readings("meter.flow_sl_min"))  # noqa: E731
@@ -167,6 +173,36 @@ def test_a_device_alone_on_its_line_is_read_again_soon_after_a_silence():
             assert (clock.now_ns() - back_ns) / NS < 2.0
         finally:
             worker.stop()
+
+
+class Busy(ModbusPeer):
+    """Says for some questions that it is busy."""
+
+    def __init__(self, units, times, code):
+        self.times, self.code = times, code
+        super().__init__(units)
+
+    def _answer(self, frame):
+        self.times -= 1
+        return (
+            self._framed(bytes([frame[0], frame[1] | 0x80, self.code])) if self.times >= 0 else super()._answer(frame)
+        )
+
+
+@pytest.mark.parametrize("code", [5, 6, 10, 11])
+def test_a_device_that_is_busy_at_the_start_is_asked_again(code):
+    with Busy({1: {58 + place: 0 for place in range(6)}}, 2, code) as device:
+        worker, _ = alone(device)
+        worker.connect()
+        worker.stop()
+
+
+def test_a_device_that_stays_busy_is_told_as_such():
+    with Busy({1: {}}, 1000, 6) as device:
+        worker, _ = alone(device)
+        with pytest.raises(LineError, match=r"exception 6 \(device busy\)"):
+            worker.connect()
+        worker.stop()
 
 
 def test_a_missing_device_is_told_at_the_start(tmp_path):

@@ -277,7 +277,11 @@ def test_no_text_does_more_to_the_alicat_codec_than_be_refused(text):
 
 def text_file(**changes):
     data = {"format": "instrument/1", "family": "ascii", "title": "t", "source": "s", "trust": "documented"}
-    data |= {"query": "?\r", "pattern": r"(?P<speed_rpm>\S{1,12}) rpm", "channels": {"speed_rpm": {"unit": "rpm"}}}
+    data |= {
+        "query": "?\r",
+        "pattern": r"(?P<speed_rpm>[+-]? {0,4}\S{1,12}) rpm",
+        "channels": {"speed_rpm": {"unit": "rpm"}},
+    }
     return ascii.Settings.model_validate(data | changes)
 
 
@@ -300,6 +304,22 @@ def test_a_line_of_another_form_is_damaged(line):
 
 def test_a_word_may_stand_for_over_range():
     assert decode_text(b"OL rpm", over_range=["OL"]).value == math.inf
+
+
+@pytest.mark.parametrize(("number", "quality"), [("9.9E37", Quality.OVER_RANGE), ("-9.9e+37", Quality.OVER_RANGE)])
+def test_scpi_s_overload_is_over_range_without_a_highest(number, quality):
+    found = bounded(decode_text(f"{number} rpm".encode()), ChannelFile(unit="rpm"))
+    assert (found.value, found.quality, found.censored) == (None, quality, -1 if number.startswith("-") else 1)
+
+
+@pytest.mark.parametrize("number", ["9.91E37", "9.91e+37", "+9.91E37"])
+def test_scpi_s_not_a_number_is_a_fault(number):
+    found = bounded(decode_text(f"{number} rpm".encode()), ChannelFile(unit="rpm"))
+    assert (found.value, found.quality) == (None, Quality.EXCEPTION)
+
+
+def test_a_sign_may_stand_apart_from_its_number():
+    assert decode_text(b"-   12.34 rpm", scale=2.0).value == pytest.approx(-24.68)
 
 
 @given(st.binary(max_size=80))
