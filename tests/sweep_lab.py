@@ -67,6 +67,9 @@ class Lab:
         kept = self.readings[ROLES.get(channel, channel)]
         return kept[-1] if kept else None
 
+    def since(self, channel, after_ns):
+        return [reading for reading in self.readings[ROLES.get(channel, channel)] if reading.reply_ns > after_ns]
+
 
 def bench_file(regulator=True, **sweep):
     """A bench file of three instruments and, where one is wanted, a regulator."""
@@ -160,6 +163,9 @@ class LabAcquisition:
 
     def last(self, channel):
         return self.lab.last(channel)
+
+    def since(self, channel, after_ns):
+        return self.lab.since(channel, after_ns)
 
     def event(self, kind, time_ns=None, **details):
         self.events.append((kind, details))

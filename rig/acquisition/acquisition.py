@@ -150,6 +150,11 @@ class Acquisition:
         self.check()
         return self.channels.last(self._name(channel))
 
+    def since(self, channel: str, after_ns: int) -> list[Reading]:
+        """The readings of a channel, failed or not, whose replies came after a time [ns], oldest first."""
+        self.check()
+        return self.channels.since(self._name(channel), after_ns)
+
     def subscribe(self, listener: Callable[[Exchange], None]) -> None:
         """Show every exchange to a listener once it is written."""
         self.recorder.subscribe(listener)

@@ -51,6 +51,17 @@ class Channels:
             kept = self._readings.get(name)
             return kept[-1] if kept else None
 
+    def since(self, name: str, after_ns: int) -> list[Reading]:
+        """The readings of a channel, failed or not, whose replies came after a time [ns], oldest first."""
+        chosen: list[Reading] = []
+        with self._lock:
+            for reading in reversed(self._readings.get(name, ())):
+                if reading.reply_ns <= after_ns:
+                    break
+                chosen.append(reading)
+        chosen.reverse()
+        return chosen
+
     def window(self, name: str, start_ns: int, end_ns: int | None = None) -> Window:
         """The usable readings of a channel from a time on.
 

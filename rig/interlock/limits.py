@@ -1,4 +1,4 @@
-"""During the run: the last readings against the limits. The guard comes first; this is for what nobody predicted.
+"""During the run: every reading against the limits. The guard comes first; this is for what nobody predicted.
 
 A single reading beyond a limit trips: a false trip costs a run, a missed one a motor.
 """
@@ -20,9 +20,12 @@ class View(Protocol):
     def last(self, channel: str) -> Reading | None:
         """The newest reading of a channel, failed or not; None before the first."""
 
+    def since(self, channel: str, after_ns: int) -> list[Reading]:
+        """The readings of a channel, failed or not, whose replies came after a time [ns]."""
+
 
 class Limits:
-    """The trip rules of a bench. It remembers when each signal was last heard, and nothing else."""
+    """The trip rules of a bench. It remembers when each signal was last heard and looked at, and nothing else."""
 
     def __init__(
         self, safety: SafetyTable, roles: RolesTable, ambient_bar_abs: float = 1.01325, rate: float = 1.0
@@ -30,6 +33,7 @@ class Limits:
         self.safety, self.roles, self.ambient_bar_abs = safety, roles, ambient_bar_abs
         self.longest_silence_s = max(safety.speed_stale_s, LEAST_REAL_S * rate if rate > 1.0 else 0.0)
         self._heard_ns: dict[str, int] = {}
+        self._looked_ns: dict[str, int] = {}
         self._pressurised = False
 
     def trip(self, view: View, now_ns: int, pressurised: bool) -> str | None:
@@ -41,9 +45,12 @@ class Limits:
         if pressurised and not self._pressurised:  # what was silent before has not been silent under pressure
             self._heard_ns = dict.fromkeys((self.roles.speed, self.roles.pressure), now_ns)
         self._pressurised = pressurised
+        fast, high = self.safety.highest_speed_rpm, self.safety.highest_pressure_bar_abs
         return (
-            self._beyond(speed, "speed", self.safety.highest_speed_rpm, "rpm", 0.0)
-            or self._beyond(pressure, "pressure", self.safety.highest_pressure_bar_abs, "bar abs", self._zero(pressure))
+            self._any_beyond(view, speed, self.roles.speed, ("speed", fast, "rpm", 0.0))
+            or self._any_beyond(
+                view, pressure, self.roles.pressure, ("pressure", high, "bar abs", self._zero(pressure))
+            )
             or self._silent(self.roles.speed, speed, now_ns, "speed")
             or self._silent(self.roles.pressure, pressure, now_ns, "pressure")
         )
@@ -51,11 +58,20 @@ class Limits:
     def _zero(self, pressure: Reading | None) -> float:
         return self.ambient_bar_abs if pressure is not None and pressure.channel.endswith("_gauge") else 0.0
 
-    @staticmethod
-    def _beyond(reading: Reading | None, what: str, limit: float, unit: str, zero: float) -> str | None:
-        """A value above the limit, or above its instrument's scale: then nobody knows how far."""
-        if reading is None:
+    def _any_beyond(
+        self, view: View, newest: Reading | None, channel: str, limit: tuple[str, float, str, float]
+    ) -> str | None:
+        """Of the readings since the last look; of the newest at the first, and where there are no others."""
+        if newest is None:
             return None
+        looked_ns = self._looked_ns.get(channel)
+        self._looked_ns[channel] = newest.reply_ns
+        readings = [] if looked_ns is None else view.since(channel, looked_ns)
+        return next(filter(None, (self._beyond(reading, *limit) for reading in readings or [newest])), None)
+
+    @staticmethod
+    def _beyond(reading: Reading, what: str, limit: float, unit: str, zero: float) -> str | None:
+        """A value above the limit, or above its instrument's scale: then nobody knows how far."""
         if reading.value is None:
             if reading.quality is not Quality.OVER_RANGE or reading.censored < 0:
                 return None

@@ -30,6 +30,9 @@ class View(Protocol):
     def last(self, channel: str) -> Reading | None:
         """The newest reading, failed or not."""
 
+    def since(self, channel: str, after_ns: int) -> list[Reading]:
+        """The readings, failed or not, whose replies came after a time [ns]."""
+
 
 class Verdict(Protocol):
     """Whether a level may be gone to, and why or why not."""

@@ -82,6 +82,10 @@ class BenchView:
         """The newest reading of a channel or role; None before the first."""
         return self._acquisition.last(channel)
 
+    def since(self, channel: str, after_ns: int) -> list[Reading]:
+        """The readings of a channel or role, failed or not, whose replies came after a time [ns]."""
+        return self._acquisition.since(channel, after_ns)
+
 
 class Runner:
     """Carries out a machine's orders on a bench."""

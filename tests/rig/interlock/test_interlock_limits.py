@@ -20,11 +20,15 @@ def reading(name, value, at_s, quality=Quality.OK, censored=0):
 class View(dict):
     """The latest readings by channel."""
 
-    def __init__(self, *readings):
+    def __init__(self, *readings, before=()):
         super().__init__((one.name, one) for one in readings)
+        self.before = before
 
     def last(self, channel):
         return self.get(channel)
+
+    def since(self, channel, after_ns):
+        return [one for one in (*self.before, self.get(channel)) if one.name == channel and one.reply_ns > after_ns]
 
 
 def speed(value, at_s=0.0, **more):
@@ -42,6 +46,15 @@ def test_readings_within_the_limits_do_not_trip():
 def test_a_speed_above_the_limit_trips_with_figure_and_limit():
     said = Limits(SAFETY, ROLES).trip(View(speed(612.5), pressure(2.0)), 0, True)
     assert said == "speed 612.5 rpm (tach.speed_rpm), limit 600 rpm"
+
+
+def test_a_speed_above_the_limit_that_came_between_two_looks_trips():
+    limits = Limits(SAFETY, ROLES)
+    assert limits.trip(View(speed(500.0), pressure(2.0)), 0, True) is None
+    between = (speed(500.0), speed(612.5, 0.1), speed(590.0, 0.15))
+    view = View(speed(580.0, 0.2), pressure(2.0, 0.2), before=between)
+    assert limits.trip(view, int(0.2 * NS), True) == "speed 612.5 rpm (tach.speed_rpm), limit 600 rpm"
+    assert limits.trip(View(speed(580.0, 0.3), pressure(2.0, 0.3), before=between), int(0.3 * NS), True) is None
 
 
 def test_a_speed_that_nothing_verified_trips_too():
