@@ -313,4 +313,10 @@ def _role_mistakes(bench: Bench) -> list[str]:
                 mistakes.append(f"roles.regulator: '{device}' takes no set-point")
         elif channel not in driver.channels:
             mistakes.append(f"roles.{role}: '{device}' has no channel '{channel}' ({', '.join(driver.channels)})")
+    setting = [device for device, driver in drivers.items() if hasattr(driver, "write")]
+    mistakes += [
+        f"safety.waive_failsafe: '{name}' is no regulator of this bench ({', '.join(setting) or 'it has none'})"
+        for name in bench.file.safety.waive_failsafe
+        if name not in setting and (name in drivers or name not in bench.file.devices)
+    ]
     return mistakes

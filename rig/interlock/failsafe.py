@@ -34,12 +34,6 @@ def set_and_check(acquisition: Commands, bench: Bench) -> list[str]:
     a regulator has none, or did not take it, and the bench file does not waive it by name.
     """
     waived = bench.file.safety.waive_failsafe
-    unknown = [name for name in waived if name not in bench.file.devices]
-    if unknown:
-        raise SafetyError(
-            f"[safety] waive_failsafe names '{unknown[0]}', and the bench has no such device "
-            f"({', '.join(bench.file.devices)})"
-        )
     said, refused = [], []
     for device in regulators(bench):
         try:
