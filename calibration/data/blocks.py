@@ -17,6 +17,7 @@ from rig.recording import Recording, RecordingError
 
 FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 LEVEL_PA = 3000.0  # gap that parts two pressure levels
+ROOM_SD_BAR = 0.005  # of the room's pressure, where the recording does not say
 ALIKE = 4.0  # sds of its noise within which a gauge shows the same
 
 
@@ -130,6 +131,7 @@ def blocks_of(recording: Recording) -> Blocks:
 
 def _vented(recording: Recording) -> Vented:
     found: list[tuple[str, float, float, bool]] = []
+    is_end: list[bool] = []
     for file in recording.files:
         gauge = "pressure_bar_gauge" in file.columns
         name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
@@ -156,8 +158,29 @@ def _vented(recording: Recording) -> Vented:
         if read.size:
             noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
             found.append((file.file, float(np.mean(read)), noise * BAR / np.sqrt(read.size), gauge))
+            is_end.append(file.kind == "transient" and file.columns["supply_open"].values[0] > 0.5)
+    before = [one for one, end in zip(found, is_end, strict=True) if not end]
+    found = [one for one, end in zip(found, is_end, strict=True) if not (end and _is_shut(recording, one, before))]
     columns = list(zip(*found, strict=True)) or [(), (), (), ()]
     return Vented(columns[0], np.array(columns[1]), np.array(columns[2]), np.array(columns[3], dtype=bool))
+
+
+def _is_shut(
+    recording: Recording, ended: tuple[str, float, float, bool], vented: list[tuple[str, float, float, bool]]
+) -> bool:
+    """Whether a run ended higher than the gauge reads with the line vented: the line was shut, and kept some air.
+
+    Where nothing shows what it reads then, the room and the declared errors of the gauge say it.
+    """
+    _, level, sd, is_gauge = ended
+    known = [(other, other_sd) for _, other, other_sd, of_gauge in vented if of_gauge == is_gauge]
+    ambient = recording.ambient
+    if not known and ambient.pressure_bar_abs is not None:
+        figures = recording.channels["pressure_bar_gauge" if is_gauge else "pressure_bar_abs"]
+        at = 0.0 if is_gauge else ambient.pressure_bar_abs
+        room_sd = 0.0 if is_gauge else ambient.pressure_sd_bar or ROOM_SD_BAR
+        known = [(at * BAR, float(np.linalg.norm([figures.bias_sd, figures.scale_sd * at, room_sd])) * BAR)]
+    return any(level - other > ALIKE * float(np.hypot(sd, other_sd)) for other, other_sd in known)
 
 
 def _standing(recording: Recording) -> Standing:

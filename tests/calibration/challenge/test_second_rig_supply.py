@@ -422,8 +422,20 @@ ONCE_A_SECOND = WHEEL | {
 STIFF, LARGE = FIGURES | {"regulator_time_s": 0.81}, FIGURES | {"regulator_time_s": 0.013, "valve_time_s": 0.005}
 
 
+# Empties through the motor alone, and keeps some air when the rotor has stopped.
+SHUT = {
+    "regulator_time_s": 0.67,
+    "droop_bar_min_l": 3e-4,
+    "valve_time_s": 0.02,
+    "valve_area_mm2": 40.0,
+    "vent_area_mm2": 0.0,
+    "line_volume_l": 0.7,
+}
+ONE_TOOTH = {"tachometer": "teeth", "teeth": 1, "zero_after_s": 3.0, "gauge_hz": 100.0, "told": ["pulses_per_rev"]}
+
+
 class TestDiagnosed:
-    @pytest.mark.parametrize(("figures", "instruments"), [(STIFF, WHEEL), (LARGE, ONCE_A_SECOND)])
+    @pytest.mark.parametrize(("figures", "instruments"), [(STIFF, WHEEL), (LARGE, ONCE_A_SECOND), (SHUT, ONE_TOOTH)])
     def test_what_line_and_instruments_do_is_no_missing_physics(self, tmp_path, figures, instruments):
         case = replace(cases(lambda one: one.category == "none", seed=30), supply=figures, instruments=instruments)
         make_recording(case, tmp_path / "made")
