@@ -31,7 +31,7 @@ def read_apart(reader: str, path: Path, group: str, wanted: Sequence[str | int])
     RunError
         When the file cannot be read, or the process that reads it ends without an answer.
     """
-    command = [sys.executable, "-m", "rig.exchange.apart", reader, str(path), group, json.dumps(list(wanted))]
+    command = [sys.executable, "-P", "-m", "rig.exchange.apart", reader, str(path), group, json.dumps(list(wanted))]
     try:
         done = subprocess.run(command, capture_output=True, timeout=MOST_S, check=False)
         answer: dict[str, Any] = json.loads(done.stdout) if done.returncode == 0 else {}

@@ -24,7 +24,7 @@ Positive = Annotated[float, Field(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
 OVER_RANGE = ("OL", "+OL", "O.L", "0L", "0.L", "OVLD", "OVER", "OVERLOAD", "OVERRANGE", "OFL", "1.#INF", "INF", "+INF")
 INVALID = (
-    *(
+    *[
         "NaN",
         "-NaN",
         "1.#QNAN",
@@ -39,9 +39,8 @@ INVALID = (
         "ERROR",
         "-OL",
         "UNDER",
-    ),
-    *("-" * count for count in range(1, 9)),
-    *("*" * count for count in range(1, 9)),
+    ],
+    *(mark * count for mark in "-*" for count in range(1, 9)),
 )
 Whole = Annotated[int, Field(ge=1, le=10_000_000)]
 

@@ -38,8 +38,8 @@ class Table:
     ----------
     headings : list of str
         Empty where the file has none.
-    short : tuple of int
-        The line with the fewest cells, and their number; empty where each row has all.
+    short : tuple of int, or None
+        The line with the fewest cells, and their number; None where each row has all.
     """
 
     place: str
