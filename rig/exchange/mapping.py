@@ -24,22 +24,8 @@ Positive = Annotated[float, Field(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
 OVER_RANGE = ("OL", "+OL", "O.L", "0L", "0.L", "OVLD", "OVER", "OVERLOAD", "OVERRANGE", "OFL", "1.#INF", "INF", "+INF")
 INVALID = (
-    *[
-        "NaN",
-        "-NaN",
-        "1.#QNAN",
-        "-1.#IND",
-        "1.#IND",
-        "#N/A",
-        "N/A",
-        "NA",
-        "NULL",
-        "None",
-        "ERR",
-        "ERROR",
-        "-OL",
-        "UNDER",
-    ],
+    *("NaN", "-NaN", "1.#QNAN", "-1.#IND", "1.#IND", "#N/A", "N/A", "NA", "NULL", "None"),
+    *("ERR", "ERROR", "-OL", "UNDER"),
     *(mark * count for mark in "-*" for count in range(1, 9)),
 )
 Whole = Annotated[int, Field(ge=1, le=10_000_000)]
