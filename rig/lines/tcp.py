@@ -14,15 +14,24 @@ CONNECT_S = 3.0  # real time: the other end is a machine on the same bench
 
 
 class TcpPort:
-    """A connection to a device or a gateway."""
+    """A connection to a device or a gateway.
+
+    One that closes the connection after its first answer is connected to again, as the device that it was, and a
+    question that met the closing is sent again, once. From then on each question has a connection of its own. A
+    connection that breaks later is lost.
+    """
 
     def __init__(self, host: str, port: int, clock: Clock) -> None:
         self.host, self.port, self.clock = host, port, clock
         self._socket: socket.socket | None = None
+        self._answers = 0  # on this connection
+        self._question, self._is_answered = b"", False
+        self._closes = False  # after each answer
 
     def open(self) -> None:
         """Connect, without Nagle's delay."""
         self.close()
+        self._answers = 0
         try:
             self._socket = socket.create_connection((self.host, self.port), timeout=CONNECT_S)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -41,17 +50,39 @@ class TcpPort:
 
     def write(self, data: bytes) -> int:
         """Send all bytes."""
+        if self._closes and self._answers:
+            self.open()
+        self._question, self._is_answered = data, False
+        return self._send()
+
+    def _send(self) -> int:
         connection = self._connected()
         time_ns = self.clock.now_ns()
         try:
-            connection.sendall(data)
+            connection.sendall(self._question)
         except OSError as error:
+            if self._answers == 1:
+                return self._send_again()
             raise LostError(f"{self.host}:{self.port}: the connection broke ({error})") from None
         return time_ns
 
+    def _send_again(self) -> int:
+        """Over a new connection, the old one being closed after an answer."""
+        self._closes = True
+        self.open()
+        return self._send()
+
     def read(self, until_ns: int) -> tuple[int, bytes]:
         """Wait for bytes."""
-        connection = self._connected()
+        while True:
+            connection = self._connected()
+            found = self._received(connection, until_ns)
+            if found is not None:
+                return found
+            self._send_again()
+
+    def _received(self, connection: socket.socket, until_ns: int) -> tuple[int, bytes] | None:
+        """What came; None where the device has closed the connection after the answer to an earlier question."""
         wait_s = max(0.0, self.clock.real_s((until_ns - self.clock.now_ns()) / NS))
         try:
             ready, _, _ = select.select([connection], [], [], wait_s)
@@ -59,9 +90,16 @@ class TcpPort:
                 return self.clock.now_ns(), b""
             data = connection.recv(65536)
         except (OSError, ValueError) as error:
+            if self._answers == 1 and not self._is_answered:
+                return None
             raise LostError(f"{self.host}:{self.port}: the connection broke ({error})") from None
+        if not data and self._answers == 1:
+            self._closes = True
+            return (self.clock.now_ns(), b"") if self._is_answered else None
         if not data:
             raise LostError(f"{self.host}:{self.port}: the device closed the connection")
+        self._answers += not self._is_answered
+        self._is_answered = True
         return self.clock.now_ns(), data
 
     def _connected(self) -> socket.socket:

@@ -364,6 +364,46 @@ def test_a_reply_of_another_length_is_refused_over_tcp(on_socket):
         modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0, 3))
 
 
+class OnceEach(threading.Thread):
+    """A device that closes the connection after each answer, and after `most` answers takes no more questions."""
+
+    def __init__(self, most):
+        super().__init__(daemon=True)
+        self.server, self.most, self.answers = socket.create_server(("127.0.0.1", 0)), most, 0
+        self.start()
+
+    def run(self):
+        with self.server:
+            while True:
+                connection, _ = self.server.accept()
+                with connection:
+                    request = connection.recv(256)
+                    if not request or self.answers == self.most:
+                        return
+                    self.answers += 1
+                    connection.sendall(tcp_reply(request, [self.answers]))
+
+
+def test_a_device_that_closes_after_each_answer_is_connected_to_again():
+    device, clock = OnceEach(20), Clock()
+    line = Line("net", TcpPort(*device.server.getsockname(), clock), clock, TIMING)
+    line.open()
+    request = modbus.Request(1, modbus.READ_HOLDING, 0)
+    assert [modbus.exchange(line, "tcp", request)[0] for _ in range(20)] == [(n,) for n in range(1, 21)]
+    with pytest.raises(LostError, match=r"closed the connection|connection broke"):
+        modbus.exchange(line, "tcp", request)
+    line.close()
+
+
+def test_a_device_that_closes_after_many_answers_is_lost(on_socket):
+    answers = iter([b"a", b"b", b"c"])
+    line = on_socket(lambda request: tcp_reply(request, [1]) if next(answers, None) else None)
+    for _ in range(3):
+        modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0))
+    with pytest.raises(LostError):
+        modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0))
+
+
 def test_a_connection_that_the_device_closes_is_lost(on_socket):
     line = on_socket(lambda request: None)
     with pytest.raises(LostError, match="closed the connection"):
