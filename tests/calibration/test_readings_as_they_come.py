@@ -448,7 +448,7 @@ def test_what_is_wrong_with_a_recording_that_was_not_written_is_told_of_the_sour
     said = refused(
         run("runs", "import", str(tmp_path / "log.csv"), "--mapping", str(tmp_path / "map.toml"), "-o", str(made))
     )
-    assert "log.csv, of the rows taken the number 1, column speed_rpm: '210000.0'" in said
+    assert "log.csv, line 2, column speed_rpm: '210000.0'" in said
     assert str(made) not in said
     assert not made.exists()
 
