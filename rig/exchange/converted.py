@@ -142,8 +142,8 @@ def _at_rest(mapping: MappingFile, converted: Converted, place: str) -> Converte
         raise RunError(
             f"{place}, line {converted.lines[row]}: speed_rpm is {speed.values[row]:g} rpm; if it is "
             f"counted the other way round, give factor = -1; what is rest lies within {wanders:.3g} rpm below 0 "
-            f"({ZERO_NOISE:g} noise_sd + "
-            f"{ZERO_BIAS:g} bias_sd + resolution): if the zero wanders farther, state its bias_sd"
+            f"({ZERO_NOISE:g} noise_sd + {ZERO_BIAS:g} bias_sd + resolution): if the zero wanders farther, state its "
+            "bias_sd"
         )
     converted.columns["speed_rpm"] = Column(np.where(speed.values < 0.0, 0.0, speed.values), speed.censor)
     return converted

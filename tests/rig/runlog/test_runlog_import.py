@@ -668,6 +668,15 @@ def test_a_case_after_a_public_report_is_read_as_it_should_be(case, tmp_path):
 # Files of any bytes
 
 
+def read_or_refused(folder):
+    """Import `data` there; what is refused is refused in words, and leaves nothing behind."""
+    try:
+        import_recording([folder / "data"], read_mapping(folder / "elsewhere.toml"), folder / "out")
+    except (RunError, RecordingError) as error:
+        assert str(error)
+        assert not (folder / "out").exists()
+
+
 @pytest.mark.parametrize("reader", ["csv", "xlsx"])
 @hypothesis.given(data=st.data())
 def test_no_file_ends_in_anything_but_a_sentence(reader, data, tmp_path_factory):
@@ -680,11 +689,7 @@ def test_no_file_ends_in_anything_but_a_sentence(reader, data, tmp_path_factory)
     head = HEAD if reader == "csv" else TDMS.replace("tdms", reader)
     (folder / "elsewhere.toml").write_text(head + ('sheet = "a"\n' if reader == "xlsx" else "") + SIMPLE)
     (folder / "data").write_bytes(content)
-    try:
-        import_recording([folder / "data"], read_mapping(folder / "elsewhere.toml"), folder / "out")
-    except (RunError, RecordingError) as error:
-        assert str(error)
-        assert not (folder / "out").exists()
+    read_or_refused(folder)
 
 
 @pytest.fixture(scope="module")
@@ -706,11 +711,7 @@ def test_no_damaged_file_ends_in_anything_but_a_sentence(reader, data, whole_fil
     del content[data.draw(st.integers(1, len(content))) :]
     (folder / "elsewhere.toml").write_text(TDMS.replace("tdms", reader) + SIMPLE)
     (folder / "data").write_bytes(content)
-    try:
-        import_recording([folder / "data"], read_mapping(folder / "elsewhere.toml"), folder / "out")
-    except (RunError, RecordingError) as error:
-        assert str(error)
-        assert not (folder / "out").exists()
+    read_or_refused(folder)
 
 
 def test_a_file_that_takes_its_reader_down_is_refused(whole_files, put, tmp_path):
