@@ -13,6 +13,7 @@ from pathlib import Path
 
 # Before numpy is there. The matrices are small: a second thread of BLAS only waits, and takes a core while it does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # each of the two processes has a core
 
 import hypothesis
 import pytest

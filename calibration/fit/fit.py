@@ -15,7 +15,7 @@ import numpy as np
 from calibration.data import measurement
 from calibration.data.measurement import Measurement
 from calibration.data.refusals import refuse_mixed_units, refuse_out_of_range
-from calibration.fit import posterior, sampling
+from calibration.fit import posterior, proposed, sampling
 from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
 from calibration.fit.sampling import Progress, Settings
 from calibration.systems.radial_piston.batch import effects as with_effects
@@ -27,7 +27,6 @@ from rig.recording import Channel, Recording, RecordingError
 
 GAUGE_CLASSES = (0.6, 1.0, 1.6, 2.5)
 BRIEF_SAMPLES = 2000
-WARM_UP_WITH_EFFECTS = 24  # blocks, where the model holds effects: the ridge is thinner, its map needs more draws
 
 
 class NotConvergedError(ArithmeticError):
@@ -105,12 +104,8 @@ def fit(
     """
     begun = time.monotonic()
     motor, measured, likelihood = prepare(recording, assignments, channels, effects)
-    if effects:
-        settings = dataclasses.replace(settings, warm_up_blocks=WARM_UP_WITH_EFFECTS)
     mark = fingerprint(recording, motor, measured, settings, effects)
-    chain = sampling.sample(
-        likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings, chain_folder, mark, progress
-    )
+    chain = proposed.draw(likelihood, settings, chain_folder, mark, progress)
     if not chain.converged:
         raise NotConvergedError(why_not(chain, settings, chain_folder))
     bad = suspects(chain, likelihood, recording)

@@ -17,6 +17,7 @@ from calibration.fit.transport import TransportMap
 if TYPE_CHECKING:
     from emcee.moves import Move
 
+STEPS = 24  # that a stand-in walks, where the true posterior takes a thousand times as long
 FLATTER = 1.5  # by which a stand-in's log density is divided, for proposals farther out
 
 
@@ -101,12 +102,12 @@ class DelayedAcceptance:
         Log density of points of shape (n, n_unknowns), returning shape (n,) [-].
     shape : TransportMap
         Whose independent numbers the stand-in is nearly normal in.
+    steps : int
+        That the stand-in walks for one of the true posterior [-].
     """
 
-    STEPS = 24
-
-    def __init__(self, stand_in: BatchLogProb, shape: TransportMap) -> None:
-        self.stand_in, self.shape, self.within = stand_in, shape, IndependenceMove()
+    def __init__(self, stand_in: BatchLogProb, shape: TransportMap, steps: int) -> None:
+        self.stand_in, self.shape, self.steps, self.within = stand_in, shape, steps, IndependenceMove()
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
         """One step of all walkers, as emcee calls it.
@@ -128,7 +129,7 @@ class DelayedAcceptance:
         here, value = state.coords.copy(), begin.copy()
         straight = self.shape.pull(here)
         weight = self.shape.push(straight)[1] - self.within.log_density(straight)
-        for _ in range(self.STEPS):
+        for _ in range(self.steps):
             q = self.within.draw(model.random, walkers, n)
             z, log_volume = self.shape.push(q)
             there, other = self.stand_in(z), log_volume - self.within.log_density(q)
@@ -156,11 +157,13 @@ def mixture() -> list[tuple[Move, float]]:
     return [(IndependenceMove(), 0.8), (DEMove(), 0.2)]
 
 
-def delayed(stand_in: BatchLogProb, shape: TransportMap) -> list[tuple[Move, float]]:
+def delayed(
+    stand_in: BatchLogProb, shape: TransportMap, steps: int = STEPS, trusted: bool = False
+) -> list[tuple[Move, float]]:
     """The moves where a stand-in proposes.
 
-    One proposal in five is of a flatter one: where the stand-in has too little mass a walker would be held for long.
-    Differential evolution is for what neither reaches.
+    Some proposals are of a flatter one, one in five or, where the stand-in is ``trusted``, in twenty: where it has too
+    little mass a walker would be held for long. Differential evolution is for what neither reaches.
     """
 
     def flatter(z: np.ndarray) -> np.ndarray:
@@ -168,5 +171,6 @@ def delayed(stand_in: BatchLogProb, shape: TransportMap) -> list[tuple[Move, flo
 
     from emcee.moves import DEMove
 
-    own, flat = DelayedAcceptance(stand_in, shape), DelayedAcceptance(flatter, shape)
-    return [(own, 0.7), (flat, 0.2), (DEMove(), 0.1)]
+    own, flat = DelayedAcceptance(stand_in, shape, steps), DelayedAcceptance(flatter, shape, steps)
+    share = 0.05 if trusted else 0.2
+    return [(own, 0.9 - share), (flat, share), (DEMove(), 0.1)]

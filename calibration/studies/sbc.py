@@ -37,14 +37,14 @@ def simulate_and_rank(seed: int, **changed: float) -> dict[str, Any]:
     Returns ``seed``, ``converged``, ``ranks`` (unknown to rank, 0..127), ``scores`` (the truth's distance from the mean
     in posterior sds), ``truth`` and ``inside`` (whether the central 50 and 90 % intervals of f_overall hold it).
     """
-    from calibration.fit import fit, sampling
+    from calibration.fit import fit, proposed
     from calibration.fit.sampling import Settings
 
     rng = np.random.default_rng(seed)
     recording, truth = simulated_recording(rng)
     _, _, likelihood = fit.prepare(recording)
     settings = Settings(seed=seed, **{**SETTINGS, **changed})  # type: ignore[arg-type]
-    chain = sampling.sample(likelihood.log_prob, len(likelihood.unknowns), likelihood.factors, settings)
+    chain = proposed.draw(likelihood, settings)
     flat = chain.flat()
     drawn = flat[rng.choice(len(flat), DRAWS, replace=False)]
     names = [unknown.name for unknown in likelihood.unknowns]

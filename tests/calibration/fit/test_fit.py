@@ -130,7 +130,7 @@ def killed(published) -> tuple[Path, bool]:
     )  # fmt: skip
     chain = published / "out" / "chain"
     until = time.monotonic() + 120.0
-    while len(list(chain.glob("block_*.npz"))) < 9 and process.poll() is None and time.monotonic() < until:
+    while len(list(chain.glob("block_*.npz"))) < 3 and process.poll() is None and time.monotonic() < until:
         time.sleep(0.005)
     assert process.poll() is None, process.communicate()[1]
     os.kill(process.pid, signal.SIGKILL)
@@ -252,7 +252,8 @@ def test_its_page_does_not_say_that_the_recording_decides_it(wrong, windy):
 
 @pytest.fixture(scope="module")
 def short(windy, spinbench_anywhere) -> subprocess.CompletedProcess[str]:
-    words = ("bench", "-o", "short", "--json", "short.json", "--max-steps", "50", "--steady-only", *BRIEF)
+    words = ("bench", "-o", "short", "--json", "short.json", "--max-steps", "50", "--steady-only")
+    words += ("--effective-samples", "100000")
     return spinbench_anywhere("fit", *words, cwd=windy)
 
 

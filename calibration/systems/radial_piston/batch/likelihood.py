@@ -15,7 +15,6 @@ enters as censored.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,8 +22,18 @@ from calibration.data.measurement import Measurement, Rows
 from calibration.likelihood.mode import BAD
 from calibration.systems.radial_piston.batch import states as effect_states
 from calibration.systems.radial_piston.batch.effects import Effects
+from calibration.systems.radial_piston.batch.polynomials import Polynomials, n_terms, sum_rows_by
 from calibration.systems.radial_piston.batch.rows import add_zero_rows, bad_rows, sum_rows
-from calibration.unknowns.priors import CHANNELS, Error, OfInstrument, Unknown, column_of, factors_at, values_of
+from calibration.unknowns.priors import (
+    CHANNELS,
+    Error,
+    OfEffect,
+    OfInstrument,
+    Unknown,
+    column_of,
+    factors_at,
+    values_of,
+)
 from configs.units import BAR
 from model.effects.laws import Chosen
 from model.motor import QUANTITIES, Motor
@@ -32,15 +41,9 @@ from model.solvers import steady
 from rig.recording import Recording
 
 FEW_ROWS = 3  # with fewer no reading is looked on as bad: there is nothing to tell it by
+FARTHEST = 8.0  # spreads of the points that polynomials are fitted to; farther out they go anywhere
+POINTS_PER_TERM, MOST_RUN = 4, 0.75  # of them, that a rotor runs at
 ERRORS = (Error.OFFSET, Error.SCALE, Error.NOISE)
-
-
-@dataclass(frozen=True)
-class Figures:
-    """Noise and resolution of the three instruments: bar, L/min, rpm; zeros where a channel is absent."""
-
-    noise_sd: np.ndarray
-    resolution: np.ndarray
 
 
 class Likelihood:
@@ -69,19 +72,19 @@ class Likelihood:
         self._readings = motor.readings.vector()
         self._position = {name: i for i, name in enumerate(QUANTITIES)}
         self._bounds = [(i, QUANTITIES[u.name]) for i, u in enumerate(found) if u.name in QUANTITIES]
+        self._moving = [i for i, unknown in enumerate(found) if _moves_plateaus(unknown.of)]
         rows = measured.steady
         P_a = motor.si("ambient_pressure") / BAR
         nominal = (rows.pressure + np.where(rows.is_gauge, P_a, 0.0)) * BAR
         self._gas = steady.gas_table(motor, nominal)
         columns = [column_of(recording, channel) for channel in ("pressure", "flow", "speed")]
         channels = [recording.channels[column] if column else None for column in columns]
-        self._figures = Figures(
-            np.array([channel.noise_sd if channel else 0.0 for channel in channels]),
-            np.array([channel.resolution if channel else 0.0 for channel in channels]),
-        )
+        noise_sd = np.array([channel.noise_sd if channel else 0.0 for channel in channels])  # bar, L/min, rpm
+        resolution = np.array([channel.resolution if channel else 0.0 for channel in channels])
+        share = bad if bad is not None else (BAD if len(rows) >= FEW_ROWS else 0.0)
+        self._told = (noise_sd, resolution, share)
         self._steady = _arrays(rows)
         self._zero = _arrays(measured.zero)
-        self._bad = bad if bad is not None else (BAD if len(rows) >= FEW_ROWS else 0.0)
         self.not_converged = 0
 
     def values(self, z: np.ndarray) -> np.ndarray:
@@ -115,21 +118,56 @@ class Likelihood:
         if inside.any():
             out = self.predict(parameters[inside], errors[inside], self.chosen(z[inside]))
             found = np.empty(out.shape[0])
-            sum_rows(
-                out, errors[inside], self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found
-            )
-            add_zero_rows(
-                parameters[inside, self._position["ambient_pressure"]] / BAR,
-                errors[inside],
-                self._figures.noise_sd,
-                self._figures.resolution,
-                *self._zero,
-                found,
-            )
+            sum_rows(out, errors[inside], *self._told, *self._steady, found)
+            self._add_zero_rows(parameters[inside], errors[inside], found)
             failed = np.any(out[..., steady.STATUS] == steady.NOT_CONVERGED, axis=1) | ~np.isfinite(found)
             self.not_converged += int(failed.sum())
             result[inside] = np.where(failed, -np.inf, found)
         return result
+
+    @property
+    def points_wanted(self) -> int:
+        """Points that polynomials are fitted to [-]."""
+        return POINTS_PER_TERM * n_terms(len(self._moving))
+
+    def polynomials(self, z: np.ndarray) -> Polynomials | None:
+        """Polynomials in the place of the model; None where at many points a rotor stands or a bound is passed.
+
+        Parameters
+        ----------
+        z : ndarray, shape (points_wanted, n_unknowns)
+            Points, about where the posterior has its mass [-].
+        """
+        parameters, errors, inside = self._split(z)
+        if inside.any():
+            out = self.predict(parameters[inside], errors[inside], self.chosen(z[inside]))
+            runs = np.all(out[..., steady.STATUS] == steady.RUNNING, axis=1)
+            if runs.sum() >= MOST_RUN * len(z):
+                return Polynomials(self.values(z)[inside][runs][:, self._moving], out[runs])
+        return None
+
+    def log_prob_by(self, polynomials: Polynomials, z: np.ndarray) -> np.ndarray:
+        """`log_prob` with polynomials in the place of the model, shape (n,) [-].
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, n_unknowns)
+            Points [-].
+        """
+        parameters, errors, inside = self._split(z)
+        x = polynomials.coordinates(self.values(z)[:, self._moving])
+        inside &= np.all(np.abs(x) < FARTHEST, axis=1)
+        result = np.full(len(z), -np.inf)
+        if inside.any():
+            found = np.empty(int(inside.sum()))
+            sum_rows_by(x[inside], polynomials.coefficients, errors[inside], *self._told, *self._steady, found)
+            self._add_zero_rows(parameters[inside], errors[inside], found)
+            result[inside] = found - 0.5 * np.sum(z[inside] ** 2, axis=1)
+        return result
+
+    def _add_zero_rows(self, parameters: np.ndarray, errors: np.ndarray, found: np.ndarray) -> None:
+        P_a = parameters[:, self._position["ambient_pressure"]] / BAR
+        add_zero_rows(P_a, errors, *self._told[:2], *self._zero, found)
 
     def bad_probability(self, z: np.ndarray) -> np.ndarray:
         """Probability that each reading is bad, averaged over points, shape (n_rows, 3): pressure, flow, speed [-].
@@ -142,7 +180,7 @@ class Likelihood:
         parameters, errors, _ = self._split(z)
         out = self.predict(parameters, errors, self.chosen(z))
         found = np.zeros((len(self.measured.steady), 3))
-        bad_rows(out, errors, self._figures.noise_sd, self._figures.resolution, self._bad, *self._steady, found)
+        bad_rows(out, errors, *self._told, *self._steady, found)
         return found / len(z)
 
     def predict(self, parameters: np.ndarray, errors: np.ndarray, chosen: Sequence[Chosen] = ()) -> np.ndarray:
@@ -233,6 +271,13 @@ class Likelihood:
             elif isinstance(unknown.of, OfInstrument):
                 errors[:, CHANNELS.index(unknown.of.channel), ERRORS.index(unknown.of.error)] = values[:, i]
         return parameters, errors, inside
+
+
+def _moves_plateaus(of: OfInstrument | OfEffect | None) -> bool:
+    """Whether an unknown changes what the model expects at a gauge's reading."""
+    if isinstance(of, OfInstrument):
+        return of.channel == "pressure" and of.error != Error.NOISE
+    return True
 
 
 def _arrays(rows: Rows) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

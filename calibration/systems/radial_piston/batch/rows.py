@@ -74,34 +74,42 @@ def cases(
     slope_n = out[steady.SPEED_SLOPE] * RPM * BAR * (1.0 + errors[2, 1])
     q = out[steady.VOLUME_FLOW] * L_MIN * (1.0 + errors[1, 1]) + errors[1, 0]
     n = out[steady.SPEED_OUT] * RPM * (1.0 + errors[2, 1]) + errors[2, 0]
-    good = np.empty(3)
-    bad = np.empty(3)
-    for i in range(3):
-        good[i] = (noise_sd[i] * scale * errors[i, 2]) ** 2 + resolution[i] ** 2 / 12.0
-        bad[i] = (BAD_WIDTH * math.sqrt(good[i]) + BAD_SHARE * abs(reading[i])) ** 2
+    narrower = 1.0 / (1.0 + errors[0, 1]) ** 2
+    good_p, bad_p = _variances(noise_sd[0] * scale * errors[0, 2], resolution[0], reading[0])
+    good_q, bad_q = _variances(noise_sd[1] * scale * errors[1, 2], resolution[1], reading[1])
+    good_n, bad_n = _variances(noise_sd[2] * scale * errors[2, 2], resolution[2], reading[2])
+    odds = math.log(bad_share / (1.0 - bad_share)) if bad_share > 0.0 else -math.inf
+    none_bad = 3.0 * math.log1p(-bad_share)
     top = -math.inf
     for k in range(8):
-        p_bad, q_bad, n_bad = k & 1, (k >> 1) & 1, (k >> 2) & 1
-        if (k > 0 and bad_share == 0.0) or (q_bad and state[1] == MISSING) or (n_bad and state[2] == MISSING):
+        p_is_bad, q_is_bad, n_is_bad = k & 1, (k >> 1) & 1, (k >> 2) & 1
+        if (k > 0 and bad_share == 0.0) or (q_is_bad and state[1] == MISSING) or (n_is_bad and state[2] == MISSING):
             case[k] = -math.inf
             continue
-        count = p_bad + q_bad + n_bad
-        var_p = (bad[0] if p_bad else good[0]) / (1.0 + errors[0, 1]) ** 2
-        own_q = bad[1] if q_bad else good[1]
-        own_n = bad[2] if n_bad else good[2]
+        var_p = (bad_p if p_is_bad else good_p) * narrower
+        own_q = bad_q if q_is_bad else good_q
+        own_n = bad_n if n_is_bad else good_n
         var_q = own_q + var_p * slope_q * slope_q
         var_n = own_n + var_p * slope_n * slope_n
         cov = var_p * slope_q * slope_n
         # Not var_q var_n - cov^2: where the pressure's error is all there is, nothing would be left of that.
         det = own_q * own_n + var_p * (own_q * slope_n * slope_n + own_n * slope_q * slope_q)
-        case[k] = _log_row(reading[1] - q, reading[2] - n, state[1], state[2], var_q, var_n, cov, det)
-        if bad_share > 0.0:
-            case[k] += count * math.log(bad_share) + (3 - count) * math.log(1.0 - bad_share)
+        case[k] = _log_row(reading[1] - q, reading[2] - n, state[1], state[2], var_q, var_n, cov, det) + none_bad
+        if k > 0:
+            case[k] += (p_is_bad + q_is_bad + n_is_bad) * odds
         top = max(top, case[k])
     total = 0.0
     for k in range(8):
         total += math.exp(case[k] - top)
     return top + math.log(total)
+
+
+@njit(cache=True)
+def _variances(noise: float, resolution: float, reading: float) -> tuple[float, float]:
+    """Of a good reading and of a bad one."""
+    good = noise * noise + resolution * resolution / 12.0
+    wide = BAD_WIDTH * math.sqrt(good) + BAD_SHARE * abs(reading)
+    return good, wide * wide
 
 
 @njit(cache=True, parallel=True)
@@ -119,13 +127,26 @@ def sum_rows(
 ) -> None:
     """Log likelihood of the steady rows, one entry a parameter set."""
     for s in prange(out.shape[0]):
-        case = np.empty(8)
-        total = 0.0
-        for r in range(out.shape[1]):
-            total += cases(
-                out[s, r], errors[s], noise_sd, resolution, bad_share, reading[r], state[r], noise_scale[r], case
-            )
-        found[s] = total
+        found[s] = of_set(out[s], errors[s], noise_sd, resolution, bad_share, reading, state, noise_scale)
+
+
+@njit(cache=True, nogil=True)
+def of_set(
+    out: np.ndarray,
+    errors: np.ndarray,
+    noise_sd: np.ndarray,
+    resolution: np.ndarray,
+    bad_share: float,
+    reading: np.ndarray,
+    state: np.ndarray,
+    noise_scale: np.ndarray,
+) -> float:
+    """Log likelihood of the steady rows at one parameter set."""
+    case = np.empty(8)
+    total = 0.0
+    for r in range(out.shape[0]):
+        total += cases(out[r], errors, noise_sd, resolution, bad_share, reading[r], state[r], noise_scale[r], case)
+    return total
 
 
 @njit(cache=True)
