@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from emcee.moves import Move
 
 STEPS = 24  # that a stand-in walks, where the true posterior takes a thousand times as long
+LOCAL, TURNS = 0.3, (0.1, 0.8)  # share of a stand-in's steps that are turns, and how far these go: sine of the angle
 FLATTER = 1.5  # by which a stand-in's log density is divided, for proposals farther out
 
 
@@ -92,9 +93,11 @@ class IndependenceMove:
 class DelayedAcceptance:
     """Let a cheap stand-in walk some steps, and have the true posterior accept where it ends (Christen and Fox 2005).
 
-    The stand-in's own steps are independence proposals in straightened coordinates, accepted by the stand-in: a kernel
-    that leaves the stand-in's distribution as it is and can be walked backwards, so what is sampled is the true
-    posterior, however wrong the stand-in. How wrong it is says the share that is accepted.
+    The stand-in's own steps are taken in straightened coordinates and accepted by the stand-in: independence proposals,
+    or turns that keep a normal law as it is (preconditioned Crank-Nicolson; Cotter et al. 2013), which lead away from
+    where the coordinates are badly straightened. This kernel leaves the stand-in's distribution as it is and can be
+    walked backwards, so what is sampled is the true posterior, however wrong the stand-in. How wrong it is says the
+    share that is accepted.
 
     Parameters
     ----------
@@ -128,14 +131,21 @@ class DelayedAcceptance:
         begin = self.stand_in(state.coords)
         here, value = state.coords.copy(), begin.copy()
         straight = self.shape.pull(here)
-        weight = self.shape.push(straight)[1] - self.within.log_density(straight)
+        weight = self.shape.push(straight)[1] + value
         for _ in range(self.steps):
-            q = self.within.draw(model.random, walkers, n)
+            if model.random.rand() < LOCAL:
+                turn = np.exp(model.random.uniform(*np.log(TURNS), size=(walkers, 1)))
+                q = np.sqrt(1.0 - turn**2) * straight + turn * model.random.randn(walkers, n)
+                of_moves = 0.5 * (np.sum(q**2, axis=1) - np.sum(straight**2, axis=1))
+            else:
+                q = self.within.draw(model.random, walkers, n)
+                of_moves = self.within.log_density(straight) - self.within.log_density(q)
             z, log_volume = self.shape.push(q)
-            there, other = self.stand_in(z), log_volume - self.within.log_density(q)
+            there = self.stand_in(z)
             with np.errstate(invalid="ignore"):
-                taken = np.log(model.random.rand(walkers)) < there - value + other - weight
-            here[taken], value[taken], weight[taken] = z[taken], there[taken], other[taken]
+                taken = np.log(model.random.rand(walkers)) < there + log_volume - weight + of_moves
+            here[taken], straight[taken], value[taken] = z[taken], q[taken], there[taken]
+            weight[taken] = (there + log_volume)[taken]
         # Where the stand-in has no mass it cannot walk from; the other move leads out of there.
         moved = np.isfinite(begin) & np.any(here != state.coords, axis=1)
         accepted = np.zeros(walkers, dtype=bool)

@@ -25,14 +25,15 @@ from calibration.systems.radial_piston.batch.likelihood import Likelihood
 POINTS = 10_000  # in a generation of proposals
 GENERATIONS = 24
 LIKE = 0.125  # share of the points that a generation's weights, tempered, are worth
-GOOD = 0.2  # the same without tempering: where the map is like the polynomials' own distribution
+GOOD = 0.4  # the same without tempering: where the map is like the polynomials' own distribution
+PATIENCE = 4  # generations with none better, after which the best is taken
 ROUNDS = 3  # of fitting polynomials: about the peak, then where those before have their mass
 WIDER = 1.5  # than that: where they are fitted
 LEAST = 1e4  # of minus a log weight: what is impossible
 LOOKED_AT = 1000  # draws of the polynomials at which the true posterior is asked for
 HEAVIEST = 0.7  # Pareto's k of the weights there, above which polynomials are not trusted
 TIMES_TAU, BLOCK = 10.0, 5  # proposals that forget at once: short chains tell how long is enough
-STEPS, STEPS_WITH_EFFECTS = 6, 24  # that the polynomials walk for one of the true posterior: effects make that dear
+STEPS, STEPS_WITH_EFFECTS = 8, 24  # that the polynomials walk for one of the true posterior: effects make that dear
 WARM_UP_WITH_EFFECTS = 24  # blocks, without polynomials: the ridge is thinner, its map needs more draws
 
 
@@ -108,6 +109,7 @@ def _moved(
     points count (population Monte Carlo, Cappe et al. 2004).
     """
     proposal = IndependenceMove()
+    best, best_drawn, most, since = generation, np.empty((0, generation.points.shape[1])), 0.0, 0
     for _ in range(GENERATIONS):
         log_weights = stand_in(generation.points) - generation.log_density
         if not np.isfinite(log_weights.max()):
@@ -117,13 +119,17 @@ def _moved(
         shares = np.cumsum(np.exp(np.maximum(power * log_weights, -LEAST)))
         at = np.searchsorted(shares, (np.arange(POINTS) + random.rand()) / POINTS * shares[-1])
         drawn = generation.points[np.minimum(at, POINTS - 1)]
-        if power == 1.0 and generation.shape is not None and _worth(log_weights) > GOOD:
-            return drawn, generation
+        since += 1
+        worth = _worth(log_weights) if power == 1.0 and generation.shape else 0.0
+        if worth > most:
+            best, best_drawn, most, since = generation, drawn, worth, 0
+        if most > GOOD or (most > 0.0 and since == PATIENCE):
+            break
         shape = TransportMap(drawn, factors(drawn.mean(axis=0)))
         e = proposal.draw(random, POINTS, drawn.shape[1])
         points, log_volume = shape.push(e)
         generation = _Generation(points, proposal.log_density(e) - log_volume, shape)
-    return np.empty((0, generation.points.shape[1])), generation
+    return best_drawn, best
 
 
 def _worth(log_weights: np.ndarray) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import dynesty
@@ -20,7 +21,7 @@ from results import Row
 from scipy.special import ndtri
 from timing import one_core
 
-from calibration.fit import fit, sampling
+from calibration.fit import fit, proposed, sampling
 from calibration.fit.sampling import Chain, Settings
 from rig.recording import read_recording
 
@@ -39,15 +40,15 @@ class Target:
     ----------
     log_prob, log_likelihood : callable
         Of points of shape (n, n_unknowns), returning shape (n,) [-].
-    factors : callable
-        `calibration.systems.radial_piston.batch.likelihood.Likelihood.factors`.
+    draw : callable
+        Our whole run with given settings.
     n_unknowns : int
         Dimensions [-].
     """
 
     log_prob: LogProb
     log_likelihood: LogProb
-    factors: Callable[[np.ndarray], np.ndarray]
+    draw: Callable[[Settings], Chain]
     n_unknowns: int
 
 
@@ -88,7 +89,12 @@ def gaussian(n: int) -> Target:
     n : int
         Number of unknowns [-].
     """
-    return Target(lambda z: -2.5 * np.sum(z * z, axis=1), lambda z: -2.0 * np.sum(z * z, axis=1), np.ones_like, n)
+
+    def log_prob(z: np.ndarray) -> np.ndarray:
+        return -2.5 * np.sum(z * z, axis=1)
+
+    draw = partial(sampling.sample, log_prob, n, np.ones_like)
+    return Target(log_prob, lambda z: -2.0 * np.sum(z * z, axis=1), draw, n)
 
 
 def of_recording(folder: Path) -> Target:
@@ -100,7 +106,8 @@ def of_recording(folder: Path) -> Target:
         A recording/1 folder.
     """
     _, _, likelihood = fit.prepare(read_recording(folder))
-    return Target(likelihood.log_prob, likelihood.log_likelihood, likelihood.factors, len(likelihood.unknowns))
+    draw = partial(proposed.draw, likelihood)
+    return Target(likelihood.log_prob, likelihood.log_likelihood, draw, len(likelihood.unknowns))
 
 
 def rows(target: Target, effort: Effort, tell: Callable[[str], None]) -> list[Row]:
@@ -146,7 +153,7 @@ def ours(target: Target, settings: Settings) -> tuple[Chain, float]:
         Seed, target and budget.
     """
     begun = time.perf_counter()
-    chain = sampling.sample(target.log_prob, target.n_unknowns, target.factors, settings)
+    chain = target.draw(settings)
     return chain, time.perf_counter() - begun
 
 
