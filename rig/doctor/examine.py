@@ -125,20 +125,21 @@ class _Examination:
         return found, latency.p50_s if latency.failures < latency.polls else None
 
     def _of_silent(self, table: LineTable, silent: dict[str, tuple[LineError, bool]], anyone: bool) -> list[Finding]:
-        """Devices that gave no answer: a wrong baud rate when the whole line is dumb, else address or power."""
+        """Devices that gave no answer: a wrong setting when the whole line is dumb, else address or power."""
         found = []
         for device, (error, garbage) in silent.items():
             said = f"bytes come, but no answer: {error}" if garbage else f"nobody answers: {error}"
+            name, unit = self.bench.file.devices[device].line, self.bench.file.devices[device].unit_id
             fix, sure = "check power, cable (A and B swapped?) and the address", False
-            if table.kind == "serial" and table.paced and not anyone:
+            has_others = unit is not None if table.kind == "tcp" else table.kind == "serial" and table.paced
+            if has_others and not anyone:
                 right = trials.other_settings(self.bench, device, self.ports, self.clock)
                 if right is not None:
-                    key, value = ("baud", right.baud) if right.baud != table.baud else ("parity", f'"{right.parity}"')
-                    said += f". It answers at {right.baud} baud, parity {right.parity}"
-                    sure, fix = True, f"write {key} = {value} into [lines.{self.bench.file.devices[device].line}]"
+                    how, key, value = _difference(table, right)
+                    said += f". It answers {how}"
+                    sure, fix = True, f"write {key} = {value} into [lines.{name}]"
                 else:
                     said += f". It answers at no other of the usual settings either ({_tried(table)})"
-            unit = self.bench.file.devices[device].unit_id
             if self.scan_units and unit is not None and not sure:
                 others = trials.other_units(self.bench, device, self.scan_units, self.ports, self.clock)
                 said += f". Not unit {unit}, but unit {', '.join(map(str, others))} answers" if others else ""
@@ -149,6 +150,16 @@ class _Examination:
         return found
 
 
+def _difference(table: LineTable, right: LineTable) -> tuple[str, str, str]:
+    """How a device answers, in words, and the key and value that say so."""
+    if table.kind == "tcp":
+        return f"with framing {right.framing}", "framing", f'"{right.framing}"'
+    how = f"at {right.baud} baud, parity {right.parity}"
+    return (how, "baud", str(right.baud)) if right.baud != table.baud else (how, "parity", f'"{right.parity}"')
+
+
 def _tried(table: LineTable) -> str:
+    if table.kind == "tcp":
+        return "the other framing of Modbus"
     bauds = ", ".join(str(baud) for baud in sorted(trials.BAUDS) if baud != table.baud)
     return f"{bauds} baud; parity {' and '.join(p for p in trials.PARITIES if p != table.parity)} at {table.baud}"

@@ -1,4 +1,4 @@
-"""Where nobody answers: other baud rates and parities on a serial line, other addresses on a bus.
+"""Where nobody answers: other baud rates and parities on a serial line, the other framing, other addresses on a bus.
 
 Only what opens and identifies a device is sent, the same as at the start of a run; no set-point is ordered.
 """
@@ -22,11 +22,16 @@ Ports = Callable[[str, LineTable, Clock], Port]
 
 
 def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock) -> LineTable | None:
-    """The line's table with the baud rate or parity at which a device answers; None when it does at none."""
+    """The line's table with the baud rate or parity at which a device answers, or of a socket the framing of Modbus;
+    None when it does at none."""
     name = bench.file.devices[device].line
     table = bench.file.lines[name]
-    candidates: list[dict[str, int | str]] = [{"baud": baud} for baud in BAUDS if baud != table.baud]
-    candidates += [{"parity": parity} for parity in PARITIES if parity != table.parity]
+    candidates: list[dict[str, int | str]]
+    if table.kind == "tcp":
+        candidates = [{"framing": "tcp" if table.framing == "rtu" else "rtu"}]
+    else:
+        candidates = [{"baud": baud} for baud in BAUDS if baud != table.baud]
+        candidates += [{"parity": parity} for parity in PARITIES if parity != table.parity]
     for change in candidates:
         changed = table.model_copy(update=change)
         if _answers(built(bench, device, bench.file.devices[device], changed), name, changed, ports, clock):

@@ -93,7 +93,16 @@ def length_of(request: Request, framing: str) -> Complete:
     It takes the bytes so far and gives how many of them end with the frame, or None while more are needed.
     """
     if framing == "tcp":
-        return _tcp_length
+
+        def tcp_length(buffer: bytes) -> int | None:
+            try:
+                return _tcp_length(buffer)
+            except BadReplyError:
+                if _answer_in(request, buffer):
+                    return len(buffer)
+                raise
+
+        return tcp_length
 
     def rtu_length(buffer: bytes) -> int | None:
         """Up to the end of the answer, or of any whole frame that stands at the start."""
@@ -143,8 +152,10 @@ def _answer_in(request: Request, buffer: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _spoiled(request: Request) -> Complete:
-    """What tells how long a damaged RTU answer is, once no more bytes come."""
+def _spoiled(request: Request, framing: str) -> Complete:
+    """What tells how long a damaged answer is, or one of the other framing, once no more bytes come."""
+    if framing == "tcp":
+        return lambda buffer: len(buffer) if _answer_in(request, buffer) else None
 
     def length(buffer: bytes) -> int | None:
         whole = _good_bytes(request, buffer)
@@ -165,6 +176,11 @@ def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tu
         if not _RTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big")):
             raise BadReplyError(f"{asked}: wrong CRC in {frame[:16].hex(' ')}")
     else:
+        if _answer_in(request, frame) and _is_no_tcp(frame):
+            raise BadReplyError(
+                f'{asked}: an RTU frame where Modbus TCP was expected: write framing = "rtu" at this line in the bench '
+                "file, as for a serial bus behind a converter"
+            )
         if frame[2:4] != b"\0\0":
             raise BadReplyError(f"{asked}: not Modbus TCP: {frame[:16].hex(' ')}")
         answered = int.from_bytes(frame[:2], "big")
@@ -198,8 +214,8 @@ def exchange(line: Line, framing: str, request: Request, timing: Timing | None =
     line.transactions += 1
     transaction = line.transactions & 0xFFFF
     is_rtu = framing == "rtu"
-    question, spoiled = encode(request, framing, transaction), _spoiled(request) if is_rtu else None
-    reply = line.ask(question, length_of(request, framing), timing, spoiled)
+    question = encode(request, framing, transaction)
+    reply = line.ask(question, length_of(request, framing), timing, _spoiled(request, framing))
     begin, _ = (_answer_in(request, reply.data) if is_rtu else None) or (0, 0)
     try:
         return decode(request, framing, transaction, reply.data[begin:]), reply
@@ -221,6 +237,10 @@ def _check_written(request: Request, body: bytes, asked: str) -> tuple[int, ...]
     if body[1:] != request.address.to_bytes(2, "big") + second.to_bytes(2, "big"):
         raise BadReplyError(f"{asked}: the answer confirms another write: {body[1:].hex(' ')}")
     return ()
+
+
+def _is_no_tcp(frame: bytes) -> bool:
+    return frame[2:4] != b"\0\0" or 6 + int.from_bytes(frame[4:6], "big") != len(frame)
 
 
 def _tcp_length(buffer: bytes) -> int | None:

@@ -6,6 +6,7 @@ import pickle
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -291,6 +292,40 @@ def test_an_address_that_takes_no_connection_is_told(tmp_path, host):
     (tmp_path / "bench.toml").write_text(text)
     findings = examine(read_bench(tmp_path / "bench.toml"), host=host)
     assert f"127.0.0.1:{free} does not take a connection" in only(findings, "line bus", Level.FAULT).what
+
+
+@pytest.fixture
+def converter():
+    """A serial bus behind a converter that hands on bytes as they come: its TCP port."""
+    with peer() as device, socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            while True:
+                try:
+                    connection, _ = server.accept()
+                except OSError:
+                    return
+                with connection:
+                    while frame := connection.recv(256):
+                        connection.sendall(device._answer(frame))
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield server.getsockname()[1]
+        server.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.mark.parametrize("framing", ["", 'framing = "rtu"\n'])
+def test_a_serial_bus_behind_a_converter_wants_the_other_framing(tmp_path, host, converter, framing):
+    text = BENCH.format(port="-", baud=9600, timeout_s=0.2, gauge=1, period_s=0.2)
+    tcp = f'kind = "tcp"\nhost = "127.0.0.1"\ntcp_port = {converter}\n{framing}'
+    (tmp_path / "bench.toml").write_text(text.replace('kind = "serial"\nport = "-"\n', tcp))
+    findings = examine(read_bench(tmp_path / "bench.toml"), host=host, polls=2)
+    if framing:
+        assert of(findings, "gauge", Level.OK)
+    else:
+        fault = only(findings, "gauge", Level.FAULT)
+        assert "It answers with framing rtu" in fault.what
+        assert fault.fix == 'write framing = "rtu" into [lines.bus]'
 
 
 def test_a_person_is_not_examined(host):

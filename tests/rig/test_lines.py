@@ -19,6 +19,7 @@ from rig.lines import serial as lines_serial
 from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort
 from rig.readings import Quality
+from rig.virtual.devices import frames
 
 TIMING = Timing(timeout_s=0.05, slowest_reply_s=0.15, quiet_s=0.005)
 REGISTERS = {0: 111, 10: 222, 20: 333}  # each address has its own value, so that a wrong answer shows
@@ -362,6 +363,19 @@ def test_a_reply_of_another_length_is_refused_over_tcp(on_socket):
     line = on_socket(lambda request: tcp_reply(request, [7]))
     with pytest.raises(BadReplyError, match="2 bytes of data where 6"):
         modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0, 3))
+
+
+@pytest.mark.parametrize("registers", [[7], [0, 0], [256, 8192, 1], [7, 8, 9], [0] * 20, list(range(60))])
+def test_an_rtu_frame_where_modbus_tcp_was_expected_is_told_with_the_key_to_set(on_socket, registers):
+    """A converter that hands on a serial bus as it is."""
+
+    def rtu(request):
+        body = bytes([1, 3, 2 * len(registers)]) + b"".join(value.to_bytes(2, "big") for value in registers)
+        return frames.rtu(1, body[1:])
+
+    line = on_socket(rtu)
+    with pytest.raises(BadReplyError, match='an RTU frame where Modbus TCP was expected: write framing = "rtu"'):
+        modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0, len(registers)))
 
 
 class OnceEach(threading.Thread):
