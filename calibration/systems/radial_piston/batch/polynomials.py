@@ -1,7 +1,7 @@
 """Speed and flow of every plateau as polynomials of the third degree of what moves them.
 
 In the unknowns' values, not in their logarithms, the steady state is smooth: over a posterior's width the polynomials
-miss it by some millionths, and they take a hundredth of its time. A fit proposes by them; the true model accepts.
+miss it by some millionths, and they take about a tenth of its time. A fit proposes by them; the true model accepts.
 """
 
 from __future__ import annotations
