@@ -25,7 +25,7 @@ from rig.readings import NS, Exchange
 FIRST_BACK_OFF_S = 0.1
 LONGEST_BACK_OFF_S = 2.0
 PROBE_S = 2.0  # where others wait on the line, a failing device is asked no more often than this,
-PROBE_SHARE = 0.05  # and takes no more than this share of the line's time
+PROBE_SHARE = 0.2  # and takes no more than this share of the line's time
 ALONE_S = 0.5  # where none does: it is asked again after this
 IDLE_S = 0.5
 BUSY_TRIES, BUSY_S = 4, 0.5  # of a device that says at the start that it is busy, and how long it is left alone
@@ -307,7 +307,7 @@ class Worker(threading.Thread):
         """How long a device that fails is left alone, so that its timeouts do not eat the others' time."""
         if len(self.devices) == 1:
             return int(ALONE_S * NS)
-        return int(max(PROBE_S * NS, cost_ns / PROBE_SHARE))
+        return int(max(PROBE_S * NS, cost_ns * (1.0 / PROBE_SHARE - 1.0)))
 
     def _introduce_patiently(self, name: str) -> None:
         """Identify a device that may have just been switched on."""

@@ -217,4 +217,4 @@ class Line:
 
     def _too_little(self, buffer: bytes, timing: Timing) -> str:
         came = f"{len(buffer)} bytes ({buffer[:16].hex(' ')}) and then nothing" if buffer else "nothing"
-        return f"line {self.name}: {came} within {timing.timeout_s:g} s"
+        return f"line {self.name}: {came} within {self._wait_ns(timing.timeout_s) / NS:g} s"

@@ -144,6 +144,19 @@ def test_a_dead_device_does_not_slow_the_others_on_its_line(acquiring, tmp_path)
         assert len(failed()) - count <= 3  # the dead one, which would be asked 20 times
 
 
+def test_a_device_among_others_is_read_again_soon_after_a_silence(acquiring, tmp_path):
+    text = MODBUS.replace("baud = 19200", "baud = 19200\ntimeout_s = 0.5\nslowest_reply_s = 1.0")
+    with serving(bench(text, paced=False), tmp_path, rate=1.0) as served:
+        _, sink = acquiring(served, bench(text, paced=False))
+        readings = lambda: sink.readings("gauge.pressure_bar_abs")  # noqa: E731
+        served.ask(do="fault", kind="dropped", device="gauge", chance=1.0)
+        wait_until(lambda: sum(one.quality is Quality.TIMEOUT for one in readings()) >= 4, 30.0)
+        served.ask(do="clear")
+        back_ns = served.clock.now_ns()
+        wait_until(lambda: any(one.usable and one.time_ns > back_ns for one in readings()), 30.0)
+        assert (served.clock.now_ns() - back_ns) / NS < 8.0  # four times what a question without an answer takes
+
+
 def alone(device):
     """A worker of a line with one meter, which the device of a pty plays, and what it has read."""
     settings = instrument_of(FLOW.encode(), "flow.toml")

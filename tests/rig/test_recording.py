@@ -626,7 +626,7 @@ def columns(draw, name: str, rows: int) -> Column:
 
 
 @st.composite
-def files(draw, name: str) -> RecordingFile:
+def files(draw, name: str, begins: tuple[float, float] = (-1e9, 1e9)) -> RecordingFile:
     rows = draw(st.integers(1, 6))
     kind = draw(st.sampled_from(["steady", "transient", "zero"]))
     others = draw(st.sets(st.sampled_from(["supply_open", "rotor_locked", "inlet_temperature_c", "torque_nm"])))
@@ -641,7 +641,7 @@ def files(draw, name: str) -> RecordingFile:
     return RecordingFile(
         file=name,
         kind=kind,
-        start_s=draw(st.floats(-1e9, 1e9)),
+        start_s=draw(st.floats(*begins)),
         noise_scale=draw(st.floats(0.01, 100.0)),
         rows=rows,
         columns=numbers,
@@ -653,7 +653,8 @@ def files(draw, name: str) -> RecordingFile:
 @st.composite
 def recordings(draw) -> Recording:
     """Any recording that recording/1 can hold."""
-    taken = tuple(draw(files(name)) for name in draw(st.sampled_from([["a.csv"], ["a.csv", "b/c d.csv"]])))
+    one, two = (files("a.csv"),), (files("a.csv", (-1e9, -1e6)), files("b/c d.csv", (1e6, 1e9)))  # none overlap
+    taken = tuple(draw(file) for file in draw(st.sampled_from([one, two])))
     present = [name for name in MEASURED if any(name in file.columns for file in taken)]
     channels = {}
     for name in present:

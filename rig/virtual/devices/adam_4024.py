@@ -18,7 +18,7 @@ OUTPUTS, TYPES, NAME, SAFETY_ENABLED, SAFETY_OCCURRED = 0, 200, 210, 214, 215  #
 COUNT = 4
 MODEL_AND_VERSION = (0x4024, 0x0000, 0xA200, 0x0000)
 # As with every wait on a bench faster than real time: a busy machine is not a silent bus.
-LEAST_REAL_SAFETY_S = 1.0
+LEAST_REAL_SAFETY_S = 5.0
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> Adam4024:

@@ -138,8 +138,8 @@ def test_a_rotor_at_rest_is_no_lost_signal():
 def test_on_a_fast_clock_a_pause_of_the_machine_is_no_lost_signal():
     limits = Limits(SAFETY, ROLES, rate=20.0)
     limits.trip(View(speed(300.0), pressure(2.0)), 0, True)
-    assert limits.trip(View(speed(300.0), pressure(2.0)), 50 * NS, True) is None  # 2.5 s of the wall
-    assert limits.trip(View(speed(300.0), pressure(2.0)), 70 * NS, True)
+    assert limits.trip(View(speed(300.0), pressure(2.0)), 190 * NS, True) is None  # 9.5 s of the wall
+    assert limits.trip(View(speed(300.0), pressure(2.0)), 210 * NS, True)
 
 
 def test_a_speed_beyond_a_scale_whose_end_is_not_known_trips_at_once():

@@ -1,6 +1,11 @@
 """A whole sweep over real bytes: the virtual bench at ten times real time, the real acquisition, a real run log."""
 
+import os
 import re
+import signal
+import sys
+import threading
+import time
 
 import pytest
 
@@ -12,6 +17,7 @@ from rig.run.running import Wanted, take
 from rig.runlog import read_run
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
+from rig.virtual.launch import launch
 
 MOTOR = read_motor("ptm3600")
 
@@ -89,3 +95,35 @@ def test_the_coast_down_has_every_tooth(swept):
     turning = samples[within & (samples["channel"] == "speed_rpm") & (samples["value"] > 40.0)]
     assert len(turning) >= 20
     assert set(turning["raw"].str.partition(" in ")[0]) == {"1 edge"}
+
+
+@pytest.mark.slow
+def test_a_bench_that_stands_still_for_seconds_on_a_busy_machine_loses_no_sweep(tmp_path, monkeypatch):
+    """Stopped under pressure, so that gauge, regulator and tachometer all go unanswered."""
+    text = (FOLDER / "virtual.toml").read_text()
+    text = re.sub(r"levels_bar_abs = .*", "levels_bar_abs = [1.5]\nzero_s = 2.0", text)
+    text = text.replace('order = "up-down"', 'order = "up"').replace("dwell_s = 5.0", "dwell_s = 120.0")
+    path = tmp_path / "virtual.toml"
+    path.write_text(re.sub(r"captures = .*", "captures = []", text))
+    paused = threading.Event()
+    started = launch
+
+    def launched(*arguments, **options):
+        bench = started(*arguments, **options)
+
+        def pause():
+            while not bench.control({"do": "state"})["pressure_bar_abs"] > 1.49:
+                time.sleep(0.1)
+            os.kill(bench.process.pid, signal.SIGSTOP)
+            time.sleep(2.5)
+            os.kill(bench.process.pid, signal.SIGCONT)
+            paused.set()
+
+        threading.Thread(target=pause, daemon=True).start()
+        return bench
+
+    monkeypatch.setattr(sys.modules["rig.virtual.launch"], "launch", launched)
+    made, outcome = take(path, Given(minutes_running=0.0), sweep_course, Wanted("sweep", tmp_path / "logs", rate=16.0))
+    assert (outcome.outcome, outcome.reason, outcome.vented) == ("finished", "", True)
+    assert paused.is_set()
+    assert (read_run(made).samples["quality"] == "timeout").any()
