@@ -15,9 +15,11 @@ import numpy as np
 from calibration.fit import moves, posterior, sampling, store, surrogate
 from calibration.fit.fit import NotConvergedError, why_not
 from calibration.fit.integrated import Integrated, log_prob_of
+from calibration.fit.peak import NoPeakError
 from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
 from calibration.fit.sampling import Begun, Progress, Settings
 from calibration.fit.surrogate import Surrogate
+from calibration.fit.transport import REACH
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.comparison import Several
@@ -107,9 +109,12 @@ def fit(
     ------
     NotConvergedError
         When the budget is spent.
+    NoPeakError
+        When the most probable point lies where nothing is ever proposed.
     """
     begun = time.monotonic()
     target = Integrated(comparison, mode)
+    _refuse_far_out(target)
     mark = _fingerprint(recordings, target, settings)
     if chain_folder is not None:
         store.refuse_another(chain_folder, mark)
@@ -191,6 +196,20 @@ def _expected(
         if bad[i] > posterior.SUSPECT
     ]
     return bands, suspects, np.array(with_own) if target.told.size else None
+
+
+def _refuse_far_out(target: Integrated) -> None:
+    centre = target.centre()
+    far = [
+        f"{unknown.name} {value:.3g}{'' if unknown.unit == '1' else f' {unknown.unit}'} ({z:+.1f} prior sds)"
+        for unknown, value, z in zip(target.unknowns, target.values(centre[None])[0], centre, strict=True)
+        if abs(z) > REACH
+    ]
+    if far:
+        raise NoPeakError(
+            f"the most probable point has {', '.join(far)}, and a fit goes no farther than {REACH:g} prior sds; "
+            "leave out the readings that ask for it by --without FILE"
+        )
 
 
 def _fingerprint(recordings: Sequence[Recording], target: Integrated, settings: Settings) -> str:

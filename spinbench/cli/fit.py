@@ -158,6 +158,7 @@ def _fitted_whole(read: Sequence[Recording], asked: Asked, out: Path | None) -> 
     from calibration import fit_quality
     from calibration.fit import whole
     from calibration.fit.fit import NotConvergedError
+    from calibration.fit.peak import NoPeakError
     from calibration.fit.sampling import WHOLE
 
     settings, workers = asked.settings.within(WHOLE), min(2, os.cpu_count() or 1)
@@ -169,7 +170,7 @@ def _fitted_whole(read: Sequence[Recording], asked: Asked, out: Path | None) -> 
     try:
         with sampling("fit") as progress:
             found = whole.fit(used, start.comparison, start.base, settings, chain, progress, workers)
-    except NotConvergedError as error:
+    except (NotConvergedError, NoPeakError) as error:
         if not quality.model_fits:
             error.add_note(f"nor does the model explain the readings: {quality.why}")
         raise

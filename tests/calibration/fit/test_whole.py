@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -150,6 +151,25 @@ def test_bad_input_is_refused_in_words_and_nothing_is_written(bench, spinbench_h
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert not (bench / "refused").exists() and not (bench / "refused.json").exists()
+
+
+def test_a_run_that_the_model_cannot_follow_is_no_fit_but_an_error_that_says_so(bench, tmp_path, spinbench_here):
+    """A tachometer that skips: its noise would have to be far louder than a fit ever looks."""
+    shutil.copytree(bench / "one", tmp_path / "skips")
+    run = tmp_path / "skips" / "coast_down.csv"
+    header, *rows = run.read_text().splitlines()
+    place, rng = header.split(",").index("speed_rpm"), np.random.default_rng(1)
+    table = [row.split(",") for row in rows]
+    for row in table:
+        row[place] = f"{float(row[place]) * rng.uniform(0.5, 1.5):.3f}"
+    run.write_text("\n".join([header, *(",".join(row) for row in table)]) + "\n")
+    done = spinbench_here("fit", "skips", "-o", "out", "--json", "out.json", *BRIEF, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert "has speed_noise_scale " in done.stderr and "nor does the model explain the readings" in done.stderr
+    assert not (tmp_path / "out").exists() and not (tmp_path / "out.json").exists()
+    done = spinbench_here("fit", "skips", "--without", "coast_down.csv", *BRIEF, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 # The parts
