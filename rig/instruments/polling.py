@@ -150,15 +150,22 @@ class Polled(abc.ABC):
 def repeated(ask: Callable[[], Found], retries: int) -> Found:
     """Ask, and ask again after a timeout or a damaged reply; a refusal is an answer and is not repeated.
 
+    A late answer costs no repetition, once: the device is there, and at the next question the line is in step again.
     Raises LineError: the last failure.
     """
-    for _ in range(retries):
+    may_be_late = retries > 0
+    while True:
         try:
             return ask()
         except LineError as error:
             if isinstance(error, LostError) or error.quality is Quality.EXCEPTION:
                 raise
-    return ask()
+            if may_be_late and error.quality is Quality.STALE:
+                may_be_late = False
+            elif retries > 0:
+                retries -= 1
+            else:
+                raise
 
 
 def agreement(channel: ChannelFile) -> float:

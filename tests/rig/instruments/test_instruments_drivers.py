@@ -179,6 +179,14 @@ def test_a_retry_is_counted(bench):
     assert [(r.value, r.retries) for r in driver.poll(line)] == [(2.5, 1), (21.25, 1)]
 
 
+def test_an_answer_that_came_too_late_costs_no_retry(bench):
+    """The first question is answered at the second: two answers to one, of which nobody knows which is which."""
+    answers = iter([lambda good: None, lambda good: 2 * good, lambda good: good])
+    driver = keller()
+    line, _ = bench(driver, Registers(floats(2, 2.5, 0.0, 21.25), lambda good: next(answers)(good)))
+    assert [(r.value, r.retries) for r in driver.poll(line)] == [(2.5, 2), (21.25, 2)]
+
+
 def test_a_doubled_answer_is_read_once(bench):
     driver = keller()
     slave = Registers(floats(2, 2.5, 0.0, 21.25), lambda good: good + good)
