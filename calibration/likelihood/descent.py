@@ -1,4 +1,9 @@
-"""The search for a model's most probable point: Gauss-Newton. Steps that do not lower the cost are shortened."""
+"""The search for a model's most probable point: steps of Gauss and Newton, damped ones where those creep.
+
+A step that does not lower the cost is shortened. Along a curved valley, as between a line's pressure and the forms of a
+valve, shortened steps creep; a damped one turns downhill. Neither is the better one everywhere.
+Source: Marquardt, An algorithm for least-squares estimation of nonlinear parameters, SIAM J. 11 (1963) 431.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +23,15 @@ from calibration.unknowns.priors import NOISE_SD
 LARGEST_MOVE = 6.0
 MOST_PASSES = 30
 HALVINGS = 8  # of an effect with which the motor stalls
-TRIES = 4  # of a step that does not lower the cost: as far as the parabola through the last says, and
-LONGEST, SHORTEST = 0.5, 0.1  # shares of that one between which it is held
-LEAST_GAIN = 0.005  # nats; a step that promises less is not tried shorter
+WAYS = 2  # shortened and damped; a search ends where neither gains
+SHORTENED, DAMPED = 4, 5  # tries of a step that does not lower the cost, each shorter or more damped
+LONGEST, SHORTEST = 0.5, 0.1  # a shorter one goes as far as the parabola through the last says, and these shares of it
+LEAST_DAMPING, STEEPER = 1e-3, (5.0, 10.0)  # share of A's diagonal to begin with; after a try that failed, times
+EASED, TIGHTENED = 10.0, 3.0  # after a step that gained what it promised, through this; much less, times this
+GOOD_GAIN, POOR_GAIN, MUCH = 0.7, 0.25, 4.0  # shares of the promised gain, of which no more than so many nats count
+LEAST_GAIN = 0.005  # nats; a step that promises less is not tried further
 SAME = 0.1  # prior sds; two ends of searches that are no farther apart in any direction are one
-SETTLED = 0.01  # squared length of a move, in posterior sds, below which a search ends
+SETTLED = 0.01  # nats gained by a step, below which a search ends
 NOISE_SETTLED = 0.05  # of the noise's prior sds: a larger change asks for another point
 HOPELESS = 70.0  # nats behind the best set's end from which a search is not gone on with
 LITTLE = 1.0  # nats that a search so far behind has to gain by a step
@@ -171,11 +180,12 @@ def _descend(
     found: bool = False,
     behind: float = math.inf,
 ) -> _Point:
-    """Gauss-Newton steps until one is short.
+    """Steps until one gains little by either way.
 
-    With a cost above `behind`, a step that gains little is the last too. Derivatives are taken anew only after a long
-    step: those of a place near by lead to the same point.
+    With a cost above `behind`, a step that gains less than a nat is the last too. Derivatives are taken anew only after
+    a long step, or one that gained far less than they promised: those of a place near by lead to the same point.
     """
+    damping, is_damped, stuck = LEAST_DAMPING, False, 0
     for _ in range(MOST_PASSES):
         if fresh:
             at = replace(at, D=f.derivatives(at.z, at.predicted, at.D, at.u))
@@ -183,16 +193,21 @@ def _descend(
         r, J = white(comparison.read - comparison.raw(at.predicted)), white(at.D)
         weight, _ = robust_weights(r, comparison, found)
         A = (J * weight[:, None]).T @ J + np.eye(at.z.size)
-        z, predicted, cost, gain = _step(f, comparison, at, A, (J * weight[:, None]).T @ r - at.z, found)
-        far = float((z - at.z) @ A @ (z - at.z))
-        u = suiting_noise(comparison, predicted, at.u, at.D, correlated, found)
+        steps = _Steps(f, comparison, at, A, (J * weight[:, None]).T @ r - at.z, found)
+        step, damping = steps.damped(damping) if is_damped else (steps.shortened(), damping)
+        far = float((step.z - at.z) @ A @ (step.z - at.z))
+        u = suiting_noise(comparison, step.predicted, at.u, at.D, correlated, found)
         stands = float(np.max(np.abs(u - at.u) / comparison.noise.spread)) < NOISE_SETTLED
-        at = _Point(z, u, at.D, predicted)
-        if far < SETTLED and stands and (fresh or far > 0.0):
+        at = _Point(step.z, u, at.D, step.predicted)
+        ends = step.gain < SETTLED and stands
+        stuck = stuck + 1 if ends and (fresh or stuck) else 0
+        if stuck == WAYS or (ends and step.promised < SETTLED):
             break
-        if cost > behind and gain < LITTLE and fresh:
+        if step.cost > behind and step.gain < LITTLE and fresh:
             break
-        fresh = far > STALE or far == 0.0  # where old derivatives lead nowhere, new ones may
+        creeps = step.gain < POOR_GAIN * min(step.promised, MUCH)
+        fresh = (far > STALE or creeps) and not (fresh and far == 0.0)
+        is_damped ^= creeps
     return at
 
 
@@ -242,29 +257,78 @@ def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) ->
     return move
 
 
-def _step(
-    f: Function,
-    comparison: Compared,
-    at: _Point,
-    A: np.ndarray,
-    downhill: np.ndarray,
-    is_end: bool,
-) -> tuple[np.ndarray, Prediction, float, float]:
-    """A share of a step that lowers the cost, the prediction and the cost there, and the gain; no step if none does."""
-    before = _cost(comparison, at, is_end)
-    whole = _bounded(A, downhill, f.low - at.z, f.high - at.z)
-    falls, share = float(whole @ downhill), 1.0
-    for _ in range(TRIES):
-        move = share * whole
-        move *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
+@dataclass(frozen=True)
+class _Step:
+    """Where a step led: the cost there, what it gained, and what a whole one promised [nats]."""
+
+    z: np.ndarray
+    predicted: Prediction
+    cost: float
+    gain: float
+    promised: float
+
+
+class _Steps:
+    """Steps from a point in its quadratic, `A` and `downhill`, that lower the cost; no step where none does."""
+
+    def __init__(
+        self, f: Function, comparison: Compared, at: _Point, A: np.ndarray, downhill: np.ndarray, is_end: bool
+    ) -> None:
+        self.f, self.comparison, self.at, self.is_end = f, comparison, at, is_end
+        self.A, self.downhill = A, downhill
+        self.bounds = f.low - at.z, f.high - at.z
+        self.before = _cost(comparison, at, is_end)
+        self.whole = _bounded(A, downhill, *self.bounds)
+        self.promised = self._expected(self.whole)
+
+    def shortened(self) -> _Step:
+        """A share of the whole step."""
+        falls, share = float(self.whole @ self.downhill), 1.0
+        for _ in range(SHORTENED):
+            rise, step = self._tried(share * self.whole)
+            if step is not None:
+                return step
+            lowest = falls * share / (2.0 * (rise / share + falls))
+            share *= min(max(lowest / share, SHORTEST), LONGEST) if math.isfinite(lowest) else SHORTEST
+            if falls * share < LEAST_GAIN:
+                break
+        return self._none()
+
+    def damped(self, damping: float) -> tuple[_Step, float]:
+        """A step as damped as it has to be, and the damping to go on with.
+
+        `damping`: to begin with; a share of A's diagonal [-].
+        """
+        for turn in range(DAMPED):
+            move = _bounded(self.A + damping * np.diag(np.diag(self.A)), self.downhill, *self.bounds)
+            expected = self._expected(move)
+            if turn and expected < LEAST_GAIN:
+                break
+            _, step = self._tried(move)
+            if step is None:
+                damping *= STEEPER[turn > 0]
+                continue
+            if step.gain > GOOD_GAIN * expected:
+                damping = max(damping / EASED, LEAST_DAMPING)
+            elif step.gain < POOR_GAIN * expected:
+                damping *= TIGHTENED
+            return step, damping
+        return self._none(), damping
+
+    def _tried(self, move: np.ndarray) -> tuple[float, _Step | None]:
+        """How much a move raises the cost, and the step where it does not."""
+        at, f = self.at, self.f
+        move = move * min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
         tried = f.along_valley(at.z, f.clip(f.advance(at.z, move)), at.predicted, at.D)
         found, rise = f(tried), math.inf
-        if comparison.is_told(found):
-            rise = cost_at(comparison, tried, at.u, found, is_end) - before
-            if rise <= 1e-6:
-                return tried, found, before + rise, -rise
-        lowest = falls * share / (2.0 * (rise / share + falls))
-        share *= min(max(lowest / share, SHORTEST), LONGEST) if math.isfinite(lowest) else SHORTEST
-        if falls * share < LEAST_GAIN:
-            break
-    return at.z, at.predicted, before, 0.0
+        if self.comparison.is_told(found):
+            rise = cost_at(self.comparison, tried, at.u, found, self.is_end) - self.before
+        if rise > 1e-6:
+            return rise, None
+        return rise, _Step(tried, found, self.before + rise, -rise, self.promised)
+
+    def _none(self) -> _Step:
+        return _Step(self.at.z, self.at.predicted, self.before, 0.0, self.promised)
+
+    def _expected(self, move: np.ndarray) -> float:
+        return float(move @ self.downhill - 0.5 * move @ self.A @ move)

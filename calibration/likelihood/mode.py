@@ -14,11 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr
 
-from calibration.likelihood.compared import Compared, Prediction, Problem
-from calibration.likelihood.tails import marginals
-from calibration.unknowns.effects import is_size
+from calibration.likelihood.compared import Compared, Prediction
+from calibration.likelihood.tails import reweighed_sizes
 
 BAD = 0.01  # probability that a single reading is bad, before looking
 BAD_WIDTH = 10.0  # a bad reading's error is as dense at 0 as a normal one of so many sds of a good one
@@ -83,8 +81,7 @@ def close(
     log_evidence = -minus_log_posterior(r, white.log_scale, z, u, comparison, found=True) - 0.5 * float(
         np.linalg.slogdet(A)[1]
     )
-    log_evidence += folding(comparison.problem, names, z, covariance)
-    log_evidence += sum(one.log_gain for one in marginals(comparison.problem, names, z, covariance).values())
+    log_evidence += reweighed_sizes(comparison.problem, names, z, covariance)[1].log_gain
     return Mode(tuple(names), z, u, D, J, r, covariance, log_evidence, bad, predicted)
 
 
@@ -193,14 +190,3 @@ def robust_weights(r: np.ndarray, comparison: Compared, found: bool = False) -> 
             if apart < (mine.size - 1) * ALIKE:
                 bad[mine] = 0.0
     return 1.0 - bad + bad * bad_weight(r), bad
-
-
-def folding(problem: Problem, names: Sequence[str], z: np.ndarray, covariance: np.ndarray) -> float:
-    """What bounds at 0 do to the evidence: the allowed half of the prior counts twice, the posterior's cut is lost."""
-    k = len(problem.nuisances)
-    total = 0.0
-    for i, (name, unknown) in enumerate(problem.effect_unknowns(names)):
-        amplitude = problem.amplitude(name)
-        if is_size(unknown.name, amplitude) and amplitude.low == 0.0 and unknown.kind == "normal":
-            total += math.log(2.0) + float(log_ndtr(z[k + i] / math.sqrt(covariance[k + i, k + i])))
-    return total

@@ -5,7 +5,7 @@ A figure that shapes a law is log-normal, a factor of 2. An amplitude is as larg
 - sampled: half-normal above 0 where it cannot be negative, normal where it can; about the middle of its bounds where it
   can be no 0;
 - searched: normal, so that a search stays a least-squares problem. What a bound at 0 cuts off, and tails longer than
-  the normal law's, are weighed afterwards (`calibration.likelihood.mode.folding`, `calibration.likelihood.tails`).
+  the normal law's, are weighed afterwards (`calibration.likelihood.tails`).
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Problem
-from calibration.likelihood.tails import marginals
+from calibration.likelihood.tails import reweighed_sizes
 from calibration.unknowns.priors import Unknown
 from model.effects import EffectParameter
 
@@ -41,10 +41,9 @@ def sizes_of(problem: Problem, one: Candidate) -> list[Size]:
     """The parameters of a set's effects, in the set's order."""
     k, members = len(problem.nuisances), problem.effect_unknowns(one.names)
     z, sd = one.mode.z[k:].copy(), np.sqrt(np.maximum(np.diag(one.mode.covariance)[k:], 0.0))
-    pulled_less = marginals(problem, one.names, one.mode.z, one.mode.covariance)
-    for i, (name, unknown) in enumerate(members):
-        if (name, unknown.name) in pulled_less:
-            z[i], sd[i] = pulled_less[name, unknown.name].z, pulled_less[name, unknown.name].sd
+    sizes, pulled_less = reweighed_sizes(problem, one.names, one.mode.z, one.mode.covariance)
+    places = [i for i, (name, unknown) in enumerate(members) if (name, unknown.name) in sizes]
+    z[places], sd[places] = pulled_less.z, pulled_less.sd
     chosen = problem.chosen(one.names, z)
     found = []
     for i, (name, unknown) in enumerate(members):

@@ -147,20 +147,27 @@ class Search:
             self.again()  # where the best leaves too much to noise, its parts leave more
 
     def again(self) -> None:
-        """Refit from the best set's point its parts and what is close behind it: a search may end short of the best.
+        """Refit from the points of the best sets their parts, and what is close behind or holds the best set.
 
-        A second effect is not to be needed because the first alone was not followed as far.
+        A search may end short of the best. A second effect is not to be needed because the first alone was not
+        followed as far, and no set explains less than a part of it.
         """
-        best = self._best()
-        mode, values = self.modes[best], values_of(self.comparison.problem, self.modes[best])
-        jobs = []
-        for names, other in self.modes.items():
-            close = mode.log_evidence - other.log_evidence < CLOSE
-            if names and names != best and (close or set(names) < set(best)):
-                own = values_of(self.comparison.problem, other) | values
-                start = {one: z for one, z in own.items() if one[0] in names}
-                jobs.append(_Job(names, mode, self.comparison.in_time, start))
+        order = sorted(self.modes, key=lambda key: -self.modes[key].log_evidence)
+        least = self.modes[order[0]].log_evidence - CLOSE
+        near = [names for names in order if self.modes[names].log_evidence > least]
+        jobs = [self._from(near[0], names) for names in near[1:] if names]
+        for names in order[len(near) :]:
+            whole = next((one for one in near if set(names) < set(one)), near[0] if set(near[0]) < set(names) else None)
+            if names and whole is not None:
+                jobs.append(self._from(whole, names))
         self._refit(jobs)
+
+    def _from(self, start: Names, names: Names) -> _Job:
+        """A set that was refitted, to be refitted from another's point, in which what that one lacks begins small."""
+        problem, mode = self.comparison.problem, self.modes[start]
+        own = {} if set(start) < set(names) else values_of(problem, self.modes[names])
+        values = {one: z for one, z in (own | values_of(problem, mode)).items() if one[0] in names}
+        return _Job(names, mode, self.comparison.in_time, values)
 
     def share(self) -> None:
         """Refit the best sets with an effect that changed in them as one that is the same in all recordings."""

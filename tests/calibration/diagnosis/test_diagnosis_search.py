@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.challenge.second_rig import draw, make_recording
 from calibration.diagnosis import as_json, diagnose, together
-from calibration.diagnosis.mismatch import detect_mismatch
+from calibration.diagnosis.mismatch import detect_mismatch, fit_base
 from calibration.diagnosis.steps.confirm import summed_up
 from calibration.diagnosis.steps.detect import MISMATCH_P, detect
 from calibration.diagnosis.steps.name import screen
@@ -31,6 +32,7 @@ from calibration.systems.radial_piston.predict.in_time import Plan, Pulses
 from calibration.systems.radial_piston.predict.kinds import RUN, VENTED
 from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.systems.radial_piston.predict.supply import FORMS, WANDERS, Course
+from calibration.work.step_clock import StepClock
 from model.effects import effects
 from model.effects.effect import unknown_state
 from model.solvers.transient import Supply, rest_state
@@ -266,6 +268,28 @@ def test_two_starts_end_at_the_same_evidence(tmp_path: Path) -> None:
     base = base_of(comparison)
     ends = [find(comparison, ("coulomb_friction",), start).log_evidence for start in (base, None)]
     assert abs(ends[0] - ends[1]) < 0.5
+
+
+@pytest.mark.slow
+def test_a_search_ends_at_one_place_behind_a_line_that_empties_slowly(tmp_path: Path) -> None:
+    """From a model without effects, from a rival and from its own end."""
+    make_recording(draw("development", 540021, "follow-ups"), tmp_path)
+    comparison, base = fit_base(read_recording(tmp_path), StepClock(lambda _: None), 1)
+    inlet, exhaust = (find(comparison, (name,), base) for name in ("inlet_throttling", "exhaust_back_pressure"))
+    for start in (exhaust, inlet):
+        assert find(comparison, inlet.names, start).log_evidence == pytest.approx(inlet.log_evidence, abs=0.2)
+    assert find(comparison, exhaust.names, inlet).log_evidence == pytest.approx(exhaust.log_evidence, abs=0.2)
+
+
+def test_a_set_whose_search_ended_short_is_refitted_from_a_close_one_that_holds_it(tmp_path: Path) -> None:
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 5, {"inlet_throttling": {"loss_pa_s2_m6": 8e9}})))
+    base, inlet = base_of(comparison), ("inlet_throttling",)
+    single, pair, other = (find(comparison, one, base) for one in (inlet, (*inlet, "windage"), ("leakage",)))
+    search = Search(comparison, base)
+    short = replace(single, z=np.append(base.z, 0.1), log_evidence=base.log_evidence)
+    search.modes |= {inlet: short, pair.names: pair, other.names: replace(other, log_evidence=pair.log_evidence + 1.0)}
+    search.again()
+    assert search.modes[inlet].log_evidence == pytest.approx(single.log_evidence, abs=0.1)
 
 
 @pytest.mark.parametrize("kind", ["coast-down", "start from rest"])

@@ -11,7 +11,7 @@ import pytest
 from calibration.diagnosis.sizes.sizes import sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.descent import find
-from calibration.likelihood.tails import marginals
+from calibration.likelihood.tails import reweighed_sizes
 from calibration.systems.radial_piston.base import base_of
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.problem import Problem
@@ -27,7 +27,7 @@ def test_a_size_is_known_no_better_than_the_law(problem: Problem) -> None:
     comparison = Comparison(problem)
     mode = find(comparison, ("windage",), base_of(comparison))
     (size,) = sizes_of(problem, Candidate(("windage",), mode, 0.0, 0.0))
-    fitted = marginals(problem, ("windage",), mode.z, mode.covariance)["windage", "drag_nm_s2"].sd
+    fitted = float(reweighed_sizes(problem, ("windage",), mode.z, mode.covariance)[1].sd[0])
     assert fitted == pytest.approx(math.sqrt(mode.covariance[-1, -1]), rel=0.1)
     low, value, high = size.unknown.value(size.z + fitted * np.array([-1.0, 0.0, 1.0]))
     spread = np.diff(size.unknown.value(size.z + size.sd * np.array([-1.0, 1.0])))[0] / 2.0

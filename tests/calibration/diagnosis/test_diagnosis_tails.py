@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import johnsonsu, norm
+from scipy.stats import johnsonsu, multivariate_normal, norm
 
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.sizes.sizes import sizes_of
@@ -18,7 +18,7 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import fit_on, predict_held
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import log_bad, minus_log_posterior
-from calibration.likelihood.tails import log_ratio, marginals, reweighed, share
+from calibration.likelihood.tails import log_ratio, reweighed, reweighed_sizes, share
 from calibration.systems.radial_piston.base import base_of
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.problem import Problem
@@ -55,12 +55,52 @@ def test_a_marginal_is_that_of_the_longer_tails(told: float, width: float, low: 
         return sum(quad(lambda x: prior(x) * norm.pdf(x, told, width) * x**power, a, b)[0] for a, b in parts)
 
     precision = 1.0 + width**-2
-    found = reweighed(told * width**-2 / precision, precision**-0.5, low, high)
+    z, covariance = np.array([told * width**-2 / precision]), np.array([[1.0 / precision]])
+    found = reweighed(z, covariance, np.array([low]), np.array([high]))
     whole = integral(SU.pdf)
     mean = integral(SU.pdf, 1) / whole
-    assert found.log_gain == pytest.approx(math.log(whole / integral(norm.pdf)), abs=2e-3)
-    assert found.z == pytest.approx(mean, abs=2e-3 * found.sd)
-    assert found.sd == pytest.approx(math.sqrt(integral(SU.pdf, 2) / whole - mean**2), rel=5e-3)
+    without = norm.pdf(told, 0.0, math.hypot(1.0, width))  # the normal prior, without bounds
+    assert found.log_gain == pytest.approx(math.log(whole / share(low, high) / without), abs=2e-3)
+    assert found.z[0] == pytest.approx(mean, abs=2e-3 * found.sd[0])
+    assert found.sd[0] == pytest.approx(math.sqrt(integral(SU.pdf, 2) / whole - mean**2), rel=5e-3)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize(
+    ("told", "along", "across", "low"),
+    [
+        (
+            (4.0, 3.0),
+            3.0,
+            0.2,
+            0.0,
+        ),  # two effects that stand in for each other: 4 of one and 3 of the other, or 6 of one
+        ((1.0, 6.0), 1.5, 0.4, 0.0),
+        ((3.0, 3.0), 0.2, 0.1, 0.0),
+        ((-5.0, 4.0), 4.0, 0.3, -20.0),
+    ],
+)
+def test_two_sizes_are_weighed_together(
+    told: tuple[float, float], along: float, across: float, low: float, order: tuple[int, int]
+) -> None:
+    """Readings that say the sum of two well, and their difference badly: against a sum over both, on a fine grid."""
+    turn = np.array([[1.0, 1.0], [-1.0, 1.0]]) / math.sqrt(2.0)
+    precision = turn.T @ np.diag([across**-2, along**-2]) @ turn
+    covariance = np.linalg.inv(precision + np.eye(2))
+    z = covariance @ precision @ told
+    t = np.linspace(math.asinh(low), math.asinh(20.0), 2001)
+    x, y = np.meshgrid(np.sinh(t), np.sinh(t), indexing="ij")
+    log_density = multivariate_normal(z, covariance).logpdf(np.stack([x, y], axis=-1))
+    log_density += log_ratio(x) + log_ratio(y) + np.log(np.cosh(t))[:, None] + np.log(np.cosh(t))
+    density = np.exp(log_density)
+    whole = float(density.sum()) * float(t[1] - t[0]) ** 2 / share(low, 20.0) ** 2
+    found = reweighed(z[[*order]], covariance[np.ix_(order, order)], np.full(2, low), np.full(2, 20.0))
+    assert found.log_gain == pytest.approx(math.log(whole), abs=0.03)
+    for i, one in enumerate((x, y)):
+        mean = float((density * one).sum() / density.sum())
+        sd = math.sqrt(float((density * (one - mean) ** 2).sum() / density.sum()))
+        assert found.z[order[i]] == pytest.approx(mean, abs=0.05 * sd)
+        assert found.sd[order[i]] == pytest.approx(sd, rel=0.05)
 
 
 def test_a_large_size_costs_little_and_is_hardly_pulled(tmp_path: Path) -> None:
@@ -70,7 +110,7 @@ def test_a_large_size_costs_little_and_is_hardly_pulled(tmp_path: Path) -> None:
     mode = find(comparison, names, base_of(comparison))
     scales = mode.z[-1]
     assert scales > 4.5
-    gain = marginals(comparison.problem, names, mode.z, mode.covariance)[names[0], "loss_pa_s2_m6"].log_gain
+    gain = reweighed_sizes(comparison.problem, names, mode.z, mode.covariance)[1].log_gain
     allowed = math.log(2.0 * (SU.cdf(2e10 / 1.5e9) - 0.5))
     assert gain == pytest.approx(SU.logpdf(scales) - norm.logpdf(scales) - allowed, abs=1.0)
     assert gain > 6.0
