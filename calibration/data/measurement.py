@@ -97,7 +97,6 @@ def gather(
     blocks: dict[str, list[Rows]] = {"steady": [], "zero": []}
     for file in recording.files:
         if file.kind == "transient":
-            notes.append(f"{file.file}: a transient; the steady fit does not use it")
             continue
         rows, skipped, locked = _rows_of(file, channels)
         if locked:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from calibration.data.clock import times_of
 from calibration.data.measurement import PRESSURE_LIMITS_BAR
@@ -123,7 +123,8 @@ def refuse_wrong_supply(recording: Recording) -> None:
 
 
 def _hold_against_supply(place: str, time: np.ndarray, speed: np.ndarray, opened: np.ndarray, is_said: bool) -> None:
-    speed = median_filter(speed, 3, mode="nearest")  # a rotor that rocks to rest over a tooth makes a lone peak
+    # A rotor that rocks to rest over a tooth makes a lone peak.
+    speed = np.median(sliding_window_view(np.pad(speed, 1, mode="edge"), 3), axis=1)
     top = float(speed.max())
     edges = [0, *(np.flatnonzero(np.diff(opened.astype(int))) + 1).tolist(), time.size]
     wrong = [

@@ -23,6 +23,7 @@ from calibration.unknowns.priors import Unknown
 FORMAT = "diagnosis/1"
 Q95 = 1.6448536269514722  # of a standard normal
 MOST_PLACES = 6
+NOTHING = "nothing missing"  # the base model, among what a test separates
 OF_A_RESOLVED = ("parameter", "seen_from", "told_from", "nearest", "rho")
 OF_A_TERM = ("balance", "expression", "unit", "stability")
 # Of what is as good as certain among the sets weighed: the share of whole sets, and of single effects, that turned out
@@ -194,7 +195,7 @@ def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
     return [
         {
             "test": t.test,
-            "separates": list(t.separates),
+            "separates": ["+".join(names) or NOTHING for names in t.separates],
             "information_nats": t.information_nats,
             "repeats": t.repeats,
             "needs": t.needs,

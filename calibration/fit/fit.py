@@ -58,6 +58,13 @@ class Fit:
         return (self.recording,)
 
     @property
+    def notes(self) -> list[str]:
+        """What the recording's reader warns of, and what was left aside."""
+        runs = (file.file for file in self.recording.files if file.kind == "transient")
+        aside = [f"{run}: a run in time; a fit to the plateaus alone does not use it" for run in runs]
+        return list(dict.fromkeys([*self.measured.notes, *aside]))
+
+    @property
     def rows(self) -> int:
         """Plateaus that were fitted [-]."""
         return len(self.measured.steady)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
-from scipy.stats import qmc
 
 from calibration.likelihood.compared import Problem
 
@@ -76,8 +75,7 @@ def reweighed(z: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.n
     told = np.linalg.inv(covariance)
     wide = np.linalg.inv(told - (1.0 - WIDE**-2) * np.eye(n))
     middle = wide @ told @ z
-    uniform = qmc.Sobol(n - 1, scramble=False).random(DRAWS) if n > 1 else np.empty((1, 0))
-    uniform = (uniform + 0.5 / DRAWS) % 1.0  # the sequence's first point is 0
+    uniform = _spread_evenly(n - 1)
     x = np.empty((uniform.shape[0], n))
     log_weight = np.full(
         x.shape[0], -sum(math.log(share(*one)) for one in zip(low.tolist(), high.tolist(), strict=True))
@@ -98,6 +96,17 @@ def reweighed(z: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.n
     weight /= weight.sum()
     mean = weight @ x
     return Reweighed(log_gain, mean, np.sqrt(weight @ squared - mean**2))
+
+
+def _spread_evenly(n: int) -> np.ndarray:
+    """Points that fill a unit cube of n dimensions evenly, shape (draws, n); one where it has none [-].
+
+    Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences (2018): the golden ratio's kin.
+    """
+    ratio = 2.0
+    for _ in range(40):
+        ratio = (1.0 + ratio) ** (1.0 / (n + 1.0))
+    return (0.5 + np.arange(DRAWS if n else 1)[:, None] * ratio ** -np.arange(1.0, n + 1.0)) % 1.0
 
 
 def _given(i: int, x: np.ndarray, z: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, float]:

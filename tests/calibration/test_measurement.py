@@ -73,11 +73,10 @@ def test_a_files_noise_scale_belongs_to_its_rows(put_recording):
     assert measurement.gather(read_recording(folder)).steady.noise_scale.tolist() == [1.0, 2.5]
 
 
-def test_a_transient_is_noted_as_unused(gathered):
+def test_a_transient_is_no_plateau(gathered):
     run = "time_s,pressure_bar_abs,speed_rpm\n0,2.0,0\n0.1,2.0,200\n"
     measured = gathered(("sweep.csv", "steady", f"{HEADER}2,70,394\n"), ("spin_up.csv", "transient", run))
     assert set(measured.steady.file) == {"sweep.csv"}
-    assert "spin_up.csv: a transient; the steady fit does not use it" in measured.notes
 
 
 def test_zero_rows_stand_apart_from_the_plateaus(gathered):

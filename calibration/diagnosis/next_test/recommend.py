@@ -23,7 +23,6 @@ MOST = 4
 MOST_APART = 2  # of those that need another instrument
 MOST_RIVALS = 3
 LEAST_NATS = 0.1
-NOTHING = "nothing missing"  # the base model, among what a test separates
 
 
 @dataclass(frozen=True)
@@ -32,6 +31,8 @@ class NextTest:
 
     Attributes
     ----------
+    separates : tuple of tuple of str
+        Sets of effects; the empty one is the base model.
     repeats : int or None
         That bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
     needs : str
@@ -41,7 +42,7 @@ class NextTest:
     """
 
     test: str
-    separates: tuple[str, ...]
+    separates: tuple[tuple[str, ...], ...]
     information_nats: float
     repeats: int | None = None
     needs: str = ""
@@ -73,7 +74,7 @@ def weigh(test: Test, rivals: Sequence[Candidate]) -> tuple[NextTest, Given] | N
         return None  # a model far from the readings: no test follows from it
     given = cache(partial(given_nats, read, [one.probability for one in rivals]))
     whole, nats = given(1)
-    separates = tuple(dict.fromkeys("+".join(rivals[i].names) or NOTHING for pair in _told(nats) for i in pair))
+    separates = tuple(dict.fromkeys(rivals[i].names for pair in _told(nats) for i in pair))
     return NextTest(test.words, separates, round(whole, 2), None, test.needs, test.capture), given
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Generic
+from typing import Generic, Literal
 
 from calibration.diagnosis.steps.candidate import Candidate, Fitted, Reason
 from calibration.diagnosis.steps.confirm import HeldOut
@@ -24,6 +24,9 @@ LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothin
 ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
 
 
+Kind = Literal["consistent", "named", "confounded", "unresolved"]
+
+
 @dataclass(frozen=True)
 class Verdict(Generic[Fitted]):
     """What is said.
@@ -38,7 +41,7 @@ class Verdict(Generic[Fitted]):
         Of the chosen set, or of the base model [-].
     """
 
-    kind: str
+    kind: Kind
     chosen: Candidate[Fitted] | None
     alternatives: tuple[tuple[str, ...], ...]
     set_probability: float

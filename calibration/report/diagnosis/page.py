@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration.data.dates import parsed
 from calibration.data.runs_in_time import few_used
+from calibration.diagnosis.document import NOTHING
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.misread import MISREAD
 from calibration.report import along_dates
@@ -91,7 +92,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "tests": _test_table(found, False),
         "apart": _test_table(found, True),
         "promised": _promise_table(document),
-        "notes": [*few_used(document.get("files", [])), *_notes(found)],
+        "notes": [*few_used(document.get("files", [])), *dict.fromkeys(problem.blocks.measured.notes)],
         "seconds": step_times(found.seconds),
         "instruments": _instrument_table(found),
         "versions": versions(),
@@ -185,14 +186,6 @@ def _reference(found: Diagnosis) -> str:
     return "the likeliest set" + " (the verdict rests on none)" * (found.verdict.kind == "unresolved")
 
 
-def _notes(found: Diagnosis) -> list[str]:
-    """What was assumed or left aside; not that a fit leaves out a run which a diagnosis uses."""
-    problem = found.comparison.problem
-    notes = dict.fromkeys([*problem.recording.warnings, *problem.blocks.measured.notes])
-    used = tuple(f"{run.file}: a transient;" for run in problem.blocks.runs)
-    return [note for note in notes if not note.startswith(used)]
-
-
 def _suspect_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (row["file"], row["channel"], str(row["row"]), probability(row["probability"]))
@@ -279,7 +272,7 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
     rows = tuple(
         (
             f"{test.test}: {test.capture.command}" if test.capture else test.test,
-            in_a_row([name.split("+") for name in test.separates], "and"),
+            in_a_row([names or (NOTHING,) for names in test.separates], "and"),
             f"{test.information_nats:.1f}",
             "never: at least one pair stays open" if test.repeats is None else str(test.repeats),
         )

@@ -86,7 +86,7 @@ def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> 
         "remarks": fit_words.remarks(found, suspects),
         "suspects": _suspect_table(suspects),
         "variants": variant_table(found, variants),
-        "notes": list(dict.fromkeys([*found.recording.warnings, *found.measured.notes])),
+        "notes": found.notes,
         "convergence": convergence(
             found, [("parameter sets that the solver gave up on", str(found.likelihood.not_converged))]
         ),

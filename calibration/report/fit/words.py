@@ -190,7 +190,7 @@ def suspect_in_words(one: Suspect) -> str:
 def remarks(found: Fit, suspects: Sequence[Suspect]) -> list[str]:
     """What a person should know beside the table, in sentences."""
     said = set(found.recording.warnings)
-    sentences = [note for note in found.measured.notes if note not in said]
+    sentences = [note for note in found.notes if note not in said]
     if suspects and contradicted(found):
         count = "1 reading looks" if len(suspects) == 1 else f"{len(suspects)} readings look"
         sentences.append(f"{count} bad by this model, which says little as long as it does not explain the rest")

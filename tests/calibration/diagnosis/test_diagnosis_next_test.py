@@ -114,19 +114,19 @@ def test_repeats_do_not_average_out_what_is_not_known_of_the_motor():
 
 
 def test_a_better_test_than_certainty_still_ranks_first():
-    two = [NextTest("a", ("x", "y"), 30.0, 1), NextTest("b", ("x", "y"), 300.0, 1)]
+    two = [NextTest("a", (("x",), ("y",)), 30.0, 1), NextTest("b", ("x", "y"), 300.0, 1)]
     assert [one.test for one in ranked(two)] == ["b", "a"]
 
 
 def test_tests_of_other_instruments_come_last_however_much_they_tell():
-    own = [NextTest(f"own {i}", ("x", "y"), 1.0 + i) for i in range(6)]
-    others = [NextTest(f"other {i}", ("x", "y"), 100.0, 1, "a gauge") for i in range(3)]
+    own = [NextTest(f"own {i}", (("x",), ("y",)), 1.0 + i) for i in range(6)]
+    others = [NextTest(f"other {i}", (("x",), ("y",)), 100.0, 1, "a gauge") for i in range(3)]
     found = ranked([*others, *own])
     assert [bool(one.needs) for one in found] == [False] * MOST + [True] * MOST_APART
 
 
 def test_what_tells_next_to_nothing_is_left_out():
-    assert ranked([NextTest("a", ("x", "y"), 0.01)]) == []
+    assert ranked([NextTest("a", (("x",), ("y",)), 0.01)]) == []
 
 
 def test_the_bench_plans_runs_plateaus_a_reversed_sweep_and_a_zero(comparison):

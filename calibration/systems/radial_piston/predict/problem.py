@@ -23,7 +23,7 @@ from calibration.systems.radial_piston.predict import gauge, in_time, wheel
 from calibration.systems.radial_piston.predict.standing import standing_flow
 from calibration.systems.radial_piston.predict.supply import Course, line_unknowns
 from calibration.unknowns.effects import all_searched
-from calibration.unknowns.priors import Unknown, at_ambient, column_of, unknowns
+from calibration.unknowns.priors import Error, OfInstrument, Unknown, at_ambient, column_of, unknowns
 from configs.units import BAR
 from model import layout as at
 from model.effects import effects
@@ -61,15 +61,17 @@ class _Destination(NamedTuple):
 
 
 def _destination(unknown: Unknown) -> _Destination:
+    match unknown.of:
+        case OfInstrument(channel, Error.SCALE):
+            return _Destination(channel, 1, 1.0)
+        case OfInstrument(channel):
+            return _Destination(channel, 0, SI_OF[channel])
     if unknown.name in QUANTITIES:
         return _Destination(MOTOR, list(QUANTITIES).index(unknown.name), QUANTITIES[unknown.name].to_si)
     if unknown.name == VENTED:
         return _Destination(VENTED, 0, 1.0)
-    if "." in unknown.name:
-        file, _, what = unknown.name.rpartition(".")
-        return _Destination(file, what, 1.0)
-    channel, _, error = unknown.name.partition("_")
-    return _Destination(channel, 1, 1.0) if error == "scale" else _Destination(channel, 0, SI_OF[channel])
+    file, _, what = unknown.name.rpartition(".")
+    return _Destination(file, what, 1.0)
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,9 @@ class Problem:
         self.recording = recording
         self.blocks: Blocks = blocks_of(recording)
         everything = unknowns(self.motor, recording)
-        self.nuisances: list[Unknown] = [u for u in everything if not u.name.endswith("_noise_scale")]
+        self.nuisances: list[Unknown] = [
+            u for u in everything if not (isinstance(u.of, OfInstrument) and u.of.error is Error.NOISE)
+        ]
         for run in self.blocks.runs:
             self.nuisances += line_unknowns(run, recording.supply) + wheel.wheel_unknowns(run, recording)
             if run.from_rest:
@@ -184,7 +188,9 @@ class Problem:
 
     def in_si(self, nuisance: str) -> float:
         """What a nuisance's value is multiplied by to be SI [-]: an instrument's offset has its channel's unit."""
-        return SI_OF[nuisance.partition("_")[0]] if nuisance.endswith("_offset") else 1.0
+        place = self.place(nuisance)
+        of = None if place is None else self.nuisances[place].of
+        return SI_OF[of.channel] if isinstance(of, OfInstrument) and of.error is Error.OFFSET else 1.0
 
     def effect(self, name: str) -> Effect:
         """An effect by its id."""
