@@ -174,13 +174,28 @@ def _explain(
     clock("weigh f_overall")
     unseen = _not_seen(search, verdict, rng)
     clock("")
-    promised = [one for promise in promises if (one := kept(promise, candidates))]
-    sizes = resolved(comparison, first.base, first.detection.u, first.found)
     return Diagnosis(
-        comparison, base, said.detection, places, candidates, residuals.p, residuals.left, verdict, unnamed.held_out,
-        unnamed.term, tests, said.bad, clock.seconds, unnamed.correction, unnamed.beside, said.misread, unseen, sizes,
-        rivals=rivals, promised=promised,
-    )  # fmt: skip
+        comparison=comparison,
+        base=base,
+        detection=said.detection,
+        places=places,
+        candidates=candidates,
+        residual_p=residuals.p,
+        left=residuals.left,
+        verdict=verdict,
+        held_out=unnamed.held_out,
+        term=unnamed.term,
+        next_tests=tests,
+        bad_rows=said.bad,
+        seconds=clock.seconds,
+        correction=unnamed.correction,
+        beside=unnamed.beside,
+        misread=said.misread,
+        faint=unseen,
+        resolved=resolved(comparison, first.base, first.detection.u, first.found),
+        rivals=rivals,
+        promised=[one for promise in promises if (one := kept(promise, candidates))],
+    )
 
 
 def _said(
@@ -219,14 +234,14 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
     clock("")
     verdict: Verdict[Mode] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
     return Diagnosis(
-        first.comparison,
-        first.base,
-        detection,
-        [],
-        [_alone(first.base)],
-        {(): detection.p_value},
-        {},
-        verdict,
+        comparison=first.comparison,
+        base=first.base,
+        detection=detection,
+        places=[],
+        candidates=[_alone(first.base)],
+        residual_p={(): detection.p_value},
+        left={},
+        verdict=verdict,
         seconds=clock.seconds,
         not_described=off,
     )

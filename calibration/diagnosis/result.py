@@ -22,7 +22,7 @@ from calibration.diagnosis.steps.verdict import Verdict
 from calibration.likelihood.mode import Mode
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Diagnosis:
     """Everything that was found.
 

@@ -1,11 +1,8 @@
 """The prior of an effect's parameters, for every use of it.
 
-A figure that shapes a law is log-normal, a factor of 2. An amplitude is as large as is ordinary for the effect:
-
-- sampled: half-normal above 0 where it cannot be negative, normal where it can; about the middle of its bounds where it
-  can be no 0;
-- searched: normal, so that a search stays a least-squares problem. What a bound at 0 cuts off, and tails longer than
-  the normal law's, are weighed afterwards (`calibration.likelihood.tails`).
+A figure that shapes a law is log-normal, a factor of 2. An amplitude, in its scale, is the hyperbolic sine of a
+standard normal number, folded at 0 where it cannot be negative. A search has a normal law instead, so that it stays a
+least-squares problem; the longer tails and the bounds are weighed afterwards (`calibration.likelihood.tails`).
 """
 
 from __future__ import annotations
@@ -18,7 +15,6 @@ from model.effects import effects
 from model.effects.effect import EffectParameter
 
 _CHANGED = "_changed"
-OFF_ZERO_SDS = 5.0  # of an amplitude that cannot be 0, from one of its bounds to the other
 
 
 def changed(name: str) -> str:
@@ -54,12 +50,10 @@ def is_size(parameter: str, amplitude: EffectParameter) -> bool:
 def sampled(effect: str, parameter: EffectParameter) -> Unknown:
     """The unknown that a parameter is to a sampler, named ``effect.parameter``."""
     unit, why = "1" if parameter.unit == "-" else parameter.unit, f"effect {effect}: {parameter.text}"
-    kind: Kind = "halfnormal" if parameter.low == 0.0 else "normal"
-    a, b = 0.0, parameter.scale
+    kind: Kind = "halfsize" if parameter.low == 0.0 else "size"
+    a, b = parameter.expected, parameter.scale
     if parameter.shape:
         kind, a, b = "lognormal", parameter.scale, SHAPE_FACTOR
-    elif parameter.low > 0.0:
-        a, b = 0.5 * (parameter.low + parameter.high), (parameter.high - parameter.low) / OFF_ZERO_SDS
     return in_a_fit(effect, Unknown(parameter.name, unit, kind, a, b, why))
 
 

@@ -27,7 +27,7 @@ CHANNELS = ("pressure", "flow", "speed")
 SHAPE_FACTOR = 2.0  # one sd of the log-normal prior of a figure that shapes an effect's law
 
 
-Kind = Literal["normal", "lognormal", "loguniform", "halfnormal"]
+Kind = Literal["normal", "lognormal", "loguniform", "size", "halfsize"]
 
 
 class Error(StrEnum):
@@ -68,8 +68,8 @@ class Unknown:
     own : str
         Its name among the unknowns of one recording.
     kind : str
-        normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z), loguniform (between ``a`` and ``b``) or halfnormal (above
-        ``a``, of scale ``b``: a normal one folded there, but rising with z, so that it has one peak).
+        normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z), loguniform (between ``a`` and ``b``), size (``a`` + ``b``
+        sinh z: Johnson's S_U law) or halfsize (such a law folded at ``a``, but rising with z, so that it has one peak).
     of : OfInstrument, OfEffect or None
         What it belongs to; None where that is the motor or a run.
     whose : str
@@ -97,13 +97,15 @@ class Unknown:
             return self.a + self.b * z
         if self.kind == "lognormal":
             return self.a * self.b**z
-        if self.kind == "halfnormal":
-            return self.a - self.b * ndtri(0.5 * ndtr(-z))
+        if self.kind == "size":
+            return self.a + self.b * np.sinh(z)
+        if self.kind == "halfsize":
+            return self.a - self.b * np.sinh(ndtri(0.5 * ndtr(-z)))
         return self.a * (self.b / self.a) ** ndtr(z)
 
     def factor(self, z: float) -> float:
         """What one unit of z multiplies the value by near ``z``; 1 where it adds [-]."""
-        if self.kind in ("normal", "halfnormal"):
+        if self.kind in ("normal", "size", "halfsize"):
             return 1.0
         if self.kind == "lognormal":
             return self.b
@@ -116,8 +118,10 @@ class Unknown:
             return (value - self.a) / self.b
         if self.kind == "lognormal":
             return float(np.log(value / self.a) / np.log(self.b))
-        if self.kind == "halfnormal":
-            return float(-ndtri(2.0 * ndtr((self.a - value) / self.b)))
+        if self.kind == "size":
+            return float(np.arcsinh((value - self.a) / self.b))
+        if self.kind == "halfsize":
+            return float(-ndtri(2.0 * ndtr(np.arcsinh((self.a - value) / self.b))))
         return float(ndtri(np.log(value / self.a) / np.log(self.b / self.a)))
 
 

@@ -69,11 +69,11 @@ def called(unknown: Unknown) -> str:
 
 def prior_in_words(unknown: Unknown) -> str:
     """An unknown's prior, in its unit."""
-    if unknown.kind == "normal":
+    if unknown.kind in ("normal", "size"):
         return f"{figure(unknown.a)} ± {figure(unknown.b)}"
     if unknown.kind == "lognormal":
         return f"{figure(unknown.a)}, times or over {figure(unknown.b)}"
-    if unknown.kind == "halfnormal":
+    if unknown.kind == "halfsize":
         return f"above {figure(unknown.a)}, by {figure(unknown.b)}"
     return f"{figure(unknown.a)} to {figure(unknown.b)}, even in the logarithm"
 

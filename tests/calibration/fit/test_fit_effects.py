@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import halfnorm, norm
+from scipy.stats import johnsonsu, norm
 from typer.testing import CliRunner
 
 from calibration.fit import fit, posterior, sampling
@@ -168,12 +168,14 @@ def test_a_chain_with_effects_is_not_taken_for_one_without(rubbing):
     assert marks[0] == fit.fingerprint(rubbing, motor, measured, Settings())
 
 
-def test_an_amplitude_that_cannot_be_negative_has_a_half_normal_prior():
-    unknown = Unknown("coulomb_friction.torque_nm", "N m", "halfnormal", 0.0, 0.15, "")
+@pytest.mark.parametrize(("kind", "folded"), [("size", False), ("halfsize", True)])
+def test_a_size_has_the_prior_with_the_long_tails_that_a_diagnosis_gives_it(kind, folded):
+    unknown = Unknown("coulomb_friction.torque_nm", "N m", kind, 0.0, 0.15, "")
     z = np.linspace(-6.0, 6.0, 25)
     values = unknown.value(z)
-    assert np.all(np.diff(values) > 0.0) and values[0] >= 0.0
-    assert halfnorm.cdf(values, scale=0.15) == pytest.approx(norm.cdf(z), abs=1e-12)
+    assert np.all(np.diff(values) > 0.0) and (values[0] >= 0.0) == folded
+    below = johnsonsu(0.0, 1.0, scale=0.15).cdf(values)
+    assert (2.0 * below - 1.0 if folded else below) == pytest.approx(norm.cdf(z), abs=1e-12)
     assert [unknown.z(float(value)) for value in values[6:]] == pytest.approx(z[6:], abs=1e-6)
 
 
@@ -181,9 +183,9 @@ def test_unknowns_are_named_by_effect_and_parameter_with_their_units(rubbing):
     _, _, likelihood = fit.prepare(rubbing, effects=["stribeck_friction", "leakage"])
     last = likelihood.unknowns[-4:]
     assert [(one.name, one.unit, one.kind) for one in last] == [
-        ("stribeck_friction.torque_nm", "N m", "halfnormal"),
+        ("stribeck_friction.torque_nm", "N m", "halfsize"),
         ("stribeck_friction.speed_rad_s", "rad/s", "lognormal"),
-        ("leakage.conductance_kg_s_pa2", "kg/(s Pa2)", "halfnormal"),
+        ("leakage.conductance_kg_s_pa2", "kg/(s Pa2)", "halfsize"),
         ("leakage.exponent", "1", "lognormal"),
     ]
 
