@@ -18,12 +18,13 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills docs-commands challenge record demonstration figures house lock \
+.PHONY: help setup demo demo-sweep test long quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills docs-commands challenge record demonstration figures house lock \
   clean clean-cache
 
 help:
 	@echo "make demo    install, sweep a virtual bench that conceals physics, name it, reveal it: $(OUT)/demo/index.html"
 	@echo "make test    install, then lint, type-check and test"
+	@echo "make long    the tests that take longer: whole chains, fits, diagnoses and campaigns, a quarter of an hour"
 	@echo "make quick   lint and the quick tests, within a minute: for the inner loop"
 	@echo "make setup   make $(VENV) with the command $(BIN)/spinbench"
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
@@ -84,14 +85,18 @@ lint: $(STAMP)
 # The two have a core each.
 test: $(STAMP)
 	@$(MAKE) --no-print-directory -j2 lint kernels
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not long"
+
+# What whole chains, fits, diagnoses and campaigns take minutes for.
+long: $(STAMP) kernels
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long
 
 # Of tests, what files of seconds hold.
 quick: $(STAMP)
 	@$(MAKE) --no-print-directory -j2 lint quick-tests
 
 quick-tests: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow and not long"
 
 bench: $(STAMP)
 	$(BIN)/python tests/bench/run.py --json $(OUT)/bench.json

@@ -100,7 +100,7 @@ SLOW = {
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Where no slow test is wanted, a slow file need not be read."""
-    return True if config.getoption("markexpr") == "not slow" and collection_path.stem in SLOW else None
+    return True if "not slow" in config.getoption("markexpr") and collection_path.stem in SLOW else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -29,6 +29,7 @@ def told(bench: Path, spinbench_here, *words: str) -> dict:
     return json.loads((bench / "out.json").read_text())
 
 
+@pytest.mark.long
 def test_rows_that_are_left_out_count_nowhere_and_the_report_says_so(bench, spinbench_here):
     with_them = told(bench, spinbench_here, "--without", "coast_down.csv")
     left_out = told(bench, spinbench_here, "--without", "coast_down.csv", "--without", "sweep.csv:4-6,7")
@@ -41,6 +42,7 @@ def test_rows_that_are_left_out_count_nowhere_and_the_report_says_so(bench, spin
     assert "coast_down.csv: left out (--without)" in page
 
 
+@pytest.mark.long
 def test_a_fit_without_rows_is_another_fit(bench, spinbench_here):
     words = ("--steady-only", "--effective-samples", "200", "--without", "sweep.csv:4-23")
     done = spinbench_here("fit", "bench", "-o", "fit", "--json", "fit.json", *words, cwd=bench)

@@ -28,6 +28,8 @@ from rig.runlog import read_run, verify
 from spinbench.cli import app
 from tests.diagnosis_recordings import sweep
 
+pytestmark = pytest.mark.long
+
 PROGRAM = [sys.executable, "-m", "spinbench"]
 DAY = ["--lubrication", "none", "--minutes-running", "0"]
 ENOUGH_S = 120.0

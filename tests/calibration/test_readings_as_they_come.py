@@ -522,6 +522,7 @@ def _read_once_while_it_fills(place: Path) -> None:
     place.write_text("\n".join([head, *map(",".join, cells)]) + "\n", encoding="utf-8")
 
 
+@pytest.mark.long
 def test_a_gauge_that_was_read_only_while_the_line_filled_does_not_tell_the_level(tmp_path: Path, run: Run) -> None:
     sweep(tmp_path / "run", 6, {})
     add_spin_up(tmp_path / "run", 6, {})

@@ -144,6 +144,7 @@ def test_a_dead_device_does_not_slow_the_others_on_its_line(acquiring, tmp_path)
         assert len(failed()) - count <= 3  # the dead one, which would be asked 20 times
 
 
+@pytest.mark.long
 def test_a_device_among_others_is_read_again_soon_after_a_silence(acquiring, tmp_path):
     text = MODBUS.replace("baud = 19200", "baud = 19200\ntimeout_s = 0.5\nslowest_reply_s = 1.0")
     with serving(bench(text, paced=False), tmp_path, rate=1.0) as served:

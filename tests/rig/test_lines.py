@@ -252,6 +252,7 @@ def test_a_babbling_line_is_told(on_line):
         line.ask(b"?", lambda buffer: None)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_with_one_reply_in_five_late_a_thousand_reads_give_no_wrong_value(on_line):
     draw = random.Random(7)

@@ -308,6 +308,7 @@ def silent(request, served, tmp_path_factory):
     return line, device
 
 
+@pytest.mark.long
 def test_a_silent_device_is_told_in_one_line(silent):
     line, _ = silent
     assert "nothing within 0.3 s" in line
@@ -448,6 +449,7 @@ BY_HAND = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("answers", "pressure_bar_abs", "temperature_c"),
     [
@@ -582,6 +584,7 @@ def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_p
     assert (tmp_path / "out" / "replay.png").is_file()
 
 
+@pytest.mark.long
 def test_plateaus_at_one_level_and_a_flywheel_of_the_command_line_are_in_the_recording(
     bench, tmp_path, spinbench_anywhere
 ):

@@ -16,6 +16,8 @@ from rig.runlog import read_run
 from spinbench import readings
 from tests.synthetic_runs import write_sweep
 
+pytestmark = pytest.mark.long
+
 ENOUGH_S = 600.0
 TACH = "V00001"  # what the virtual edge counter calls itself
 GAUGE = "G-3"  # which the gauge does not tell

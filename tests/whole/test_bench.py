@@ -144,6 +144,7 @@ def test_a_command_that_fails_says_what_it_said(bench):
         bench("cold_start")._run(["-c", "import sys; sys.stderr.write('too bad'); sys.exit(3)"])
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_quick_benchmark_writes_its_figures_and_its_page(bench, tmp_path):
     results = bench("results")

@@ -61,6 +61,7 @@ def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_pat
     assert after["sd"] < 0.005
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_line_that_holds_air_behind_a_gauge_with_one_value_a_second_is_explained(tmp_path: Path) -> None:
     """One bench of `make chain`, from bytes to fit and verdict."""
@@ -71,6 +72,7 @@ def test_a_line_that_holds_air_behind_a_gauge_with_one_value_a_second_is_explain
         assert abs(figure["mean"] - TRUE_F_OVERALL) < 4.0 * figure["sd"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_flywheel_that_the_bench_file_states_is_on_the_shaft_and_in_the_recording(tmp_path: Path, done_here) -> None:
     text = (ROOT / "configs" / "benches" / "virtual.toml").read_text(encoding="utf-8")

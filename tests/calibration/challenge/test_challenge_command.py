@@ -18,6 +18,8 @@ from calibration.work import many_table
 from calibration.work.many import Result
 from tests import sweep_rig
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).resolve().parents[3]
 SPINBENCH = [sys.executable, "-m", "spinbench"]
 LIMIT_S = 300.0

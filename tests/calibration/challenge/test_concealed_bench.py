@@ -252,6 +252,7 @@ def test_a_sweep_over_the_wire_finishes_and_reads_what_is_concealed(swept):
         assert slow < speed < fast
 
 
+@pytest.mark.long
 def test_nothing_in_the_chain_knows_what_is_concealed(swept, tmp_path):
     """With the key, and with it gone: the same bytes. Nor does a run hold the key, or a word of the truth."""
     folder, made, _, _, key = swept

@@ -531,6 +531,7 @@ def thinned(folder):
 
 
 class TestSeparable:
+    @pytest.mark.long
     def test_a_leak_in_a_sweep_is_large_and_like_a_flow_error(self, case, tmp_path):
         make_recording(case, tmp_path)
         thinned(tmp_path)
@@ -539,6 +540,7 @@ class TestSeparable:
         # The speed's scale, with an f_overall to match, is the flow's: the two are as like to half a percent.
         assert found["rival"] in ("flow_offset", "flow_scale", "flow_density_correction", "speed_scale")
 
+    @pytest.mark.long
     def test_an_offset_of_the_flow_meter_is_like_a_leak_through_a_hole(self, tmp_path):
         """Its volume at the line's pressure hardly changes; that of a leak through a gap grows with the pressure."""
         shifted = conceal(case_of("none", transients=False), effect("flow_offset", offset_m3_s=1.5e-4))
@@ -548,6 +550,7 @@ class TestSeparable:
         assert found["D"] > 7.0
         assert (found["rival"], found["form"]) == ("leakage", "orifice")
 
+    @pytest.mark.long
     def test_of_two_effects_the_one_in_another_form_may_pass_for_both(self, tmp_path):
         """A leak through a hole for a leak through a gap and an offset of the flow meter; whichever stands first."""
         both = conceal(
@@ -562,6 +565,7 @@ class TestSeparable:
         assert found["D"] > 7.0
         assert (found["rival"], found["form"], found["separable"]) == ("leakage", "orifice", False)
 
+    @pytest.mark.long
     def test_the_nuisances_take_up_dry_friction_in_a_sweep_alone(self, tmp_path):
         """No rival is tried then: it would not matter."""
         faint = conceal(case_of("none", transients=False), effect("coulomb_friction", torque_nm=0.4))
@@ -595,6 +599,7 @@ class TestSeparable:
         quick, whole = both_ways(effect("exhaust_back_pressure", rise_pa_s2_m6=2e8))
         assert quick.tolist() == whole.tolist()
 
+    @pytest.mark.long
     def test_what_the_nuisances_take_up_is_not_seen_however_bent_their_line(self, tmp_path, monkeypatch):
         """A friction that f_overall takes up wholly: along a straight line what is left of it is the line's bend."""
         monkeypatch.setattr(recordings, "LEVELS_BAR", np.array([1.6, 2.0]))

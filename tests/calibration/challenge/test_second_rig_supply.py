@@ -435,6 +435,7 @@ ONE_TOOTH = {"tachometer": "teeth", "teeth": 1, "zero_after_s": 3.0, "gauge_hz":
 
 
 class TestDiagnosed:
+    @pytest.mark.long
     @pytest.mark.parametrize(("figures", "instruments"), [(STIFF, WHEEL), (LARGE, ONCE_A_SECOND), (SHUT, ONE_TOOTH)])
     def test_what_line_and_instruments_do_is_no_missing_physics(self, tmp_path, figures, instruments):
         case = replace(cases(lambda one: one.category == "none", seed=30), supply=figures, instruments=instruments)

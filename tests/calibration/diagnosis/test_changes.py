@@ -22,6 +22,8 @@ from calibration.systems.several.sharing import Sharing
 from model.motor import Motor, read_motor
 from rig.recording import Recording, read_recording
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).resolve().parents[3]
 LEAK = {"leakage": {"conductance_kg_s_pa2": 2e-14, "exponent": 0.63}}
 TRUE = read_motor("ptm3600")["f_overall"].value

@@ -31,6 +31,7 @@ def asked(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_here):
     done = spinbench_here("diagnose", "swept", "-o", "first", cwd=asked)
     assert done.returncode == 0, done.stderr

@@ -22,6 +22,7 @@ def demonstrate(*words: object, code: int = 0) -> subprocess.CompletedProcess[st
     return done
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the public recordings are not here")
 @pytest.mark.parametrize(
     ("name", "verdict"), [("emps", "named"), ("whiffle_ball", "confounded"), ("baseball", "consistent")]

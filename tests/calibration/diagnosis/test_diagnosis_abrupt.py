@@ -69,6 +69,7 @@ def test_a_slipping_tachometer_is_told_from_a_misread_row(tmp_path: Path, bad_ro
         assert place.coordinate == "time" and place.where == (740.0, 1000.0) and place.p_value < 1e-3
 
 
+@pytest.mark.long
 def test_what_a_step_explains_is_unresolved_and_located_in_time(tmp_path: Path) -> None:
     found = as_json(diagnose(sweep(tmp_path, 21, BRAKE), 1))
     assert found["verdict"] == "unresolved" and [e["id"] for e in found["effects"]] == ["unknown"]

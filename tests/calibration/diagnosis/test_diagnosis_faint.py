@@ -70,6 +70,7 @@ def test_no_interval_of_f_overall_is_narrower_than_the_laws_are_exact(tmp_path: 
     assert SOLVERS_DIFFER < before["sd"] / before["mean"] < UNSEEN < after["sd"] / after["mean"]
 
 
+@pytest.mark.long
 def test_f_overall_beside_an_effect_holds_that_its_law_may_have_another_form(tmp_path: Path) -> None:
     found = diagnose(recordings.sweep(tmp_path, 3, {"windage": {"drag_nm_s2": 3e-4}}), seed=1)
     assert found.verdict.chosen is not None

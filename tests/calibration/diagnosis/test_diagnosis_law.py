@@ -226,6 +226,7 @@ def test_a_level_that_is_off_by_the_same_each_time_is_no_misreading(coasted):
     assert np.flatnonzero(robust_weights(unlike, comparison, found=True)[1] > 0.5).tolist() == [twice[0]]
 
 
+@pytest.mark.long
 def test_half_a_sweep_that_turns_slower_is_not_named_as_misread(tmp_path):
     sweep(tmp_path, 21, {})
     lines = (tmp_path / "sweep.csv").read_text().splitlines()

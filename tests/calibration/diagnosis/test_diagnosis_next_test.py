@@ -182,6 +182,7 @@ def test_a_flywheel_is_declared_in_the_planned_recording(comparison):
     assert Problem(heavy.recording).motor.si("inertia") == pytest.approx((1.0 + FLYWHEEL) * inertia)
 
 
+@pytest.mark.long
 def test_two_losses_of_pressure_are_parted_by_gauges_at_their_places(comparison, base):
     rivals = [rival(comparison, base, name) for name in ("inlet_throttling", "exhaust_back_pressure")]
     rivals = [with_size(comparison, one, 1.0) for one in rivals]
@@ -224,6 +225,7 @@ def test_the_same_explanation_twice_is_not_told_apart(comparison, base):
     assert propose(comparison, [one, one]) == []
 
 
+@pytest.mark.long
 def test_tests_are_proposed_with_runs_in_time_in_the_recording_too(tmp_path):
     sweep(tmp_path, 31, {})
     comparison = Comparison(Problem(add_coast_down(tmp_path, 32, {})))

@@ -466,6 +466,7 @@ def test_the_times_of_like_steps_are_told_together():
     assert diagnosis_words.steps_in_words(seconds) == "detect 0.4 s, test what is left 1.5 s; 1.9 s in all"
 
 
+@pytest.mark.long
 def test_the_command_writes_page_picture_and_document_and_tells_the_time_of_each_step(tmp_path):
     sweep(tmp_path / "recording", 11, {})
     command = [sys.executable, "-m", "spinbench", "diagnose", "recording", "-o", "out", "--json", "found.json"]

@@ -270,6 +270,7 @@ def test_two_starts_end_at_the_same_evidence(tmp_path: Path) -> None:
     assert abs(ends[0] - ends[1]) < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_search_ends_at_one_place_behind_a_line_that_empties_slowly(tmp_path: Path) -> None:
     """From a model without effects, from a rival and from its own end."""
@@ -399,6 +400,7 @@ def test_drag_is_found_with_its_size_in_a_coast_down(tmp_path: Path) -> None:
     assert np.sum(found.r[comparison.kind == RUN] ** 2) < 2.0 * np.sum(comparison.kind == RUN)
 
 
+@pytest.mark.long
 def test_a_vented_gauge_that_reads_high_is_named(tmp_path: Path) -> None:
     high = {"pressure_gauge_offset": {"offset_pa": 5000.0}}
     recordings.sweep(tmp_path, 4, high)

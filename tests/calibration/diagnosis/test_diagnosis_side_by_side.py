@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.search import Search
@@ -21,6 +22,8 @@ from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.work.side_by_side import SideBySide
 from model.motor import read_motor
 from tests import diagnosis_recordings as recordings
+
+pytestmark = pytest.mark.long
 
 DRAG = {"windage": {"drag_nm_s2": 2e-4}}
 

@@ -60,6 +60,7 @@ def test_a_held_rotor_without_a_flow_speaks_against_a_leak(tmp_path: Path) -> No
     assert held < without - 5.0
 
 
+@pytest.mark.long
 def test_a_held_rotor_is_pictured_in_the_report(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 5, {"leakage": LEAK})
     recordings.add_held_rotor(tmp_path, 5, leak_at(2.0e5))

@@ -143,6 +143,7 @@ def test_a_misread_reading_held_out_costs_what_it_costs_in_a_fit(tmp_path: Path)
     assert costs[1] - costs[0] == pytest.approx(2.0 * math.log(3.0), abs=0.1)
 
 
+@pytest.mark.long
 def test_a_warm_up_is_named_beside_rows_misread_by_far(tmp_path: Path) -> None:
     """Three readings far off: the noise that would pass them and the warm-up for chance is no explanation."""
     recordings.sweep(tmp_path, 11, {"friction_warm_up": {"share_cold": 0.15, "time_s": 400.0}})

@@ -92,6 +92,7 @@ def test_a_misread_row_is_named_with_its_place(tmp_path: Path) -> None:
     assert found["f_overall_after"]["sd"] > found["f_overall_before"]["sd"]
 
 
+@pytest.mark.long
 def test_a_misread_row_is_named_beside_an_effect(tmp_path: Path) -> None:
     found = as_json(diagnose(sweep(tmp_path, 6, {"leakage": {"conductance_kg_s_pa2": LEAK}}, bad_row=7), 1))
     assert (found["verdict"], sets_said(found)) == ("named", [{"leakage", "bad_reading"}])
@@ -101,6 +102,7 @@ def test_a_misread_row_is_named_beside_an_effect(tmp_path: Path) -> None:
     assert misread["parameters"]["readings"]["mean"] == 1.0 and misread["log10_bayes_factor"] > 2.0
 
 
+@pytest.mark.long
 def test_what_is_off_at_a_level_each_time_is_not_called_misread(tmp_path: Path) -> None:
     found = as_json(diagnose(sweep(tmp_path, 5, {}, bad_row=(7, 20), off_rpm=20.0), 1))
     assert found["verdict"] == "unresolved" and found["suspect_rows"] == []
@@ -130,6 +132,7 @@ def test_a_leak_is_named_with_its_size(leaking) -> None:
     assert said["sd"] < 0.2 * LEAK
 
 
+@pytest.mark.long
 def test_a_diagnosis_proves_what_it_names_on_an_unseen_run(leaking, tmp_path: Path) -> None:
     recording, found = leaking
     held_out = found["improvement"]["held_out"]
@@ -189,6 +192,7 @@ def test_the_same_seed_gives_the_same_document(plain) -> None:
     assert as_json(diagnose(recording, 1)) == found
 
 
+@pytest.mark.long
 def test_dry_friction_that_hides_behind_the_rollers_is_not_excluded_and_gets_its_test(tmp_path: Path) -> None:
     """Several times the roller friction, less f_overall and less inertia fit as well: only their priors speak."""
     hidden = {"coulomb_friction": {"torque_nm": 0.12}}
@@ -418,6 +422,7 @@ def test_the_law_of_the_test_is_drawn_with_noise_as_loud_as_the_recordings(tmp_p
     assert (loud[1] - loud[0]).mean() == pytest.approx(np.log(2.0), abs=0.35)  # the prior draws it back a little
 
 
+@pytest.mark.long
 def test_noise_far_louder_than_declared_is_a_mismatch_and_said_so(tmp_path: Path) -> None:
     sweep(tmp_path, 8, {})
     text = (tmp_path / "recording.toml").read_text(encoding="utf-8")

@@ -40,6 +40,7 @@ def spinbench(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.long
 def test_each_recording_has_its_own_size_and_one_effect_is_named(two_days: Path, tmp_path: Path) -> None:
     done = spinbench(
         "diagnose", two_days / "first", two_days / "second", "--per-recording", "leakage", "-o", tmp_path / "out"

@@ -36,6 +36,7 @@ def on_another_day(
         return recordings.add_coast_down(folder, seed, chosen, **run) if heavy else found
 
 
+@pytest.mark.long
 def test_one_recording_among_several_is_that_recording(tmp_path: Path) -> None:
     alone = recordings.sweep(tmp_path / "alone", 3, {"windage": {"drag_nm_s2": 2e-4}})
     one, other = as_json(diagnose(alone, 1)), as_json(diagnose([alone], 1))
@@ -61,6 +62,7 @@ def two_days(tmp_path_factory: pytest.TempPathFactory, spinbench_anywhere) -> Pa
     return folder
 
 
+@pytest.mark.long
 def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path) -> None:
     both = json.loads((two_days / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert both["verdict"] == "consistent"
@@ -124,6 +126,7 @@ def with_a_flywheel_in_the_coast_down_alone(folder: Path, seed: int) -> Recordin
     return read_recording(folder)
 
 
+@pytest.mark.long
 def test_a_flywheel_at_a_file_is_on_the_shaft_in_that_run_alone(tmp_path: Path) -> None:
     seen = with_a_flywheel_in_the_coast_down_alone(tmp_path / "bench", 3)
     several = compared(seen)

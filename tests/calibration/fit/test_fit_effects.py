@@ -55,6 +55,7 @@ def fitted(rubbing) -> fit.Fit:
     return fit.Fit(rubbing, motor, measured, likelihood, result, settings, ("coulomb_friction",))
 
 
+@pytest.mark.long
 def test_dry_friction_is_recovered_and_f_overall_with_it(fitted):
     truth = {"coulomb_friction.torque_nm": TORQUE, "f_overall": read_motor("ptm3600")["f_overall"].value}
     for name, true in truth.items():
@@ -104,6 +105,7 @@ def test_the_bands_of_the_report_are_those_of_the_model_with_its_effects(fitted)
     assert np.all(there.mean > here.mean + 1.0)  # rpm
 
 
+@pytest.mark.long
 def test_an_effect_that_changes_with_time_is_drawn_at_the_middle_of_the_sweep(rubbing):
     settings = Settings(seed=1, effective_samples=10, most_steps=25, walkers=40)
     time = np.array([0.0, 100.0, 200.0, 600.0])

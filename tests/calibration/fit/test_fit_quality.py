@@ -34,6 +34,7 @@ def test_the_number_is_the_diagnosis_own_for_plateaus_and_the_same_seed(clean):
     assert found["files"] == [{"file": "sweep.csv", "rows": 26, "rows_used": 26, "why": ""}]
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bits_and_another_draws_anew(windy):
     assert fit_quality.judge(windy, 1) == fit_quality.judge(windy, 1)
     assert fit_quality.judge(windy, 1).p_value != fit_quality.judge(windy, 4).p_value

@@ -60,6 +60,7 @@ def found(fitted, bench) -> dict:
 # Two days and a run in time
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_f_overall_holds_the_truth_and_the_run_narrows_it(found, bench, spinbench_here):
     true = read_motor("ptm3600")["f_overall"].value
@@ -74,6 +75,7 @@ def test_f_overall_holds_the_truth_and_the_run_narrows_it(found, bench, spinbenc
     assert used["coast_down.csv"] == 0 and used["sweep.csv"] == 5
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_many_fit_fits_what_fit_fits(bench, tmp_path):
     few = Settings(effective_samples=10, most_steps=60, walkers=160, times_tau=0.1)
@@ -83,6 +85,7 @@ def test_many_fit_fits_what_fit_fits(bench, tmp_path):
     assert row["model_fits"] is True
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_is_of_a_day_has_its_name_and_what_is_shared_has_none(found):
     names = set(found["parameters"])
@@ -92,6 +95,7 @@ def test_what_is_of_a_day_has_its_name_and_what_is_shared_has_none(found):
     assert found["parameters"]["one: ambient_pressure"]["q50"] > found["parameters"]["two: ambient_pressure"]["q50"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_its_json_is_posterior_1_with_every_file(found):
     assert found["format"] == "posterior/1"
@@ -101,6 +105,7 @@ def test_its_json_is_posterior_1_with_every_file(found):
     assert files["one/coast_down.csv"] > 20 and files["one/sweep.csv"] == 5 and files["two/sweep.csv"] == 3
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_its_report_shows_the_run_in_time_and_holds_sampling_against_laplace(fitted, found, bench):
     page = (bench / "out" / "report.html").read_text()
@@ -110,6 +115,7 @@ def test_its_report_shows_the_run_in_time_and_holds_sampling_against_laplace(fit
     assert "Traceback" not in fitted.stderr
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_fit_that_is_killed_goes_on_to_the_same_posterior(found, bench, spinbench_here):
     arguments = ["fit", "one", "two", "-o", "again", "--json", "again.json", *BRIEF]

@@ -140,6 +140,7 @@ def test_outside_the_bounds_of_an_effect_there_is_nothing(comparison, base):
     assert target.calls == calls
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_of_a_real_sweep_both_samplers_and_laplace_give_one_evidence(comparison, base):
     target = Target(comparison, base)

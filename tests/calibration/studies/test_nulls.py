@@ -25,6 +25,8 @@ from model.motor import QUANTITIES, read_motor
 from model.solvers import steady
 from rig.recording import read_recording, write_recording
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).resolve().parents[3]
 SEED = 7_000
 COUNT = 4

@@ -8,6 +8,8 @@ from scipy import stats
 
 from calibration.studies import sbc
 
+pytestmark = pytest.mark.long
+
 SEEDS = range(7_100, 7_104)
 BUDGET = {"effective_samples": 100, "most_steps": 500, "times_tau": 8.0}  # a mean and a spread need no more
 

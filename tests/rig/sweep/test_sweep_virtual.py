@@ -97,6 +97,7 @@ def test_the_coast_down_has_every_tooth(swept):
     assert set(turning["raw"].str.partition(" in ")[0]) == {"1 edge"}
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_bench_that_stands_still_for_seconds_on_a_busy_machine_loses_no_sweep(tmp_path, monkeypatch):
     """Stopped under pressure, so that gauge, regulator and tachometer all go unanswered."""
