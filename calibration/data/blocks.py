@@ -14,6 +14,7 @@ from calibration.data.runs_in_time import repeated, turns
 from configs.units import BAR
 from model.layout import L_MIN, RPM
 from rig.recording import Recording, RecordingError
+from rig.recording.columns import PRESSURE, pressure_in
 
 FEWEST_SAMPLES = 4  # a run with fewer to compare says nothing, and is left aside
 LEVEL_PA = 3000.0  # gap that parts two pressure levels
@@ -133,8 +134,7 @@ def _vented(recording: Recording) -> Vented:
     found: list[tuple[str, float, float, bool]] = []
     is_end: list[bool] = []
     for file in recording.files:
-        gauge = "pressure_bar_gauge" in file.columns
-        name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
+        name, gauge = pressure_in(file.columns)
         if name not in file.columns or file.kind == "steady":
             continue
         rest = np.ones(file.rows, dtype=bool)
@@ -176,7 +176,7 @@ def _is_shut(
     known = [(other, other_sd) for _, other, other_sd, of_gauge in vented if of_gauge == is_gauge]
     ambient = recording.ambient
     if not known and ambient.pressure_bar_abs is not None:
-        figures = recording.channels["pressure_bar_gauge" if is_gauge else "pressure_bar_abs"]
+        figures = recording.channels[PRESSURE[is_gauge]]
         at = 0.0 if is_gauge else ambient.pressure_bar_abs
         room_sd = 0.0 if is_gauge else ambient.pressure_sd_bar or ROOM_SD_BAR
         known = [(at * BAR, float(np.linalg.norm([figures.bias_sd, figures.scale_sd * at, room_sd])) * BAR)]
@@ -189,12 +189,12 @@ def _standing(recording: Recording) -> Standing:
         held = file.kind == "steady" and "rotor_locked" in file.columns
         if "flow_l_min" not in file.columns or not (held or file.kind == "zero"):
             continue
-        gauge = "pressure_bar_gauge" in file.columns
+        name, gauge = pressure_in(file.columns)
         flow, clock = file.columns["flow_l_min"], times_of(file)
         used = np.isfinite(flow.values) & (flow.censor == 0)
         pressure = np.full(file.rows, np.nan)
         if held:
-            read = file.columns["pressure_bar_gauge" if gauge else "pressure_bar_abs"]
+            read = file.columns[name]
             used &= (file.columns["rotor_locked"].values > 0.5) & np.isfinite(read.values) & (read.censor == 0)
             pressure = read.values * BAR
         figures = recording.channels["flow_l_min"]

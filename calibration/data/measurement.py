@@ -13,6 +13,7 @@ from model.layout import RPM
 from model.motor import Motor
 from model.solvers import steady
 from rig.recording import Recording, RecordingError, RecordingFile
+from rig.recording.columns import pressure_in
 
 OBSERVED, MISSING, BELOW, ABOVE = 0, 1, 2, 3
 SHAPE_WRONG, SHAPE_RIGHT = 0.1, 0.03  # relative distances of speeds from the motor's curve, see `_shape_misfit`
@@ -179,8 +180,8 @@ def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray)
 def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list[int], list[int]]:
     """The rows of one file, the numbers of those that cannot be used, and of those with the rotor locked."""
     n = file.rows
-    gauge = "pressure_bar_gauge" in file.columns
-    pressure, pressure_state = _column(file, "pressure_bar_gauge" if gauge else "pressure_bar_abs", n)
+    name, gauge = pressure_in(file.columns)
+    pressure, pressure_state = _column(file, name, n)
     flow, flow_state = _column(file, "flow_l_min" if "flow" in channels else "", n)
     speed, speed_state = _column(file, "speed_rpm" if "speed" in channels else "", n)
     if file.kind == "zero":

@@ -18,6 +18,7 @@ from model import geometry
 from model.layout import LOBE, N_CYLINDERS, N_LOBES
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError
+from rig.recording.columns import PRESSURE, pressure_in
 
 FULL = 0.9  # share of the swept volume that a turn takes in, measured on this motor; beside a leak up to 1.5
 MOST_OFF = 3.0  # factor on flow over speed that no leak and no wrong meter makes
@@ -242,8 +243,8 @@ def refuse_out_of_range(recording: Recording) -> None:
     P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / BAR
     low, high = PRESSURE_LIMITS_BAR
     for file in recording.files:
-        gauge = "pressure_bar_gauge" in file.columns
-        name, other = ("pressure_bar_gauge", "pressure_bar_abs")[:: 1 if gauge else -1]
+        name, gauge = pressure_in(file.columns)
+        other = PRESSURE[not gauge]
         if file.kind != "steady" or name not in file.columns:
             continue
         column = file.columns[name]

@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration.data.runs_in_time import turns
 from rig.recording import Recording, RecordingFile
+from rig.recording.columns import pressure_in
 
 if TYPE_CHECKING:
     from calibration.data.blocks import Blocks
@@ -80,7 +81,7 @@ def _held(file: RecordingFile) -> np.ndarray:
 
 
 def _has_pressure(file: RecordingFile) -> np.ndarray:
-    read = next(column for name, column in file.columns.items() if name.startswith("pressure_bar_"))
+    read = file.columns[pressure_in(file.columns)[0]]
     return np.isfinite(read.values) & (read.censor == 0)
 
 

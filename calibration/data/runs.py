@@ -13,6 +13,7 @@ from configs.units import BAR
 from model.layout import PULSE, RPM
 from model.solvers.transient import Supply
 from rig.recording import Channel, Recording, RecordingError, RecordingFile
+from rig.recording.columns import pressure_in
 
 REST_SHARE = 0.1  # a coast-down is compared down to this share of its first speed,
 REST_AT = 5.0  # rad/s; ... and to this speed: below, it hangs on single pulses of the cylinders
@@ -127,8 +128,7 @@ def run_of(file: RecordingFile, recording: Recording) -> RunInTime:
     RecordingError
         Without a clock, a speed or a pressure.
     """
-    gauge = "pressure_bar_gauge" in file.columns
-    name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
+    name, gauge = pressure_in(file.columns)
     if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:
         raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")
     clock, shown = file.columns["time_s"].values, file.columns["speed_rpm"].values

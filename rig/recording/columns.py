@@ -20,6 +20,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+from collections.abc import Container
 from dataclasses import dataclass
 
 FIGURES = ("noise_sd", "bias_sd", "scale_sd", "resolution")
@@ -113,6 +114,12 @@ _CONVERT = {
     "angle": {"": "name the unit", "deg": "multiply by 0.0174533", "rev": "multiply by 6.28319"},
     "inlet_temperature": {"": "name the unit", "k": "subtract 273.15", "f": "subtract 32, then divide by 1.8"},
 }  # fmt: skip
+
+
+def pressure_in(columns: Container[str]) -> tuple[str, bool]:
+    """The column of the supply's pressure, and whether it is above the room's; the absolute one where there is none."""
+    gauge = PRESSURE[1] in columns
+    return PRESSURE[gauge], gauge
 
 
 def siblings(column: str) -> tuple[str, ...]:

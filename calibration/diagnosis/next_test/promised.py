@@ -12,6 +12,7 @@ from calibration.diagnosis.next_test.information import pair_weights
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.expected import Capture
 from rig.recording import Recording, RecordingFile
+from rig.recording.columns import pressure_in
 
 LEVEL, INERTIA = 0.1, 0.2  # shares by which what was taken may be off what was asked for
 BESIDE = "; "  # between tests that were taken together
@@ -106,10 +107,10 @@ def captures_of(recording: Recording) -> list[Capture]:
 
 def _levels(file: RecordingFile, room_bar: float) -> np.ndarray:
     """Absolute pressures of plateaus, or of a run while the supply is open [bar]."""
-    name = next((name for name in file.columns if name.startswith("pressure_bar_")), None)
-    if name is None:
+    name, gauge = pressure_in(file.columns)
+    if name not in file.columns:
         return np.empty(0)
-    values = file.columns[name].values + (room_bar if name.endswith("_gauge") else 0.0)
+    values = file.columns[name].values + (room_bar if gauge else 0.0)
     if file.kind == "transient":
         if "supply_open" not in file.columns:
             return np.empty(0)

@@ -19,6 +19,7 @@ from model.layout import RPM
 from model.rigs.displacement_machine import rows
 from model.rigs.state import Sizes, state_of
 from rig.recording import Recording, RecordingError, RecordingFile
+from rig.recording.columns import pressure_in
 
 VOLUME_FACTOR = 1.3  # an inline motor tells no tolerance, and a cut-off takes in less than the geometric volume
 NOT_READ = "no speed, no pressure, or neither a torque nor a flow"
@@ -60,8 +61,7 @@ class DisplacementMachine:
         readings: list[Readings] = []
         of_channel: list[np.ndarray] = []
         unknowns: list[Unknown] = []
-        gauge = "pressure_bar_gauge" in recording.channels
-        name = "pressure_bar_gauge" if gauge else "pressure_bar_abs"
+        name, gauge = pressure_in(recording.channels)
         files = _files_of(recording, name)
         P = _all_of(files, name) * BAR + (table.ambient if gauge else 0.0)
         speed = _all_of(files, "speed_rpm") / RPM
