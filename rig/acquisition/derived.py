@@ -60,10 +60,11 @@ class InletFlow:
         self.ambient_sd_bar = ambient.pressure_sd_bar
         chosen_c = ambient_c if ambient_c is not None else ambient.temperature_c
         self.ambient_c = 20.0 if chosen_c is None else chosen_c
-        self.flow_name, self.flow_figures = bench.channel("flow")
+        self.flow_name = bench.file.roles.flow
+        self.flow_figures = bench.channel("flow")[1] if self.flow_name else None
         self.pressure_name, self.pressure_figures = bench.channel("pressure")
         self.temperature_name = bench.file.roles.temperature
-        self.reference = self.flow_figures.reference
+        self.reference = self.flow_figures.reference if self.flow_figures else None
         self._pressure: Reading | None = None
         self._temperature: Reading | None = None
 
@@ -73,11 +74,11 @@ class InletFlow:
             self._pressure = reading
         elif reading.name == self.temperature_name:
             self._temperature = reading
-        if reading.name != self.flow_name or self.reference is None:
+        if reading.name != self.flow_name or self.flow_figures is None or self.reference is None:
             return None
-        return self._derived(reading, self.reference)
+        return self._derived(reading, self.flow_figures, self.reference)
 
-    def _derived(self, flow: Reading, reference: Reference) -> Reading:
+    def _derived(self, flow: Reading, figures: ChannelFile, reference: Reference) -> Reading:
         missing = self._missing(flow)
         if missing or flow.value is None or self._pressure is None or self._pressure.value is None:
             return self._reading(flow, None, flow.quality if flow.value is None else Quality.STALE, missing)
@@ -89,7 +90,7 @@ class InletFlow:
         measured = self._temperature is not None and self._temperature.usable
         celsius = self._temperature.value if measured and self._temperature is not None else self.ambient_c
         inlet = State(absolute, sd_bar, float(celsius or 0.0) + ZERO_C, 0.5 if measured else 2.0)
-        value, sd = inlet_flow(flow.value, _sd(self.flow_figures, flow.value), reference, inlet)
+        value, sd = inlet_flow(flow.value, _sd(figures, flow.value), reference, inlet)
         words = f"sd {sd:.4g} L/min; from {flow.value!r} {flow.unit} at {reference.pressure_bar_abs:g} bar, "
         words += f"{reference.temperature_c:g} degC ({reference.kind})"
         trusted = flow.quality if self._pressure.good else Quality.UNVERIFIED

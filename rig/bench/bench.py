@@ -78,8 +78,8 @@ class RolesTable(Strict):
     """Which channel is which: ``device.channel``; ``regulator`` is a device."""
 
     pressure: str
-    flow: str
     speed: str
+    flow: str | None = None  # left out: the bench has no flow meter
     temperature: str | None = None
     regulator: str | None = None  # left out: a person sets the pressure
 

@@ -584,6 +584,26 @@ def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_p
     assert (tmp_path / "out" / "replay.png").is_file()
 
 
+def test_a_bench_without_a_flow_meter_is_swept_exported_and_compared_with_the_model(
+    bench, tmp_path, spinbench_anywhere
+):
+    text = re.sub(r"(?ms)^\[(devices\.flowmeter|lines\.net)\].*?(?=^\[)", "", bench.read_text())
+    path = tmp_path / "no_meter.toml"
+    path.write_text(re.sub(r"(?m)^flow = .*\n", "", text))
+    logs = ("--logs", tmp_path / "logs")
+    swept = run("sweep", path, *logs, *DAY)
+    assert swept.returncode == 0, swept.stderr
+    exported = spinbench_anywhere("runs", "export", "last", *logs, "-o", tmp_path / "recording", cwd=tmp_path)
+    assert exported.returncode == 0, exported.stderr
+    read = read_recording(tmp_path / "recording")
+    assert "flow_l_min" not in read.channels
+    assert min(read.files[0].columns["speed_rpm"].values) > 100.0
+    words = ("--with-model", *logs, "-o", tmp_path / "out")
+    compared = spinbench_anywhere("replay", "last", *words, cwd=tmp_path)
+    assert compared.returncode == 0, compared.stderr
+    assert "speed" in compared.stdout and "flow" not in compared.stdout
+
+
 @pytest.mark.long
 def test_plateaus_at_one_level_and_a_flywheel_of_the_command_line_are_in_the_recording(
     bench, tmp_path, spinbench_anywhere
