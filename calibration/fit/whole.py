@@ -199,16 +199,21 @@ def _expected(
 
 
 def _refuse_far_out(target: Integrated) -> None:
-    centre = target.centre()
+    """Refuse a most probable point with noise far from what is declared, or with anything where the maps end."""
+    centre, farthest = target.centre(), np.full(len(target.unknowns), 2.0 * REACH)
+    farthest[target.shared.size :] = REACH
     far = [
-        f"{unknown.name} {value:.3g}{'' if unknown.unit == '1' else f' {unknown.unit}'} ({z:+.1f} prior sds)"
-        for unknown, value, z in zip(target.unknowns, target.values(centre[None])[0], centre, strict=True)
-        if abs(z) > REACH
+        f"{unknown.name} {value:.3g}{'' if unknown.unit == '1' else f' {unknown.unit}'} ({z:+.1f} prior sds, at most "
+        f"{most:g})"
+        for unknown, value, z, most in zip(
+            target.unknowns, target.values(centre[None])[0], centre, farthest, strict=True
+        )
+        if abs(z) > most
     ]
     if far:
         raise NoPeakError(
-            f"the most probable point has {', '.join(far)}, and a fit goes no farther than {REACH:g} prior sds; "
-            "leave out the readings that ask for it by --without FILE"
+            f"the most probable point is too far out for a fit: {', '.join(far)}; leave out the readings that ask for "
+            "it by --without FILE"
         )
 
 

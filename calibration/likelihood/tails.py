@@ -90,12 +90,13 @@ def reweighed(z: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.n
     grid, mass, log_total = _law(*_given(n - 1, x, z, covariance), 1.0, low[-1], high[-1])
     log_weight += log_total
     x[:, -1] = (mass * grid).sum(axis=1)
-    squared = np.column_stack([x[:, :-1] ** 2, (mass * grid**2).sum(axis=1)])
+    within = np.zeros_like(x)
+    within[:, -1] = (mass * (grid - x[:, -1:]) ** 2).sum(axis=1)
     weight = np.exp(log_weight - np.max(log_weight))
     log_gain = float(np.max(log_weight)) + math.log(float(np.mean(weight)))
     weight /= weight.sum()
     mean = weight @ x
-    return Reweighed(log_gain, mean, np.sqrt(weight @ squared - mean**2))
+    return Reweighed(log_gain, mean, np.sqrt(weight @ ((x - mean) ** 2 + within)))
 
 
 def _spread_evenly(n: int) -> np.ndarray:
