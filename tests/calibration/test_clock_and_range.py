@@ -88,6 +88,7 @@ def test_a_run_in_which_the_tachometer_shows_noise_alone_is_left_aside(tmp_path)
     assert "did not break away" in found["files"][1]["why"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "fastest_rpm", "is_caught"), [(26, 15.0, True), (141, 40.0, True), (187, 80.0, False)]
 )

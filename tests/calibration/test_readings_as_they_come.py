@@ -468,6 +468,7 @@ def interrupted(arguments: list[str], begun: Path | None) -> tuple[int, str]:
     return process.returncode, said
 
 
+@pytest.mark.long
 def test_ctrl_c_in_a_fit_says_what_is_kept_and_how_to_go_on(tmp_path: Path) -> None:
     folder = sweep(tmp_path / "swept", 5, {}).folder
     asked = ["fit", str(folder), "-o", str(tmp_path / "out"), "--effective-samples", "900000"]

@@ -95,6 +95,7 @@ def test_without_a_date_recordings_stand_in_the_order_given(tmp_path: Path) -> N
     assert (tmp_path / "trend.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_a_motor_that_wears_is_told_along_the_dates_of_its_recordings(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spinbench_here
 ) -> None:

@@ -168,6 +168,7 @@ def alone(device):
     return Worker(line, {"meter": (driver, 0.2)}, sink.exchange, lambda *_, **__: None, clock), sink
 
 
+@pytest.mark.long
 def test_a_device_alone_on_its_line_is_read_again_soon_after_a_silence():
     registers = {58 + place: 0 for place in range(6)}
     with ModbusPeer({1: registers}) as device:
@@ -253,6 +254,7 @@ def test_rate_jitter_and_failures_are_counted(acquiring, tmp_path):
     assert found["queue_high_water"] >= 1
 
 
+@pytest.mark.long
 def test_a_hurried_gauge_is_read_as_fast_as_its_line_bears_and_disturbs_nobody_on_it(acquiring, tmp_path):
     with serving(bench(MODBUS), tmp_path, rate=1.0) as served:
         acquisition, sink = acquiring(served)

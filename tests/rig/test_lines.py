@@ -178,6 +178,7 @@ def test_of_an_exception_after_an_echo_the_meaning_is_told(on_line):
         read(line, 0)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_noise_about_answers_that_may_be_late_gives_no_wrong_value(on_line):
     """Echoes, stray bytes before and after, late answers and damaged ones, all mixed."""

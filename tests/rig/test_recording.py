@@ -753,6 +753,7 @@ def test_text_that_a_spreadsheet_would_run_is_written_harmless(tmp_path):
 # Large files
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peak memory is read from /proc (Linux)")
 def test_a_large_file_is_read_in_memory_proportional_to_its_numbers(tmp_path):

@@ -314,6 +314,7 @@ def test_a_silent_device_is_told_in_one_line(silent):
     assert "nothing within 0.3 s" in line
 
 
+@pytest.mark.long
 def test_a_silent_device_is_named(silent):
     line, device = silent
     assert device in line
@@ -574,6 +575,7 @@ def test_a_sheet_is_not_held_against_a_model_that_its_few_readings_cannot_drive(
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.long
 def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_path, spinbench_anywhere):
     taken = run("capture", bench, "--kind", "zero", "--logs", tmp_path / "logs", *DAY)
     assert taken.returncode == 0, taken.stderr

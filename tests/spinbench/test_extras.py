@@ -51,6 +51,7 @@ def test_no_module_needs_them_to_be_imported():
     assert done.stdout == "[]\n", done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("absent", "extra", "words"),
     [

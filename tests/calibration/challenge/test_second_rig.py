@@ -67,6 +67,7 @@ class TestMotor:
         cell = curve.table()[round(psi / 90 * curve.CELLS), curve.VOLUME]
         assert cell * 1e6 == pytest.approx(volume, abs=1e-4)
 
+    @pytest.mark.long
     def test_steady_speeds_with_heat_agree_to_a_fifth_of_a_percent(self):
         found = marches.steady(slots.vector(), PRESSURES)
         assert found[:, 0] * slots.RPM == pytest.approx(SPEEDS_HEAT, rel=2e-3)
@@ -618,6 +619,7 @@ class TestSeparable:
         assert size(change, lines) > 5.0
         assert size(left, grown) < 0.5
 
+    @pytest.mark.long
     def test_more_roller_friction_is_no_larger_than_the_nuisance_that_it_is(self, tmp_path):
         """A roller factor 8 times its own is 3 declared sds of it, at the end of a long curved valley."""
         case = case_of("none", transients=False)

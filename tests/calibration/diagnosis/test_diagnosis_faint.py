@@ -63,6 +63,7 @@ def test_f_overall_of_a_consistent_recording_holds_what_may_be_there_unseen(tmp_
     assert after["sd"] < 3.0 * before["sd"]
 
 
+@pytest.mark.long
 def test_no_interval_of_f_overall_is_narrower_than_the_laws_are_exact(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 1, {})
     found = as_json(diagnose(recordings.add_coast_down(tmp_path, 1, {}), seed=1))

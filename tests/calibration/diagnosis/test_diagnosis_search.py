@@ -169,6 +169,7 @@ def test_a_set_is_searched_from_the_starts_that_give_readings(tmp_path: Path, mo
         find(comparison, ("windage",))
 
 
+@pytest.mark.long
 def test_a_torque_fixed_to_the_shaft_predicts_a_run_in_which_the_shaft_stood_elsewhere(tmp_path: Path) -> None:
     truth = {"once_per_rev_torque": {"sine_nm": 0.15, "cosine_nm": 0.0}}
     (tmp_path / "seen").mkdir()

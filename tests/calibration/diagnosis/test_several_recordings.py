@@ -62,7 +62,6 @@ def two_days(tmp_path_factory: pytest.TempPathFactory, spinbench_anywhere) -> Pa
     return folder
 
 
-@pytest.mark.long
 def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path) -> None:
     both = json.loads((two_days / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert both["verdict"] == "consistent"

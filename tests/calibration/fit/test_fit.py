@@ -179,6 +179,7 @@ def test_the_folder_of_another_recording_is_refused_in_a_line(killed, spinbench_
     assert {path: path.read_bytes() for path in (folder / "out").rglob("*") if path.is_file()} == before
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_another_seed_or_motor_is_another_fit(killed, spinbench_here):
     folder, _ = killed

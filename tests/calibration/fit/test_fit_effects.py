@@ -55,7 +55,6 @@ def fitted(rubbing) -> fit.Fit:
     return fit.Fit(rubbing, motor, measured, likelihood, result, settings, ("coulomb_friction",))
 
 
-@pytest.mark.long
 def test_dry_friction_is_recovered_and_f_overall_with_it(fitted):
     truth = {"coulomb_friction.torque_nm": TORQUE, "f_overall": read_motor("ptm3600")["f_overall"].value}
     for name, true in truth.items():

@@ -64,6 +64,7 @@ def judged(found: Fit, p: float, why: str = "The torque balance <b>does not clos
     return dataclasses.replace(found, quality=FitQuality(p, p >= 0.01, why))
 
 
+@pytest.mark.long
 def test_a_model_that_is_contradicted_is_what_the_page_says_first(found):
     wrong = judged(found, 3e-5)
     page = fit_page.report(wrong, [("speed alone", found.posterior)])["report.html"].decode()

@@ -44,6 +44,7 @@ def test_polynomials_agree_with_the_model_where_the_posterior_has_its_mass(likel
     assert np.std(miss) < 0.1
 
 
+@pytest.mark.long
 def test_a_chain_that_they_begin_needs_few_evaluations_for_a_sample(likelihood, monkeypatch):
     asked, true = [], likelihood.log_prob
     monkeypatch.setattr(likelihood, "log_prob", lambda z: asked.append(len(z)) or true(z))

@@ -6,7 +6,7 @@ from tests.kills import kill_once
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("after_s", [0.4, 5.3])
+@pytest.mark.parametrize("after_s", [0.4, pytest.param(5.3, marks=pytest.mark.long)])
 def test_a_killed_sweep_loses_no_row_and_leaves_the_regulator_at_zero(after_s):
     kill = kill_once(after_s)
     assert kill.fault == ""
