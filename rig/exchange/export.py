@@ -27,6 +27,7 @@ NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
 SLOWER, LATE_S = 4.0, 0.05  # times the usual exchange, and no less, from which on a reply came late
 UNASKED = 2.5  # times the usual pause between two readings, after which a held value may have been shown for long
+BEFORE = 4.0  # of its updates, in which a gauge has shown another value
 SAME = 1e-6  # share within which two ways to a speed give the same
 STANDS = 3.0  # standard errors of a mean speed that is none
 VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less
@@ -229,7 +230,7 @@ def _transients(run: Run, channels: dict[str, str], figures: Figures, notes: lis
             if column != "inlet_temperature_c"
         }
         for column in (one for one in PRESSURES if one in read):
-            read[column], late = _of_known_moment(read[column], _update_s(run, channels[column]))
+            read[column], late = _of_known_moment(run, channels[column], phase, read[column])
             if late:
                 notes.append(f"{name}, {column}: {late} readings left out, their replies came late")
         if "speed_rpm" in read:
@@ -254,22 +255,36 @@ def _update_s(run: Run, channel: str) -> float:
     return float(tomllib.loads(source.text).get("update_s", 0.0)) if source is not None else 0.0
 
 
-def _of_known_moment(found: Series, update_s: float) -> tuple[Series, int]:
+def _of_known_moment(run: Run, channel: str, phase: Phase, found: Series) -> tuple[Series, int]:
     """The readings that are new and whose moment is known, and how many new ones are left out.
 
-    A value that is repeated is of the moment when it was first shown. That is not known where the reply was late, or
-    where the instrument had not been asked for long.
+    A value that is repeated is of the moment when it was first shown, or of a whole number of the instrument's updates
+    later. That is not known where the reply was late, or where the instrument had not been asked for long.
     """
-    known = _prompt(found)
-    if update_s > 0.0 and found.time_ns.size > 1:
+    known, update_s = _prompt(found), _update_s(run, channel)
+    if not update_s or not found.time_ns.size:
+        return _only(found, np.flatnonzero(known)), int(np.sum(~known))
+    if found.time_ns.size > 1:
         gap = np.diff(found.time_ns, prepend=found.time_ns[0])
         known &= gap <= max(UNASKED * float(np.median(gap[1:])), LATE_S * NS)
+    # When the gauge measures, the readings before the phase tell too.
+    longer = series(run, channel, phase.start_s - BEFORE * update_s, phase.end_s)
+    update_ns, moment = int(update_s * NS), longer.time_ns.copy()
     new: list[int] = []
-    for i, (value, time_ns) in enumerate(zip(found.value, found.time_ns, strict=True)):
-        if not new or value != found.value[new[-1]] or time_ns - found.time_ns[new[-1]] >= update_s * NS:
-            new.append(i)
+    for i, value in enumerate(longer.value):
+        repeated_ns = moment[i] - moment[new[-1]] if new and value == longer.value[new[-1]] else None
+        if repeated_ns is not None and repeated_ns < update_ns:
+            continue
+        if repeated_ns is not None:
+            moment[i] -= repeated_ns % update_ns
+        new.append(i)
+    before = longer.time_ns.size - found.time_ns.size
+    # The first stands for the level that was held when the phase began.
+    new = [0, *(i - before for i in new if i > before and moment[i] > found.time_ns[0])]
     kept = [i for i in new if known[i]]
-    return _only(found, np.array(kept, dtype=int)), len(new) - len(kept)
+    moment[before] = found.time_ns[0]
+    told = dataclasses.replace(found, time_ns=moment[before:])
+    return _only(told, np.array(kept, dtype=int)), len(new) - len(kept)
 
 
 def _only(found: Series, kept: np.ndarray) -> Series:

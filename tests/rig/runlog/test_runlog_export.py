@@ -223,6 +223,26 @@ def test_what_a_slow_gauge_only_repeats_is_not_in_a_transient(tmp_path):
     assert list(np.isnan(file.columns["pressure_bar_abs"].values)) == [False, True, True, False, False, True]
 
 
+def test_what_a_slow_gauge_shows_is_of_the_moment_of_its_update(tmp_path):
+    """It measures at 1, 4, 7 s and shows the same at the first two; the capture begins at 2 s."""
+    text = "update_s = 3.0\n"
+    held = {"instruments/slow.toml": SourceRecord(sha256=hashlib.sha256(text.encode()).hexdigest(), text=text)}
+    gauge = start_of().devices["gauge"].model_copy(update={"instrument": "slow"})
+
+    def fill(bench):
+        for step, pressure in enumerate((1.02, 1.01, 1.01, 1.01, 1.01, 1.01, 1.01, 1.9, 1.9)):
+            bench.writer.exchange(poll("gauge", {PRESSURE: pressure}, step * NS))
+            bench.writer.exchange(poll("tach", {SPEED: 100.0}, step * NS))
+        bench.writer.event("capture end", 9 * NS, capture="spin-up", start_s=2.0, end_s=9.0)
+
+    devices = start_of().devices | {"gauge": gauge}
+    (file,) = recording_of(written(tmp_path, fill, kind="spin-up", devices=devices, sources=held)).recording.files
+    pressure = file.columns["pressure_bar_abs"].values
+    known = np.isfinite(pressure)
+    assert (file.start_s + file.columns["time_s"].values[known]).tolist() == pytest.approx([2.0, 4.0, 7.0])
+    assert pressure[known].tolist() == [1.01, 1.01, 1.9]
+
+
 def test_a_pressure_whose_reply_came_late_is_not_in_a_transient(tmp_path):
     """It was measured at any moment since the request, and a line that fills moves on meanwhile."""
 
