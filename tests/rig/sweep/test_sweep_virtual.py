@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from model.motor import read_motor
@@ -76,12 +77,13 @@ def test_the_gauge_is_polled_as_fast_as_its_line_bears_in_the_coast_down_and_not
     run_, _ = swept
     (event,) = [event.details for event in run_.events if event.event == "capture end"]
     samples = run_.samples
-    gauge = samples[(samples["device"] == "gauge") & (samples["channel"] == "pressure_bar_abs")]["time_ns"].to_numpy()
+    gauge = samples[(samples["device"] == "gauge") & (samples["channel"] == "pressure_bar_abs")]["time_s"].to_numpy()
     seconds = event["end_s"] - event["start_s"]
-    within = ((gauge >= event["start_s"] * NS) & (gauge <= event["end_s"] * NS)).sum()
-    before = ((gauge >= (event["start_s"] - seconds) * NS) & (gauge < event["start_s"] * NS)).sum()
-    assert event["pressure_hz"] == pytest.approx(within / seconds, rel=0.2)
-    assert within > 1.2 * before
+    within = gauge[(gauge >= event["start_s"]) & (gauge <= event["end_s"])]
+    before = gauge[(gauge >= event["start_s"] - seconds) & (gauge < event["start_s"])]
+    assert event["pressure_hz"] == pytest.approx(within.size / seconds, rel=0.2)
+    # Medians: a few pauses of a busy machine are in both.
+    assert np.median(np.diff(within)) < 0.8 * np.median(np.diff(before))
     assert event["speed_hz"] > 0.0
     dac = samples[(samples["device"] == "dac") & samples["value"].notna()]["time_s"]
     assert ((dac > event["start_s"]) & (dac < event["end_s"])).any()
