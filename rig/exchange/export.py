@@ -27,7 +27,7 @@ NOTES = "notes.txt"
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
 SLOWER, LATE_S = 4.0, 0.05  # times the usual exchange, and no less, from which on a reply came late
 UNASKED = 2.5  # times the usual pause between two readings, after which a held value may have been shown for long
-BEFORE = 4.0  # of its updates, in which a gauge has shown another value
+BEFORE = 4.0  # updates of a gauge before a capture, in which it has most likely shown another value
 SAME = 1e-6  # share within which two ways to a speed give the same
 STANDS = 3.0  # standard errors of a mean speed that is none
 VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less
@@ -272,11 +272,11 @@ def _of_known_moment(run: Run, channel: str, phase: Phase, found: Series) -> tup
     update_ns, moment = int(update_s * NS), longer.time_ns.copy()
     new: list[int] = []
     for i, value in enumerate(longer.value):
-        repeated_ns = moment[i] - moment[new[-1]] if new and value == longer.value[new[-1]] else None
-        if repeated_ns is not None and repeated_ns < update_ns:
-            continue
-        if repeated_ns is not None:
-            moment[i] -= repeated_ns % update_ns
+        if new and value == longer.value[new[-1]]:
+            updates = (moment[i] - moment[new[-1]]) // update_ns
+            if not updates:
+                continue
+            moment[i] = moment[new[-1]] + updates * update_ns
         new.append(i)
     before = longer.time_ns.size - found.time_ns.size
     # The first stands for the level that was held when the phase began.

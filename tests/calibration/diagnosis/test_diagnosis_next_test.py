@@ -114,7 +114,7 @@ def test_repeats_do_not_average_out_what_is_not_known_of_the_motor():
 
 
 def test_a_better_test_than_certainty_still_ranks_first():
-    two = [NextTest("a", (("x",), ("y",)), 30.0, 1), NextTest("b", ("x", "y"), 300.0, 1)]
+    two = [NextTest("a", (("x",), ("y",)), 30.0, 1), NextTest("b", (("x",), ("y",)), 300.0, 1)]
     assert [one.test for one in ranked(two)] == ["b", "a"]
 
 

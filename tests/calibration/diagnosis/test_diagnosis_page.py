@@ -26,6 +26,8 @@ from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.verdict import Verdict
+from calibration.fit import fit
+from calibration.fit.sampling import Settings
 from calibration.report import sets_in_words
 from calibration.report.diagnosis import figures as diagnosis_figures
 from calibration.report.diagnosis import numbers
@@ -33,9 +35,10 @@ from calibration.report.diagnosis import page as diagnosis_page
 from calibration.report.diagnosis import sets as diagnosis_sets
 from calibration.report.diagnosis import table as diagnosis_table
 from calibration.report.diagnosis import words as diagnosis_words
+from calibration.systems.radial_piston.predict.problem import Problem
 from rig.recording import read_recording
 from tests import browser
-from tests.diagnosis_recordings import sweep
+from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.synthetic_runs import write_sweep
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -192,6 +195,15 @@ def test_beside_a_base_model_that_is_not_excluded_the_probability_is_of_the_set_
     verdict = dataclasses.replace(leak.verdict, kind="confounded", alternatives=((),))
     said = words_of(dataclasses.replace(leak, verdict=verdict))
     assert "probability that the first of these sets is there is 0.990" in said
+
+
+def test_a_run_that_a_diagnosis_uses_is_said_to_be_left_out_by_a_fit_of_plateaus_alone(tmp_path):
+    sweep(tmp_path, 3, {})
+    recording = add_coast_down(tmp_path, 3, {})
+    motor, measured, likelihood = fit.prepare(recording)
+    steady = fit.Fit(recording, motor, measured, likelihood, None, Settings())
+    assert "coast_down.csv: a run in time; a fit to the plateaus alone does not use it" in steady.notes
+    assert not any("coast_down.csv" in note for note in Problem(recording).blocks.measured.notes)
 
 
 def test_a_verdict_that_rests_on_bad_readings_alone_tells_the_document_s_probability(clean):

@@ -69,12 +69,8 @@ def test_a_marginal_is_that_of_the_longer_tails(told: float, width: float, low: 
 @pytest.mark.parametrize(
     ("told", "along", "across", "low"),
     [
-        (
-            (4.0, 3.0),
-            3.0,
-            0.2,
-            0.0,
-        ),  # two effects that stand in for each other: 4 of one and 3 of the other, or 6 of one
+        # Two effects that stand in for each other: 4 of one and 3 of the other, or 6 of one.
+        ((4.0, 3.0), 3.0, 0.2, 0.0),
         ((1.0, 6.0), 1.5, 0.4, 0.0),
         ((3.0, 3.0), 0.2, 0.1, 0.0),
         ((-5.0, 4.0), 4.0, 0.3, -20.0),
