@@ -1,6 +1,7 @@
 """During the run: every reading against the limits. The guard comes first; this is for what nobody predicted.
 
-A single reading beyond a limit trips: a false trip costs a run, a missed one a motor.
+A single reading beyond a limit trips: a false trip costs a run, a missed one a motor. Only a speed that no rotor can
+have reached since the reading before waits for the next reading: a rotor that rocks to rest passes one tooth twice.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from rig.readings import NS, Quality, Reading
 
 # On a clock faster than the wall's, a virtual bench on a busy machine, no signal is called lost sooner than this.
 LEAST_REAL_S = 10.0
+FASTEST_RISE_RPM_S = 50_000.0  # three times what the highest torque, 8 N m, gives the rotor's 0.005 kg m2
 
 
 class View(Protocol):
@@ -25,7 +27,7 @@ class View(Protocol):
 
 
 class Limits:
-    """The trip rules of a bench. It remembers when each signal was last heard and looked at, and nothing else."""
+    """The trip rules of a bench. It remembers when each signal was last heard and looked at, and the last speed."""
 
     def __init__(
         self, safety: SafetyTable, roles: RolesTable, ambient_bar_abs: float = 1.01325, rate: float = 1.0
@@ -35,6 +37,7 @@ class Limits:
         self._heard_ns: dict[str, int] = {}
         self._looked_ns: dict[str, int] = {}
         self._pressurised = False
+        self._speed_before: Reading | None = None
 
     def trip(self, view: View, now_ns: int, pressurised: bool) -> str | None:
         """Why the line must be vented now; None when nothing is wrong. To be asked several times a second.
@@ -61,13 +64,24 @@ class Limits:
     def _any_beyond(
         self, view: View, newest: Reading | None, channel: str, limit: tuple[str, float, str, float]
     ) -> str | None:
-        """Of the readings since the last look; of the newest at the first, and where there are no others."""
+        """Of the readings since the last look; of the newest at the first."""
         if newest is None:
             return None
         looked_ns = self._looked_ns.get(channel)
         self._looked_ns[channel] = newest.reply_ns
-        readings = [] if looked_ns is None else view.since(channel, looked_ns)
-        return next(filter(None, (self._beyond(reading, *limit) for reading in readings or [newest])), None)
+        readings = [newest] if looked_ns is None else view.since(channel, looked_ns)
+        if channel == self.roles.speed:
+            readings = [reading for reading in readings if self._possible(reading)]
+        return next(filter(None, (self._beyond(reading, *limit) for reading in readings)), None)
+
+    def _possible(self, reading: Reading) -> bool:
+        """Whether a rotor can have this speed, after the reading before. What a person typed is believed."""
+        if not reading.usable or reading.value is None:
+            return True
+        before, self._speed_before = self._speed_before, reading
+        if before is None or before.value is None or reading.quality is Quality.MANUAL:
+            return True
+        return reading.value - before.value <= FASTEST_RISE_RPM_S * (reading.reply_ns - before.reply_ns) / NS
 
     @staticmethod
     def _beyond(reading: Reading, what: str, limit: float, unit: str, zero: float) -> str | None:

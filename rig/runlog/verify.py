@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections import Counter
+from collections import Counter, deque
 from pathlib import Path
 
 from rig.readings import NS
@@ -23,6 +23,7 @@ from rig.runlog.folder import (
     sha256_of,
     write_whole,
 )
+from rig.runlog.lines import whole_lines
 from rig.runlog.reader import BEING_WRITTEN, KILLED, Run, read_end, read_run, read_start
 from rig.runlog.schema import EndRecord, dump
 
@@ -124,7 +125,9 @@ def _counted(run: Run) -> tuple[dict[str, int], list[str]]:
 
 
 def repair(folder: Path) -> list[str]:
-    """Seal a killed run: drop what is torn at the end of each file, and write the end record. Nothing else changes.
+    """Seal a killed run: drop what is torn at the end of each file, and an exchange whose rows are not all there.
+
+    The end record keeps what was dropped. Nothing else changes.
 
     Returns
     -------
@@ -144,8 +147,10 @@ def repair(folder: Path) -> list[str]:
         run = read_run(folder)
         if run.sealed:
             return ["the run has an end record; nothing to repair"]
+        _counted(run)  # refuses what is damaged before anything is changed
+        done, dropped = _drop(run)
+        run = read_run(folder)
         counts, findings = _counted(run)
-        done, dropped = _drop_torn(run)
         last_ns = max(
             int(run.samples["reply_ns"].max()) if len(run.samples) else 0,
             round(run.events[-1].time_s * NS) if run.events else 0,
@@ -167,18 +172,35 @@ def repair(folder: Path) -> list[str]:
     return [*done, *findings, f"sealed as failed, reason '{REPAIRED}'"]
 
 
-def _drop_torn(run: Run) -> tuple[list[str], dict[str, dict[str, object]]]:
-    """Cut the torn last lines off, and say what was in them."""
+def _drop(run: Run) -> tuple[list[str], dict[str, dict[str, object]]]:
+    """Cut off the torn last lines and an unfinished last exchange, and say what was in them.
+
+    The rows go before their line of the wire: a repair that is killed in between can be done again.
+    """
     done, dropped = [], {}
+    unfinished, said = _unfinished(run)
     for name in APPENDED:
         torn = run.torn.get(name, 0)
-        if not torn:
-            continue
-        path = run.folder / name
-        tail = _cut(path, torn)
-        dropped[name] = {"bytes": torn, "text": rows.harmless(tail.decode("utf-8", "backslashreplace"))}
-        done.append(f"{name}: dropped a torn last line of {torn} bytes")
-    return done or ["no line was torn"], dropped
+        size = torn + unfinished.get(name, 0)
+        if size:
+            tail = _cut(run.folder / name, size)
+            dropped[name] = {"bytes": size, "text": rows.harmless(tail.decode("utf-8", "backslashreplace"))}
+        if torn:
+            done.append(f"{name}: dropped a torn last line of {torn} bytes")
+    return [*done, *said] or ["no line was torn"], dropped
+
+
+def _unfinished(run: Run) -> tuple[dict[str, int], list[str]]:
+    """The bytes of a last exchange whose rows are not all there, by file: it was never acknowledged."""
+    last = deque(run.wire_lines() if run.has_wire else (), maxlen=1)
+    held = len(run.readings_of(last[0].n)) if last else 0
+    if not last or held >= last[0].readings:
+        return {}, []
+    sizes = {}
+    for name, lines in ((SAMPLES, held), (WIRE, 1)):
+        tail = deque((line for _, line in whole_lines(run.folder / name)), maxlen=lines)
+        sizes[name] = sum(len(line) + 1 for line in tail)
+    return sizes, [f"dropped exchange {last[0].n}: {held} of its {last[0].readings} rows had been written"]
 
 
 def _cut(path: Path, torn: int) -> bytes:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from rig.runlog import RunError, RunWriter, read_run, repair, verify
 from rig.runlog.lines import torn_bytes
 from rig.runlog.listing import find_run, list_runs, summary
+from rig.runlog.rows import harmless
 from tests.synthetic_runs import Bench, poll, start_of, write_sweep
 
 APPENDED = ("samples.csv", "events.jsonl", "wire.jsonl", "plateaus.csv")
@@ -124,9 +125,26 @@ def test_a_run_that_is_damaged_inside_is_not_repaired(killed):
     assert (killed / "samples.csv").read_bytes() == before
 
 
-def test_repair_says_when_the_wire_is_ahead_of_the_samples(killed):
+@pytest.mark.parametrize("torn", [0, 5])
+@pytest.mark.parametrize("written", [0, 1])
+def test_repair_drops_an_exchange_that_was_killed_between_its_wire_and_its_rows(small, tmp_path, written, torn):
+    folder = shutil.copytree(small, tmp_path / "run")
+    before = {name: (folder / name).read_bytes().splitlines(keepends=True) for name in ("samples.csv", "wire.jsonl")}
+    rows = before["samples.csv"][-2:]  # of the last exchange
+    left = [*rows[:written], *([rows[written][:torn]] if torn else [])]
+    (folder / "samples.csv").write_bytes(b"".join([*before["samples.csv"][:-2], *left]))
+    assert f"dropped exchange 3: {written} of its 2 rows had been written" in repair(folder)
+    assert verify(folder) == []
+    assert (folder / "samples.csv").read_bytes() == b"".join(before["samples.csv"][:-2])
+    assert (folder / "wire.jsonl").read_bytes() == b"".join(before["wire.jsonl"][:-1])
+    dropped = json.loads((folder / "end.json").read_text())["repair"]["dropped"]
+    assert dropped["wire.jsonl"]["text"] == harmless(before["wire.jsonl"][-1].decode())
+    assert dropped.get("samples.csv", {"text": ""})["text"] == harmless(b"".join(left).decode())
+
+
+def test_repair_says_when_the_wire_is_ahead_of_the_samples_by_more_than_an_exchange(killed):
     lines = (killed / "samples.csv").read_bytes().splitlines(keepends=True)
-    (killed / "samples.csv").write_bytes(b"".join(lines[:-1]))
+    (killed / "samples.csv").write_bytes(b"".join(lines[:-2]))
     assert any("has 0 rows; wire.jsonl says 1 readings" in said for said in repair(killed))
 
 
