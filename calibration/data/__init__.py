@@ -8,5 +8,6 @@ rows_used     how many rows were used, and why not the rest
 clock, dates  when each row was read, and the recording taken
 left_out      what the user leaves out
 refusals      recordings of which nothing can be said
+together      recordings that cannot be taken together
 joined        several recordings of one motor as one
 """

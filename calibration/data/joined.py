@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.data.dates import day_of
-from calibration.data.refusals import refuse_unlike
+from calibration.data.together import refuse_unlike
 from rig.recording import Recording, RecordingError, RecordingFile
 
 GAP_S = 3600.0  # between two recordings on the common clock

@@ -1,4 +1,4 @@
-"""A recording's steady and zero rows as arrays for the likelihood, and checks that only the model can make."""
+"""A recording's steady and zero rows as arrays for the likelihood."""
 
 from __future__ import annotations
 
@@ -8,15 +8,10 @@ import numpy as np
 
 from calibration.data.runs_in_time import STANDS
 from calibration.unknowns.priors import column_of
-from configs.units import BAR
-from model.layout import RPM
-from model.motor import Motor
-from model.solvers import steady
 from rig.recording import Recording, RecordingError, RecordingFile
 from rig.recording.columns import pressure_in
 
 OBSERVED, MISSING, BELOW, ABOVE = 0, 1, 2, 3
-SHAPE_WRONG, SHAPE_RIGHT = 0.1, 0.03  # relative distances of speeds from the motor's curve, see `_shape_misfit`
 PRESSURE_LIMITS_BAR = (0.5, 8.0)  # absolute, of the air properties
 
 
@@ -125,56 +120,6 @@ def _at_rest(recording: Recording, rows: Rows) -> Rows:
         return rows
     stands = (rows.speed_state == OBSERVED) & (rows.speed <= max(STANDS * declared.noise_sd, declared.resolution))
     return replace(rows, speed=np.where(stands, 0.0, rows.speed))
-
-
-def check_against_model(recording: Recording, measured: Measurement, motor: Motor) -> None:
-    """Refuse readings that no motor of this kind can have given, and say what probably happened.
-
-    Raises
-    ------
-    RecordingError
-        Gauge pressure declared absolute (or the reverse).
-    """
-    rows = measured.steady
-    P_a = motor.si("ambient_pressure") / BAR
-    declared = rows.pressure + np.where(rows.is_gauge, P_a, 0.0)
-    other = declared + np.where(rows.is_gauge, -P_a, P_a)
-    column = column_of(recording, "pressure")
-    turned = "pressure_bar_abs" if np.any(rows.is_gauge) else "pressure_bar_gauge"
-    advice = f"if the gauge shows {turned.rsplit('_', 1)[-1]} pressure, name the column {turned}"
-    spinning = (rows.speed_state == OBSERVED) & (rows.speed > 0.0)
-    starved = np.flatnonzero(spinning & (declared <= P_a))
-    if starved.size:
-        i = int(starved[0])
-        raise RecordingError(
-            f"{rows.file[i]}: row {rows.row[i]}: {column} {rows.pressure[i]:g} is not above the ambient's "
-            f"{P_a:.3f} bar, yet the rotor turns at {rows.speed[i]:g} rpm; {advice}"
-        )
-    low, high = PRESSURE_LIMITS_BAR
-    usable = spinning & (other > low) & (other < high)
-    if usable.sum() < 1:
-        return
-    as_declared = _shape_misfit(motor, declared[usable], rows.speed[usable])
-    as_other = _shape_misfit(motor, other[usable], rows.speed[usable])
-    if as_declared > SHAPE_WRONG and as_other < SHAPE_RIGHT:
-        i = int(np.flatnonzero(usable)[0])
-        raise RecordingError(
-            f"{rows.file[i]}: the speeds do not go with {column}: as they grow with pressure they "
-            f"are {100 * as_declared:.0f} % from what a motor of any friction does, but {100 * as_other:.0f} % from it "
-            f"if the pressures are {turned}; {advice}"
-        )
-
-
-def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray) -> float:
-    """Relative distance of the speeds from a multiple of the default motor's, whatever its friction [-].
-
-    f_overall scales all speeds alike, so a motor with another friction is no reason to doubt the gauge.
-    """
-    found = steady.steady(motor, pressure_bar * BAR).speed_rad_s[0] * RPM
-    ratio = np.maximum(found, 1.0) / np.maximum(speed_rpm, 1.0)
-    middle = np.median(ratio)
-    # Single bad readings must not decide: the four-fifths point of the distances, not their maximum.
-    return float(np.quantile(np.abs(ratio / middle - 1.0), 0.8))
 
 
 def _rows_of(file: RecordingFile, channels: tuple[str, ...]) -> tuple[Rows, list[int], list[int]]:

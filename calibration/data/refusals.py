@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from datetime import datetime, timedelta
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from calibration.data.clock import times_of
-from calibration.data.measurement import PRESSURE_LIMITS_BAR
+from calibration.data.measurement import OBSERVED, PRESSURE_LIMITS_BAR, gather
 from calibration.data.runs_in_time import lone_zeros, release, turns
 from calibration.unknowns.priors import at_ambient
 from configs.units import BAR
 from model import geometry
-from model.layout import LOBE, N_CYLINDERS, N_LOBES
-from model.motor import read_motor
+from model.layout import LOBE, N_CYLINDERS, N_LOBES, RPM
+from model.motor import Motor, read_motor
+from model.solvers import steady
 from rig.recording import Recording, RecordingError
 from rig.recording.columns import PRESSURE, pressure_in
 
@@ -44,10 +42,11 @@ BY_STROKES = 0.1  # share by which two highest or two lowest readings of a rotor
 END = 3  # readings at the end of a run whose median is the speed there
 LATE_S = 0.1  # by which supply_open may be late or early: so much before and after the valve is moved says nothing
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
+SHAPE_WRONG, SHAPE_RIGHT = 0.1, 0.03  # relative distances of speeds from the motor's curve, see `_shape_misfit`
 
 
 def refuse_unusable(recording: Recording) -> None:
-    """Refuse what no diagnosis can be made of.
+    """Refuse what nothing can be said of, for fit and diagnosis alike.
 
     Parameters
     ----------
@@ -62,8 +61,55 @@ def refuse_unusable(recording: Recording) -> None:
     refuse_starved(recording)
     refuse_out_of_range(recording)
     refuse_at_rest(recording)
+    refuse_mistaken_gauge(recording)
     refuse_mixed_units(recording)
     refuse_wrong_supply(recording)
+
+
+def refuse_mistaken_gauge(recording: Recording) -> None:
+    """Refuse plateaus whose speeds grow with pressure as the motor's do once the gauge's pressures are taken for
+    absolute ones, or the reverse, and as no motor's do otherwise.
+
+    Raises
+    ------
+    RecordingError
+        Names the column that it looks like.
+    """
+    if not isinstance(recording.motor, str):
+        return
+    motor = at_ambient(read_motor(recording.motor), recording)
+    P_a = motor.si("ambient_pressure") / BAR
+    rows = gather(recording, needs_plateaus=False).steady
+    declared = rows.pressure + np.where(rows.is_gauge, P_a, 0.0)
+    other = declared + np.where(rows.is_gauge, -P_a, P_a)
+    low, high = PRESSURE_LIMITS_BAR
+    turning = (rows.speed_state == OBSERVED) & (rows.speed > 0.0) & (declared > P_a) & (other > low) & (other < high)
+    if not turning.any():
+        return
+    as_declared = _shape_misfit(motor, declared[turning], rows.speed[turning])
+    as_other = _shape_misfit(motor, other[turning], rows.speed[turning])
+    if as_declared > SHAPE_WRONG and as_other < SHAPE_RIGHT:
+        i = int(np.flatnonzero(turning)[0])
+        named = PRESSURE[int(rows.is_gauge[i])]
+        meant = PRESSURE[not rows.is_gauge[i]]
+        raise RecordingError(
+            f"{recording.folder}/{rows.file[i]}: the speeds do not go with {named}: as they grow with pressure they "
+            f"are {100 * as_declared:.0f} % from what a motor of any friction does, but {100 * as_other:.0f} % from it "
+            f"if the pressures are {meant}; if the gauge shows {meant.rsplit('_', 1)[-1]} pressure, name the column "
+            f"{meant}"
+        )
+
+
+def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray) -> float:
+    """Relative distance of the speeds from a multiple of the default motor's, whatever its friction [-].
+
+    f_overall scales all speeds alike, so a motor with another friction is no reason to doubt the gauge.
+    """
+    found = steady.steady(motor, pressure_bar * BAR).speed_rad_s[0] * RPM
+    ratio = np.maximum(found, 1.0) / np.maximum(speed_rpm, 1.0)
+    middle = np.median(ratio)
+    # Single bad readings must not decide: the four-fifths point of the distances, not their maximum.
+    return float(np.quantile(np.abs(ratio / middle - 1.0), 0.8))
 
 
 def refuse_mixed_units(recording: Recording) -> None:
@@ -276,97 +322,3 @@ def refuse_at_rest(recording: Recording) -> None:
             f"{recording.folder}: column speed_rpm shows a rotor at rest in every row, so there is no speed to compare "
             "with the model; record plateaus at which the rotor turns, or a spin-up or coast-down"
         )
-
-
-def refuse_unlike(recordings: Sequence[Recording]) -> None:
-    """Refuse recordings of different motors, and a serial number that is of two instruments, or in two places at once.
-
-    Raises
-    ------
-    RecordingError
-        With both folders.
-    """
-    for one in recordings[1:]:
-        refuse_another(recordings[0], one)
-    _refuse_unlike_serials(recordings)
-    for one, other in itertools.combinations(recordings, 2):
-        if one.folder != other.folder:
-            _refuse_at_once(one, other)
-
-
-def _refuse_unlike_serials(recordings: Sequence[Recording]) -> None:
-    """Refuse a serial number where what it measures in one has nothing in common with what it measures in another."""
-    seen: dict[str, tuple[Recording, set[str]]] = {}
-    for one in recordings:
-        mine: dict[str, set[str]] = {}
-        for column, figures in one.channels.items():
-            if figures.serial:
-                mine.setdefault(figures.serial, set()).add(column)
-        for serial, columns in mine.items():
-            other, theirs = seen.setdefault(serial, (one, columns))
-            if not columns & theirs:
-                raise RecordingError(
-                    f"{one.folder}: serial {serial} is of the instrument of {', '.join(sorted(columns))}, but of "
-                    f"{', '.join(sorted(theirs))} in {other.folder}; put right [channels.*] serial in one of them"
-                )
-
-
-def _refuse_at_once(one: Recording, other: Recording) -> None:
-    """Refuse recordings that an instrument of one serial number would have taken at the same time."""
-    spans = [span for span in (_span(one), _span(other)) if span is not None]
-    by = [
-        f"{column}, serial {figures.serial}"
-        for column, figures in one.channels.items()
-        if figures.serial and column in other.channels and other.channels[column].serial == figures.serial
-    ]
-    if len(spans) < 2 or not by or len({begin.tzinfo is None for begin, _ in spans}) > 1:
-        return
-    overlap = min(end for _, end in spans) - max(begin for begin, _ in spans)
-    if overlap > timedelta(0):
-        raise RecordingError(
-            f"{other.folder} and {one.folder} overlap by {overlap.total_seconds():.6g} s by [origin] date and their "
-            f"times, and one instrument ({by[0]}) cannot have read both; put right date or serial in one of them"
-        )
-
-
-def _span(recording: Recording) -> tuple[datetime, datetime] | None:
-    """When a recording was taken; None where its date says no time of day, or no row has a time."""
-    text = recording.origin.get("date", "")
-    times = np.concatenate([np.empty(0), *(times_of(file) for file in recording.files)])
-    times = times[np.isfinite(times)]
-    if not times.size or len(text) <= len("2026-05-28"):
-        return None
-    try:
-        clock = datetime.fromisoformat(text)
-        return clock + timedelta(seconds=float(times.min())), clock + timedelta(seconds=float(times.max()))
-    except (ValueError, OverflowError):
-        return None
-
-
-def refuse_another(seen: Recording, unseen: Recording) -> None:
-    """Refuse a run of another machine, of which nothing can be predicted.
-
-    Parameters
-    ----------
-    seen, unseen : Recording
-        The recording that is diagnosed, and the run held out.
-
-    Raises
-    ------
-    RecordingError
-        When their machines differ.
-    """
-    one, other = _machine(seen), _machine(unseen)
-    serials = [recording.origin.get("motor_serial", "") for recording in (seen, unseen)]
-    if one == other and all(serials):
-        one, other = (f"{machine} no. {serial}" for machine, serial in zip((one, other), serials, strict=True))
-    if one != other:
-        raise RecordingError(f"{unseen.folder}: of {other}, not of {one}")
-
-
-def _machine(recording: Recording) -> str:
-    """What a recording is of, in words."""
-    motor = recording.motor
-    if isinstance(motor, str):
-        return f"the motor {motor}"
-    return f"a {motor.get('kind')}{' that slides' if 'mass_kg' in motor else ''}"

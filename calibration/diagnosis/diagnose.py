@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from calibration.data.joined import by_flywheel
-from calibration.data.refusals import refuse_another, refuse_unusable
+from calibration.data.refusals import refuse_unusable
+from calibration.data.together import refuse_another
 from calibration.diagnosis.mismatch import Detected, fit_base, test_base
 from calibration.diagnosis.next_test.promised import Promise, kept
 from calibration.diagnosis.next_test.recommend import MOST_RIVALS, NextTest, propose

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.data import measurement
 from calibration.data.measurement import Measurement
-from calibration.data.refusals import refuse_mixed_units, refuse_out_of_range
+from calibration.data.refusals import refuse_unusable
 from calibration.fit import posterior, proposed, sampling
 from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
 from calibration.fit.sampling import Progress, Settings
@@ -151,9 +151,9 @@ def prepare(
         )
     motor = set_values(priors.at_ambient(read_motor(recording.motor), recording), list(assignments))
     measured = measurement.gather(recording, channels)
-    refuse_out_of_range(recording)
-    measurement.check_against_model(recording, measured, motor)
-    refuse_mixed_units(recording)
+    refuse_unusable(
+        dataclasses.replace(recording, files=tuple(file for file in recording.files if file.kind == "steady"))
+    )
     seen = dataclasses.replace(
         recording, channels={c: f for c, f in recording.channels.items() if _channel_of(c) in measured.channels}
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from calibration.data.joined import by_flywheel, names_of
 from calibration.data.measurement import gather
-from calibration.data.refusals import refuse_unlike
+from calibration.data.together import refuse_unlike
 from calibration.likelihood.compared import Compared
 from calibration.systems.machines import comparison as machines
 from calibration.systems.machines.problem import Problem as MachineProblem

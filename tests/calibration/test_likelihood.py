@@ -147,8 +147,10 @@ def test_a_row_has_the_likelihood_of_the_integral_over_its_pressure(likelihood_o
 @pytest.mark.parametrize("cells", [("1.25", "<15", "<89"), ("2.4", ">105", ">580"), ("1.04", "<10", "0")])
 def test_a_row_with_flow_and_speed_off_scale_has_nearly_that_likelihood(likelihood_of, cells):
     """The correlation that a shared pressure makes of two censored readings is left aside."""
-    motor, likelihood = likelihood_of(("sweep.csv", "steady", f"{HEADER}{','.join(cells)}\n"))
-    found = likelihood.log_likelihood(at(likelihood, SOMEWHERE))[0]
+    turning = f"{HEADER}2.0,72.9,397.1\n"  # without it a rotor at rest alone is refused
+    motor, both = likelihood_of(("sweep.csv", "steady", f"{turning}{','.join(cells)}\n"))
+    _, alone = likelihood_of(("sweep.csv", "steady", turning), name="alone")
+    found = both.log_likelihood(at(both, SOMEWHERE))[0] - alone.log_likelihood(at(alone, SOMEWHERE))[0]
     assert found == pytest.approx(by_brute_force(motor, cells), abs=0.3)
 
 

@@ -1,4 +1,4 @@
-"""What a fit uses of a recording, what it leaves aside and says so, and what only the model can refuse."""
+"""What a fit uses of a recording, what it leaves aside and says so, and what fit and diagnosis refuse."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 
 from calibration.data import measurement
 from calibration.data.measurement import ABOVE, BELOW, MISSING, OBSERVED, Measurement
-from calibration.data.refusals import refuse_out_of_range
-from calibration.unknowns import priors
+from calibration.data.refusals import refuse_out_of_range, refuse_unusable
+from calibration.diagnosis import diagnose
+from calibration.fit import fit
 from model.motor import Motor, read_motor
 from model.solvers import steady
 from rig.recording import RecordingError, read_recording
@@ -109,9 +110,7 @@ def test_a_recording_without_a_plateau_is_refused(put_recording):
 
 
 def check(folder) -> None:
-    recording = read_recording(folder)
-    motor = priors.at_ambient(read_motor("ptm3600"), recording)
-    measurement.check_against_model(recording, measurement.gather(recording), motor)
+    refuse_unusable(read_recording(folder))
 
 
 def speeds(pressures_bar_abs: list[float], motor: Motor | None = None) -> np.ndarray:
@@ -144,7 +143,7 @@ def test_gauge_pressures_get_the_ambient(put_recording):
 
 def test_gauge_pressure_declared_absolute_is_refused_where_it_is_below_the_ambient(put_recording):
     folder = put_recording(("sweep.csv", "steady", sweep_of(GAUGE, ABSOLUTE, "abs")))
-    with pytest.raises(RecordingError, match=r"row 1: pressure_bar_abs 0\.287 is not above the ambient's 1\.013 bar"):
+    with pytest.raises(RecordingError, match=r"row 1, .* '0\.287' is not above the room's 1\.013 bar"):
         check(folder)
 
 
@@ -188,3 +187,23 @@ def test_a_speed_that_is_no_more_than_noise_is_that_of_a_rotor_at_rest(put_recor
         read_recording(put_recording(("sweep.csv", "steady", f"{HEADER}1.2,<10,0.1\n2.0,70,394\n")))
     ).steady
     assert list(rows.speed) == [0.0, 394.0]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    {
+        "rest": "1.2,<10,0\n1.3,<10,0\n",
+        "starved": "0.9,70,394\n0.95,90,500\n",
+        "gauge": "1.1,82,441\n1.9,145,778\n",
+        "out_of_range": "2.0,70,394\n9.5,,2000\n",
+        "units": "2.0,70,41.3\n2.1,76,44.7\n2.2,82,48.2\n",
+    }.values(),
+)
+def test_fit_and_diagnosis_refuse_the_same_in_the_same_words(put_recording, rows):
+    recording = read_recording(put_recording(("sweep.csv", "steady", f"{HEADER}{rows}")))
+    said = []
+    for take in (fit.prepare, diagnose):
+        with pytest.raises(RecordingError) as caught:
+            take(recording)
+        said.append(str(caught.value))
+    assert said[0] == said[1]
