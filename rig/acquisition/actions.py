@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from rig.bench.instrument import IdentityError, InstrumentError
+from rig.bench.instrument import EdgeReader, IdentityError, Instrument, InstrumentError, Regulator
 from rig.lines import Line, LineError, LostError
 from rig.readings import Exchange, Reading
 
@@ -22,7 +20,7 @@ def open_line(line: Line) -> tuple[Exchange, LostError | None]:
 
 
 def perform(
-    line: Line, device: str, driver: Any, action: str, argument: float | None = None
+    line: Line, device: str, driver: Instrument, action: str, argument: float | None = None
 ) -> tuple[Exchange, Exception | None]:
     """Ask one thing of a device.
 
@@ -41,14 +39,14 @@ def perform(
             outcome = driver.identify(line)
         elif action == POLL:
             readings = driver.poll(line)
-        elif action == CAPTURE:
+        elif action == CAPTURE and isinstance(driver, EdgeReader):
             readings = driver.poll_edges(line)
-        elif action == WRITE:
+        elif action == WRITE and isinstance(driver, Regulator) and argument is not None:
             outcome = f"reads back {driver.write(line, argument)!r} {driver.unit}"
-        elif action == FAILSAFE:
+        elif action == FAILSAFE and isinstance(driver, Regulator):
             outcome = driver.set_failsafe(line)
         else:
-            raise ValueError(f"no action is called '{action}'")
+            raise ValueError(f"'{device}' cannot be asked to {action}")
     except FAULTS as error:
         fault, outcome = error, str(error)
     return Exchange(line.name, device, action, argument, line.take_events(), tuple(readings), outcome), fault

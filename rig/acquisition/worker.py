@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rig.acquisition import actions
-from rig.bench.instrument import IdentityError
+from rig.bench.instrument import IdentityError, Instrument
 from rig.clock import Clock
 from rig.lines import Line, LineError, LostError
 from rig.lines.modbus import RefusedError
@@ -49,7 +49,7 @@ class Device:
         [ns].
     """
 
-    driver: Any
+    driver: Instrument
     period_ns: int | None
     due_ns: int = 0
     last_cost_ns: int = 0
@@ -85,7 +85,7 @@ class Worker(threading.Thread):
     def __init__(
         self,
         line: Line,
-        drivers: dict[str, tuple[Any, float | None]],
+        drivers: dict[str, tuple[Instrument, float | None]],
         put: Callable[[Exchange], None],
         note: Callable[..., None],
         clock: Clock,
@@ -158,7 +158,7 @@ class Worker(threading.Thread):
         chosen.hurry_since_ns = self.clock.now_ns()
         least_ns = int(max(FASTEST_REAL_S * self.clock.rate, update_s) * NS)
         chosen.hurried_ns = min(least_ns, chosen.period_ns)
-        if not getattr(chosen.driver, "failing", False):
+        if not chosen.driver.failing:
             chosen.due_ns = min(chosen.due_ns, chosen.hurry_since_ns)
         self._wake.set()
 
@@ -298,10 +298,9 @@ class Worker(threading.Thread):
 
     def _put_off(self, device: Device, end_ns: int) -> bool:
         """Whether a device fails, and is asked rarely."""
-        failing = bool(getattr(device.driver, "failing", False))
-        if failing:
+        if device.driver.failing:
             device.due_ns = end_ns + self._pause_ns(device.last_cost_ns)
-        return failing
+        return device.driver.failing
 
     def _pause_ns(self, cost_ns: int) -> int:
         """How long a device that fails is left alone, so that its timeouts do not eat the others' time."""

@@ -21,7 +21,7 @@ import pydantic
 import configs
 from configs import ConfigError, Strict
 from rig.bench.instrument import FOLDER as INSTRUMENTS
-from rig.bench.instrument import ChannelFile, Instrument, InstrumentFile, instrument_of
+from rig.bench.instrument import ChannelFile, Instrument, InstrumentFile, Regulator, instrument_of
 from rig.recording.schema import SupplyTable
 
 FORMAT = "bench/1"
@@ -169,6 +169,13 @@ class Bench:
         table = self.file.devices[device]
         module = importlib.import_module(f"rig.instruments.{settings.family}")
         return module.build(device, settings, Place(table, self.file.lines[table.line]))
+
+    def regulator(self, device: str) -> Regulator:
+        """The driver of a device that takes a set-point. Raises ConfigError for one that takes none."""
+        driver = self.build(device)
+        if not isinstance(driver, Regulator):
+            raise ConfigError(f"{self.name}: '{device}' takes no set-point")
+        return driver
 
     def with_flywheel(self, added_inertia_kg_m2: float | None) -> Bench:
         """The bench with another flywheel on the shaft; with that of its file where None is given."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal, Protocol, runtime_checkable
 
 import pydantic
 
@@ -106,11 +106,16 @@ class InstrumentFile(Strict):
         return found
 
 
+@runtime_checkable
 class Instrument(Protocol):
     """A device on a line. Only the line's own thread calls it."""
 
     device: str
     channels: dict[str, ChannelFile]
+
+    @property
+    def failing(self) -> bool:
+        """Whether the last polls all failed."""
 
     def open(self, line: Line) -> None:
         """Forget what was known, and prepare the device; called after each opening of the line."""
@@ -126,6 +131,35 @@ class Instrument(Protocol):
 
         Raises LostError when the port failed.
         """
+
+
+@runtime_checkable
+class Regulator(Instrument, Protocol):
+    """A device that takes a set-point. `unit`: of the set-points, which lie between `lowest` and `highest`."""
+
+    unit: str
+    lowest: float
+    highest: float
+
+    def write(self, line: Line, value: float) -> float:
+        """Order a set-point, and return what the device reads back [own unit].
+
+        Raises InstrumentError when it refuses or holds another one, LineError when nobody answers.
+        """
+
+    def set_failsafe(self, line: Line) -> str:
+        """Have it vent by itself when it hears nothing, read that back, and say what was set.
+
+        Raises InstrumentError when it has no such thing, or did not take it.
+        """
+
+
+@runtime_checkable
+class EdgeReader(Instrument, Protocol):
+    """A tachometer that can give the time of each tooth."""
+
+    def poll_edges(self, line: Line) -> list[Reading]:
+        """A speed for each edge since the last poll."""
 
 
 def families() -> list[str]:

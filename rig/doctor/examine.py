@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from rig.acquisition.opening import line_of, port_of
 from rig.bench.bench import Bench, LineTable
-from rig.bench.instrument import IdentityError, InstrumentError
+from rig.bench.instrument import IdentityError, Instrument, InstrumentError
 from rig.clock import Clock
 from rig.doctor import host as machine
 from rig.doctor import measure, trials
@@ -91,7 +90,7 @@ class _Examination:
         taken: dict[str, tuple[float, float]] = {}
         silent: dict[str, tuple[LineError, bool]] = {}
         for device in devices:
-            driver: Any = self.bench.build(device)
+            driver = self.bench.build(device)
             line.take_events()
             try:
                 driver.open(line)
@@ -115,7 +114,9 @@ class _Examination:
         found += self._of_silent(table, silent, anyone=len(silent) < len(devices))
         return found + measure.of_line(f"line {line.name}", taken)
 
-    def _measured(self, line: Line, device: str, driver: Any, identity: str) -> tuple[list[Finding], float | None]:
+    def _measured(
+        self, line: Line, device: str, driver: Instrument, identity: str
+    ) -> tuple[list[Finding], float | None]:
         settings, of_device = self.bench.instruments[device], self.bench.file.devices[device]
         latency = measure.poll_times(line, driver, self.polls, of_device.period_s)
         timeout_s = settings.timeout_s or self.bench.file.lines[of_device.line].timeout_s

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from rig.bench.instrument import Instrument
 from rig.doctor.finding import Finding, Level, printable
 from rig.lines import Line, LineError, LostError
 from rig.readings import NS
@@ -30,7 +30,7 @@ class Latency:
     faults: str
 
 
-def poll_times(line: Line, driver: Any, polls: int, gap_s: float) -> Latency:
+def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Latency:
     """Poll a device and take the time.
 
     `polls`: how many; fewer when it fails several times in a row [-].

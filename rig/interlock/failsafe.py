@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from rig.bench.bench import Bench
-from rig.bench.instrument import InstrumentError
+from rig.bench.instrument import InstrumentError, Regulator
 from rig.interlock import SafetyError
 from rig.lines import LineError
 from rig.readings import Exchange
@@ -24,7 +24,7 @@ class Commands(Protocol):
 
 def regulators(bench: Bench) -> list[str]:
     """The devices of a bench that can raise the pressure."""
-    return [device for device in bench.file.devices if hasattr(bench.build(device), "write")]
+    return [device for device in bench.file.devices if isinstance(bench.build(device), Regulator)]
 
 
 def set_and_check(acquisition: Commands, bench: Bench) -> list[str]:

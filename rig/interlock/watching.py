@@ -14,6 +14,7 @@ from typing import Any
 
 from rig.acquisition.opening import line_of, port_of
 from rig.bench.bench import read_bench
+from rig.bench.instrument import Regulator
 from rig.clock import Clock
 from rig.interlock.watchdog import READY, RELEASE, SILENCE_S, Plan
 from rig.lines.serial import SerialPort
@@ -32,9 +33,7 @@ def main() -> int:
     pipe = sys.stdin.fileno()
     try:
         plan = Plan.from_json(_first_line(pipe))
-        driver: Any = read_bench(plan.bench_file).build(plan.device)
-        if not hasattr(driver, "write"):
-            raise ValueError(f"'{plan.device}' takes no set-point")
+        driver = read_bench(plan.bench_file).regulator(plan.device)
     except Exception as error:
         _say(f"{type(error).__name__}: {error}"[:500].encode())
         return 2
@@ -63,7 +62,7 @@ def watch(pipe: int) -> str:
             return CLOSED
 
 
-def vent(plan: Plan, driver: Any, pipe: int, reason: str) -> str:
+def vent(plan: Plan, driver: Regulator, pipe: int, reason: str) -> str:
     """Order zero until the regulator reads it back, for 10 s.
 
     `pipe`: beats that come again before the port could be opened call it off.

@@ -16,6 +16,7 @@ from model.motor import Motor, read_motor
 from model.operation import runs
 from model.operation.performance import NotSettledError, OperatingPointError
 from rig.bench.bench import Bench
+from rig.bench.instrument import EdgeReader
 from rig.plateaus.plan import SweepError
 from rig.recording import DOWN_TO, LEAST_IN_A_RUN, UP_TO
 from rig.sweep.ambient import Ambient
@@ -100,7 +101,7 @@ def rate_of(bench: Bench) -> Rate:
     name = bench.file.roles.speed
     device = name.partition(".")[0]
     settings, driver = bench.instruments[device], bench.build(device)
-    teeth = getattr(settings, "teeth", None) if hasattr(driver, "poll_edges") else None
+    teeth = getattr(settings, "teeth", None) if isinstance(driver, EdgeReader) else None
     return Rate(name, bench.file.devices[device].period_s, settings.update_s, teeth)
 
 

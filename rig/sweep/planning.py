@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Any
 
 from rig.bench.bench import Bench
 from rig.plateaus.plan import DOWN, UP, Step, SweepError, plan
@@ -91,8 +90,8 @@ def _reach(bench: Bench, ambient: Ambient) -> float:
     device = bench.file.roles.regulator
     if device is None:
         return float("inf")
-    driver: Any = bench.build(device)
-    return float(driver.highest) + (ambient.pressure_bar_abs if driver.unit == "bar gauge" else 0.0)
+    driver = bench.regulator(device)
+    return driver.highest + (ambient.pressure_bar_abs if driver.unit == "bar gauge" else 0.0)
 
 
 def _course(

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 from rig.acquisition import Acquisition, Window
 from rig.acquisition.actions import FAULTS
 from rig.bench.bench import Bench
+from rig.bench.instrument import EdgeReader
 from rig.plateaus.plan import Step, SweepError
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS, Reading
@@ -98,7 +99,7 @@ class Runner:
         self.regulator = bench.file.roles.regulator
         self.to_set_point = set_points(bench, course.ambient_bar)
         self.speed_device = bench.file.roles.speed.partition(".")[0]
-        self.reads_teeth = hasattr(bench.build(self.speed_device), "poll_edges")
+        self.reads_teeth = isinstance(bench.build(self.speed_device), EdgeReader)
         self.gauge = bench.file.roles.pressure.partition(".")[0]
         self.columns = columns_of(bench.file.roles.model_dump())
         self.total = len(course.steps) + len(course.captures)
@@ -286,7 +287,7 @@ def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:
     device = bench.file.roles.regulator
     if device is None:
         return lambda bar_abs: bar_abs
-    driver: Any = bench.build(device)
+    driver = bench.regulator(device)
     zero = {"bar gauge": ambient_bar, "bar abs": 0.0}.get(driver.unit)
     if zero is None:
         raise SweepError(f"{device}: its set-point is in '{driver.unit}'; a sweep needs bar gauge or bar abs")
@@ -294,7 +295,7 @@ def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:
 
     def set_point(bar_abs: float) -> float:
         if bar_abs == VENTED:
-            return float(none)
-        return float(min(max(bar_abs - zero, none), driver.highest))
+            return none
+        return min(max(bar_abs - zero, none), driver.highest)
 
     return set_point
