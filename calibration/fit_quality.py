@@ -16,8 +16,9 @@ from calibration.diagnosis.steps.detect import MISMATCH_P, detect
 from calibration.diagnosis.steps.locate import locate
 from calibration.fit import fit as fits
 from calibration.fit.posterior import FitQuality
+from calibration.likelihood.bad_reading import BAD
 from calibration.likelihood.descent import find
-from calibration.likelihood.mode import BAD, Mode
+from calibration.likelihood.mode import Mode
 from calibration.likelihood.signatures import signatures
 from calibration.report.diagnosis.words import place_in_words
 from calibration.systems.radial_piston.batch.effects import refuse_effects

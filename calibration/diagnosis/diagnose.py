@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -18,17 +17,15 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.sizes.not_excluded import Faint, behind_friction, faint
 from calibration.diagnosis.sizes.resolves import resolved
 from calibration.diagnosis.steps.abrupt import Step, step_instead
-from calibration.diagnosis.steps.candidate import Candidate
+from calibration.diagnosis.steps.candidate import Candidate, alone
 from calibration.diagnosis.steps.confirm import HeldOut, cross_validate
-from calibration.diagnosis.steps.correction import Correction, corrections, nuisances_beside
-from calibration.diagnosis.steps.correction import hold_out as hold_out_smooth
 from calibration.diagnosis.steps.detect import Detection
-from calibration.diagnosis.steps.discover import Term, discover
 from calibration.diagnosis.steps.locate import Place, locate, rows_as_places
-from calibration.diagnosis.steps.misread import MISREAD, BadRow, alone_at_an_end, bad_rows, by_chance, with_misread
+from calibration.diagnosis.steps.misread import BadRow, alone_at_an_end, bad_rows, by_chance, with_misread
 from calibration.diagnosis.steps.name import evidence_p
 from calibration.diagnosis.steps.residual import Residuals
 from calibration.diagnosis.steps.search import Search
+from calibration.diagnosis.steps.unexplained import Unexplained, unexplained
 from calibration.diagnosis.steps.unseen import predict_unseen
 from calibration.diagnosis.steps.verdict import (
     ERRORS,
@@ -41,18 +38,15 @@ from calibration.diagnosis.steps.verdict import (
     with_open,
 )
 from calibration.likelihood.compared import Compared
-from calibration.likelihood.descent import find
 from calibration.likelihood.mode import Mode
-from calibration.systems.look_up import compared
 from calibration.systems.several.sharing import SHARED, Sharing
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import StepClock, Tell
-from rig.recording import Recording, RecordingError, read_recording
+from rig.recording import Recording, RecordingError
 
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
 CERTAIN_P = 1e-9  # of a mismatch so gross that no test need see it
 NOT_DESCRIBED = "the model does not describe these readings at all"
-WORTHLESS = 10.0  # nats a reading; a smooth correction that predicts worse by so much predicts nothing
 TESTS = 2.0  # looks at a recording with runs in time: the straight test, and the refits
 
 
@@ -78,17 +72,6 @@ class _Said:
     def unresolved(self, why: str) -> _Said:
         """The same with a refusal in the verdict's place."""
         return replace(self, verdict=Verdict("unresolved", None, (), 0.0, why), bad=[], misread=frozenset())
-
-
-@dataclass(frozen=True)
-class _Unnamed:
-    """What stands for a mismatch that no set explains."""
-
-    why: str
-    correction: Correction | None = None
-    beside: tuple[np.ndarray, np.ndarray] | None = None
-    term: Term | None = None
-    held_out: HeldOut | None = None
 
 
 def diagnose(
@@ -165,12 +148,12 @@ def _explain(
     said, held_out, unseen_run = _said(searched, comparison, residuals, hold_out, clock)
     clock("locate")
     places = _places(comparison, first, said, base)
-    verdict, unnamed = said.verdict, _Unnamed(said.verdict.why, held_out=held_out)
+    verdict, unnamed = said.verdict, Unexplained(said.verdict.why, held_out=held_out)
     if verdict.kind == "unresolved":
-        unnamed = _without_a_name(comparison, base, said, unseen_run, rng, clock)
-        verdict = replace(verdict, why=unnamed.why)
+        clock("look for a law")
+        unnamed = unexplained(comparison, base, said.detection, verdict.why, unseen_run, rng)
     rivals = _rivals(comparison, candidates, verdict)[:MOST_RIVALS]
-    verdict = with_open(verdict, rivals)
+    verdict = with_open(replace(verdict, why=unnamed.why), rivals)
     tests = _next_tests(comparison, rivals, clock)
     clock("weigh f_overall")
     unseen = _not_seen(search, verdict, rng)
@@ -190,7 +173,7 @@ def _explain(
         bad_rows=said.bad,
         seconds=clock.seconds,
         correction=unnamed.correction,
-        beside=unnamed.beside,
+        beside=unnamed.nuisances,
         misread=said.misread,
         faint=unseen,
         resolved=resolved(comparison, first.base, first.detection.u, first.found),
@@ -239,7 +222,7 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
         base=first.base,
         detection=detection,
         places=[],
-        candidates=[_alone(first.base)],
+        candidates=[alone(first.base)],
         residual_p={(): detection.p_value},
         left={},
         verdict=verdict,
@@ -248,15 +231,11 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
     )
 
 
-def _alone(mode: Mode) -> Candidate:
-    return Candidate(mode.names, mode, mode.log_evidence, 0.0)
-
-
 def _search(
     first: Detected, search: Search, residuals: Residuals, clock: StepClock, asked: Collection[tuple[str, ...]] = ()
 ) -> _Searched:
     """Sets of effects refitted and weighed, those asked for among them, and what they leave tested."""
-    found, detection = _Searched(first.base, first.detection, [_alone(first.base)]), first.detection
+    found, detection = _Searched(first.base, first.detection, [alone(first.base)]), first.detection
     if detection.p_value >= MISMATCH_P:
         # What is too small to be seen may still be there, and f_overall with it would be another.
         clock("look farther")
@@ -361,46 +340,11 @@ def _places(comparison: Compared, first: Detected, said: _Said, base: Mode) -> l
     return places
 
 
-def _without_a_name(
-    comparison: Compared,
-    base: Mode,
-    said: _Said,
-    unseen_run: HeldOut | None,
-    rng: np.random.Generator,
-    clock: StepClock,
-) -> _Unnamed:
-    """A smooth correction and a law in the place of a name, and what else speaks against the base model."""
-    why, detection = said.verdict.why, said.detection
-    if loud := comparison.noise.too_loud(np.maximum(detection.u, base.u)):
-        why = f"{why}; the {loud[0]}'s noise would be {loud[1]:.1f} times as large as declared"
-    if detection.pulled:
-        why = f"{why}; {detection.pulled} would be farther off than is believable"
-    clock("look for a law")
-    smooth = corrections(comparison, base, detection.u)
-    correction, beside = (smooth[0], nuisances_beside(comparison, base, smooth)) if smooth else (None, None)
-    term = discover(comparison, base, detection.u, rng, correction.balance) if correction else None
-    held_out = unseen_run or hold_out_smooth(comparison, base, detection.u)
-    if held_out is not None and held_out.gain < -WORTHLESS * int(comparison.known.sum()):
-        held_out = None
-    return _Unnamed(why, correction, beside, term, held_out)
-
-
 def _next_tests(comparison: Compared, rivals: Sequence[Candidate], clock: StepClock) -> list[NextTest]:
     if not rivals:
         return []
     clock("next test")
     return propose(comparison, rivals)
-
-
-def held_out_gain(folder: Path, ids: Sequence[str]) -> float:
-    """The gain in log predictive density of a given set over the base model, as the diagnosis takes it [-]."""
-    comparison = compared(read_recording(folder))
-    base = comparison.base()
-    names = tuple(sorted(set(ids) - {MISREAD}))  # every fit looks for those
-    best = max((find(comparison, names, start) for start in (base, None)), key=lambda mode: mode.log_evidence)
-    # The oracle need not choose: it knows the set.
-    known = [_alone(best), _alone(base)]
-    return cross_validate(comparison, known, names, choose=False).gain
 
 
 def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict[Mode]) -> list[Candidate]:

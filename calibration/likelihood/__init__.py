@@ -2,6 +2,7 @@
 
 compared    what a system is to the likelihood and the diagnosis
 function    predictions of a set of effects, and their derivatives
+bad_reading the law of a bad reading
 mode        the most probable point, and the evidence by Laplace's approximation
 descent     the search for it
 linearized  the least-squares problem about a point

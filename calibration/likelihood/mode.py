@@ -15,12 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.likelihood.bad_reading import BAD, BAD_WIDTH, bad_weight, log_bad
 from calibration.likelihood.compared import Compared, Prediction
 from calibration.likelihood.tails import reweighed_sizes
 
-BAD = 0.01  # probability that a single reading is bad, before looking
-BAD_WIDTH = 10.0  # a bad reading's error is as dense at 0 as a normal one of so many sds of a good one
-CAUCHY = BAD_WIDTH * math.sqrt(2.0 / math.pi)  # the scale of such a law
 # More of a channel are no single misreadings: this many, or as many as five if they are a fifth at most, or this share.
 SINGLE, FEW, FEW_SHARE, SHARE = 3, 5, 0.2, 0.1
 ALIKE = math.log(BAD_WIDTH / BAD)  # nats that a reading bad by itself costs: one shift of all may be so much worse
@@ -122,18 +120,6 @@ def minus_log_posterior(
     _, bad = robust_weights(r, comparison, found)
     fit = np.where(bad > 0.0, np.logaddexp(good, log_bad(r)), good)
     return float(-np.sum(fit) + log_scale + 0.5 * np.sum(z * z) + 0.5 * np.sum((u / comparison.noise.spread) ** 2))
-
-
-def log_bad(r: np.ndarray) -> np.ndarray:
-    """Log of the share of bad readings times their density over the normal law's at 0 [-], same shape as ``r``."""
-    price: np.ndarray = math.log(BAD / BAD_WIDTH) - np.log1p((r / CAUCHY) ** 2)
-    return price
-
-
-def bad_weight(r: np.ndarray) -> np.ndarray:
-    """Weight in least squares of a reading that is bad [-], same shape as ``r``."""
-    weight: np.ndarray = 2.0 / (CAUCHY**2 + r * r)
-    return weight
 
 
 def cost_at(comparison: Compared, z: np.ndarray, u: np.ndarray, predicted: Prediction, found: bool = False) -> float:

@@ -15,8 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from calibration.data.runs_in_time import placeholders
-from calibration.systems.radial_piston.predict.problem import CHANNELS, SI_OF, Prediction, Problem
+from calibration.systems.radial_piston.predict.nuisances import SI_OF
+from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from calibration.unknowns import priors
+from calibration.unknowns.priors import CHANNELS, OfRun
 from model.effects.effect import unknown_state
 from model.effects.laws import readings_of
 from model.effects.transient import simulate
@@ -44,7 +46,7 @@ RUN_NOISE = 2.0  # noise of a sample in a run, times that of a plateau's mean
 RUNS = {"spin_up.csv": (1040.0, 200, 10, True), "coast_down.csv": (1100.0, 240, 20, False)}
 # ... start on the recording's clock [s], samples, the first of them before the valve turns, whether it then opens
 # Shares of the priors of a line that one bench's figures are drawn from: when the valve moves is well noted there.
-OF_A_BENCH = {"_late": 0.1, "_time": 0.5, "_valve": 0.5, ".turn": 1.0}
+OF_A_BENCH = {"_late": 0.1, "_time": 0.5, "_valve": 0.5}
 FULL_SPEED_RPM = 300.0  # a reading of the template, which says no more than that the rotor turns
 
 Chosen = Mapping[str, Mapping[str, float]]
@@ -63,10 +65,12 @@ def null_recording(
     problem = Problem(nominal)
     z = priors.draw(problem.nuisances, rng, 1)[0]
     for i, unknown in enumerate(problem.nuisances):
-        if unknown.name.endswith(".floor"):
+        if not isinstance(unknown.of, OfRun):
+            continue
+        if unknown.of.what == "floor":
             z[i] = unknown.z(0.0)
-        elif "." in unknown.name:  # a line as one bench has it: the priors are for all
-            z[i] *= next((share for end, share in OF_A_BENCH.items() if unknown.name.endswith(end)), 1.0)
+        else:  # a line as one bench has it: the priors are for all
+            z[i] *= next((share for end, share in OF_A_BENCH.items() if unknown.of.what.endswith(end)), 1.0)
     factor = dict.fromkeys(CHANNELS, 1.0)
     if noise == "misdeclared":
         factor = {channel: math.exp(MISDECLARED * rng.standard_normal()) for channel in CHANNELS}

@@ -67,8 +67,7 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     """
     import configs
     from calibration.fit import fit
-    from calibration.likelihood.mode import BAD
-    from calibration.systems.radial_piston.batch import rows
+    from calibration.likelihood.bad_reading import BAD, BAD_SHARE, BAD_WIDTH
     from calibration.unknowns import priors
     from configs.units import BAR
     from model.layout import L_MIN, RPM
@@ -93,7 +92,7 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
         sd = np.full(PLATEAUS, figures.noise_sd * noise_scale)
         good = np.hypot(sd, figures.resolution / np.sqrt(12.0))
         bad = rng.uniform(size=PLATEAUS) < BAD
-        sd = np.where(bad, rows.BAD_WIDTH * good + rows.BAD_SHARE * np.abs(shown), sd)
+        sd = np.where(bad, BAD_WIDTH * good + BAD_SHARE * np.abs(shown), sd)
         reading = np.round((shown + sd * rng.standard_normal(PLATEAUS)) / figures.resolution) * figures.resolution
         censor = np.zeros(PLATEAUS, dtype=np.int8)
         if name == "speed_rpm":

@@ -54,6 +54,13 @@ class OfEffect(NamedTuple):
     parameter: str
 
 
+class OfRun(NamedTuple):
+    """The run in time, by its file, that has an unknown for itself, and what of it that is."""
+
+    file: str
+    what: str
+
+
 def full_name(own: str, whose: str) -> str:
     """The name among the unknowns of several recordings of what one of them has for itself, or all share."""
     return f"{whose}: {own}" if whose else own
@@ -70,8 +77,8 @@ class Unknown:
     kind : str
         normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z), loguniform (between ``a`` and ``b``), size (``a`` + ``b``
         sinh z: Johnson's S_U law) or halfsize (such a law folded at ``a``, but rising with z, so that it has one peak).
-    of : OfInstrument, OfEffect or None
-        What it belongs to; None where that is the motor or a run.
+    of : OfInstrument, OfEffect, OfRun or None
+        What it belongs to; None where that is the motor.
     whose : str
         Of several recordings the one that has it for itself, or the instrument's serial number; empty where all share
         it.
@@ -83,7 +90,7 @@ class Unknown:
     a: float
     b: float
     why: str
-    of: OfInstrument | OfEffect | None = None
+    of: OfInstrument | OfEffect | OfRun | None = None
     whose: str = ""
 
     @property
@@ -123,6 +130,11 @@ class Unknown:
         if self.kind == "halfsize":
             return float(-ndtri(2.0 * ndtr(np.arcsinh((self.a - value) / self.b))))
         return float(ndtri(np.log(value / self.a) / np.log(self.b / self.a)))
+
+
+def unknown_of_run(file: str, what: str, unit: str, kind: Kind, a: float, b: float, why: str) -> Unknown:
+    """An unknown that a run in time has for itself; see `Unknown`."""
+    return Unknown(f"{file}.{what}", unit, kind, a, b, why, OfRun(file, what))
 
 
 def values_of(found: Sequence[Unknown], z: np.ndarray) -> np.ndarray:

@@ -28,6 +28,29 @@ from spinbench.earlier import RECORDINGS, made_of, read_earlier
 if TYPE_CHECKING:
     from rig.recording import Recording
 
+RecordingsArgument = Annotated[
+    list[Path],
+    typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several as one."),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--out", metavar="DIR", help="Write report.html, .png and diagnosis.json there."),
+]
+HoldOutOption = Annotated[
+    Path | None,
+    typer.Option("--hold-out", metavar="DIR", help="A run that nothing sees before it is predicted, as the proof."),
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1, max=64, help="Processes, of no influence on the result; when left out two, if there are as many cores."
+    ),
+]
+ResumeOption = Annotated[
+    Path | None,
+    typer.Option("--continue", metavar="OUT", help="Go on with the diagnosis in this folder: what it took, and more."),
+]
+
 
 def _kept(out: Path | None) -> str:
     return "nothing is kept of an unfinished diagnosis; the same command begins again"
@@ -35,35 +58,14 @@ def _kept(out: Path | None) -> str:
 
 @kept_when_interrupted(_kept)
 def diagnose(
-    recording: Annotated[
-        list[Path],
-        typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several as one."),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help="Write report.html, .png and diagnosis.json there."),
-    ] = None,
+    recording: RecordingsArgument,
+    out: OutOption = None,
     json_file: JsonOption = None,
     seed: SeedOption = 1,
-    hold_out: Annotated[
-        Path | None,
-        typer.Option("--hold-out", metavar="DIR", help="A run that nothing sees before it is predicted, as the proof."),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=64,
-            help="Processes, of no influence on the result; when left out two, if there are as many cores.",
-        ),
-    ] = None,
+    hold_out: HoldOutOption = None,
+    workers: WorkersOption = None,
     left_out: WithoutOption = None,
-    resume: Annotated[
-        Path | None,
-        typer.Option(
-            "--continue", metavar="OUT", help="Go on with the diagnosis in this folder: what it took, and more."
-        ),
-    ] = None,
+    resume: ResumeOption = None,
     parents: WithParentsOption = False,
     per_recording: PerRecordingOption = None,
     logs: LogsOption = LOGS,
@@ -73,7 +75,6 @@ def diagnose(
     from calibration.data.left_out import without
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.diagnosis.document import as_json
-    from calibration.report.diagnosis import sets as diagnosis_sets
     from calibration.report.diagnosis.page import JSON
     from calibration.systems.several.sharing import own_of_each
     from rig.recording import files
@@ -105,9 +106,7 @@ def diagnose(
             files.write_files(out, {JSON: data} | _pages(page, diagnosis, found))
     deliver(data, [table(found)], json_file)
     print(words.sentence(found), file=sys.stderr)
-    _warn_of_rows(found)
-    if not found.get("rig") and (blind := diagnosis_sets.blind_in_words(diagnosis)):
-        print(blind, file=sys.stderr)
+    _warn(found, diagnosis)
     if len(given) > 1 and out is not None:
         remark(f"each of the {len(given)} recordings has a page of its own there, report_NAME.html")
     _tell_how_it_went(unseen, found, diagnosis.seconds, out)
@@ -190,11 +189,14 @@ def _told_by(found: Mapping[str, Any]) -> tuple[Any, Any, Any]:
     return page, table.table, words
 
 
-def _warn_of_rows(found: Mapping[str, Any]) -> None:
-    """Say of which files less than nine tenths of the rows were used, and which rows were not."""
+def _warn(found: Mapping[str, Any], diagnosis: Any) -> None:
+    """Say of which files less than nine tenths of the rows were used, and what was too small to be seen."""
     from calibration.data.runs_in_time import few_used
+    from calibration.report.diagnosis import sets
 
     remark(*few_used(found.get("files", [])))
+    if not found.get("rig") and (blind := sets.blind_in_words(diagnosis)):
+        print(blind, file=sys.stderr)
 
 
 def _tell_how_it_went(

@@ -37,6 +37,25 @@ if TYPE_CHECKING:
     from calibration.systems.several.sharing import Sharing
     from rig.recording import Recording
 
+RecordingsArgument = Annotated[
+    list[Path],
+    typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several of one motor."),
+]
+OutOption = Annotated[
+    Path | None, typer.Option("-o", "--out", metavar="DIR", help="Report, posterior and chain; a killed fit goes on.")
+]
+SpeedOnlyOption = Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")]
+CompareOption = Annotated[
+    bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall hangs on.")
+]
+GaugeSpanOption = Annotated[
+    float | None,
+    typer.Option(metavar="BAR", help="Full scale of the gauge: fit again for accuracy classes 0.6, 1.0, 1.6, 2.5."),
+]
+EffectsOption = Annotated[
+    str, typer.Option(metavar="ID,ID", help="Effects that the model holds too; their sizes become unknowns.")
+]
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -60,33 +79,18 @@ def _kept(out: Path | None) -> str:
 
 @kept_when_interrupted(_kept)
 def fit(
-    recording: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several of one motor."
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help="Report, posterior and chain; a killed fit goes on."),
-    ] = None,
+    recording: RecordingsArgument,
+    out: OutOption = None,
     json_file: JsonOption = None,
     seed: SeedOption = 1,
     effective_samples: EffectiveSamplesOption = None,
     max_steps: MaxStepsOption = None,
     assignments: SetOption = None,
     steady_only: SteadyOnlyOption = False,
-    speed_only: Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")] = False,
-    compare: Annotated[
-        bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall hangs on.")
-    ] = False,
-    gauge_span_bar: Annotated[
-        float | None,
-        typer.Option(metavar="BAR", help="Full scale of the gauge: fit again for accuracy classes 0.6, 1.0, 1.6, 2.5."),
-    ] = None,
-    effects: Annotated[
-        str, typer.Option(metavar="ID,ID", help="Effects that the model holds too; their sizes become unknowns.")
-    ] = "",
+    speed_only: SpeedOnlyOption = False,
+    compare: CompareOption = False,
+    gauge_span_bar: GaugeSpanOption = None,
+    effects: EffectsOption = "",
     left_out: WithoutOption = None,
     parents: WithParentsOption = False,
     per_recording: PerRecordingOption = None,

@@ -144,8 +144,8 @@ def capture(
         return replace(capture_course(read, ambient, kind.value, level_bar_abs, plateaus), known=known), []
 
     server, name = server_of(conceal, conceal_seed, only, key), parent.name if parent else None
-    flywheel = added_inertia_kg_m2
-    wanted = Wanted(kind.value, logs, operator, motor_serial, note, name, True, rate, server, flywheel)
+    by = (operator, motor_serial, note, name)
+    wanted = Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2)
     _take(bench, given, course, wanted)
 
 

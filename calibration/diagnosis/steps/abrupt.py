@@ -15,10 +15,11 @@ from scipy.special import logsumexp
 
 from calibration.diagnosis.steps.locate import METERS, Kind, Place
 from calibration.diagnosis.steps.search import values_of
+from calibration.likelihood.bad_reading import BAD, log_bad
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
 from calibration.likelihood.linearized import GOOD
-from calibration.likelihood.mode import BAD, Mode, log_bad
+from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import StepsInTime
 from calibration.likelihood.signatures import project
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Generic, TypeVar
 
+from calibration.likelihood.mode import Mode
+
 Fitted = TypeVar("Fitted")
 
 
@@ -70,3 +72,8 @@ class Candidate(Generic[Fitted]):
     @property
     def probability(self) -> float:
         return math.exp(self.log_probability)
+
+
+def alone(mode: Mode) -> Candidate[Mode]:
+    """A set that stands against no other."""
+    return Candidate(mode.names, mode, mode.log_evidence, 0.0)

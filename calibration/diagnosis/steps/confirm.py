@@ -21,9 +21,10 @@ import numpy as np
 from scipy.special import log_softmax, logsumexp, softmax
 
 from calibration.diagnosis.steps.candidate import Candidate
+from calibration.likelihood.bad_reading import BAD, bad_weight, log_bad
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import GOOD
-from calibration.likelihood.mode import BAD, Mode, bad_weight, log_bad
+from calibration.likelihood.mode import Mode
 
 
 class Predicted(StrEnum):

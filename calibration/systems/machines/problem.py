@@ -12,7 +12,7 @@ from calibration.systems.machines.readings import Flat
 from calibration.systems.machines.system import has_system, systems
 from calibration.systems.machines.table import rows_used, table_of
 from calibration.unknowns.effects import searched
-from calibration.unknowns.priors import Unknown
+from calibration.unknowns.priors import OfInstrument, Unknown
 from model.effects import Effect, EffectParameter, effects
 from model.rigs.state import scaled
 from rig.recording import Recording, RecordingError
@@ -157,8 +157,9 @@ class Problem:
         return 1.0
 
     def run_of(self, i: int) -> int | None:
-        """The file that a nuisance belongs to alone, as its name says; None where it is of the whole recording [-]."""
-        file = self.nuisances[i].name.rpartition(".")[0]
+        """The file that a nuisance belongs to alone; None where it is of the whole recording [-]."""
+        of = self.nuisances[i].of
+        file = of.file if isinstance(of, OfInstrument) else ""
         return next((k for k, one in enumerate(self.recording.files) if one.file == file), None)
 
     def predict(

@@ -10,8 +10,8 @@ import numpy as np
 from calibration.systems.radial_piston.predict import wheel
 from calibration.systems.radial_piston.predict.in_time import follows_angle
 from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, STANDING
-from calibration.systems.radial_piston.predict.problem import SI_OF
-from calibration.unknowns.priors import Error, OfInstrument
+from calibration.systems.radial_piston.predict.nuisances import SI_OF, TURN
+from calibration.unknowns.priors import Error, OfInstrument, OfRun
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
@@ -32,17 +32,19 @@ def known_derivative(
         The effects of the point.
     """
     problem = comparison.problem
-    name, of = problem.nuisances[i].name, problem.nuisances[i].of
+    of = problem.nuisances[i].of
     if isinstance(of, OfInstrument) and of.channel != "pressure":
         return _of_an_instrument(comparison, i, of, raw, z)
-    if name.endswith(".turn") and not follows_angle(names):
+    if not isinstance(of, OfRun):
+        return None
+    if of.what == TURN and not follows_angle(names):
         return np.zeros_like(raw)
     run = problem.run_of(i)
-    if run is None or ".wheel_" not in name:
+    if run is None or not wheel.is_of_wheel(of.what):
         return None
     found = np.zeros_like(comparison.read)
     one = problem.blocks.runs[run]
-    column = wheel.seen(one, name.rpartition(".")[2])[one.used]
+    column = wheel.seen(one, of.what)[one.used]
     found[comparison.kind == RUN + run] = column * problem.nuisances[i].b
     return found
 

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.linalg import cholesky_banded
 from scipy.linalg.lapack import dtbtrs, dtrtrs
 
-from calibration.systems.radial_piston.predict.problem import CHANNELS, Problem
-from calibration.unknowns.priors import NOISE_SD, Unknown, noise_scale
+from calibration.systems.radial_piston.predict.problem import Problem
+from calibration.unknowns.priors import CHANNELS, NOISE_SD, Unknown, noise_scale
 
 CORRELATION_SD = 0.7  # of the inverse hyperbolic tangent: two in three lie within 0.6; of even correlations it is 0.9
 SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])

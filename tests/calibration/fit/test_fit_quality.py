@@ -89,7 +89,6 @@ def test_a_changed_motor_is_the_one_that_is_tested(clean):
         ("2.0,71.5,394.8\n", "So few rows"),
         ("1.7,51,272.9\n2.0,71.5,394.8\n", "So few rows"),
         ("1.6,<60,\n1.7,>40,\n2.0,>60,\n", "nothing could be tested"),
-        ("1.05,,0\n1.07,,0\n1.08,,0\n", "nothing could be tested"),
     ],
 )
 def test_what_can_hardly_be_tested_is_told_so_with_a_number(put_recording, rows, words):

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.data.measurement import Measurement, Rows
-from calibration.likelihood.mode import BAD
+from calibration.likelihood.bad_reading import BAD
 from calibration.systems.radial_piston.batch import states as effect_states
 from calibration.systems.radial_piston.batch.effects import Effects
 from calibration.systems.radial_piston.batch.polynomials import Polynomials, n_terms, sum_rows_by
@@ -29,6 +29,7 @@ from calibration.unknowns.priors import (
     Error,
     OfEffect,
     OfInstrument,
+    OfRun,
     Unknown,
     column_of,
     factors_at,
@@ -273,7 +274,7 @@ class Likelihood:
         return parameters, errors, inside
 
 
-def _moves_plateaus(of: OfInstrument | OfEffect | None) -> bool:
+def _moves_plateaus(of: OfInstrument | OfEffect | OfRun | None) -> bool:
     """Whether an unknown changes what the model expects at a gauge's reading."""
     if isinstance(of, OfInstrument):
         return of.channel == "pressure" and of.error != Error.NOISE

@@ -8,12 +8,11 @@ import numpy as np
 from numba import njit, prange
 
 from calibration.data.measurement import BELOW, MISSING, OBSERVED
+from calibration.likelihood.bad_reading import variances
 from configs.units import BAR
 from model.layout import L_MIN, RPM
 from model.solvers import steady
 
-BAD_WIDTH = 10.0  # a bad reading's sd, in sds of a good one ...
-BAD_SHARE = 0.1  # ... plus this share of the reading
 LOG_2_PI = math.log(2.0 * math.pi)
 
 
@@ -75,9 +74,9 @@ def cases(
     q = out[steady.VOLUME_FLOW] * L_MIN * (1.0 + errors[1, 1]) + errors[1, 0]
     n = out[steady.SPEED_OUT] * RPM * (1.0 + errors[2, 1]) + errors[2, 0]
     narrower = 1.0 / (1.0 + errors[0, 1]) ** 2
-    good_p, bad_p = _variances(noise_sd[0] * scale * errors[0, 2], resolution[0], reading[0])
-    good_q, bad_q = _variances(noise_sd[1] * scale * errors[1, 2], resolution[1], reading[1])
-    good_n, bad_n = _variances(noise_sd[2] * scale * errors[2, 2], resolution[2], reading[2])
+    good_p, bad_p = variances(noise_sd[0] * scale * errors[0, 2], resolution[0], reading[0])
+    good_q, bad_q = variances(noise_sd[1] * scale * errors[1, 2], resolution[1], reading[1])
+    good_n, bad_n = variances(noise_sd[2] * scale * errors[2, 2], resolution[2], reading[2])
     odds = math.log(bad_share / (1.0 - bad_share)) if bad_share > 0.0 else -math.inf
     none_bad = 3.0 * math.log1p(-bad_share)
     top = -math.inf
@@ -102,14 +101,6 @@ def cases(
     for k in range(8):
         total += math.exp(case[k] - top)
     return top + math.log(total)
-
-
-@njit(cache=True)
-def _variances(noise: float, resolution: float, reading: float) -> tuple[float, float]:
-    """Of a good reading and of a bad one."""
-    good = noise * noise + resolution * resolution / 12.0
-    wide = BAD_WIDTH * math.sqrt(good) + BAD_SHARE * abs(reading)
-    return good, wide * wide
 
 
 @njit(cache=True, parallel=True)

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 LOCKED_PA = 2e5
 READINGS = 10.0  # averaged
 STEP = 1e-3  # of a standard normal unknown, for derivatives
-TORQUE_N_M, PRESSURE_PA, FLOW_SHARE, SPEED_SHARE = 0.01, 200.0, 0.01, 2e-4  # 1 sd of the instruments listed
+TORQUE_N_M, PRESSURE_PA = 0.01, 200.0  # 1 sd of the instruments listed
+REFERENCES = {"flow": ("flow meter", 0.01), "speed": ("tachometer", 2e-4)}  # and of these, as shares
 
 Chosen = dict[str, dict[str, float]]
 
@@ -67,12 +68,21 @@ def quantities(comparison: Comparison, best: Mode) -> list[Quantity]:
     within = predicted & ~(problem.blocks.plateaus.speed > limit)  # nothing is asked for at a level that was too fast
     top = int(np.nanargmax(np.where(within if within.any() else predicted, state.pressure, np.nan)))
     here = State(**{name: np.atleast_1d(values[top]) for name, values in vars(state).items()})
-    flow, speed = best.prediction.flow[top : top + 1], best.prediction.speed[top : top + 1]
-    zero = np.zeros(1)
     omega = np.minimum(here.omega, OF_THE_LIMIT * limit)  # a model that is off may predict more
+    found = _inside(here, omega)
+    if np.isfinite(best.prediction.flow[top]):
+        found.append(_beside_a_reference("flow", best.prediction.flow[top : top + 1], here))
+    if problem.noise["flow"] > 0.0:
+        found.append(_locked(problem.noise["flow"], here))
+    return [*found, _beside_a_reference("speed", best.prediction.speed[top : top + 1], here)]
+
+
+def _inside(here: State, omega: np.ndarray) -> list[Quantity]:
+    """Torque and pressures of the motor itself, at its highest level and at a speed [rad/s]."""
+    zero = np.zeros(1)
     driven = replace(here, omega=omega, load=zero, mass_flow=zero, pressure=here.ambient)
-    level = f"at {float(here.pressure[0]) / 1e5:.1f} bar"
-    found = [
+    level = _level(here)
+    return [
         Quantity(
             f"drive the shaft at {float(omega[0]) * at.RPM:.0f} rpm with the line vented",
             f"a drive with a torque transducer ({TORQUE_N_M:g} N m)",
@@ -100,34 +110,32 @@ def quantities(comparison: Comparison, best: Mode) -> list[Quantity]:
             lambda p, e, c: _sum(c, "outlet_rise", here),
         ),
     ]
-    if np.isfinite(flow[0]):
-        found.append(
-            Quantity(
-                f"read the flow beside a reference {level}",
-                f"a reference flow meter ({100.0 * FLOW_SHARE:g} %)",
-                FLOW_SHARE * float(flow[0]),
-                lambda p, e, c: float(_shown(c, e, "flow", flow, here)[0] - flow[0]),
-            )
-        )
-    if problem.noise["flow"] > 0.0:
-        line = np.array([LOCKED_PA])
-        found.append(
-            Quantity(
-                f"locked rotor: flow at {LOCKED_PA / 1e5:g} bar with the rotor held",
-                "",
-                problem.noise["flow"] / np.sqrt(READINGS),
-                lambda p, e, c: float(standing_flow(line, here.time, here.gas_constant, p, e["flow"], c)[0]),
-            )
-        )
-    found.append(
-        Quantity(
-            f"read the speed beside a reference {level}",
-            f"a reference tachometer ({100.0 * SPEED_SHARE:g} %)",
-            SPEED_SHARE * float(speed[0]),
-            lambda p, e, c: float(_shown(c, e, "speed", speed, here)[0] - speed[0]),
-        )
+
+
+def _beside_a_reference(channel: str, expected: np.ndarray, here: State) -> Quantity:
+    """Flow or speed, read by a second instrument too; `expected`: of the bench's own [SI], shape (1,)."""
+    name, share = REFERENCES[channel]
+    return Quantity(
+        f"read the {channel} beside a reference {_level(here)}",
+        f"a reference {name} ({100.0 * share:g} %)",
+        share * float(expected[0]),
+        lambda p, e, c: float(_shown(c, e, channel, expected, here)[0] - expected[0]),
     )
-    return found
+
+
+def _locked(noise: float, here: State) -> Quantity:
+    """What leaks past a rotor that is held; `noise`: of a flow reading [m3/s]."""
+    line = np.array([LOCKED_PA])
+    return Quantity(
+        f"locked rotor: flow at {LOCKED_PA / 1e5:g} bar with the rotor held",
+        "",
+        noise / np.sqrt(READINGS),
+        lambda p, e, c: float(standing_flow(line, here.time, here.gas_constant, p, e["flow"], c)[0]),
+    )
+
+
+def _level(here: State) -> str:
+    return f"at {float(here.pressure[0]) / 1e5:.1f} bar"
 
 
 def expected_quantity(one: Quantity, problem: Problem, rivals: Sequence[Mode]) -> list[Expected]:

@@ -1,6 +1,7 @@
 """What the instruments beside the article's motor would read.
 
-problem   the unknowns of a recording, and the model's predictions of its readings
+problem   a recording as the model sees it: predictions of its readings
+nuisances the unknowns of motor, instruments and runs
 kinds     the kinds of readings
 in_time   a run in time
 supply    the line between valve and motor

@@ -12,7 +12,6 @@ import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,58 +19,31 @@ from calibration.data.blocks import Blocks, Vented, blocks_of
 from calibration.data.clock import needs_clock
 from calibration.data.runs import RunInTime
 from calibration.systems.radial_piston.predict import gauge, in_time, wheel
+from calibration.systems.radial_piston.predict.nuisances import (
+    BEGUN,
+    MOTOR,
+    SI_OF,
+    TURN,
+    VENTED,
+    Split,
+    destination,
+    nuisances_of,
+)
 from calibration.systems.radial_piston.predict.standing import standing_flow
-from calibration.systems.radial_piston.predict.supply import Course, line_unknowns
+from calibration.systems.radial_piston.predict.supply import Course
 from calibration.unknowns.effects import all_searched
-from calibration.unknowns.priors import Error, OfInstrument, Unknown, at_ambient, column_of, unknowns
-from configs.units import BAR
+from calibration.unknowns.priors import CHANNELS, Error, OfInstrument, OfRun, Unknown, at_ambient, column_of
 from model import layout as at
 from model.effects import effects
 from model.effects import steady as effect_steady
 from model.effects.effect import Effect, EffectParameter, State, unknown_state
 from model.effects.laws import readings_of
 from model.effects.neighbourhood import Neighbourhood
-from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor, read_motor
 from model.solvers import steady as base_steady
 from rig.recording import Recording, RecordingError
 
-SI_OF = {"pressure": BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
-CHANNELS = ("pressure", "flow", "speed")
-TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
-BEGUN_SD = 0.1  # share by which a start from rest may be off where it is compared from: how it broke away nobody knows
 FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
-VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
-
-MOTOR = "motor"
-
-# The motor's parameters, each channel's offset and scale, and by file what is a run's own, by the ends of the names.
-Split = tuple[np.ndarray, dict[str, tuple[float, float]], dict[str, dict[str, float]]]
-
-
-class _Destination(NamedTuple):
-    """Where a nuisance's value goes: into the motor's parameters, a channel's errors or what a run has of its own.
-
-    `place`: its index there, or of a run's own the end of its name. `to_si`: what it is multiplied by [-].
-    """
-
-    of: str
-    place: Any
-    to_si: float
-
-
-def _destination(unknown: Unknown) -> _Destination:
-    match unknown.of:
-        case OfInstrument(channel, Error.SCALE):
-            return _Destination(channel, 1, 1.0)
-        case OfInstrument(channel):
-            return _Destination(channel, 0, SI_OF[channel])
-    if unknown.name in QUANTITIES:
-        return _Destination(MOTOR, list(QUANTITIES).index(unknown.name), QUANTITIES[unknown.name].to_si)
-    if unknown.name == VENTED:
-        return _Destination(VENTED, 0, 1.0)
-    file, _, what = unknown.name.rpartition(".")
-    return _Destination(file, what, 1.0)
 
 
 @dataclass(frozen=True)
@@ -137,22 +109,10 @@ class Problem:
         self.motor = at_ambient(motor, recording)
         self.recording = recording
         self.blocks: Blocks = blocks_of(recording)
-        everything = unknowns(self.motor, recording)
-        self.nuisances: list[Unknown] = [
-            u for u in everything if not (isinstance(u.of, OfInstrument) and u.of.error is Error.NOISE)
-        ]
-        for run in self.blocks.runs:
-            self.nuisances += line_unknowns(run, recording.supply) + wheel.wheel_unknowns(run, recording)
-            if run.from_rest:
-                self.nuisances.append(Unknown(f"{run.file}.begun", "-", "normal", 0.0, BEGUN_SD, "nobody set it"))
-        # A torque that follows the shaft is told from where that stood in the first run.
-        for run in self.blocks.runs[0 if any_turn else 1 :]:
-            self.nuisances.append(Unknown(f"{run.file}.turn", "rad", "normal", 0.0, TURN_SD, "nobody noted it"))
-        if self.blocks.vented.pressure.size:
-            self.nuisances.append(Unknown(VENTED, "-", "normal", 0.5, 0.5, "where a gauge's span begins is not stated"))
+        self.nuisances = nuisances_of(self.motor, recording, self.blocks, any_turn)
         self._base = self.motor.vector()
         self._readings = self.motor.readings.vector()
-        self._goes_to = [_destination(unknown) for unknown in self.nuisances]
+        self._goes_to = [destination(unknown) for unknown in self.nuisances]
         columns = {channel: column_of(recording, channel) for channel in CHANNELS}
         self.noise = {
             channel: recording.channels[column].noise_sd * SI_OF[channel] if column else 0.0
@@ -218,7 +178,8 @@ class Problem:
 
     def run_of(self, i: int) -> int | None:
         """The run in time that a nuisance belongs to alone; None where it is of the motor or of an instrument [-]."""
-        file = self.nuisances[i].name.rpartition(".")[0]
+        of = self.nuisances[i].of
+        file = of.file if isinstance(of, OfRun) else ""
         return next((k for k, run in enumerate(self.blocks.runs) if run.file == file), None)
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
@@ -299,7 +260,7 @@ class Problem:
         parameters = self._base.copy()
         errors = {channel: [0.0, 0.0] for channel in (*CHANNELS, VENTED)}
         errors[VENTED][0] = 0.5
-        own: dict[str, dict[str, float]] = {run.file: {"turn": 0.0} for run in self.blocks.runs}
+        own: dict[str, dict[str, float]] = {run.file: {TURN: 0.0} for run in self.blocks.runs}
         for at_z, unknown, (of, place, to_si) in zip(z.tolist(), self.nuisances, self._goes_to, strict=True):
             value = float(unknown.value(at_z))
             if of == MOTOR:
@@ -386,8 +347,8 @@ class Problem:
         for name in chosen:
             turn_on = effects()[name].turned
             if turn_on is not None:
-                turned[name] = dict(turn_on(chosen[name], own["turn"]))
-        return in_time.plan(self.motor, run, parameters, line, 0.0, turned, own.get("begun", 0.0), self._lag_s)
+                turned[name] = dict(turn_on(chosen[name], own[TURN]))
+        return in_time.plan(self.motor, run, parameters, line, 0.0, turned, own.get(BEGUN, 0.0), self._lag_s)
 
     def _read_speed(self, i: int, split: Split, chosen: dict[str, dict[str, float]], smooth: bool) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.data.runs import RunInTime
-from calibration.unknowns.priors import Unknown
+from calibration.unknowns.priors import Unknown, unknown_of_run
 from model.solvers.transient import Supply
 from rig.recording import SupplyFigures
 
@@ -46,7 +46,7 @@ def ways_of(run: RunInTime) -> list[str]:
 def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
     """The unknowns of a run's line, named after its file."""
     sd = max(run.settled_sd, 1.0)
-    found = [Unknown(f"{run.file}.supply", "Pa", "normal", 0.0, sd, "what had not settled")]
+    found = [unknown_of_run(run.file, "supply", "Pa", "normal", 0.0, sd, "what had not settled")]
     valve = _constant(stated.valve_time_s, stated.valve_time_s_sd, VALVE_S, UNSTATED_VALVE)
     for way in ways_of(run):
         slow = (
@@ -54,21 +54,23 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
             if way == OPENING
             else (EMPTYING_S, UNSTATED)
         )
-        name = f"{run.file}.{way}"
         unseen = max(gap for gap, span in zip(run.unseen_s, run.valve, strict=True) if span.is_open == (way == OPENING))
         moved = math.hypot(LATE_SD, unseen / math.sqrt(12.0))
-        found.append(Unknown(f"{name}_late", "s", "normal", 0.0, moved, "when the valve moved"))
-        found.append(Unknown(f"{name}_time", "s", "lognormal", *slow, "a line that fills or empties"))
-        found.append(Unknown(f"{name}_valve", "s", "lognormal", *valve, "a valve's time"))
         found += [
-            Unknown(f"{name}_form_{k}", "-", "normal", 0.0, FORM_SD, "no line is exact") for k in range(len(FORMS))
+            unknown_of_run(run.file, f"{way}_late", "s", "normal", 0.0, moved, "when the valve moved"),
+            unknown_of_run(run.file, f"{way}_time", "s", "lognormal", *slow, "a line that fills or empties"),
+            unknown_of_run(run.file, f"{way}_valve", "s", "lognormal", *valve, "a valve's time"),
         ]
+        for k in range(len(FORMS)):
+            found.append(unknown_of_run(run.file, f"{way}_form_{k}", "-", "normal", 0.0, FORM_SD, "no line is exact"))
     if OPENING in ways_of(run):
         for k in range(WANDERS):
-            found.append(Unknown(f"{run.file}.wander_{k}", "-", "normal", 0.0, WANDER_SD, "no regulator stands still"))
-    found.append(Unknown(f"{run.file}.gauge_late", "s", "normal", 0.0, GAUGE_LATE_SD, "a gauge's own time"))
+            found.append(
+                unknown_of_run(run.file, f"wander_{k}", "-", "normal", 0.0, WANDER_SD, "no regulator stands still")
+            )
+    found.append(unknown_of_run(run.file, "gauge_late", "s", "normal", 0.0, GAUGE_LATE_SD, "a gauge's own time"))
     if VENTING in ways_of(run):
-        found.append(Unknown(f"{run.file}.floor", "Pa", "normal", FLOOR_PA, FLOOR_PA, "a vent's own loss"))
+        found.append(unknown_of_run(run.file, "floor", "Pa", "normal", FLOOR_PA, FLOOR_PA, "a vent's own loss"))
     return found
 
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.data.runs import RunInTime
-from calibration.unknowns.priors import Unknown
+from calibration.unknowns.priors import Unknown, unknown_of_run
 from rig.recording import Recording
 
 PITCH_SD = 0.002  # of a tooth's place where nothing is stated, in shares of the pitch
@@ -54,10 +54,15 @@ def wheel_unknowns(run: RunInTime, recording: Recording) -> list[Unknown]:
         return []
     sd = pitch_sd(recording) * math.sqrt(2.0 / float(recording.channels["speed_rpm"].pulses_per_rev or 1.0))
     return [
-        Unknown(f"{run.file}.wheel_{k}_{part}", "rad", "normal", 0.0, sd, "teeth that are off their places")
+        unknown_of_run(run.file, f"wheel_{k}_{part}", "rad", "normal", 0.0, sd, "teeth that are off their places")
         for k in kept
         for part in PARTS
     ]
+
+
+def is_of_wheel(what: str) -> bool:
+    """Whether what a run has for itself is of its wheel."""
+    return what.startswith("wheel_")
 
 
 def seen(run: RunInTime, what: str) -> np.ndarray:
