@@ -72,7 +72,7 @@ SLOW = {
     "test_readings_as_they_come": 20,
     "test_diagnosis_abrupt": 20,
     "test_kills": 19,
-    "test_diagnosis_faint": 18,
+    "test_diagnosis_undetected": 18,
     "test_lines": 17,
     "test_doctor": 17,
     "test_interlock_watchdog": 16,

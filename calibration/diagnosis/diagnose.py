@@ -14,7 +14,7 @@ from calibration.diagnosis.mismatch import Detected, fit_base, test_base
 from calibration.diagnosis.next_test.promised import Promise, kept
 from calibration.diagnosis.next_test.recommend import MOST_RIVALS, NextTest, propose
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.sizes.not_excluded import Faint, behind_friction, faint
+from calibration.diagnosis.sizes.not_excluded import Undetected, behind_friction, undetected
 from calibration.diagnosis.sizes.resolves import resolved
 from calibration.diagnosis.steps.abrupt import Step, step_instead
 from calibration.diagnosis.steps.candidate import Candidate, alone
@@ -47,7 +47,7 @@ from rig.recording import Recording, RecordingError
 FARTHER = -3.0  # nats in the linear model down to which effects are refitted, where the test saw nothing
 CERTAIN_P = 1e-9  # of a mismatch so gross that no test need see it
 NOT_DESCRIBED = "the model does not describe these readings at all"
-TESTS = 2.0  # looks at a recording with runs in time: the straight test, and the refits
+TESTS = 2.0  # looks at a recording with runs in time: the linear test, and the refits
 
 
 @dataclass(frozen=True)
@@ -173,9 +173,9 @@ def _explain(
         bad_rows=said.bad,
         seconds=clock.seconds,
         correction=unnamed.correction,
-        beside=unnamed.nuisances,
+        nuisances_corrected=unnamed.nuisances,
         misread=said.misread,
-        faint=unseen,
+        undetected=unseen,
         resolved=resolved(comparison, first.base, first.detection.u, first.found),
         rivals=rivals,
         promised=[one for promise in promises if (one := kept(promise, candidates))],
@@ -199,14 +199,17 @@ def _said(
     return said, held_out, unseen_run
 
 
-def _not_seen(search: Search, verdict: Verdict[Mode], rng: np.random.Generator) -> dict[tuple[str, ...], list[Faint]]:
+def _not_seen(
+    search: Search, verdict: Verdict[Mode], rng: np.random.Generator
+) -> dict[tuple[str, ...], list[Undetected]]:
     """Effects too small to be seen beside each of the sets that are said."""
     chosen = verdict.chosen.names if verdict.chosen else ()
     averaged = [] if verdict.kind == "unresolved" else [chosen, *verdict.alternatives]
     if search.comparison.rig:  # a machine's friction is no figure of its own: it is that of the sets that are said
         return {names: [] for names in averaged}
     return {
-        names: faint(search.comparison, search.modes[names], search.signatures_at(names), rng) for names in averaged
+        names: undetected(search.comparison, search.modes[names], search.signatures_at(names), rng)
+        for names in averaged
     }
 
 
@@ -241,7 +244,7 @@ def _search(
         clock("look farther")
         search.singles(first.found, detection.u, FARTHER)
         search.also(asked)
-        # With runs in time another explanation may lie far off, where the straight lines of the test do not reach.
+        # With runs in time another explanation may lie far off, where the linear test do not reach.
         in_time = first.comparison.in_time
         elsewhere = min(1.0, TESTS * evidence_p(first.comparison, search.modes)) if in_time else 1.0
         if elsewhere < MISMATCH_P:
@@ -252,7 +255,7 @@ def _search(
         return found
     clock("name")
     if len(search.modes) == 1:
-        # Beside a nuisance far off or loud noise the straight lines of the screen say little.
+        # Beside a nuisance far off or loud noise the linear screen says little.
         far = detection.pulled or first.comparison.rig
         search.singles(first.found, detection.u, every=bool(far or first.comparison.noise.too_loud(found.base.u)))
     base = search.modes[()]  # with runs in time refitted from where the best effect led

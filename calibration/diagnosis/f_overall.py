@@ -51,14 +51,14 @@ def _averaged(found: Diagnosis, place: int) -> list[Part]:
     A further effect is there with the odds that the linear model gives it, at most even ones: else it would have been
     said. Where the two were refitted together, the refit is taken, or none where that could not be believed.
     """
-    if found.beside is not None:
-        return [(1.0, _normal(found.beside[0][place], found.beside[1][place]))]
-    if not found.faint:  # unresolved, and nothing to stand beside the model: all that was refitted may be there
+    if found.nuisances_corrected is not None:
+        return [(1.0, _normal(found.nuisances_corrected[0][place], found.nuisances_corrected[1][place]))]
+    if not found.undetected:  # unresolved, and nothing to stand beside the model: all that was refitted may be there
         return [_alone(found, place, c.mode, c.probability) for c in found.candidates if not c.refused]
     refitted = {c.names: c for c in found.candidates}
     log_K = math.log(len(found.comparison.problem.effects_that_could()))
     parts: list[Part] = []
-    for names, further in found.faint.items():
+    for names, further in found.undetected.items():
         one = refitted[names]
         parts.append(_alone(found, place, one.mode, one.probability))
         for extra in further:
@@ -66,7 +66,7 @@ def _averaged(found: Diagnosis, place: int) -> list[Part]:
             if both is None:
                 form = FORM * abs(one.mode.z[place] - found.base.z[place])
                 parts.append((one.probability * min(extra.odds, 1.0), _among(extra.f_overall_z, form)))
-            elif not both.refused and both.names not in found.faint:
+            elif not both.refused and both.names not in found.undetected:
                 odds = math.exp(min(both.log_evidence - one.log_evidence, log_K) - log_K)
                 parts.append(_alone(found, place, both.mode, max(one.probability * odds, both.probability)))
     return parts

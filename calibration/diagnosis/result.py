@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.diagnosis.next_test.promised import Kept
 from calibration.diagnosis.next_test.recommend import NextTest
-from calibration.diagnosis.sizes.not_excluded import Faint
+from calibration.diagnosis.sizes.not_excluded import Undetected
 from calibration.diagnosis.sizes.resolves import Resolved
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut
@@ -38,9 +38,9 @@ class Diagnosis:
         Time of each step [s].
     correction : Correction or None
         A smooth torque or flow that stands for what no set explains.
-    beside : tuple of ndarray or None
+    nuisances_corrected : tuple of ndarray or None
         The nuisances and their sd beside such a correction, whichever it is [-].
-    faint : dict
+    undetected : dict
         For each set that f_overall is averaged over, the further effects that may be there unseen.
     not_described : str
         How far the base model is off where it does not describe the readings at all, and nothing was looked for.
@@ -64,9 +64,9 @@ class Diagnosis:
     bad_rows: list[BadRow] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     correction: Correction | None = None
-    beside: tuple[np.ndarray, np.ndarray] | None = None
+    nuisances_corrected: tuple[np.ndarray, np.ndarray] | None = None
     misread: frozenset[tuple[str, ...]] = frozenset()
-    faint: dict[tuple[str, ...], list[Faint]] = field(default_factory=dict)
+    undetected: dict[tuple[str, ...], list[Undetected]] = field(default_factory=dict)
     resolved: list[Resolved] = field(default_factory=list)
     not_described: str = ""
     rivals: list[Candidate] = field(default_factory=list)
@@ -93,6 +93,9 @@ def _of_one(found: Diagnosis, k: int) -> Diagnosis:
         z, z_sd = share @ correction.z, np.sqrt(share**2 @ correction.z_sd**2)
         correction = replace(correction, column=correction.column[at], z=z, z_sd=z_sd)
     chosen = found.verdict.chosen
+    nuisances = found.nuisances_corrected
+    if nuisances is not None:
+        nuisances = (share @ nuisances[0], np.sqrt(share**2 @ nuisances[1] ** 2))
     return replace(
         found,
         comparison=several.parts[k],
@@ -101,5 +104,5 @@ def _of_one(found: Diagnosis, k: int) -> Diagnosis:
         candidates=[own(one) for one in found.candidates],
         verdict=replace(found.verdict, chosen=None if chosen is None else own(chosen)),
         correction=correction,
-        beside=None if found.beside is None else (share @ found.beside[0], np.sqrt(share**2 @ found.beside[1] ** 2)),
+        nuisances_corrected=nuisances,
     )

@@ -200,7 +200,7 @@ class Compared(Protocol):
     in_time : bool
         Whether there are runs in time: a refit takes seconds.
     thorough : bool
-        Whether every effect is refitted, whatever the straight model says of it.
+        Whether every effect is refitted, whatever the linear model says of it.
     trusting : bool
         Whether no reading is taken for bad.
     check : tuple of str

@@ -1,4 +1,4 @@
-"""The straight problem at a point: whitened derivatives with the nuisances, and whitened readings to explain."""
+"""The linear problem at a point: whitened derivatives with the nuisances, and whitened readings to explain."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GOOD = 0.5  # readings that are more probably bad than this are left aside
 
 
 @dataclass(frozen=True)
-class Straight:
+class Linearized:
     """A recording as y = J z + noise, standard normal both; what is added are further columns.
 
     Attributes
@@ -60,8 +60,8 @@ def freed(white: np.ndarray) -> np.ndarray:
     return found
 
 
-def straight(comparison: Compared, mode: Mode, u: np.ndarray, every: bool = False) -> Straight:
-    """The straight problem at a mode.
+def linearize(comparison: Compared, mode: Mode, u: np.ndarray, every: bool = False) -> Linearized:
+    """The linear problem at a mode.
 
     Parameters
     ----------
@@ -73,4 +73,4 @@ def straight(comparison: Compared, mode: Mode, u: np.ndarray, every: bool = Fals
     white = comparison.whitener(mode.prediction, u)
     good = (mode.bad < GOOD).astype(float)
     y = white(np.nan_to_num(comparison.read - comparison.raw(mode.prediction)) + mode.D @ mode.z) * good
-    return Straight(comparison, mode, white, good, white(mode.D) * good[:, None], y)
+    return Linearized(comparison, mode, white, good, white(mode.D) * good[:, None], y)

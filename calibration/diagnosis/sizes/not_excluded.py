@@ -16,7 +16,7 @@ import numpy as np
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.name import BEYOND_SD, declared_size
 from calibration.likelihood.compared import Compared
-from calibration.likelihood.linearized import straight
+from calibration.likelihood.linearized import linearize
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.signatures import Signature, log_gain, project
 
@@ -27,7 +27,7 @@ FEWEST = 40  # draws that are possible; with fewer the effect is next to impossi
 
 
 @dataclass(frozen=True)
-class Faint:
+class Undetected:
     """A further effect beside a set.
 
     Attributes
@@ -41,13 +41,15 @@ class Faint:
     f_overall_z: np.ndarray
 
 
-def faint(comparison: Compared, mode: Mode, found: Sequence[Signature], rng: np.random.Generator) -> list[Faint]:
+def undetected(
+    comparison: Compared, mode: Mode, found: Sequence[Signature], rng: np.random.Generator
+) -> list[Undetected]:
     """Every further effect beside a set, with what f_overall would be."""
     problem = comparison.problem
     f = problem.place(problem.friction)
     if f is None:
         return []
-    here = straight(comparison, mode, mode.u)
+    here = linearize(comparison, mode, mode.u)
     J = here.J
     A_inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
     r = project(J, here.y)
@@ -78,12 +80,12 @@ def faint(comparison: Compared, mode: Mode, found: Sequence[Signature], rng: np.
     return [_over_shapes(name, shapes, K, rng) for name, shapes in of_shapes.items()]
 
 
-def _over_shapes(name: str, shapes: Sequence[tuple[float, np.ndarray]], K: int, rng: np.random.Generator) -> Faint:
+def _over_shapes(name: str, shapes: Sequence[tuple[float, np.ndarray]], K: int, rng: np.random.Generator) -> Undetected:
     """One of K effects, averaged over the shapes of its law by their evidence."""
     factors = np.exp([bayes for bayes, _ in shapes])
     count = np.round(DRAWS * factors / factors.sum()).astype(int)
     drawn = [rng.choice(draws, n) for n, (_, draws) in zip(count, shapes, strict=True)]
-    return Faint(name, float(factors.mean()) / K, np.concatenate(drawn))
+    return Undetected(name, float(factors.mean()) / K, np.concatenate(drawn))
 
 
 def behind_friction(comparison: Compared, base: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:

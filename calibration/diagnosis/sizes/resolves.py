@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from calibration.likelihood.compared import Compared
-from calibration.likelihood.linearized import straight
+from calibration.likelihood.linearized import linearize
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.signatures import Signature, project
 
@@ -55,7 +55,7 @@ def resolved(comparison: Compared, mode: Mode, u: np.ndarray, found: Sequence[Si
     u : ndarray, shape (k,)
         The noise [-].
     """
-    here = straight(comparison, mode, u)
+    here = linearize(comparison, mode, u)
     G = here.columns(np.column_stack([one.column for one in found])) if found else np.zeros((here.good.size, 0))
     P = G.T @ project(here.J, G)
     size = np.sqrt(np.maximum(np.diag(P), 0.0))

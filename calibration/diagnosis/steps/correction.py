@@ -1,4 +1,4 @@
-"""A smooth torque or flow that closes a balance, along one coordinate: a Gaussian process in the straight problem.
+"""A smooth torque or flow that closes a balance, along one coordinate: a Gaussian process in the linear problem.
 
 It stands for what is missing where no effect has a name for it, so that predictions can be made. Every nuisance is free
 beside it: what f_overall or an instrument's error can take up, it does not have to. Its length and its size are not
@@ -17,7 +17,7 @@ from scipy.special import logsumexp, softmax
 
 from calibration.diagnosis.steps.confirm import HeldOut, Predicted, fit_on, predict_held, summed_up
 from calibration.likelihood.compared import Compared
-from calibration.likelihood.linearized import Straight, freed, straight
+from calibration.likelihood.linearized import Linearized, freed, linearize
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Balance
 
@@ -99,7 +99,7 @@ def corrections(comparison: Compared, mode: Mode, u: np.ndarray, meters: bool = 
     meters : bool
         Whether the instruments' errors, each along its own range, are given too [Pa], [m3/s] or [rad/s].
     """
-    problem = straight(comparison, mode, u)
+    problem = linearize(comparison, mode, u)
     every = np.ones(comparison.read.size, dtype=bool)
     listed = processes(problem) if meters else _of_balances(problem)
     found = [_smoothed(_Fitted(problem, one, every)) for one in listed]
@@ -114,7 +114,7 @@ def hold_out(comparison: Compared, mode: Mode, u: np.ndarray) -> HeldOut | None:
     u : ndarray, shape (k,)
         The noise that the detection found [-].
     """
-    problem = straight(comparison, mode, u)
+    problem = linearize(comparison, mode, u)
     listed = _of_balances(problem)
     if not listed:
         return None
@@ -160,7 +160,7 @@ class Process:
 class _Fitted:
     """A process with the nuisances on some of the readings."""
 
-    def __init__(self, problem: Straight, process: Process, used: np.ndarray) -> None:
+    def __init__(self, problem: Linearized, process: Process, used: np.ndarray) -> None:
         self.problem, self.process = problem, process
         X = np.column_stack([problem.J, process.white, problem.y])[used]
         self.gram = X.T @ X
@@ -200,7 +200,7 @@ class _Fitted:
         return density, np.nan_to_num(error - self.process.hats @ mean[k:])[held]
 
 
-def evidence(problem: Straight, process: Process, beside: np.ndarray | None = None) -> float:
+def evidence(problem: Linearized, process: Process, beside: np.ndarray | None = None) -> float:
     """Log evidence of a process over none, lengths and sizes averaged over [-].
 
     Parameters
@@ -214,7 +214,7 @@ def evidence(problem: Straight, process: Process, beside: np.ndarray | None = No
     return _Fitted(problem, process, every).gain
 
 
-def stands_out(problem: Straight, process: Process) -> tuple[float, float] | None:
+def stands_out(problem: Linearized, process: Process) -> tuple[float, float] | None:
     """Where a process is hardly 0, and large [own unit of its coordinate]; None where that is nowhere."""
     curve = _smoothed(_Fitted(problem, process, np.ones(problem.y.size, dtype=bool)))
     size = np.abs(curve.mean)
@@ -226,7 +226,7 @@ def stands_out(problem: Straight, process: Process) -> tuple[float, float] | Non
     return max(low, float(curve.at[0])), min(high, float(curve.at[-1]))
 
 
-def _best(problem: Straight, listed: Sequence[Process], used: np.ndarray) -> _Fitted:
+def _best(problem: Linearized, listed: Sequence[Process], used: np.ndarray) -> _Fitted:
     return max((_Fitted(problem, one, used) for one in listed), key=lambda fitted: fitted.gain)
 
 
@@ -254,7 +254,7 @@ def _smoothed(fitted: _Fitted) -> Correction:
     )
 
 
-def processes(problem: Straight) -> list[Process]:
+def processes(problem: Linearized) -> list[Process]:
     """A smooth process for all that may be off."""
     found = []
     for one in problem.comparison.balances(problem.mode):
@@ -264,7 +264,7 @@ def processes(problem: Straight) -> list[Process]:
     return found
 
 
-def _of_balances(problem: Straight) -> list[Process]:
+def _of_balances(problem: Linearized) -> list[Process]:
     """Those of torque and flow: what predicts, where an instrument's error would only explain."""
     return [one for one in processes(problem) if one.of.balance != "sensor"]
 

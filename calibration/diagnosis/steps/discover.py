@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from calibration.likelihood.compared import Compared
-from calibration.likelihood.linearized import Straight, straight
+from calibration.likelihood.linearized import Linearized, linearize
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Form
 
@@ -61,7 +61,7 @@ def discover(
     listed = [one for one in comparison.forms(mode) if one.balance == balance]
     if not listed:
         return None
-    regression = _Regression(straight(comparison, mode, u), listed)
+    regression = _Regression(linearize(comparison, mode, u), listed)
     kept = _stable(regression, rng)
     ids = [i for i, _ in kept]
     gain = regression.gain(ids) - regression.price * len(ids) if ids else 0.0
@@ -100,9 +100,9 @@ def _again(
 
 
 class _Regression:
-    """The straight problem with all terms of a balance, as Gram matrices by block."""
+    """The linear problem with all terms of a balance, as Gram matrices by block."""
 
-    def __init__(self, problem: Straight, listed: Sequence[Form]) -> None:
+    def __init__(self, problem: Linearized, listed: Sequence[Form]) -> None:
         self.listed, self.price = listed, math.log(len(listed))
         G = problem.columns(np.hstack([one.columns for one in listed]))
         ends = np.cumsum([0, *(one.columns.shape[1] for one in listed)])

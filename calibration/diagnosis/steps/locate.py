@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 from calibration.diagnosis.steps.correction import Key, Process, evidence, processes, stands_out
 from calibration.diagnosis.steps.detect import Detection, log_tail
 from calibration.likelihood.compared import Compared
-from calibration.likelihood.linearized import Straight, freed, straight
+from calibration.likelihood.linearized import Linearized, freed, linearize
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Balance, Force, hats, spans
 from calibration.likelihood.signatures import project
@@ -30,7 +30,7 @@ STANDS_OUT = 0.5  # share of the largest score that a piece needs to belong to t
 LEAST_LOG_P = -690.0
 DECIDES = 5.0  # nats of evidence that tell two places apart
 ADDS = 10.0  # ... that make a second place beside the clearest, at least
-CROOKED = 0.05  # share of the clearest's evidence that a second place must have: the problem is not quite straight
+CROOKED = 0.05  # share of the clearest's evidence that a second place must have: the problem is not quite linear
 MOST_ROWS = 3
 PIECES = 5  # of a force along pressure, or of an instrument's range
 LEFT = 0.3  # share of a reading that forces must leave to itself, or nothing is said of it
@@ -100,7 +100,7 @@ def locate(
     acts_in : str
         Where the effect that explains it acts, when one does: then a flow is the instrument's or the balance's.
     """
-    problem = straight(comparison, mode, detection.u)
+    problem = linearize(comparison, mode, detection.u)
     smooth = {one.key: one for one in processes(problem)}
     tested = []
     seen = list(zip(detection.force_log_p, detection.force_scores, strict=True))
@@ -119,11 +119,11 @@ def locate(
     ranks, best = _ranks(problem, passed, smooth, price)
     places = _said(problem, passed, ranks, smooth if best else {}, acts_in)
     beside = [one.force.columns for one in passed if one.first] + ([best.hats] if best else [])
-    return [*places, *_rows(straight(comparison, mode, detection.u, every=True), beside, price)]
+    return [*places, *_rows(linearize(comparison, mode, detection.u, every=True), beside, price)]
 
 
 def _ranks(
-    problem: Straight, passed: Sequence[_Tested], smooth: dict[Key, Process], price: float
+    problem: Linearized, passed: Sequence[_Tested], smooth: dict[Key, Process], price: float
 ) -> tuple[list[int | None], Process | None]:
     """Each tested force's rank, None for a shadow; and the smooth process of most evidence, where it has enough."""
     gains = {one.key: evidence(problem, smooth[one.key]) for one in passed if one.key in smooth}
@@ -149,7 +149,7 @@ def _ranks(
 
 
 def _said(
-    problem: Straight,
+    problem: Linearized,
     passed: Sequence[_Tested],
     ranks: Sequence[int | None],
     smooth: dict[Key, Process],
@@ -209,7 +209,7 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
     )
 
 
-def _tail(problem: Straight, columns: np.ndarray, beside: np.ndarray | None = None) -> tuple[float, np.ndarray]:
+def _tail(problem: Linearized, columns: np.ndarray, beside: np.ndarray | None = None) -> tuple[float, np.ndarray]:
     """Log tail probability of a force, nuisances and another force free beside it, and its pieces' scores."""
     J = problem.J if beside is None else np.hstack([problem.J, freed(problem.columns(beside))])
     B = problem.columns(columns)
@@ -221,7 +221,7 @@ def _tail(problem: Straight, columns: np.ndarray, beside: np.ndarray | None = No
     return log_tail(Q, int(use.sum())), scores
 
 
-def _rows(problem: Straight, beside: Sequence[np.ndarray], price: float) -> list[Place]:
+def _rows(problem: Linearized, beside: Sequence[np.ndarray], price: float) -> list[Place]:
     """Single readings that stand out though every force found is free beside them, one after the other."""
     comparison = problem.comparison
     rows = comparison.rows

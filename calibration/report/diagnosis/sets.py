@@ -221,7 +221,7 @@ def _averaged_over(found: Diagnosis) -> str:
         return "the sets that stand, weighed"
     if found.verdict.kind != "unresolved":
         return "what is not excluded, weighed in"
-    return "all sets, weighed" if found.beside is None else "beside a smooth correction"
+    return "all sets, weighed" if found.nuisances_corrected is None else "beside a smooth correction"
 
 
 def _interval(found: Diagnosis, one: Candidate) -> Interval:

@@ -11,7 +11,7 @@ import pytest
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json
 from calibration.diagnosis.f_overall import SOLVERS_DIFFER, UNSEEN
-from calibration.diagnosis.sizes.not_excluded import faint
+from calibration.diagnosis.sizes.not_excluded import undetected
 from calibration.diagnosis.steps.name import beyond
 from calibration.likelihood.descent import find
 from calibration.likelihood.signatures import signatures
@@ -28,7 +28,9 @@ def test_the_linear_model_says_of_a_faint_effect_what_a_refit_says(name: str, tm
     comparison = Comparison(Problem(recordings.sweep(tmp_path, 1, {})))
     base = base_of(comparison)
     place = comparison.problem.place("f_overall")
-    one = {o.effect: o for o in faint(comparison, base, signatures(comparison, base), np.random.default_rng(0))}[name]
+    one = {o.effect: o for o in undetected(comparison, base, signatures(comparison, base), np.random.default_rng(0))}[
+        name
+    ]
     refit = find(comparison, (name,), base, None)
     evidence = refit.log_evidence + beyond(comparison.problem, refit, name) - base.log_evidence
     K = len(comparison.problem.effects_that_could())
@@ -45,7 +47,7 @@ def test_an_effect_that_cannot_be_negative_moves_f_overall_one_way(tmp_path: Pat
     place = comparison.problem.place("f_overall")
     one = next(
         o
-        for o in faint(comparison, base, signatures(comparison, base), np.random.default_rng(0))
+        for o in undetected(comparison, base, signatures(comparison, base), np.random.default_rng(0))
         if o.effect == "coulomb_friction"
     )
     away = (one.f_overall_z - base.z[place]) / math.sqrt(base.covariance[place, place])
@@ -55,7 +57,7 @@ def test_an_effect_that_cannot_be_negative_moves_f_overall_one_way(tmp_path: Pat
 def test_f_overall_of_a_consistent_recording_holds_what_may_be_there_unseen(tmp_path: Path) -> None:
     found = diagnose(recordings.sweep(tmp_path, 1, {}), seed=1)
     assert found.verdict.kind == "consistent"
-    assert set(found.faint) == {()}
+    assert set(found.undetected) == {()}
     document = as_json(found)
     before, after = document["f_overall_before"], document["f_overall_after"]
     assert after["q05"] < before["q05"]
