@@ -34,7 +34,7 @@ CROOKED = 0.05  # share of the clearest's evidence that a second place must have
 MOST_ROWS = 3
 PIECES = 5  # of a force along pressure, or of an instrument's range
 LEFT = 0.3  # share of a reading that forces must leave to itself, or nothing is said of it
-NAMES = {"torque": "torque balance", "mass": "flow balance", "sensor": "instrument's reading"}
+NAMES = {"torque": "torque error", "mass": "flow error", "sensor": "instrument's error"}
 METERS = {
     "pressure": "pressure gauge",
     "flow": "flow meter",
@@ -193,17 +193,18 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
     of = f" of {force.recording}" if force.recording else ""
     kind = Kind.BALANCE
     if force.balance == "sensor" and force.coordinate == "time":
-        sentence = f"The {METERS[force.channel]}'s reading departs from the model's along time, {span}."
+        sentence = f"The {METERS[force.channel]}'s reading departs from the model's with time, {span}."
     elif force.balance == "sensor":
         kind, verb = Kind.METER, "would do as well" if as_well else "is seen"
         sentence = f"An error of the {METERS[force.channel]}{of} along its own range {verb}, {span}."
     else:
-        along = f"along {force.coordinate}{of}, {span}"
+        largest = f"largest between {where[0]:.3g} and {where[1]:.3g} {force.unit}"
+        along = f"depends on {force.coordinate}{of}, {largest}"
         if force.coordinate == "phase":
-            along = f"in {force.file}{of}, {span} after its start"
+            along = f"in {force.file}{of} is {largest} after its start"
         elif force.coordinate == "angle":
-            along = f"along the shaft's angle{of}: something comes with every turn"
-        sentence = f"The {NAMES[balance]} does not close {along} (seen in the {force.channel}{by_a_meter})."
+            along = f"depends on the shaft's angle{of}: something comes with every turn"
+        sentence = f"The {NAMES[balance]} {along} (seen in the {force.channel}{by_a_meter})."
     return Place(
         kind, force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same, force.recording
     )

@@ -197,7 +197,7 @@ def _suspect_table(document: Mapping[str, Any]) -> Grid:
 def _place_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (
-            words.BALANCES[place["balance"]],
+            words.ERRORS[place["balance"]],
             f"{place['channel']} of {place['recording']}" if place["recording"] else place["channel"],
             place["coordinate"],
             "" if place["coordinate"] == "direction" else words.span_in_words(place),
@@ -206,7 +206,7 @@ def _place_table(document: Mapping[str, Any]) -> Grid:
         )
         for place in document["located"]
     )
-    return Grid(("does not close", "seen in", "along", "where", "cannot be told from", "p"), rows, 5)
+    return Grid(("what is off", "seen in", "along", "where", "cannot be told from", "p"), rows, 5)
 
 
 def _candidate_table(found: Diagnosis) -> Grid:
@@ -274,7 +274,7 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
             f"{test.test}: {test.capture.command}" if test.capture else test.test,
             in_a_row([names or (NOTHING,) for names in test.separates], "and"),
             f"{test.information_nats:.1f}",
-            "never: at least one pair stays open" if test.repeats is None else str(test.repeats),
+            "never, between all of them" if test.repeats is None else str(test.repeats),
         )
         for test in found.next_tests
         if bool(test.needs) == apart

@@ -151,7 +151,7 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
         after = held_out["rmse_after"].get(key, before)
         falls.append(f"from {before * factor:.2g} to {after * factor:.2g} {familiar} in the {channel}")
     gain = gain_in_figures(held_out)
-    went = f"the error (rms) went {listed(falls)}. The logarithm of the probability that it gave them changed by "
+    went = f"the error (rms) went {listed(falls)}. It predicts them "
     if held_out["kind"] == Predicted.UNSEEN_RUN:
         return f"On readings of an {held_out['scheme']}, {went}{gain}; nothing had seen that run before."
     if held_out["kind"] == Predicted.BY_CORRECTION:

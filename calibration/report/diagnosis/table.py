@@ -28,9 +28,9 @@ def table(found: Mapping[str, Any]) -> Table:
     rows += [("bad reading", words.reading_in_words(row)) for row in found.get("suspect_rows", [])[: words.MOST_ROWS]]
     held_out = (found.get("improvement") or {}).get("held_out")
     if held_out:
-        over = f"over {held_out['folds']} folds (cross-validated)"
-        on = f"on an {held_out['scheme']}" if held_out["kind"] == Predicted.UNSEEN_RUN else over
-        rows.append(("held out", f"log score changed {on} by {words.gain_in_figures(held_out)}"))
+        unseen = held_out["kind"] == Predicted.UNSEEN_RUN
+        which = f"an {held_out['scheme']}" if unseen else f"unseen readings, in {held_out['folds']} folds,"
+        rows.append(("held out", f"{which} predicted {words.gain_in_figures(held_out)}"))
     for key, said in (
         ("f_overall_before", "f_overall, base model"),
         ("f_overall_after", "f_overall, effects weighed in"),

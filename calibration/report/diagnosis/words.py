@@ -9,12 +9,12 @@ from typing import Any
 
 from calibration.diagnosis.steps.locate import Kind
 from calibration.report.fit.words import p_in_words, rounded, uncertainty
-from calibration.report.sets_in_words import in_a_row, listed
+from calibration.report.sets_in_words import in_a_row, listed, titles
 from calibration.report.units import FAMILIAR, RAISED, for_people, powers
 from model.effects import effects
 
 MOST_ROWS = 6
-BALANCES = {"torque": "torque balance", "mass": "flow balance", "sensor": "reading of an instrument"}
+ERRORS = {"torque": "torque error", "mass": "flow error", "sensor": "error of an instrument"}
 OTHER_WAY = {"low": "high", "smaller": "larger"}
 VARIABLES = (("omega", "ω", "rad/s"), ("P", "P", "Pa"), ("t", "t", "s"), ("theta", "θ", "rad"))
 
@@ -32,32 +32,39 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
     verdict, chance = found["verdict"], p_in_words(found["mismatch"]["p_value"])
     if verdict == "consistent":
         likely = [one["effects"] for one in found.get("rivals", []) if one["effects"]]
-        also = f" Not excluded: {in_a_row(likely, 'and')}." if likely else ""
+        also = f" Still possible: {in_a_row(likely, 'and')}." if likely else ""
         rows = listed([reading_in_words(row) for row in found.get("suspect_rows", [])[:MOST_ROWS]])
         stands_out = f" Noise with heavy tails would explain what stands out: {rows}." if rows else ""
-        return f"The model explains the recording ({chance}); nothing has to be added.{also}{stands_out}"
+        return f"No missing effect was detected ({chance}).{also}{stands_out}"
     if verdict == "named":
         said = [effect_in_words(one, at_top or {}) for one in found["effects"]]
         if any(one["id"] == "bad_reading" for one in found["effects"]):
             said.append(f"{listed([reading_in_words(row) for row in found.get('suspect_rows', [])[:MOST_ROWS]])}.")
         return " ".join([*said, excluded]).strip()
     if verdict == "confounded":
-        named = [effect["id"] for effect in found["effects"]]
-        rivals = [named, *found["alternatives"][: MOST_ROWS - 1]]
-        rest = len(found["alternatives"]) + 1 - len(rivals)
-        more = f", or one of {rest} more" if rest else ""
-        certain = "may be" if [] in [list(names) for names in found["alternatives"]] else "is"
-        which = in_a_row(rivals, "or")
-        return f"Something {certain} left out ({chance}), and this recording cannot tell which it is: {which}{more}."
+        return _confounded(found, chance)
     if found.get("check"):
         why = str(found["why"])
         return f"{why[:1].upper()}{why[1:]} ({chance}). Nothing was looked for. Check {'; '.join(found['check'])}."
-    words = f"Something is left out ({chance}), and no effect in the list explains it."
+    words = f"The model does not fit ({chance}), and no effect in the list explains why."
     if found["located"]:
         words += f" {place_in_words(found['located'][0])}"
     if found["term"]:
         words += f" A law found there: {law_in_words(found['term'])}."
     return words
+
+
+def _confounded(found: Mapping[str, Any], chance: str) -> str:
+    """What fits, the most probable first, and what would decide."""
+    named = [effect["id"] for effect in found["effects"]]
+    others = found["alternatives"][: MOST_ROWS - 1]
+    rest = len(found["alternatives"]) - len(others)
+    more = f", or one of {rest} more" if rest else ""
+    fits = "may not fit" if [] in [list(names) for names in found["alternatives"]] else "does not fit"
+    said = f"The model {fits} ({chance}). Most likely {titles(named)}; also possible: {in_a_row(others, 'or')}{more}."
+    if not found["next_tests"]:
+        return f"{said} No test is known that would decide."
+    return f"{said} To decide: {found['next_tests'][0]['test']}."
 
 
 def reading_in_words(row: Mapping[str, Any]) -> str:
@@ -66,16 +73,16 @@ def reading_in_words(row: Mapping[str, Any]) -> str:
 
 
 def place_in_words(place: Mapping[str, Any]) -> str:
-    """Where the model does not close, in a sentence."""
+    """Where the model is off, in a sentence."""
     sentence = str(place["sentence"])
     if place["kind"] in (Kind.ROW, Kind.STEP) or place["coordinate"] in ("phase", "angle"):
         return sentence
     if place["kind"] == Kind.METER:
         return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place)}."
     alike = f"; this recording cannot tell that from {listed(place['same_as'])}" if place["same_as"] else ""
-    between = "" if place["coordinate"] == "direction" else f", most between {span_in_words(place)}"
+    between = "" if place["coordinate"] == "direction" else f", largest between {span_in_words(place)}"
     of = f" of {place['recording']}" if place["recording"] else ""
-    return f"The {BALANCES[place['balance']]} does not close along {place['coordinate']}{of}{between}{alike}."
+    return f"The {ERRORS[place['balance']]} depends on {place['coordinate']}{of}{between}{alike}."
 
 
 def span_in_words(place: Mapping[str, Any]) -> str:
@@ -177,10 +184,11 @@ def steps_in_words(seconds: Mapping[str, float]) -> str:
 
 
 def gain_in_figures(held_out: Mapping[str, Any]) -> str:
-    """By how much the log score changed, with its standard error where there is one; and what a fall of it means."""
+    """Whether unseen readings are predicted better than by the base model, and by how much."""
     gain, error = held_out["elpd_gain"], held_out["elpd_gain_se"]
     figures = f"{rounded(gain, error)} ± {uncertainty(error)}" if error > 0.0 else f"{gain:.1f}".replace("-", "−")
-    return figures + (" (it predicts worse than the base model)" if gain < 0.0 else "")
+    sign = "+" if gain > 0.0 else ""
+    return f"{'worse' if gain < 0.0 else 'better'} than the base model ({sign}{figures} in log likelihood)"
 
 
 def stability_in_words(shares: Sequence[float]) -> str:

@@ -151,23 +151,21 @@ def _with_effects(found: AnyFit) -> str:
 
 
 def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
-    """What f_overall trades off with, strongest first, in a sentence; ``pairs`` of unknown and correlation."""
+    """What f_overall is correlated with, strongest first, in a sentence; ``pairs`` of unknown and correlation."""
     strong = [(unknown, r) for unknown, r in pairs if abs(r) >= WEAK][:4]
     if not strong:
-        return f"{TARGET} trades off with no other unknown to speak of."
+        return f"{TARGET} is correlated with no other unknown to speak of."
     words = [f"{called(unknown)} ({r:+.2f})".replace("-", "−") for unknown, r in strong]
     listed = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-    return f"{TARGET} trades off mostly with {listed}; correlations in brackets."
+    return f"{TARGET} is correlated most with {listed}."
 
 
 def prior_says(found: AnyFit) -> str:
     """Whether f_overall comes from the recording or from the prior, in a sentence."""
-    spread = f"its spread is {100 * found.posterior[TARGET].sd_of_prior:.2g} % of its prior's"
-    share = f"{100 * found.posterior.share_from_priors(TARGET):.0f} % of its variance comes from other unknowns"
-    if prior_dominates(found):
-        words = f"{_rows(found)}: the prior dominates {TARGET}; {spread}, and {share}"
-        return f"{words} of which the recording says little."
-    return f"The recording decides it: {spread}. {share} of which the recording says little."
+    spread = f"Its standard deviation is {100 * found.posterior[TARGET].sd_of_prior:.2g} % of its prior's."
+    share = f"{100 * found.posterior.share_from_priors(TARGET):.0f} % of its variance comes from unknowns"
+    which = f"{_rows(found)}: the prior dominates {TARGET}." if prior_dominates(found) else f"The data determine {TARGET}."
+    return f"{which} {spread} {share} that the data hardly tell."
 
 
 def prior_dominates(found: AnyFit) -> bool:

@@ -36,7 +36,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "why": document["why"],
         "findings": Grid(("parameter", "mean ± sd", "5 %", "95 %"), tuple(_parameters(document))),
         "places": Grid(
-            ("what does not close", "p"),
+            ("where the model is off", "p"),
             tuple((p["sentence"], _p(p["p_value"])) for p in document["located"][:MOST]),
         ),
         "candidates": Grid(

@@ -25,18 +25,18 @@ def sentence(document: Mapping[str, Any]) -> str:
     chance = chance_in_words(document["mismatch"]["p_value"])
     named = [effect["id"] for effect in document["effects"]]
     if document["verdict"] == "consistent":
-        return f"The model explains the recording ({chance}): {document['why']}."
+        return f"No missing effect was detected ({chance}): {document['why']}."
     if document["check"]:
         why = str(document["why"])
         return f"{why[:1].upper()}{why[1:]} ({chance}). Nothing was looked for. Check {'; '.join(document['check'])}."
     if document["verdict"] == "unresolved":
-        return f"Something is left out ({chance}), and no listed effect explains it: {document['why']}."
+        return f"The model does not fit ({chance}), and no listed effect explains why: {document['why']}."
     if document["verdict"] == "named":
-        words = f"Left out of the model ({chance}): {', '.join(_effect(one) for one in document['effects'])}."
+        words = f"Missing in the model ({chance}): {', '.join(_effect(one) for one in document['effects'])}."
     else:
         rivals = in_a_row([named, *document["alternatives"][:MOST_ROWS]], "or")
-        certain = "may be" if [] in [list(names) for names in document["alternatives"]] else "is"
-        words = f"Something {certain} left out ({chance}), and this recording cannot tell: {rivals}."
+        fits = "may not fit" if [] in [list(names) for names in document["alternatives"]] else "does not fit"
+        words = f"The model {fits} ({chance}), and this recording cannot tell why: {rivals}."
     left = document["left"]
     if left and left["p_value"] < LEFT_P:
         share = f"{left['share_of_mismatch']:.1%} of the mismatch"
@@ -80,7 +80,7 @@ def held_out_in_words(document: Mapping[str, Any]) -> list[str]:
     gain = f"{held_out['elpd_gain']:.1f} ± {held_out['elpd_gain_se']:.1f}"
     of_figures = held_out.get("elpd_gain_of_declared_figures")
     more = f", and {of_figures:.1f} over the declared figures" if of_figures is not None else ""
-    return [*said, f"log score gained {gain} over {held_out['folds']} block(s){more}"]
+    return [*said, f"log likelihood of unseen readings {gain}, in {held_out['folds']} block(s){more}"]
 
 
 def friction_in_words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
