@@ -164,7 +164,9 @@ def prior_says(found: AnyFit) -> str:
     """Whether f_overall comes from the recording or from the prior, in a sentence."""
     spread = f"Its standard deviation is {100 * found.posterior[TARGET].sd_of_prior:.2g} % of its prior's."
     share = f"{100 * found.posterior.share_from_priors(TARGET):.0f} % of its variance comes from unknowns"
-    which = f"{_rows(found)}: the prior dominates {TARGET}." if prior_dominates(found) else f"The data determine {TARGET}."
+    which = (
+        f"{_rows(found)}: the prior dominates {TARGET}." if prior_dominates(found) else f"The data determine {TARGET}."
+    )
     return f"{which} {spread} {share} that the data hardly tell."
 
 

@@ -107,8 +107,8 @@ def test_a_place_says_the_moment_and_a_long_span_in_plain_figures() -> None:
     }  # fmt: skip
     assert place_in_words(place) == place["sentence"]
     text = place_in_words(
-        {**place, "kind": "balance", "balance": "torque", "sentence": "The torque balance does not close."}
+        {**place, "kind": "balance", "balance": "torque", "sentence": "The torque error depends on time."}
     )
-    assert text == "The torque balance does not close along time, most between 340 and 1100 s."
+    assert text == "The torque error depends on time, largest between 340 and 1100 s."
     of_one = {**place, "kind": "balance", "recording": "may"}
-    assert place_in_words(of_one).startswith("The reading of an instrument does not close along time of may, most")
+    assert place_in_words(of_one).startswith("The error of an instrument depends on time of may, largest")

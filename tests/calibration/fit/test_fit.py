@@ -223,7 +223,7 @@ def test_its_first_sentence_says_so_and_the_next_command_is_given(wrong):
     bar = next(i for i, line in enumerate(lines) if line.startswith("fit: "))
     said = lines[bar + 1 : bar + 5]
     assert re.fullmatch(r"The model does not explain the readings \(p = .*\): do not rely on its f_overall\.", said[0])
-    assert "balance does not close" in said[1]
+    assert "error depends on" in said[1]
     assert said[2].startswith("What it gives, not to be relied on: f_overall is ")
     assert said[3] == "Next: spinbench diagnose bench"
     assert "f_overall (do not rely on it)" in wrong.stdout
@@ -234,7 +234,7 @@ def test_its_json_says_what_stands_out_and_which_rows_were_used(wrong, windy):
     data = posterior(windy / "fit.json")
     assert data["fit_quality"]["model_fits"] is False
     assert 0.0 < data["fit_quality"]["p_value"] < 0.01
-    assert "balance does not close" in data["fit_quality"]["why"]
+    assert "error depends on" in data["fit_quality"]["why"]
     assert data["files"] == [
         {"file": "sweep.csv", "rows": 5, "rows_used": 5, "why": ""},
         {"file": "coast_down.csv", "rows": 60, "rows_used": 0, "why": rows_used.NOT_IN_A_FIT},
@@ -248,7 +248,7 @@ def test_its_page_does_not_say_that_the_recording_decides_it(wrong, windy):
     assert '<p class="verdict">The model does not explain the readings (p = ' in page
     assert "What it gives, not to be relied on: f_overall is" in page
     assert "<code>spinbench diagnose bench</code>" in page
-    assert "The recording decides it" not in page
+    assert "The data determine f_overall" not in page
 
 
 @pytest.fixture(scope="module")

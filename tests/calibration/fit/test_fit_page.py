@@ -74,7 +74,7 @@ def test_a_model_that_is_contradicted_is_what_the_page_says_first(found):
     assert after[1].startswith("What it gives, not to be relied on: f_overall is ")
     assert "spinbench diagnose" in after[2] and str(wrong.recording.folder) in after[2]
     assert "this fit, not to be relied on" in page
-    assert "The recording decides it" not in page
+    assert "The data determine f_overall" not in page
 
 
 def test_of_a_model_that_is_contradicted_no_reading_is_said_to_be_bad(found):
@@ -89,7 +89,7 @@ def test_a_model_that_is_not_contradicted_is_said_so_beside_f_overall(found):
     said = "The readings do not contradict the model (p = 0.42). What it leaves over is no more than noise."
     assert fit_words.headline(right) == [f"{fit_words.verdict(found.posterior)} {said}"]
     page = fit_page.report(right, [])["report.html"].decode()
-    assert said in page and "The recording decides it" in page
+    assert said in page and "The data determine f_overall" in page
 
 
 def test_a_model_with_effects_is_named_with_them(found):
@@ -121,10 +121,10 @@ def test_the_first_sentence_is_the_posterior_of_f_overall(found, page):
     assert page.index(sentence) < page.index("<h2>")
 
 
-def test_the_page_says_what_f_overall_trades_off_with(found, page):
+def test_the_page_says_what_f_overall_is_correlated_with(found, page):
     strongest, _ = fit_numbers.trade_offs(found.posterior)[0]
     assert strongest.name == "port_lap"
-    assert "f_overall trades off mostly with the port lap (−0." in page
+    assert "f_overall is correlated most with the port lap (−0." in page
 
 
 def test_the_suspect_reading_is_named_with_what_the_fit_expects(found, page):
