@@ -24,11 +24,13 @@ class TransientKind(StrEnum):
 
 
 def simulate(
-    pressure_bar_abs: Annotated[float, typer.Option(help="Inlet pressure, absolute [bar].")],
-    to: Annotated[float | None, typer.Option("--to", help="Sweep up to this pressure, absolute [bar].")] = None,
+    pressure_bar_abs: Annotated[float, typer.Option(help="Absolute inlet pressure, in bar.")],
+    to: Annotated[float | None, typer.Option("--to", help="Sweep up to this absolute pressure, in bar.")] = None,
     points: Annotated[int, typer.Option(min=2, max=10_001, help="Points of the sweep.")] = 9,
     transient: Annotated[TransientKind | None, typer.Option(help="A run in time instead of the steady state.")] = None,
-    duration_s: Annotated[float, typer.Option(min=0.001, max=60.0, help="Length of the run in time [s].")] = 0.6,
+    duration_s: Annotated[
+        float, typer.Option(min=0.001, max=60.0, help="Length of the run in time, in seconds.")
+    ] = 0.6,
     assignments: SetOption = None,
     motor: MotorOption = "ptm3600",
     json_file: JsonOption = None,
@@ -93,7 +95,7 @@ def _keep(out: Path, data: bytes, plot: bytes) -> None:
 
 def sensitivity(
     pressure_bar_abs: Annotated[
-        list[float], typer.Option(help="Inlet pressure, absolute [bar]; several may be given.")
+        list[float], typer.Option(help="Absolute inlet pressure, in bar; several may be given.")
     ],
     assignments: SetOption = None,
     motor: MotorOption = "ptm3600",

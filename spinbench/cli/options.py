@@ -60,7 +60,11 @@ BenchArgument = Annotated[
 ]
 RateOption = Annotated[
     float | None,
-    typer.Option(min=0.1, max=50.0, help="Of a virtual bench: its seconds in one of the wall; the file's if left out."),
+    typer.Option(
+        min=0.1,
+        max=50.0,
+        help="Virtual bench: how many of its seconds pass in a real one; the bench file's if left out.",
+    ),
 ]
 OperatorOption = Annotated[str, typer.Option(help="Who runs the bench.")]
 MotorSerialOption = Annotated[str | None, typer.Option(help="The motor's serial number; the bench file's if left out.")]
@@ -69,21 +73,23 @@ AfterOption = Annotated[
     typer.Option(metavar="RUN", help="The run that it belongs to, such as its sweep; 'last' is the newest."),
 ]
 NoteOption = Annotated[str, typer.Option(help="What whoever reads the run should know; goes along with its export.")]
-RoomPressureOption = Annotated[float | None, typer.Option(help="Of the room [bar].")]
-RoomTemperatureOption = Annotated[float | None, typer.Option(help="Of the room [degC].")]
-HumidityOption = Annotated[float | None, typer.Option(help="Of the room, 0 to 1.")]
+RoomPressureOption = Annotated[float | None, typer.Option(help="Pressure of the room, in bar.")]
+RoomTemperatureOption = Annotated[float | None, typer.Option(help="Temperature of the room, in degC.")]
+HumidityOption = Annotated[float | None, typer.Option(help="Relative humidity of the room, 0 to 1.")]
 LubricationOption = Annotated[str | None, typer.Option(help="Oil, and when it was last given.")]
-MinutesRunningOption = Annotated[float | None, typer.Option(help="How long the motor has run today [min].")]
+MinutesRunningOption = Annotated[float | None, typer.Option(help="How long the motor has run today, in minutes.")]
 
 # A bench that conceals something.
 SealOption = Annotated[
     Path | None,
     typer.Option(
-        "--conceal", metavar="SEAL", help="Of a virtual bench: what is concealed is drawn, and sealed in this folder."
+        "--conceal",
+        metavar="SEAL",
+        help="Virtual bench: draw something to conceal, and seal what it is in this folder.",
     ),
 ]
 ConcealSeedOption = Annotated[
-    int | None, typer.Option("--conceal-seed", min=0, help="Of what is concealed; drawn itself if left out.")
+    int | None, typer.Option("--conceal-seed", min=0, help="Seed of what is concealed; drawn if left out.")
 ]
 OnlyOption = Annotated[
     str, typer.Option("--only", metavar="ID", help="Conceal this effect, or something of this category, such as none.")

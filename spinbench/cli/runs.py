@@ -17,7 +17,7 @@ from spinbench.readings import run_named
 def list_all(logs: LogsOption = LOGS) -> None:
     """List the runs."""
     from rich.markup import escape
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from rig.runlog.listing import list_runs
 
@@ -25,10 +25,11 @@ def list_all(logs: LogsOption = LOGS) -> None:
     if not found:
         print(f"no runs in {logs}", file=sys.stderr)
         return
-    table = Table("run", "kind", "bench", "started (UTC)", "outcome", "rows", "plateaus")
+    whole = (Column(words, no_wrap=True) for words in ("run", "kind"))  # a name has to be typed
+    table = Table(*whole, "bench", "outcome", "rows", "plateaus", box=None, pad_edge=False)
     for row in found:
         bench = f"{row.bench} (virtual)" if row.simulated else row.bench
-        cells = (row.name, row.kind, bench, row.utc_start, row.outcome, str(row.rows), str(row.plateaus))
+        cells = (row.name, row.kind, bench, row.outcome, str(row.rows), str(row.plateaus))
         table.add_row(*map(escape, cells))
     on_terminal(table)
 

@@ -102,11 +102,11 @@ def capture(
     bench: BenchArgument,
     kind: Annotated[CaptureKind, typer.Option(help="What is taken.")],
     level_bar_abs: Annotated[
-        float | None, typer.Option(help="Pressure, absolute [bar]; the bench file's if left out.")
+        float | None, typer.Option(help="Absolute pressure, in bar; the bench file's if left out.")
     ] = None,
     plateaus: Annotated[int, typer.Option(min=1, max=1000, help="How many plateaus, of that kind.")] = 10,
     added_inertia_kg_m2: Annotated[
-        float | None, typer.Option(help="Of a flywheel on the shaft [kg m2]; the bench file's if left out.")
+        float | None, typer.Option(help="Inertia of a flywheel on the shaft, in kg m2; the bench file's if left out.")
     ] = None,
     after: AfterOption = None,
     logs: LogsOption = LOGS,

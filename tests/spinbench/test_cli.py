@@ -2,15 +2,21 @@
 
 import importlib
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from model.motor import read_motor
 from model.solvers.steady import steady
+from rig.runlog import RunWriter
+from spinbench.cli import app
 from spinbench.cli.errors import EXIT_CODES, exit_code
+from tests.synthetic_runs import start_of
 
 HEAVY = ("numpy", "numba", "scipy", "matplotlib", "pandas", "emcee", "pydantic", "jinja2")
 
@@ -186,3 +192,30 @@ def test_an_error_with_an_exit_code_is_where_its_name_says(name):
 def test_the_command_is_also_a_module():
     command = [sys.executable, "-m", "spinbench", "--version"]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.startswith("spinbench 0.")
+
+
+def commands_below(command, *path):
+    yield path, command
+    for name, below in getattr(command, "commands", {}).items():
+        yield from commands_below(below, *path, name)
+
+
+@pytest.mark.parametrize(("path", "command"), list(commands_below(typer.main.get_command(app))), ids=str)
+def test_a_help_text_is_shown_as_it_is_written_and_switches_have_no_type(path, command):
+    shown = CliRunner().invoke(app, [*path, "--help"], env={"COLUMNS": "300", "TERM": "dumb"}).stdout
+    flat = " ".join(shown.split())
+    for parameter in command.params:
+        assert " ".join(parameter.help.split()) in flat
+    assert "--help" in flat and "<bool>" not in flat
+
+
+def test_the_list_of_runs_shows_names_whole_on_a_narrow_terminal(tmp_path):
+    start = start_of(bench="bench_with_a_name_of_its_own")
+    with RunWriter.create(tmp_path, start) as writer:
+        writer.end("finished")
+    ours, its = os.openpty()
+    command = [sys.executable, "-m", "spinbench", "runs", "list", "--logs", str(tmp_path)]
+    subprocess.run(command, stdout=its, env=os.environ | {"COLUMNS": "80"}, timeout=60, check=True)
+    os.close(its)
+    with os.fdopen(ours, "rb") as terminal:
+        assert next(tmp_path.iterdir()).name in terminal.read1(100_000).decode()
