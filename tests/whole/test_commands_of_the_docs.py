@@ -129,6 +129,7 @@ def test_what_is_not_as_the_page_says_is_found(tmp_path: Path) -> None:
     ("output", "shown", "missing"),
     [
         ("speed   397.06 rpm\nflow 72.88", "speed 397.06 ... 72.88", None),
+        ("speed   397.06 rpm\nflow 72.88", "speed 397.… rpm … 72.88", None),
         ("speed   397.06 rpm\nflow 72.88", "72.88 ... 397.06", "397.06"),
         ("f_overall is 0.0639 ± 0.0023", "f_overall is about 0.0638 ± 0.0023", None),
         ("f_overall is 0.0640 ± 0.0023", "f_overall is about 0.0638 ± 0.0023", "f_overall is about 0.0638 ± 0.0023"),

@@ -32,7 +32,8 @@ def links():
 
 
 def command_lines():
-    blocks = (body for language, body in FENCE.findall(text_of(ROOT / "README.md")) if language == "sh")
+    text = text_of(ROOT / "README.md") + text_of(ROOT / "docs" / "commands.md")
+    blocks = (body for language, body in FENCE.findall(text) if language == "sh")
     lines = [line.partition(" #")[0].strip() for body in blocks for line in body.splitlines()]
     return [line for line in lines if line.startswith("spinbench ")]
 
@@ -48,13 +49,13 @@ def test_the_index_links_every_page():
     assert set(PAGES) - {index} <= linked
 
 
-def test_the_readme_shows_every_command():
+def test_every_command_is_shown():
     shown = {shlex.split(line)[1] for line in command_lines()}
     assert shown == set(typer.main.get_command(app).commands)
 
 
 @pytest.mark.parametrize("line", command_lines())
-def test_a_command_line_of_the_readme_parses(line):
+def test_a_command_line_of_the_readme_or_of_all_commands_parses(line):
     _, name, *arguments = shlex.split(line)
     command = typer.main.get_command(app).commands[name]
     command.make_context(name, arguments)  # a UsageError when an option or a value is not known
