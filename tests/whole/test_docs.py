@@ -28,7 +28,13 @@ def links():
     for page in PAGES:
         for target in LINK.findall(text_of(page)):
             if not re.match(r"[a-z]+:", target):
-                yield page, target.partition("#")[0]
+                yield page, target
+
+
+def anchors(page):
+    """What a heading of a page is called in a link, as GitHub makes it."""
+    headings = re.findall(r"^#+ (.+)$", FENCE.sub("", text_of(page)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", LINK.sub("]", heading).lower()).replace(" ", "-") for heading in headings}
 
 
 def command_lines():
@@ -39,13 +45,16 @@ def command_lines():
 
 
 @pytest.mark.parametrize(("page", "target"), list(links()), ids=lambda part: getattr(part, "name", part))
-def test_a_relative_link_leads_to_a_file(page, target):
-    assert not target or (page.parent / target).exists()
+def test_a_relative_link_leads_to_a_file_and_a_heading_in_it(page, target):
+    file, _, heading = target.partition("#")
+    there = page.parent / file if file else page
+    assert there.exists()
+    assert not heading or heading in anchors(there)
 
 
 def test_the_index_links_every_page():
     index = ROOT / "docs" / "index.md"
-    linked = {(index.parent / target).resolve() for page, target in links() if page == index}
+    linked = {(index.parent / target.partition("#")[0]).resolve() for page, target in links() if page == index}
     assert set(PAGES) - {index} <= linked
 
 
