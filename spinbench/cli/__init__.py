@@ -106,8 +106,24 @@ def _show_version(asked: bool) -> None:
     if asked:
         from importlib.metadata import version
 
-        print(f"spinbench {version('spinbench')}")
+        print(f"spinbench {version('spinbench')}{_commit()}")
         raise typer.Exit
+
+
+def _commit() -> str:
+    """Which commit this is, and whether files were changed since; nothing of an installed program."""
+    from pathlib import Path
+    from subprocess import SubprocessError, run
+
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return ""
+    try:
+        command = ["git", "-C", str(root), "describe", "--always", "--exclude=*", "--dirty"]
+        told = run(command, capture_output=True, text=True, timeout=30, check=True).stdout.strip()
+    except (OSError, SubprocessError):
+        return ""
+    return f" (commit {told})"
 
 
 @app.callback()

@@ -54,7 +54,15 @@ def test_help_names_the_commands_and_imports_nothing_heavy():
 
 
 def test_version():
-    assert run("--version").stdout.startswith("spinbench 0.")
+    root = Path(__file__).parents[2]
+    told = run("--version").stdout
+    assert told.startswith("spinbench 0.")
+    if (root / ".git").exists():
+        command = ["git", "-C", str(root), "rev-parse", "--short", "HEAD"]
+        commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+        assert f"(commit {commit}" in told
+    else:
+        assert "commit" not in told
 
 
 def test_simulate_writes_simulation_1_with_the_steady_solvers_figures():

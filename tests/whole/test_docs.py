@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,11 @@ def test_make_targets_named_in_a_page_exist(page):
     assert set(re.findall(r"^make ([\w-]+)|`make ([\w-]+)`", text_of(page), re.MULTILINE)) <= {
         pair for target in targets for pair in ((target, ""), ("", target))
     }
+
+
+def test_the_citation_is_of_this_version():
+    version = tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]["version"]
+    assert f"\nversion: {version}\n" in text_of(ROOT / "CITATION.cff")
 
 
 def test_the_table_of_priors_is_the_codes():
