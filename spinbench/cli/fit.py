@@ -1,4 +1,4 @@
-"""`fit`: f_overall and what it hangs on, from a recording."""
+"""`fit`: f_overall and what it depends on, from a recording."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def fit(
     steady_only: SteadyOnlyOption = False,
     speed_only: Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")] = False,
     compare: Annotated[
-        bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall hangs on.")
+        bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall depends on.")
     ] = False,
     gauge_span_bar: Annotated[
         float | None,
@@ -92,8 +92,8 @@ def fit(
     per_recording: PerRecordingOption = None,
     logs: LogsOption = LOGS,
 ) -> None:
-    """Fit f_overall and what it hangs on to recordings of one motor; exit code 3 if the sampler does not converge, 5
-    if the model does not explain the readings.
+    """Fit f_overall, and what it depends on, to recordings of one motor; exit code 3 if the sampler does not converge,
+    5 if the model does not explain the readings.
     """
     from calibration.data.joined import as_given, without_runs
     from calibration.data.left_out import without

@@ -42,13 +42,13 @@ def show(run: RunArgument, logs: LogsOption = LOGS) -> None:
 
 
 def verify(run: RunArgument, logs: LogsOption = LOGS) -> None:
-    """Compare a run with its hashes and counts; exit code 4 when something is not as it was sealed."""
+    """Compare a run with its hashes and counts; exit code 4 when something was changed."""
     from rig.runlog import verify as check
     from rig.runlog.listing import find_run
 
     folder = find_run(run, logs)
     findings = check(folder)
-    for words in findings or ["as it was sealed"]:
+    for words in findings or ["verified: unchanged since the run ended"]:
         print(f"{folder}: {words}")
     if findings:
         raise typer.Exit(RUN_FAILED)
