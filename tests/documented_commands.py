@@ -30,6 +30,7 @@ KINDS = {
     "hours": "the campaign runs it when asked to",
     "background": "started, stopped at the end of the page",
     "data": "the campaign runs it where the public data are",
+    "yours": "never run",  # needs recordings that only a reader has
     "hardware": "never run",
     "person": "never run",
     "network": "never run",

@@ -47,13 +47,17 @@ def test_a_command_that_does_not_run_here_says_why(command: Command) -> None:
 
 
 def test_all_but_these_run_somewhere() -> None:
-    assert {command.text for command in COMMANDS if command.kinds & {"hardware", "person", "network"}} == {
+    assert {command.text for command in COMMANDS if command.kinds & {"hardware", "person", "network", "yours"}} == {
         "make setup",
         "python3 -m venv ~/spinbench",
         '~/spinbench/bin/pip install ".[cluster,formats,seal]"',
         "spinbench doctor configs/benches/lab.toml",
         "spinbench sweep configs/benches/lab.toml",
         "spinbench sweep configs/benches/manual.toml",
+        "spinbench diagnose --continue out/diagnosis last -o out/both",
+        "spinbench diagnose --continue out/monday recordings/flywheel -o out/both",
+        "spinbench diagnose recordings/monday recordings/friday -o out/both",
+        "spinbench compare recordings/may recordings/june -o out/since",
     }
 
 
