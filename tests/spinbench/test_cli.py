@@ -1,5 +1,6 @@
 """The command as a person runs it: a process, its output, its files and its exit code."""
 
+import contextlib
 import importlib
 import json
 import os
@@ -202,6 +203,26 @@ def test_the_command_is_also_a_module():
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.startswith("spinbench 0.")
 
 
+def on_a_terminal(stream, *arguments):
+    """What a process writes to a terminal of 80 columns."""
+    ours, its = os.openpty()
+    environment = os.environ | {"COLUMNS": "80", "TERM": "xterm"}
+    process = subprocess.Popen([sys.executable, "-m", "spinbench", *arguments], env=environment, **{stream: its})
+    os.close(its)
+    shown = b""
+    with contextlib.suppress(OSError):  # the other end is closed
+        while more := os.read(ours, 65536):
+            shown += more
+    os.close(ours)
+    assert process.wait(60) == 0
+    return shown.decode()
+
+
+def test_whoever_waits_for_the_solvers_is_told_what_for():
+    shown = on_a_terminal("stderr", "simulate", "--pressure-bar-abs", "2.0", "--json", os.devnull)
+    assert "the solvers are compiled" in " ".join(shown.split())
+
+
 def commands_below(command, *path):
     yield path, command
     for name, below in getattr(command, "commands", {}).items():
@@ -221,9 +242,4 @@ def test_the_list_of_runs_shows_names_whole_on_a_narrow_terminal(tmp_path):
     start = start_of(bench="bench_with_a_name_of_its_own")
     with RunWriter.create(tmp_path, start) as writer:
         writer.end("finished")
-    ours, its = os.openpty()
-    command = [sys.executable, "-m", "spinbench", "runs", "list", "--logs", str(tmp_path)]
-    subprocess.run(command, stdout=its, env=os.environ | {"COLUMNS": "80"}, timeout=60, check=True)
-    os.close(its)
-    with os.fdopen(ours, "rb") as terminal:
-        assert next(tmp_path.iterdir()).name in terminal.read1(100_000).decode()
+    assert next(tmp_path.iterdir()).name in on_a_terminal("stdout", "runs", "list", "--logs", str(tmp_path))
