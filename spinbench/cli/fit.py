@@ -63,12 +63,17 @@ def fit(
     recording: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several of one motor."
+            metavar="RECORDING...", help="Folders of recordings, or names of runs; several must be of one motor."
         ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help="Report, posterior and chain; a killed fit goes on."),
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="DIR",
+            help="Folder for report, posterior and chain; a fit that was killed goes on there.",
+        ),
     ] = None,
     json_file: JsonOption = None,
     seed: SeedOption = 1,
@@ -85,7 +90,7 @@ def fit(
         typer.Option(metavar="BAR", help="Full scale of the gauge: fit again for accuracy classes 0.6, 1.0, 1.6, 2.5."),
     ] = None,
     effects: Annotated[
-        str, typer.Option(metavar="ID,ID", help="Effects that the model holds too; their sizes become unknowns.")
+        str, typer.Option(metavar="ID,ID", help="Effects to add to the model; their sizes become unknowns.")
     ] = "",
     left_out: WithoutOption = None,
     parents: WithParentsOption = False,

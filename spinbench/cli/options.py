@@ -28,7 +28,8 @@ WithoutOption = Annotated[
 WithParentsOption = Annotated[
     bool,
     typer.Option(
-        "--with-parents", help="Take in what each goes on from: the sweep that a run continues or a capture follows."
+        "--with-parents",
+        help="Take in the runs before, too: the sweep that a run continues, or that a capture was taken after.",
     ),
 ]
 PerRecordingOption = Annotated[
@@ -99,7 +100,9 @@ SealKeyOption = Annotated[
 ]
 
 # Runs.
-RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run's folder, name, or its beginning; 'last'.")]
+RunArgument = Annotated[
+    str, typer.Argument(metavar="RUN", help="A run: its folder, its name or how that begins, or 'last'.")
+]
 LogsOption = Annotated[Path, typer.Option("--logs", metavar="DIR", help="Where runs are kept.")]
 
 # Many recordings.

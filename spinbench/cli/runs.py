@@ -68,7 +68,7 @@ def export(
     run: RunArgument,
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR|FILE", help="A folder to make, or a .parquet file.")],
     logs: LogsOption = LOGS,
-    unsettled: Annotated[bool, typer.Option("--unsettled", help="Plateaus that had not settled too.")] = False,
+    unsettled: Annotated[bool, typer.Option("--unsettled", help="Take plateaus that had not settled, too.")] = False,
 ) -> None:
     """Export a run as a recording/1 folder, or its samples as Parquet."""
     from rig.exchange.export import export_recording
@@ -84,10 +84,12 @@ def export(
 
 def import_data(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV, TDMS, MATLAB or Excel files.")],
-    mapping: Annotated[Path, typer.Option("--mapping", metavar="FILE", help="What their columns are, units and all.")],
+    mapping: Annotated[
+        Path, typer.Option("--mapping", metavar="FILE", help="A mapping: what each column is, and its unit.")
+    ],
     logs: LogsOption = LOGS,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="A recording to make of it, in place of a run.")
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Make a recording there instead of a run.")
     ] = None,
 ) -> None:
     """Import data taken elsewhere, as a run; of a rig that is not this motor, as a recording."""
