@@ -1,9 +1,9 @@
 """The commands of README and docs, run as they stand there: ``python -m tests.documented_commands [PAGE ...]``.
 
 Each ``sh`` block is read line by line. What a page shows of a command's output, in a comment ``# -> ...`` beside or
-below it or in a ``text`` block after it, must be in its output: ``...`` stands for anything, ``about 0.064`` for a
-figure within one unit of its last digit. ``# exit code 4`` is the exit status, 0 where none is said. What cannot run in
-a minute is marked in the page, before the block, for all its commands or for those numbered::
+below it or in a ``text`` block after it, must be in its output: ``...`` or ``…`` stands for anything, ``about 0.064``
+for a figure within one unit of its last digit. ``# exit code 4`` is the exit status, 0 where none is said. What cannot
+run in a minute is marked in the page, before the block, for all its commands or for those numbered::
 
     <!-- run: long 2 4-5: why -->
 """
@@ -30,6 +30,7 @@ KINDS = {
     "hours": "the campaign runs it when asked to",
     "background": "started, stopped at the end of the page",
     "data": "the campaign runs it where the public data are",
+    "yours": "never run",  # needs recordings that only a reader has
     "hardware": "never run",
     "person": "never run",
     "network": "never run",
@@ -39,6 +40,7 @@ SELF_MARKED = {"make demo": ("long", "sweeps and fits"), "make test": ("hours", 
 MARK = re.compile(r"<!-- run: ([a-z ]+?)((?: \d+(?:-\d+)?)*): (.+) -->")
 FENCE = re.compile(r"^(\s*)```(\w*)$")
 STATUS = re.compile(r"\bexit code (\d+)")
+ELISION = re.compile(r"\.\.\.|…")
 NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 BOX = re.compile("[\u2500-\u259f\\s]+")
 NOT_FRESH = (".git", ".venv", "out", "build", "dist", ".*_cache", ".hypothesis", ".coverage*")
@@ -141,7 +143,7 @@ def not_in(output: str, shown: str) -> str | None:
         What a command printed, and what the page says of it.
     """
     flat, at = BOX.sub(" ", output), 0
-    for piece in filter(None, (BOX.sub(" ", part).strip() for part in shown.split("..."))):
+    for piece in filter(None, (BOX.sub(" ", part).strip() for part in ELISION.split(shown))):
         words = re.split(rf"\babout ({NUMBER})", piece)
         figures = words[1::2]
         pattern = f"({NUMBER})".join(re.escape(word) for word in words[::2])

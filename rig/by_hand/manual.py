@@ -100,7 +100,7 @@ class ManualSweep:
             if stone is None or not self.hooks.predict(stone, self._known).allowed:
                 self._refuse(step, verdict.text)
                 return
-            self.person.say(f"  a plateau at {stone:g} bar abs comes first: {verdict.text}")
+            self.person.say(f"  measuring {stone:g} bar abs first: {verdict.text}")
             self.steps.appendleft(step)
             step = Step(stone, UP, 1)
         self._event("state", state="level", level_bar_abs=step.level_bar_abs, direction=step.direction)

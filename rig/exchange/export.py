@@ -190,7 +190,7 @@ def _zero(
     derived = [name for name, channel in channels.items() if channel.startswith(f"{DERIVED_DEVICE}.")]
     if phases and derived:
         notes.append(
-            "zero.csv: without the flow: a zero error in standard litres is another one at the pressures of the sweep"
+            "zero.csv has no flow: a zero error in standard litres cannot be carried over to the pressures of the sweep"
         )
     used = {name: channel for name, channel in channels.items() if name not in derived}
     cells: dict[str, list[tuple[float, int]]] = {name: [] for name in used}

@@ -123,7 +123,7 @@ class Guard:
             return Verdict(False, stuck, self._ambient_pa)
         if level > HIGHEST_PA:
             reach = HIGHEST_PA / BAR
-            text = f"{level / BAR:.2f} bar abs refused: the model that predicts the speed ends at {reach:g} bar"
+            text = f"{level / BAR:.2f} bar abs is not allowed: the model that predicts the speed ends at {reach:g} bar"
             return Verdict(False, text, self.highest_pa(points))
         expected = self.predict(level, points)
         if expected.upper99_rpm <= self.limit_rpm:
@@ -132,9 +132,9 @@ class Guard:
         known = len(_turning(points))
         after = f"from {known} plateau{'s' if known > 1 else ''}" if known else "before the first plateau"
         text = (
-            f"{level / BAR:.2f} bar abs refused: {expected.text.partition(': ')[2]} {after}, limit "
-            f"{self.limit_rpm:g} rpm; up to {np.floor(highest / BAR * 100) / 100:.2f} bar abs is allowed, and a "
-            "plateau there narrows the prediction"
+            f"{level / BAR:.2f} bar abs is not yet allowed; the speed there could reach {expected.upper99_rpm:.0f} "
+            f"rpm, limit {self.limit_rpm:g} rpm ({expected.mean_rpm:.0f} rpm expected {after}). Up to "
+            f"{np.floor(highest / BAR * 100) / 100:.2f} bar abs is allowed, and a plateau there narrows the prediction"
         )
         return Verdict(False, text, highest)
 
@@ -156,8 +156,8 @@ class Guard:
         if float(known.weights @ self._chances(known.log_f, standing)) >= STANDS_FOR_A_REASON:
             return ""
         return (
-            f"{level / BAR:.2f} bar abs refused: the rotor stands at {standing.pressure_pa / BAR:.2f} bar abs, where "
-            "it should turn; check that it is free and that the tachometer counts"
+            f"{level / BAR:.2f} bar abs is not allowed: the rotor stands at {standing.pressure_pa / BAR:.2f} bar abs, "
+            "where it should turn; check that it is free and that the tachometer counts"
         )
 
     def _knowledge(self, points: tuple[Point, ...]) -> _Knowledge:

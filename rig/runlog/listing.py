@@ -23,7 +23,6 @@ class RunRow:
     name: str
     kind: str = ""
     bench: str = ""
-    utc_start: str = ""
     outcome: str = ""
     rows: int = 0
     plateaus: int = 0
@@ -48,8 +47,7 @@ def _row(folder: Path) -> RunRow:
         counts = dict(end.counts) if end is not None else {}
         rows = counts.get("samples", -1) if counts else _lines(folder / SAMPLES)
         plateaus = counts.get("plateaus", -1) if counts else _lines(folder / PLATEAUS)
-        begun = start.utc_start[:19].replace("T", " ")
-        return RunRow(name, start.kind, start.bench, begun, outcome, max(rows, 0), max(plateaus, 0), start.simulated)
+        return RunRow(name, start.kind, start.bench, outcome, max(rows, 0), max(plateaus, 0), start.simulated)
     except RunError as error:
         return RunRow(name, outcome=f"unreadable: {shown(str(error).splitlines()[0], 120)}")
 

@@ -200,7 +200,7 @@ class SweepMachine:
         self._task = Step(stone, UP, 1)
         self._notes.append("added on the guard's account")
         self._targets = deque([stone])
-        return [Say(f"a plateau at {stone:g} bar abs comes first: {verdict.text}"), *self._start_ramp(now_ns)]
+        return [Say(f"measuring {stone:g} bar abs first: {verdict.text}"), *self._start_ramp(now_ns)]
 
     def _refuse(self, task: Step | CaptureTask, text: str, now_ns: int) -> list[Order]:
         self._task = None

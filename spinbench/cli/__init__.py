@@ -12,28 +12,56 @@ What is slow to import is imported inside the commands, so that `spinbench --hel
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from spinbench.cli import bench, challenge, concealing, diagnose, fit, many, model, replay, runs, sheet, sweep
 from spinbench.cli.errors import exit_code, in_words
 from spinbench.cli.show import remark
 
+
+class _Command(TyperCommand):
+    """A command whose help shows no `<bool>` beside a switch."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_type_of_switches(super().get_params(ctx))
+
+
+class _Group(TyperGroup):
+    """A group of commands, likewise."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_type_of_switches(super().get_params(ctx))
+
+
+def _without_type_of_switches(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = ""
+    return parameters
+
+
 app = typer.Typer(
+    cls=_Group,
     help="Bench tool for a pneumatic radial piston motor: calibrates its dynamic model and says how sure it is.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
 runs_app = typer.Typer(
-    help="The runs that were logged: list, show, verify, repair, export, import.", no_args_is_help=True
+    cls=_Group, help="The runs that were logged: list, show, verify, repair, export, import.", no_args_is_help=True
 )
 challenge_app = typer.Typer(
-    help="Sealed blind campaigns: make recordings, run the diagnosis, score it, show the ledger.", no_args_is_help=True
+    cls=_Group,
+    help="Sealed blind campaigns: make recordings, run the diagnosis, score it, show the ledger.",
+    no_args_is_help=True,
 )
 many_app = typer.Typer(
-    help="Many recordings at once, a fleet or a year of runs: one table, as CSV and Parquet.", no_args_is_help=True
+    cls=_Group,
+    help="Many recordings at once, a fleet or a year of runs: one table, as CSV and Parquet.",
+    no_args_is_help=True,
 )
 
 # In the order in which the help shows them.
@@ -52,34 +80,50 @@ for command in (
     concealing.reveal,
     replay.replay,
 ):
-    app.command()(command)
+    app.command(cls=_Command)(command)
 
 app.add_typer(runs_app, name="runs")
-runs_app.command("list")(runs.list_all)
-runs_app.command("show")(runs.show)
-runs_app.command("verify")(runs.verify)
-runs_app.command("repair")(runs.repair)
-runs_app.command("export")(runs.export)
-runs_app.command("import")(runs.import_data)
+runs_app.command("list", cls=_Command)(runs.list_all)
+runs_app.command("show", cls=_Command)(runs.show)
+runs_app.command("verify", cls=_Command)(runs.verify)
+runs_app.command("repair", cls=_Command)(runs.repair)
+runs_app.command("export", cls=_Command)(runs.export)
+runs_app.command("import", cls=_Command)(runs.import_data)
 
 app.add_typer(challenge_app, name="challenge")
-challenge_app.command("make")(challenge.make)
-challenge_app.command("run")(challenge.run)
-challenge_app.command("score")(challenge.score)
-challenge_app.command("pool")(challenge.pool)
-challenge_app.command("ledger")(challenge.ledger)
+challenge_app.command("make", cls=_Command)(challenge.make)
+challenge_app.command("run", cls=_Command)(challenge.run)
+challenge_app.command("score", cls=_Command)(challenge.score)
+challenge_app.command("pool", cls=_Command)(challenge.pool)
+challenge_app.command("ledger", cls=_Command)(challenge.ledger)
 
 app.add_typer(many_app, name="many")
-many_app.command("diagnose")(many.diagnose)
-many_app.command("fit")(many.fit)
+many_app.command("diagnose", cls=_Command)(many.diagnose)
+many_app.command("fit", cls=_Command)(many.fit)
 
 
 def _show_version(asked: bool) -> None:
     if asked:
         from importlib.metadata import version
 
-        print(f"spinbench {version('spinbench')}")
+        print(f"spinbench {version('spinbench')}{_commit()}")
         raise typer.Exit
+
+
+def _commit() -> str:
+    """Which commit this is, and whether files were changed since; nothing of an installed program."""
+    from pathlib import Path
+    from subprocess import SubprocessError, run
+
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return ""
+    try:
+        command = ["git", "-C", str(root), "describe", "--always", "--exclude=*", "--dirty"]
+        told = run(command, capture_output=True, text=True, timeout=30, check=True).stdout.strip()
+    except (OSError, SubprocessError):
+        return ""
+    return f" (commit {told})"
 
 
 @app.callback()

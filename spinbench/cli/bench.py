@@ -42,7 +42,7 @@ def virtual(
     ],
     rate: RateOption = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Of noise, errors and faults; the file's if left out.")
+        int | None, typer.Option(min=0, help="Seed of noise, errors and faults; the bench file's if left out.")
     ] = None,
     conceal: SealOption = None,
     conceal_seed: ConcealSeedOption = None,

@@ -30,9 +30,9 @@ KeyOption = Annotated[
 
 def make(
     out: CampaignArgument,
-    cases: Annotated[int, typer.Option(min=1, max=100_000, help="Recordings.")] = 200,
+    cases: Annotated[int, typer.Option(min=1, max=100_000, help="How many recordings.")] = 200,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Of all truths, and sealed with them; drawn if left out.")
+        int | None, typer.Option(min=0, help="Seed of all truths, sealed with them; drawn if left out.")
     ] = None,
     family: Annotated[str, typer.Option(help="Family of draws: proof, or that of development.")] = "proof",
     only: Annotated[str, typer.Option(metavar="CATEGORY", help="Cases of one category alone, such as none.")] = "",

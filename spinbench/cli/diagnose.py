@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 RecordingsArgument = Annotated[
     list[Path],
-    typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several as one."),
+    typer.Argument(
+        metavar="RECORDING...", help="Folders of recordings, or names of runs; several of one motor are taken together."
+    ),
 ]
 OutOption = Annotated[
     Path | None,
@@ -38,17 +40,25 @@ OutOption = Annotated[
 ]
 HoldOutOption = Annotated[
     Path | None,
-    typer.Option("--hold-out", metavar="DIR", help="A run that nothing sees before it is predicted, as the proof."),
+    typer.Option(
+        "--hold-out", metavar="DIR", help="A recording that is kept back; what is named then has to predict it."
+    ),
 ]
 WorkersOption = Annotated[
     int | None,
     typer.Option(
-        min=1, max=64, help="Processes, of no influence on the result; when left out two, if there are as many cores."
+        min=1,
+        max=64,
+        help="How many processes; the result is the same with any. Two if left out and there are two cores.",
     ),
 ]
 ResumeOption = Annotated[
     Path | None,
-    typer.Option("--continue", metavar="OUT", help="Go on with the diagnosis in this folder: what it took, and more."),
+    typer.Option(
+        "--continue",
+        metavar="OUT",
+        help="Go on with the diagnosis in this folder: its recordings, and those given now.",
+    ),
 ]
 
 
@@ -118,7 +128,9 @@ def _kept_of_both(out: Path | None) -> str:
 
 @kept_when_interrupted(_kept_of_both)
 def compare(
-    before: Annotated[Path, typer.Argument(metavar="A", help="A recording/1 folder, or a run: the earlier one.")],
+    before: Annotated[
+        Path, typer.Argument(metavar="A", help="The earlier one: the folder of a recording, or the name of a run.")
+    ],
     after: Annotated[Path, typer.Argument(metavar="B", help="The later one, of the same motor.")],
     out: Annotated[
         Path | None,

@@ -1,4 +1,4 @@
-"""`fit`: f_overall and what it hangs on, from a recording."""
+"""`fit`: f_overall and what it depends on, from a recording."""
 
 from __future__ import annotations
 
@@ -39,21 +39,29 @@ if TYPE_CHECKING:
 
 RecordingsArgument = Annotated[
     list[Path],
-    typer.Argument(metavar="RECORDING...", help="Recording/1 folders, or runs as RUN elsewhere; several of one motor."),
+    typer.Argument(
+        metavar="RECORDING...", help="Folders of recordings, or names of runs; several must be of one motor."
+    ),
 ]
 OutOption = Annotated[
-    Path | None, typer.Option("-o", "--out", metavar="DIR", help="Report, posterior and chain; a killed fit goes on.")
+    Path | None,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="DIR",
+        help="Folder for report, posterior and chain; a fit that was killed goes on there.",
+    ),
 ]
 SpeedOnlyOption = Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")]
 CompareOption = Annotated[
-    bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall hangs on.")
+    bool, typer.Option("--compare", help="Fit again without the flow, to show what f_overall depends on.")
 ]
 GaugeSpanOption = Annotated[
     float | None,
     typer.Option(metavar="BAR", help="Full scale of the gauge: fit again for accuracy classes 0.6, 1.0, 1.6, 2.5."),
 ]
 EffectsOption = Annotated[
-    str, typer.Option(metavar="ID,ID", help="Effects that the model holds too; their sizes become unknowns.")
+    str, typer.Option(metavar="ID,ID", help="Effects to add to the model; their sizes become unknowns.")
 ]
 
 
@@ -96,8 +104,8 @@ def fit(
     per_recording: PerRecordingOption = None,
     logs: LogsOption = LOGS,
 ) -> None:
-    """Fit f_overall and what it hangs on to recordings of one motor; exit code 3 if the sampler does not converge, 5
-    if the model does not explain the readings.
+    """Fit f_overall, and what it depends on, to recordings of one motor; exit code 3 if the sampler does not converge,
+    5 if the model does not explain the readings.
     """
     from calibration.data.joined import as_given, without_runs
     from calibration.data.left_out import without

@@ -28,7 +28,7 @@ ManyArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")
 ]
 TableOption = Annotated[
-    Path, typer.Option("-o", "--out", metavar="DIR", help="Gets the table; started again, it goes on.")
+    Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the table; started again, it goes on.")
 ]
 
 

@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spinbench.cli.options import JsonOption, MotorOption, SetOption
+from spinbench.cli.progress import waiting
 from spinbench.cli.show import deliver, remark
 
 if TYPE_CHECKING:
     from model.motor import Motor
+
+SOLVING = "solving; after an installation the solvers are compiled first, which takes half a minute"
 
 
 class TransientKind(StrEnum):
@@ -24,11 +27,13 @@ class TransientKind(StrEnum):
 
 
 def simulate(
-    pressure_bar_abs: Annotated[float, typer.Option(help="Inlet pressure, absolute [bar].")],
-    to: Annotated[float | None, typer.Option("--to", help="Sweep up to this pressure, absolute [bar].")] = None,
+    pressure_bar_abs: Annotated[float, typer.Option(help="Absolute inlet pressure, in bar.")],
+    to: Annotated[float | None, typer.Option("--to", help="Sweep up to this absolute pressure, in bar.")] = None,
     points: Annotated[int, typer.Option(min=2, max=10_001, help="Points of the sweep.")] = 9,
     transient: Annotated[TransientKind | None, typer.Option(help="A run in time instead of the steady state.")] = None,
-    duration_s: Annotated[float, typer.Option(min=0.001, max=60.0, help="Length of the run in time [s].")] = 0.6,
+    duration_s: Annotated[
+        float, typer.Option(min=0.001, max=60.0, help="Length of the run in time, in seconds.")
+    ] = 0.6,
     assignments: SetOption = None,
     motor: MotorOption = "ptm3600",
     json_file: JsonOption = None,
@@ -57,7 +62,8 @@ def _simulate_points(
 
     check_pressures(motor, [bar * BAR for bar in (start_bar, end_bar) if bar is not None])
     pressures = [start_bar] if end_bar is None else np.linspace(start_bar, end_bar, count).round(9).tolist()
-    found = operating_points(motor, [bar * BAR for bar in pressures])
+    with waiting(SOLVING):
+        found = operating_points(motor, [bar * BAR for bar in pressures])
     limit = motor["speed_limit"].value
     table = simulation.point_table(found[0]) if end_bar is None else simulation.sweep_table(found)
     data = files.json_bytes(simulation.points_data(motor, found))
@@ -77,7 +83,8 @@ def _simulate_transient(
     from model.operation.runs import coast_down, spin_up
     from rig.recording import files
 
-    run = (spin_up if kind is TransientKind.SPIN_UP else coast_down)(motor, bar * BAR, duration_s)
+    with waiting(SOLVING):
+        run = (spin_up if kind is TransientKind.SPIN_UP else coast_down)(motor, bar * BAR, duration_s)
     data = files.json_bytes(simulation.transient_data(motor, kind.value, bar, run))
     if out is not None:
         _keep(out, data, simulation_figures.transient_plot(run))
@@ -93,7 +100,7 @@ def _keep(out: Path, data: bytes, plot: bytes) -> None:
 
 def sensitivity(
     pressure_bar_abs: Annotated[
-        list[float], typer.Option(help="Inlet pressure, absolute [bar]; several may be given.")
+        list[float], typer.Option(help="Absolute inlet pressure, in bar; several may be given.")
     ],
     assignments: SetOption = None,
     motor: MotorOption = "ptm3600",
@@ -106,7 +113,8 @@ def sensitivity(
     from rig.recording import files
 
     chosen = _motor(motor, assignments)
-    ranking = sensitivities(chosen, [bar * BAR for bar in pressure_bar_abs])
+    with waiting(SOLVING):
+        ranking = sensitivities(chosen, [bar * BAR for bar in pressure_bar_abs])
     tables = [simulation.sensitivity_table(bar, ranking, i) for i, bar in enumerate(pressure_bar_abs)]
     deliver(files.json_bytes(simulation.sensitivity_data(chosen, pressure_bar_abs, ranking)), tables, json_file)
 
@@ -126,7 +134,8 @@ def reproduce(
     from spinbench.published import measured
 
     motor = read_motor("ptm3600")
-    found = compute(motor, measured())
+    with waiting(SOLVING):
+        found = compute(motor, measured())
     place = page or out / reproduction.PAGE
     figures = Path(os.path.relpath(out.resolve(), place.resolve().parent)).as_posix()
     text = reproduction.page(found, "" if figures == "." else figures)

@@ -28,7 +28,8 @@ WithoutOption = Annotated[
 WithParentsOption = Annotated[
     bool,
     typer.Option(
-        "--with-parents", help="Take in what each goes on from: the sweep that a run continues or a capture follows."
+        "--with-parents",
+        help="Take in the runs before, too: the sweep that a run continues, or that a capture was taken after.",
     ),
 ]
 PerRecordingOption = Annotated[
@@ -60,7 +61,11 @@ BenchArgument = Annotated[
 ]
 RateOption = Annotated[
     float | None,
-    typer.Option(min=0.1, max=50.0, help="Of a virtual bench: its seconds in one of the wall; the file's if left out."),
+    typer.Option(
+        min=0.1,
+        max=50.0,
+        help="Virtual bench: how many of its seconds pass in a real one; the bench file's if left out.",
+    ),
 ]
 OperatorOption = Annotated[str, typer.Option(help="Who runs the bench.")]
 MotorSerialOption = Annotated[str | None, typer.Option(help="The motor's serial number; the bench file's if left out.")]
@@ -69,21 +74,23 @@ AfterOption = Annotated[
     typer.Option(metavar="RUN", help="The run that it belongs to, such as its sweep; 'last' is the newest."),
 ]
 NoteOption = Annotated[str, typer.Option(help="What whoever reads the run should know; goes along with its export.")]
-RoomPressureOption = Annotated[float | None, typer.Option(help="Of the room [bar].")]
-RoomTemperatureOption = Annotated[float | None, typer.Option(help="Of the room [degC].")]
-HumidityOption = Annotated[float | None, typer.Option(help="Of the room, 0 to 1.")]
+RoomPressureOption = Annotated[float | None, typer.Option(help="Pressure of the room, in bar.")]
+RoomTemperatureOption = Annotated[float | None, typer.Option(help="Temperature of the room, in degC.")]
+HumidityOption = Annotated[float | None, typer.Option(help="Relative humidity of the room, 0 to 1.")]
 LubricationOption = Annotated[str | None, typer.Option(help="Oil, and when it was last given.")]
-MinutesRunningOption = Annotated[float | None, typer.Option(help="How long the motor has run today [min].")]
+MinutesRunningOption = Annotated[float | None, typer.Option(help="How long the motor has run today, in minutes.")]
 
 # A bench that conceals something.
 SealOption = Annotated[
     Path | None,
     typer.Option(
-        "--conceal", metavar="SEAL", help="Of a virtual bench: what is concealed is drawn, and sealed in this folder."
+        "--conceal",
+        metavar="SEAL",
+        help="Virtual bench: draw something to conceal, and seal what it is in this folder.",
     ),
 ]
 ConcealSeedOption = Annotated[
-    int | None, typer.Option("--conceal-seed", min=0, help="Of what is concealed; drawn itself if left out.")
+    int | None, typer.Option("--conceal-seed", min=0, help="Seed of what is concealed; drawn if left out.")
 ]
 OnlyOption = Annotated[
     str, typer.Option("--only", metavar="ID", help="Conceal this effect, or something of this category, such as none.")
@@ -93,7 +100,9 @@ SealKeyOption = Annotated[
 ]
 
 # Runs.
-RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run's folder, name, or its beginning; 'last'.")]
+RunArgument = Annotated[
+    str, typer.Argument(metavar="RUN", help="A run: its folder, its name or how that begins, or 'last'.")
+]
 LogsOption = Annotated[Path, typer.Option("--logs", metavar="DIR", help="Where runs are kept.")]
 
 # Many recordings.

@@ -24,7 +24,7 @@ def replay(
     run: RunArgument,
     logs: LogsOption = LOGS,
     real_time: Annotated[
-        bool, typer.Option("--real-time", help="As slowly as it was; else as fast as it goes.")
+        bool, typer.Option("--real-time", help="As slowly as it was measured; otherwise as fast as possible.")
     ] = False,
     mended: Annotated[
         list[str] | None,

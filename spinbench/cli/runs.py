@@ -17,7 +17,7 @@ from spinbench.readings import run_named
 def list_all(logs: LogsOption = LOGS) -> None:
     """List the runs."""
     from rich.markup import escape
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from rig.runlog.listing import list_runs
 
@@ -25,10 +25,11 @@ def list_all(logs: LogsOption = LOGS) -> None:
     if not found:
         print(f"no runs in {logs}", file=sys.stderr)
         return
-    table = Table("run", "kind", "bench", "started (UTC)", "outcome", "rows", "plateaus")
+    whole = (Column(words, no_wrap=True) for words in ("run", "kind"))  # a name has to be typed
+    table = Table(*whole, "bench", "outcome", "rows", "plateaus", box=None, pad_edge=False)
     for row in found:
         bench = f"{row.bench} (virtual)" if row.simulated else row.bench
-        cells = (row.name, row.kind, bench, row.utc_start, row.outcome, str(row.rows), str(row.plateaus))
+        cells = (row.name, row.kind, bench, row.outcome, str(row.rows), str(row.plateaus))
         table.add_row(*map(escape, cells))
     on_terminal(table)
 
@@ -41,13 +42,13 @@ def show(run: RunArgument, logs: LogsOption = LOGS) -> None:
 
 
 def verify(run: RunArgument, logs: LogsOption = LOGS) -> None:
-    """Compare a run with its hashes and counts; exit code 4 when something is not as it was sealed."""
+    """Compare a run with its hashes and counts; exit code 4 when something was changed."""
     from rig.runlog import verify as check
     from rig.runlog.listing import find_run
 
     folder = find_run(run, logs)
     findings = check(folder)
-    for words in findings or ["as it was sealed"]:
+    for words in findings or ["verified: unchanged since the run ended"]:
         print(f"{folder}: {words}")
     if findings:
         raise typer.Exit(RUN_FAILED)
@@ -67,7 +68,7 @@ def export(
     run: RunArgument,
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR|FILE", help="A folder to make, or a .parquet file.")],
     logs: LogsOption = LOGS,
-    unsettled: Annotated[bool, typer.Option("--unsettled", help="Plateaus that had not settled too.")] = False,
+    unsettled: Annotated[bool, typer.Option("--unsettled", help="Take plateaus that had not settled, too.")] = False,
 ) -> None:
     """Export a run as a recording/1 folder, or its samples as Parquet."""
     from rig.exchange.export import export_recording
@@ -83,10 +84,12 @@ def export(
 
 def import_data(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV, TDMS, MATLAB or Excel files.")],
-    mapping: Annotated[Path, typer.Option("--mapping", metavar="FILE", help="What their columns are, units and all.")],
+    mapping: Annotated[
+        Path, typer.Option("--mapping", metavar="FILE", help="A mapping: what each column is, and its unit.")
+    ],
     logs: LogsOption = LOGS,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="A recording to make of it, in place of a run.")
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Make a recording there instead of a run.")
     ] = None,
 ) -> None:
     """Import data taken elsewhere, as a run; of a rig that is not this motor, as a recording."""

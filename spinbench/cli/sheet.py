@@ -42,7 +42,9 @@ def sheet(
     ambient_temperature_c: RoomTemperatureOption = None,
     relative_humidity: HumidityOption = None,
     lubrication: LubricationOption = None,
-    minutes_running: Annotated[float | None, typer.Option(help="How long the motor had run that day [min].")] = None,
+    minutes_running: Annotated[
+        float | None, typer.Option(help="How long the motor had run that day, in minutes.")
+    ] = None,
 ) -> None:
     """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
     from rig.bench.bench import bench_path, read_bench

@@ -68,7 +68,8 @@ def sweep(
     lubrication: LubricationOption = None,
     minutes_running: MinutesRunningOption = None,
     resume: Annotated[
-        str | None, typer.Option("--continue", metavar="RUN", help="A new run that takes the levels this one did not.")
+        str | None,
+        typer.Option("--continue", metavar="RUN", help="Make a new run of the levels that this one did not take."),
     ] = None,
     wire: Annotated[bool, typer.Option("--wire/--no-wire", help="Keep the bytes, so that it can be replayed.")] = True,
     check: Annotated[
@@ -100,13 +101,13 @@ def sweep(
 
 def capture(
     bench: BenchArgument,
-    kind: Annotated[CaptureKind, typer.Option(help="What is taken.")],
+    kind: Annotated[CaptureKind, typer.Option(help="What to take.")],
     level_bar_abs: Annotated[
-        float | None, typer.Option(help="Pressure, absolute [bar]; the bench file's if left out.")
+        float | None, typer.Option(help="Absolute pressure, in bar; the bench file's if left out.")
     ] = None,
-    plateaus: Annotated[int, typer.Option(min=1, max=1000, help="How many plateaus, of that kind.")] = 10,
+    plateaus: Annotated[int, typer.Option(min=1, max=1000, help="How many plateaus, with --kind plateaus.")] = 10,
     added_inertia_kg_m2: Annotated[
-        float | None, typer.Option(help="Of a flywheel on the shaft [kg m2]; the bench file's if left out.")
+        float | None, typer.Option(help="Inertia of a flywheel on the shaft, in kg m2; the bench file's if left out.")
     ] = None,
     after: AfterOption = None,
     logs: LogsOption = LOGS,

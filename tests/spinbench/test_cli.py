@@ -1,16 +1,23 @@
 """The command as a person runs it: a process, its output, its files and its exit code."""
 
+import contextlib
 import importlib
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from model.motor import read_motor
 from model.solvers.steady import steady
+from rig.runlog import RunWriter
+from spinbench.cli import app
 from spinbench.cli.errors import EXIT_CODES, exit_code
+from tests.synthetic_runs import start_of
 
 HEAVY = ("numpy", "numba", "scipy", "matplotlib", "pandas", "emcee", "pydantic", "jinja2")
 
@@ -48,7 +55,15 @@ def test_help_names_the_commands_and_imports_nothing_heavy():
 
 
 def test_version():
-    assert run("--version").stdout.startswith("spinbench 0.")
+    root = Path(__file__).parents[2]
+    told = run("--version").stdout
+    assert told.startswith("spinbench 0.")
+    if (root / ".git").exists():
+        command = ["git", "-C", str(root), "rev-parse", "--short", "HEAD"]
+        commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+        assert f"(commit {commit}" in told
+    else:
+        assert "commit" not in told
 
 
 def test_simulate_writes_simulation_1_with_the_steady_solvers_figures():
@@ -186,3 +201,45 @@ def test_an_error_with_an_exit_code_is_where_its_name_says(name):
 def test_the_command_is_also_a_module():
     command = [sys.executable, "-m", "spinbench", "--version"]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.startswith("spinbench 0.")
+
+
+def on_a_terminal(stream, *arguments):
+    """What a process writes to a terminal of 80 columns."""
+    ours, its = os.openpty()
+    environment = os.environ | {"COLUMNS": "80", "TERM": "xterm"}
+    process = subprocess.Popen([sys.executable, "-m", "spinbench", *arguments], env=environment, **{stream: its})
+    os.close(its)
+    shown = b""
+    with contextlib.suppress(OSError):  # the other end is closed
+        while more := os.read(ours, 65536):
+            shown += more
+    os.close(ours)
+    assert process.wait(60) == 0
+    return shown.decode()
+
+
+def test_whoever_waits_for_the_solvers_is_told_what_for():
+    shown = on_a_terminal("stderr", "simulate", "--pressure-bar-abs", "2.0", "--json", os.devnull)
+    assert "the solvers are compiled" in " ".join(shown.split())
+
+
+def commands_below(command, *path):
+    yield path, command
+    for name, below in getattr(command, "commands", {}).items():
+        yield from commands_below(below, *path, name)
+
+
+@pytest.mark.parametrize(("path", "command"), list(commands_below(typer.main.get_command(app))), ids=str)
+def test_a_help_text_is_shown_as_it_is_written_and_switches_have_no_type(path, command):
+    shown = CliRunner().invoke(app, [*path, "--help"], env={"COLUMNS": "300", "TERM": "dumb"}).stdout
+    flat = " ".join(shown.split())
+    for parameter in command.params:
+        assert " ".join(parameter.help.split()) in flat
+    assert "--help" in flat and "<bool>" not in flat
+
+
+def test_the_list_of_runs_shows_names_whole_on_a_narrow_terminal(tmp_path):
+    start = start_of(bench="bench_with_a_name_of_its_own")
+    with RunWriter.create(tmp_path, start) as writer:
+        writer.end("finished")
+    assert next(tmp_path.iterdir()).name in on_a_terminal("stdout", "runs", "list", "--logs", str(tmp_path))

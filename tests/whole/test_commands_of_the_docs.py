@@ -47,13 +47,17 @@ def test_a_command_that_does_not_run_here_says_why(command: Command) -> None:
 
 
 def test_all_but_these_run_somewhere() -> None:
-    assert {command.text for command in COMMANDS if command.kinds & {"hardware", "person", "network"}} == {
+    assert {command.text for command in COMMANDS if command.kinds & {"hardware", "person", "network", "yours"}} == {
         "make setup",
         "python3 -m venv ~/spinbench",
         '~/spinbench/bin/pip install ".[cluster,formats,seal]"',
         "spinbench doctor configs/benches/lab.toml",
         "spinbench sweep configs/benches/lab.toml",
         "spinbench sweep configs/benches/manual.toml",
+        "spinbench diagnose --continue out/diagnosis last -o out/both",
+        "spinbench diagnose --continue out/monday recordings/flywheel -o out/both",
+        "spinbench diagnose recordings/monday recordings/friday -o out/both",
+        "spinbench compare recordings/may recordings/june -o out/since",
     }
 
 
@@ -129,6 +133,7 @@ def test_what_is_not_as_the_page_says_is_found(tmp_path: Path) -> None:
     ("output", "shown", "missing"),
     [
         ("speed   397.06 rpm\nflow 72.88", "speed 397.06 ... 72.88", None),
+        ("speed   397.06 rpm\nflow 72.88", "speed 397.… rpm … 72.88", None),
         ("speed   397.06 rpm\nflow 72.88", "72.88 ... 397.06", "397.06"),
         ("f_overall is 0.0639 ± 0.0023", "f_overall is about 0.0638 ± 0.0023", None),
         ("f_overall is 0.0640 ± 0.0023", "f_overall is about 0.0638 ± 0.0023", "f_overall is about 0.0638 ± 0.0023"),

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -28,33 +29,43 @@ def links():
     for page in PAGES:
         for target in LINK.findall(text_of(page)):
             if not re.match(r"[a-z]+:", target):
-                yield page, target.partition("#")[0]
+                yield page, target
+
+
+def anchors(page):
+    """What a heading of a page is called in a link, as GitHub makes it."""
+    headings = re.findall(r"^#+ (.+)$", FENCE.sub("", text_of(page)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", LINK.sub("]", heading).lower()).replace(" ", "-") for heading in headings}
 
 
 def command_lines():
-    blocks = (body for language, body in FENCE.findall(text_of(ROOT / "README.md")) if language == "sh")
+    text = text_of(ROOT / "README.md") + text_of(ROOT / "docs" / "commands.md")
+    blocks = (body for language, body in FENCE.findall(text) if language == "sh")
     lines = [line.partition(" #")[0].strip() for body in blocks for line in body.splitlines()]
     return [line for line in lines if line.startswith("spinbench ")]
 
 
 @pytest.mark.parametrize(("page", "target"), list(links()), ids=lambda part: getattr(part, "name", part))
-def test_a_relative_link_leads_to_a_file(page, target):
-    assert not target or (page.parent / target).exists()
+def test_a_relative_link_leads_to_a_file_and_a_heading_in_it(page, target):
+    file, _, heading = target.partition("#")
+    there = page.parent / file if file else page
+    assert there.exists()
+    assert not heading or heading in anchors(there)
 
 
 def test_the_index_links_every_page():
     index = ROOT / "docs" / "index.md"
-    linked = {(index.parent / target).resolve() for page, target in links() if page == index}
+    linked = {(index.parent / target.partition("#")[0]).resolve() for page, target in links() if page == index}
     assert set(PAGES) - {index} <= linked
 
 
-def test_the_readme_shows_every_command():
+def test_every_command_is_shown():
     shown = {shlex.split(line)[1] for line in command_lines()}
     assert shown == set(typer.main.get_command(app).commands)
 
 
 @pytest.mark.parametrize("line", command_lines())
-def test_a_command_line_of_the_readme_parses(line):
+def test_a_command_line_of_the_readme_or_of_all_commands_parses(line):
     _, name, *arguments = shlex.split(line)
     command = typer.main.get_command(app).commands[name]
     command.make_context(name, arguments)  # a UsageError when an option or a value is not known
@@ -67,6 +78,11 @@ def test_make_targets_named_in_a_page_exist(page):
     assert set(re.findall(r"^make ([\w-]+)|`make ([\w-]+)`", text_of(page), re.MULTILINE)) <= {
         pair for target in targets for pair in ((target, ""), ("", target))
     }
+
+
+def test_the_citation_is_of_this_version():
+    version = tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]["version"]
+    assert f"\nversion: {version}\n" in text_of(ROOT / "CITATION.cff")
 
 
 def test_the_table_of_priors_is_the_codes():
