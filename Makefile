@@ -18,13 +18,14 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test long quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills docs-commands challenge record demonstration figures house lock \
+.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills docs-commands challenge record demonstration figures house lock \
   clean clean-cache
 
 help:
 	@echo "make demo    install, sweep a virtual bench that conceals physics, name it, reveal it: $(OUT)/demo/index.html"
 	@echo "make test    install, then lint, type-check and test"
-	@echo "make long    the tests that take longer: whole chains, fits, diagnoses and campaigns, a quarter of an hour"
+	@echo "make long    the tests that take longer: whole fits, diagnoses and campaigns, ten minutes"
+	@echo "make live    long tests of a bench that runs, from its bytes on; on a machine that does nothing else"
 	@echo "make quick   lint and the quick tests, within a minute: for the inner loop"
 	@echo "make setup   make $(VENV) with the command $(BIN)/spinbench"
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
@@ -87,9 +88,13 @@ test: $(STAMP)
 	@$(MAKE) --no-print-directory -j2 lint kernels
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not long"
 
-# What whole chains, fits, diagnoses and campaigns take minutes for.
+# What whole fits, diagnoses and campaigns take minutes for.
 long: $(STAMP) kernels
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "long and not live"
+
+# One after the other: each has a bench, a sweep and a watchdog of its own, which a busy machine disturbs.
+live: $(STAMP) kernels
+	$(BIN)/python -m pytest -m live
 
 # Of tests, what files of seconds hold.
 quick: $(STAMP)

@@ -98,6 +98,20 @@ SLOW = {
 }
 
 
+# Their long tests run a bench, a sweep and a watchdog at once.
+LIVE = {
+    "test_chain",
+    "test_concealed_bench",
+    "test_console_page",
+    "test_console_terminal",
+    "test_kills",
+    "test_live_check",
+    "test_running",
+    "test_sweep_virtual",
+    "test_with_parents",
+}
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Where no slow test is wanted, a slow file need not be read."""
     return True if "not slow" in config.getoption("markexpr") and collection_path.stem in SLOW else None
@@ -109,6 +123,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.stem in SLOW:
             item.add_marker(pytest.mark.slow)
+        if item.path.stem in LIVE and item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.live)
     items.sort(key=lambda item: order.index(item.path.stem) if item.path.stem in SLOW else len(order))
 
 
