@@ -27,7 +27,8 @@ UNSETTLED = 0.005  # share of its pressure by which a line does not settle where
 UNTOLD = 0.05  # ... and where hardly a reading tells
 MOVING_S = 2.0  # after the valve is moved; later readings are taken together
 MOST_READINGS = 60  # of the gauge while the line moves; more are taken together
-READ_LATE_S = 0.003  # by which the moment of a gauge's reading is off
+READ_LATE_S = 0.003  # by which the moment of a gauge's reading is off at least; see `scatter`
+NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
 FORM = 0.02  # of what the line moves from reading to reading: no form of its course is exact
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
@@ -267,6 +268,15 @@ def _valve(
     return tuple(spans), tuple(unseen_s), sd
 
 
+def scatter(time: np.ndarray) -> float:
+    """By how much the moments of readings that are asked for in a row are off [s], one standard deviation.
+
+    An answer that a busy machine delays is as unevenly spaced as it is late.
+    """
+    second = np.diff(time, n=2)
+    return float(np.median(np.abs(second))) / (NORMAL_MEDIAN * math.sqrt(6.0)) if second.size else 0.0
+
+
 def _line(time: np.ndarray, pressure: np.ndarray, valve: Sequence[Supply], noise: float, over: float) -> Line:
     """The gauge's readings with the valve open and, once it was moved, up to the end of what is compared."""
     known = np.isfinite(pressure) & (time <= over)
@@ -275,6 +285,7 @@ def _line(time: np.ndarray, pressure: np.ndarray, valve: Sequence[Supply], noise
     opened = np.array([one.is_open for one in valve])[span]
     known &= opened | (span > 0)
     when, read, of = time[known], pressure[known], span[known]
+    late_s = max(READ_LATE_S, scatter(when))
     groups: list[np.ndarray] = []
     for k in np.unique(of):
         mine = np.flatnonzero(of == k)
@@ -295,5 +306,5 @@ def _line(time: np.ndarray, pressure: np.ndarray, valve: Sequence[Supply], noise
         span_s = max(float(np.ptp(when[around])), 1e-3)
         moves = float(np.ptp(read[around]))
         moves = moves if moves > 4.0 * noise else 0.0
-        sd[i] = math.hypot(noise / math.sqrt(mine.size), READ_LATE_S * moves / span_s, FORM * moves)
+        sd[i] = math.hypot(noise / math.sqrt(mine.size), late_s * moves / span_s, FORM * moves)
     return Line(when, group, mean, sd)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from rig.recording import Recording
 
+SIMULATED = "(simulated)"  # in what an export says of the calibration of a virtual bench's instruments
 WORDS = {
     "date": "taken {}",
     "operator": "by {}",
@@ -20,7 +21,10 @@ def origins(recordings: Sequence[Recording]) -> list[str]:
     """A line for each recording that says where it comes from, with its name ahead where there are several."""
     lines = []
     for one in recordings:
-        said = "; ".join(words.format(one.origin[key]) for key, words in WORDS.items() if one.origin.get(key))
-        if said:
+        told = [words.format(one.origin[key]) for key, words in WORDS.items() if one.origin.get(key)]
+        if any(SIMULATED in (channel.calibrated or "") for channel in one.channels.values()):
+            told.insert(0, "readings of a simulated bench")
+        if told:
+            said = "; ".join(told)
             lines.append(f"{one.folder.resolve().name}: {said}" if len(recordings) > 1 else said)
     return list(dict.fromkeys(lines))

@@ -18,6 +18,7 @@ import pytest
 
 from calibration.data.blocks import Blocks, blocks_of
 from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply
+from calibration.data.runs import READ_LATE_S, scatter
 from calibration.data.runs_in_time import coast_down, few_used, lone_zeros, release
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json, finite
@@ -560,3 +561,27 @@ def test_a_run_with_too_few_readings_and_nothing_beside_it_is_refused_with_their
     assert result.returncode == 2
     said = " ".join(result.stderr.split())
     assert "run.csv: too few speed readings show how the speed changes (1; 4 are needed)." in said
+
+
+# A machine that was busy while it read
+
+
+def test_the_moments_of_readings_scatter_as_much_as_answers_were_late():
+    rng, even = np.random.default_rng(1), np.arange(200) * 0.06
+    assert scatter(even) < 1e-9
+    assert scatter(np.cumsum(np.linspace(0.05, 0.2, 200))) < READ_LATE_S  # asked for ever more rarely, but evenly
+    assert scatter(even + 0.02 * rng.standard_normal(200)) == pytest.approx(0.02, rel=0.2)
+    assert scatter(even[:2]) == 0.0
+
+
+@pytest.mark.long
+def test_what_a_busy_machine_read_late_hides_no_drag():
+    """A virtual bench with a drag of 0.00029 N m s2, at ten times real time beside other work: answers came 5 ms late.
+
+    The line opens at 2.5 bar/s, so 50 ms of the bench's clock are a hundred times the gauge's noise.
+    """
+    found = as_json(diagnose(read_recording(Path(__file__).parent / "busy_machine"), 1))
+    assert (found["verdict"], [one["id"] for one in found["effects"]]) == ("named", ["windage"])
+    drag = found["effects"][0]["parameters"]["drag_nm_s2"]
+    assert drag["mean"] == pytest.approx(0.00029, abs=3.0 * drag["sd"])
+    assert found["f_overall_after"]["q05"] < 0.0692 < found["f_overall_after"]["q95"]

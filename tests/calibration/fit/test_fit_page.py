@@ -145,7 +145,7 @@ def test_remarks_name_the_suspect_and_do_not_repeat_the_recording_s_warnings(fou
 def test_a_prior_that_dominates_is_told(found):
     assert not any("prior dominates" in words for words in fit_page.remarks(found))
     weak = with_share_of_prior(found, 0.8)
-    said = "7 rows: the prior dominates f_overall; its spread is 80 % of its prior"
+    said = "7 rows: the prior dominates f_overall. Its standard deviation is 80 % of its prior"
     assert any(words.startswith(said) for words in fit_page.remarks(weak))
     assert said in fit_page.report(weak, [])["report.html"].decode()
 
@@ -181,8 +181,8 @@ def test_a_hostile_file_name_is_escaped(page):
 
 
 def test_the_page_says_where_the_recording_comes_from(page):
-    (line,) = re.findall(r'<p class="origin">The recording: (.*?)</p>', page)
-    assert line == ("taken 2026-04-01; motor no. &lt;i&gt;A-17; note: &lt;/p&gt;&lt;script&gt;alert(1)&lt;/script&gt;")
+    (line,) = re.findall(r'<p class="origin">(.*?)</p>', page)
+    assert line == ("Taken 2026-04-01; motor no. &lt;i&gt;A-17; note: &lt;/p&gt;&lt;script&gt;alert(1)&lt;/script&gt;")
 
 
 def test_the_page_needs_nothing_from_outside(page):
