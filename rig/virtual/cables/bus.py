@@ -22,6 +22,7 @@ TURNAROUND_S = 0.003  # from the end of a request to the start of its answer
 SILENCE_S = 0.02  # of the wall: half a frame that is not carried on for so long is none
 MOST_LOG = 20_000
 MOST_LINE = 4096
+REFUSED = 0x80  # of a function code
 OTHER_FUNCTION = {1: 2, 2: 1, 3: 4, 4: 3, 6: 16, 16: 6}
 
 
@@ -103,9 +104,12 @@ class Bus:
             answer = device.answer(body, now_ns)
             if unit == 0:
                 continue  # to all, answered by none
+            if answer[0] & REFUSED and device is not meant[-1]:
+                continue  # one device of which two files tell: the other may have these registers
             here, answer = self._lie(device, body, answer, now_ns)
             whole = frames.rtu(here, answer) if self.framing == "rtu" else frames.tcp(frame[:2], here, answer)
             self._reply(caller, device.device, whole, frame, now_ns)
+            break
         if not meant:
             self.log.append((now_ns / NS, "", frame.hex()))
 
