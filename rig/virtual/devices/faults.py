@@ -14,7 +14,7 @@ import configs
 from configs import ConfigError, Strict
 
 # kind: what it does. The first group acts on a reply on its way out, the second on what the reply says, the third on
-# an instrument's value, the fourth on a cable or a device once, at `from_s`.
+# its number over TCP, the fourth on an instrument's value, the fifth on a cable or a device once, at `from_s`.
 BYTES = {
     "late": "the reply comes by_s later",
     "split": "the reply comes in two parts, by_s apart",
@@ -30,12 +30,17 @@ MODBUS = {
     "wrong_count": "one register too many is answered",
     "exception": "the answer is the Modbus exception code",
 }
+NUMBERS = {
+    "number_zero": "the answer's transaction number is 0",
+    "number_swapped": "the bytes of the answer's transaction number are swapped",
+    "number_next": "the answer has the next transaction number",
+}
 VALUES = {"frozen": "the instrument repeats its last value", "nan": "the instrument gives no number"}
 ONCE = {
     "unplug": "the cable is out for by_s",
     "power_cycle": "the device is without power for by_s, and starts as from the factory",
 }
-KINDS = BYTES | MODBUS | VALUES | ONCE
+KINDS = BYTES | MODBUS | NUMBERS | VALUES | ONCE
 BY_S = {"late": 0.5, "split": 0.05, "unplug": 3.0, "power_cycle": 2.0}
 MOST_S = 1e6
 
@@ -104,7 +109,7 @@ def _mistakes(fault: Fault, table: Mapping[str, Any], place: Place) -> Iterable[
         yield f"a line is unplugged, not a device: name the line '{devices[fault.device]}'"
     elif fault.kind == "power_cycle" and fault.line:
         yield f"a device is power-cycled, not a line: name one of {', '.join(place.devices_of[fault.line])}"
-    elif fault.kind in MODBUS:
+    elif fault.kind in MODBUS | NUMBERS:
         on = [fault.device] if fault.device else place.devices_of[fault.line]
         if not place.modbus.intersection(on):
             yield f"'{fault.kind}' is a fault of Modbus, which {', '.join(on)} does not speak"
