@@ -6,6 +6,7 @@ byte count and, over TCP, the transaction number; pymodbus takes an answer of an
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -140,14 +141,19 @@ def length_of(request: Request, framing: str, echo: bool = False) -> Complete:
             return found[1]
         whole = _good_bytes(request, buffer)
         is_frame = whole is not None and len(buffer) >= whole and _is_whole(buffer[:whole])
-        return whole if is_frame and buffer[:whole] != encode(request, framing, 0)[:whole] else None
+        return whole if is_frame and buffer[:whole] != _rtu_question(request)[:whole] else None
 
     return rtu_length
 
 
+@functools.lru_cache(maxsize=256)
+def _rtu_question(request: Request) -> bytes:
+    return encode(request, "rtu", 0)
+
+
 def _after_echo(request: Request, buffer: bytes) -> int:
     """Where the question's echo ends, before which a stray byte or two may stand; 0 where there is none."""
-    question = encode(request, "rtu", 0)
+    question = _rtu_question(request)
     begin = buffer.find(question, 0, len(question) + MOST_STRAY)
     return 0 if begin < 0 else begin + len(question)
 
@@ -262,7 +268,7 @@ def exchange(
     line.transactions += 1
     transaction = line.transactions & 0xFFFF
     is_rtu, any_number = framing == "rtu", habits.any_number and framing == "tcp"
-    question = encode(request, framing, transaction)
+    question = _rtu_question(request) if is_rtu else encode(request, framing, transaction)
     line.look()
     try:
         reply = line.ask(question, length_of(request, framing, habits.echo), timing, _spoiled(request, framing))
