@@ -97,9 +97,7 @@ class Bus:
 
     def _ask(self, caller: int, frame: bytes, unit: int, body: bytes, now_ns: int) -> None:
         meant = [device for device in self.devices if unit in (0, device.unit)]
-        for device in meant:
-            if device.device in self.without_power:
-                continue
+        for device in [device for device in meant if device.device not in self.without_power]:
             self.log.append((now_ns / NS, device.device, frame.hex()))
             answer = device.answer(body, now_ns)
             if unit == 0:
@@ -112,9 +110,11 @@ class Bus:
             else:
                 whole = frames.tcp(self._number(device, frame[:2], now_ns), here, answer)
             self._reply(caller, device.device, whole, frame, now_ns)
-            break
+            return
         if not meant:
             self.log.append((now_ns / NS, "", frame.hex()))
+        if any(self.world.faults.happens("echo", device.device, now_ns) for device in meant or self.devices):
+            self.wire.send(caller, frame, max(now_ns, self._whole_ns))
 
     def _lie(self, device: ModbusDevice, body: bytes, answer: bytes, now_ns: int) -> tuple[int, bytes]:
         """Unit and body of the answer, after the faults that act on what it says."""

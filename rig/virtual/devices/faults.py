@@ -22,7 +22,7 @@ BYTES = {
     "doubled": "the reply comes twice",
     "corrupt": "one bit of the reply is another",
     "noise": "count bytes of noise come before the reply",
-    "echo": "the request comes back before the reply",
+    "echo": "the request comes back at once, before the reply and without one",
 }
 MODBUS = {
     "wrong_unit": "the next unit's number answers",
@@ -174,8 +174,9 @@ def damage(
     Returns parts to be sent, each so long [s] after the reply was due.
     """
     kinds = {fault.kind: fault for fault in faults}
+    echo = [(0.0, request)] if "echo" in kinds and request else []
     if "dropped" in kinds:
-        return []
+        return echo
     if "corrupt" in kinds and frame:
         place = int(chance.integers(len(frame)))
         frame = frame[:place] + bytes([frame[place] ^ 1 << int(chance.integers(8))]) + frame[place + 1 :]
@@ -183,10 +184,8 @@ def damage(
         frame += frame
     if "noise" in kinds:
         frame = chance.bytes(kinds["noise"].count) + frame
-    if "echo" in kinds:
-        frame = request + frame
     late_s = kinds["late"].span_s if "late" in kinds else 0.0
     if "split" in kinds and len(frame) > 1:
         cut = math.ceil(len(frame) / 2)
-        return [(late_s, frame[:cut]), (late_s + kinds["split"].span_s, frame[cut:])]
-    return [(late_s, frame)]
+        return [*echo, (late_s, frame[:cut]), (late_s + kinds["split"].span_s, frame[cut:])]
+    return [*echo, (late_s, frame)]
