@@ -55,7 +55,7 @@ class LineTable(Strict):
     tcp_port: Annotated[int, pydantic.Field(ge=1, le=65535)] = 502
     framing: Literal["rtu", "tcp"] | None = None  # of Modbus; rtu on serial lines and tcp on sockets when left out
     transaction_numbers: Literal["checked", "any"] = "checked"  # of Modbus TCP; any: the device does not repeat them
-    echo: bool = False  # each question comes back before its answer, as from an RS-485 adapter that hears itself
+    echo: bool = False  # each question comes back before its answer: an RS-485 adapter that hears itself, a terminal
     timeout_s: Positive = 0.3
     slowest_reply_s: Positive = 1.0
 
@@ -275,8 +275,6 @@ def _line_mistakes(file: BenchFile) -> list[str]:
         framing = line.framing or ("tcp" if line.kind == "tcp" else "rtu")
         if line.transaction_numbers == "any" and (line.kind, framing) != ("tcp", "tcp"):
             mistakes.append(f"lines.{name}: transaction_numbers is of Modbus TCP, and this line has none; take it out")
-        if line.echo and framing == "tcp":
-            mistakes.append(f"lines.{name}: echo is of a serial bus, and this line is Modbus TCP; take it out")
         if line.slowest_reply_s < line.timeout_s:
             mistakes.append(f"lines.{name}: slowest_reply_s is shorter than timeout_s; it is at least as long")
         if "virtual" in (line.port, line.host) and file.virtual is None:

@@ -48,6 +48,8 @@ def modbus_unit(device: str, place: Place) -> ModbusUnit:
         raise ConfigError(f"devices.{device}.unit_id: the key is missing; a Modbus device needs it (1 to 247)")
     if framing == "rtu" and not FIRST_UNIT <= unit <= LAST_UNIT:
         raise ConfigError(f"devices.{device}.unit_id: {unit} is no unit of an RTU bus; it is 1 to 247")
+    if place.line.echo and framing == "tcp":
+        raise ConfigError(f"lines.{place.table.line}.echo: is of a serial bus, and this is Modbus TCP; take it out")
     return ModbusUnit(unit, framing, Habits(place.line.echo, place.line.transaction_numbers == "any"))
 
 

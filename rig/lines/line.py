@@ -22,6 +22,10 @@ from rig.readings import NS, Event, Quality
 # A virtual bench that runs faster than real time still shares a machine with everything else: no wait is shorter.
 LEAST_REAL_WAIT_S = 0.5
 MOST_REPLY_BYTES = 4096  # more than any reply of a device known here; a babbling line is cut off there
+ECHOES = (
+    "each question comes back before its answer, as from an RS-485 adapter that hears itself: write echo = true at "
+    "this line in the bench file, so that no echo is taken for the answer to a set-point"
+)
 MOST_DRAIN_S = 2.0  # a line that never falls silent is a stream or a fault
 
 

@@ -20,7 +20,7 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from rig.lines.line import Complete, Line, Reply, Timing
+from rig.lines.line import ECHOES, Complete, Line, Reply, Timing
 from rig.lines.port import BadReplyError, NoReplyError
 from rig.readings import Quality
 
@@ -59,10 +59,6 @@ class Habits:
 
 
 STANDARD = Habits()
-ECHO = (
-    "each question comes back before its answer, as from an RS-485 adapter that hears itself: write echo = true at "
-    "this line in the bench file, so that no echo is taken for the answer to a set-point"
-)
 NO_ECHO = "the bench file says echo = true, and no question comes back: take the key out, or set-points go unconfirmed"
 
 
@@ -289,7 +285,7 @@ def _answer_begins(line: Line, request: Request, buffer: bytes, echo: bool) -> i
     after = _after_echo(request, buffer)
     found = _answer_in(request, buffer, echo)
     if found and request.function != WRITE_ONE and echo != (after > 0):
-        line.remark(NO_ECHO if echo else ECHO)
+        line.remark(NO_ECHO if echo else ECHOES)
     return found[0] if found else after
 
 

@@ -189,7 +189,7 @@ def test_a_value_far_outside_its_scale_is_never_ok_and_the_doctor_says_so_of_eac
     [
         ({"bus": ANY}, r"lines\.bus: transaction_numbers is of Modbus TCP"),
         ({"net": ANY + 'framing = "rtu"\n'}, r"lines\.net: transaction_numbers is of Modbus TCP"),
-        ({"net": ECHO}, r"lines\.net: echo is of a serial bus"),
+        ({"net": ECHO}, r"lines\.net\.echo: is of a serial bus, and this is Modbus TCP"),
     ],
 )
 def test_habits_that_a_line_cannot_have_are_refused(keys, words):
