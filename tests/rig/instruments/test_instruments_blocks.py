@@ -5,12 +5,14 @@ import itertools
 import pytest
 
 from configs import ConfigError
-from rig.acquisition.opening import line_of
+from rig.acquisition import actions
+from rig.acquisition.opening import line_of, timing_of
 from rig.bench.bench import bench_of
 from rig.clock import Clock
 from rig.lines import Line, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
+from rig.replay.port import ReplayPort
 from rig.virtual.launch import port_for
 from tests.modbus_peer import ModbusPeer
 from tests.virtual_benches import serving
@@ -190,3 +192,25 @@ def test_two_files_tell_of_one_device_at_one_unit(tmp_path):
 def test_two_devices_at_one_unit_are_refused_unless_they_say_that_they_are_one(same, words):
     with pytest.raises(ConfigError, match=words):
         bench(same=same)
+
+
+@pytest.mark.parametrize("keys", ["", 'transaction_numbers = "any"'])
+def test_a_replay_of_blocks_and_lost_answers_gives_the_same_readings(tmp_path, keys):
+    found = bench("largest_gap = 0", f"{TCP}\n{keys}")
+    with serving(found, tmp_path, rate=1.0) as served:
+        driver, wire = opened(served, found, "logger")
+        live = []
+        for fault in ("", "dropped", "", "exception", "late"):
+            if fault:
+                served.ask(do="fault", kind=fault, device="logger", chance=1.0 if fault == "dropped" else 0.4)
+            live.append(actions.perform(wire, "logger", driver, actions.POLL)[0])
+            served.ask(do="clear")
+        wire.close()
+    port, again = ReplayPort(), found.build("logger")
+    line = Line("bus", port, Clock(), timing_of(found.file.lines["bus"]))
+    again.open(line)
+    for exchange in live:
+        port.load(exchange.events)
+        assert actions.perform(line, "logger", again, actions.POLL)[0].readings == exchange.readings
+    assert port.differences == []
+    assert {reading.good for exchange in live for reading in exchange.readings} == {True, False}

@@ -580,7 +580,7 @@ def test_a_text_device_is_asked_and_verified_by_the_next_poll(bench):
     ("answer", "quality"),
     [
         (b"ERR\r\n", Quality.EXCEPTION),
-        (b"@D4\r\n394.8\r\n", Quality.CRC),  # an echo
+        (b"@D4\r\n394.8\r\n", Quality.CRC),  # of another question
         (b"39\xb4.8\r\n", Quality.CRC),
         (b"9" * 300, Quality.CRC),
         (b"394.8", Quality.TIMEOUT),
