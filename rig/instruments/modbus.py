@@ -22,7 +22,7 @@ from rig.instruments.codecs.values import Value, joined
 from rig.instruments.placing import modbus_unit
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
 from rig.instruments.setting import set_and_read_back
-from rig.lines import Line
+from rig.lines import BadReplyError, Line, NoReplyError
 from rig.lines.line import Reply
 from rig.lines.modbus import (
     MOST_REGISTERS,
@@ -33,13 +33,14 @@ from rig.lines.modbus import (
     RefusedError,
     registers_of,
 )
-from rig.readings import Quality
+from rig.readings import NS, Quality
 
 if TYPE_CHECKING:
     from rig.bench.bench import Place
 
 Register = Annotated[int, pydantic.Field(ge=0, le=65535)]  # address as on the wire, from 0: "40001" is 0
 Factor = Annotated[float, pydantic.Field(ge=-1e12, le=1e12)]
+MOST_LATE = 3.0  # times `slowest_reply_s`: so late an answer may come against what the file says
 FUNCTIONS = {"holding": READ_HOLDING, "input": READ_INPUT}
 
 Image = Mapping[tuple[Table, int], int]  # registers by table and address
@@ -203,6 +204,7 @@ class ModbusDevice(Polled):
         }
         self._unit = modbus_unit(device, place)
         self._next = 0  # the block that is asked for first: that of a question without an answer
+        self._late_ns: dict[tuple[Table, int], int] = {}  # until when an answer of so many registers may be late
 
     def ask(self, line: Line) -> Answer:
         """Read each block once; a block that is refused costs its own channels."""
@@ -215,7 +217,7 @@ class ModbusDevice(Polled):
         replies = {name: read[i][1] for name, i in self._block_of.items() if i in read}
         for name, i in self._block_of.items():
             value = found[name] if i in read else Value(None, Quality.EXCEPTION, detail=str(refused[i]))
-            found[name] = self._of_block(i, value)
+            found[name] = self._of_block(i, value, replies[name].request_ns if i in read else 0)
         return Answer(
             found,
             b"".join(registers_of(read[i][0]) for i in sorted(read)),
@@ -270,17 +272,29 @@ class ModbusDevice(Polled):
                 read[i] = self._unit.read(line, block.first, block.count, timing, FUNCTIONS[block.table])
             except RefusedError as error:
                 refused[i] = error
+            except (NoReplyError, BadReplyError):
+                self._late_ns[block.table, block.count] = line.heard_ns + int(MOST_LATE * timing.slowest_reply_s * NS)
+                raise
         self._next = 0
         return read, refused
 
     def _image(self, read: Mapping[int, tuple[tuple[int, ...], Reply]]) -> Image:
         return image_of({self.blocks[i]: words for i, (words, _) in read.items()})
 
-    def _of_block(self, i: int, value: Value) -> Value:
-        """A value with the block it came in, where there are several: its time is that of this block."""
+    def _of_block(self, i: int, value: Value, request_ns: int) -> Value:
+        """A value with the block it came in, where there are several: its time is that of this block.
+
+        Not verified while it could be another's: an answer to another block of the same length may still be late.
+        """
         if len(self.blocks) == 1:
             return value
-        return dataclasses.replace(value, detail=joined(value.detail, f"block {i + 1} of {len(self.blocks)}"))
+        detail, block = f"block {i + 1} of {len(self.blocks)}", self.blocks[i]
+        alike = sum((other.table, other.count) == (block.table, block.count) for other in self.blocks)
+        is_late = request_ns < self._late_ns.get((block.table, block.count), 0)
+        if alike > 1 and is_late and not self._unit.has_numbers and value.quality is Quality.OK:
+            value = dataclasses.replace(value, quality=Quality.UNVERIFIED)
+            detail += "; a late answer of a block as long may pass for it"
+        return dataclasses.replace(value, detail=joined(value.detail, detail))
 
     def _what_reads(self) -> str:
         if len(self.blocks) == 1:

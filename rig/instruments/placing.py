@@ -24,6 +24,11 @@ class ModbusUnit:
     framing: str
     habits: Habits = STANDARD
 
+    @property
+    def has_numbers(self) -> bool:
+        """Whether an answer tells which question it answers."""
+        return self.framing == "tcp" and not self.habits.any_number
+
     def read(
         self, line: Line, first: int, count: int, timing: Timing, function: int = READ_HOLDING
     ) -> tuple[tuple[int, ...], Reply]:

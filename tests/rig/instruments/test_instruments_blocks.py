@@ -7,8 +7,9 @@ import pytest
 from configs import ConfigError
 from rig.acquisition import actions
 from rig.acquisition.opening import line_of, timing_of
-from rig.bench.bench import bench_of
+from rig.bench.bench import DeviceTable, LineTable, Place, bench_of
 from rig.clock import Clock
+from rig.instruments import modbus
 from rig.lines import Line, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
@@ -163,7 +164,7 @@ def test_after_a_question_without_an_answer_the_same_block_is_asked_for_first():
         driver = found.build("logger")
         driver.open(wire)
         assert {reading.quality for reading in driver.poll(wire)} == {Quality.TIMEOUT}
-        assert all(reading.good for reading in driver.poll(wire))
+        assert all(reading.usable for reading in driver.poll(wire))
         wire.close()
     assert device.asked == [10, 20, 400, 400, 10, 10, 20]
 
@@ -192,6 +193,31 @@ def test_two_files_tell_of_one_device_at_one_unit(tmp_path):
 def test_two_devices_at_one_unit_are_refused_unless_they_say_that_they_are_one(same, words):
     with pytest.raises(ConfigError, match=words):
         bench(same=same)
+
+
+@pytest.mark.parametrize(("count", "quality"), [(2, Quality.UNVERIFIED), (1, Quality.OK)])
+def test_for_a_while_after_a_lost_answer_a_block_as_long_as_another_is_not_verified(count, quality):
+    """Its answer is not to be told from that to the other, should that come very late."""
+    address = {"pressure_bar_abs": 10, "temperature_c": 20}
+    channels = {name: {"unit": "-", "address": at, "type": "u16"} for name, at in address.items()}
+    if count == 1:
+        channels["temperature_c"]["type"] = "u32"  # another length
+    keys = {"format": "instrument/1", "family": "modbus", "title": "t", "source": "s", "trust": "simulated"}
+    settings = modbus.Settings.model_validate(keys | {"largest_gap": 0, "retries": 0, "channels": channels})
+    place = Place(DeviceTable(instrument="i", line="bus", unit_id=7), LineTable(kind="serial", port="pty"))
+    driver, clock = modbus.build("box", settings, place), Clock()
+    with Losing({7: dict.fromkeys([10, 20, 21], 5)}, 3) as device:
+        wire = Line("bus", SerialPort(device.path, clock, 19200), clock, Timing(0.3, 0.4, 0.005))
+        wire.open()
+        driver.open(wire)
+        found = [driver.poll(wire) for _ in range(3)]
+        clock.sleep(modbus.MOST_LATE * 0.4)
+        found.append(driver.poll(wire))
+        wire.close()
+    assert [reading.quality for poll in found for reading in poll] == (
+        [Quality.OK] * 2 + [Quality.TIMEOUT] * 2 + [quality] * 2 + [Quality.OK] * 2
+    )
+    assert ("a late answer of a block as long may pass for it" in found[2][0].detail) == (count == 2)
 
 
 @pytest.mark.parametrize("keys", ["", 'transaction_numbers = "any"'])
