@@ -72,6 +72,7 @@ class Line:
         self.clock = clock
         self.timing = timing or Timing()
         self.transactions = 0  # questions since the line was opened: the transaction number of Modbus TCP
+        self.echoes = False  # whether the last question that could tell came back before its answer
         self.asked_ns = 0  # when something was last sent, and when a wait for bytes last ended: the times of a failure
         self.heard_ns = 0
         self._events: list[Event] = []
@@ -84,7 +85,7 @@ class Line:
     def open(self) -> None:
         """Open the port and forget what was; the line starts clean."""
         self.transactions = 0
-        self._dirty = self._doubtful = False
+        self._dirty = self._doubtful = self.echoes = False
         try:
             self.port.open()
         except LostError as error:

@@ -267,7 +267,8 @@ def exchange(
     question = _rtu_question(request) if is_rtu else encode(request, framing, transaction)
     line.look()
     try:
-        reply = line.ask(question, length_of(request, framing, habits.echo), timing, _spoiled(request, framing))
+        complete = length_of(request, framing, habits.echo or line.echoes)
+        reply = line.ask(question, complete, timing, _spoiled(request, framing))
         begin = _answer_begins(line, request, reply.data, habits.echo) if is_rtu else 0
         return decode(request, framing, None if any_number else transaction, reply.data[begin:]), reply
     except RefusedError:
@@ -283,9 +284,11 @@ def exchange(
 def _answer_begins(line: Line, request: Request, buffer: bytes, echo: bool) -> int:
     """Where an RTU answer begins, or what came in its place; that there is an echo, or none, is told once."""
     after = _after_echo(request, buffer)
-    found = _answer_in(request, buffer, echo)
-    if found and request.function != WRITE_ONE and echo != (after > 0):
-        line.remark(NO_ECHO if echo else ECHOES)
+    found = _answer_in(request, buffer, echo or line.echoes)
+    if found and request.function != WRITE_ONE:
+        line.echoes = after > 0
+        if echo != line.echoes:
+            line.remark(NO_ECHO if echo else ECHOES)
     return found[0] if found else after
 
 

@@ -240,6 +240,13 @@ def test_where_an_echo_is_expected_it_is_no_confirmation_of_a_write(on_line):
     assert line.take_remarks() == []
 
 
+def test_where_an_echo_was_seen_it_is_no_confirmation_of_a_write_either(on_line):
+    line = on_line(lambda request: [(0.0, request + (answer_of(request) if request[1] == 3 else b""))])
+    assert read(line, 0) == (111,)
+    with pytest.raises(NoReplyError, match="as an echo, and no answer"):
+        write_one(line, modbus.STANDARD)
+
+
 def test_where_an_echo_is_expected_and_none_comes_that_is_told_and_answers_are_read(on_line):
     line = on_line(lambda request: [(0.0, answer_of(request))])
     assert modbus.exchange(line, "rtu", modbus.Request(1, modbus.READ_HOLDING, 10), None, ECHO)[0] == (222,)
