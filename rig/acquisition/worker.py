@@ -127,6 +127,8 @@ class Worker(threading.Thread):
             raise LineError("\n".join(str(fault) for fault in faults))
 
     def _silent(self, name: str, error: Exception) -> str:
+        if isinstance(error, RefusedError) and error.is_busy:
+            return f"{name} (line {self.line.name}) is busy, {BUSY_TRIES + 1} times: {error}; {error.while_busy}"
         return (
             f"{name} (line {self.line.name}) does not answer as it should: {error}; is it on, and are its address and "
             "the baud rate right? spinbench doctor tells more"
@@ -326,6 +328,8 @@ class Worker(threading.Thread):
         for action in (actions.OPEN, actions.IDENTIFY):
             exchange, fault = actions.perform(self.line, name, device.driver, action)
             self._put(exchange)
+            for text in self.line.take_remarks():
+                self._note("warning", self.clock.now_ns(), line=self.line.name, text=text)
             if fault:
                 raise fault
             device.identity = exchange.outcome

@@ -54,6 +54,8 @@ class LineTable(Strict):
     host: str = ""
     tcp_port: Annotated[int, pydantic.Field(ge=1, le=65535)] = 502
     framing: Literal["rtu", "tcp"] | None = None  # of Modbus; rtu on serial lines and tcp on sockets when left out
+    transaction_numbers: Literal["checked", "any"] = "checked"  # of Modbus TCP; any: the device does not repeat them
+    echo: bool = False  # each question comes back before its answer: an RS-485 adapter that hears itself, a terminal
     timeout_s: Positive = 0.3
     slowest_reply_s: Positive = 1.0
 
@@ -65,6 +67,7 @@ class DeviceTable(Strict):
     line: str
     unit_id: Annotated[int, pydantic.Field(ge=0, le=255)] | None = None  # Modbus
     address: str = ""  # other protocols, such as Alicat's letter
+    same_device_as: str = ""  # another entry, at the same address: two instrument files tell of one device
     period_s: Positive = 0.2
     serial_number: str = ""  # as on its plate; another one that answers is refused
     calibration: str = ""  # certificate, for the record
@@ -276,6 +279,9 @@ def _line_mistakes(file: BenchFile) -> list[str]:
             mistakes.append(f"lines.{name}: a serial line needs its port")
         if line.kind == "tcp" and not line.host:
             mistakes.append(f"lines.{name}: a tcp line needs its host")
+        framing = line.framing or ("tcp" if line.kind == "tcp" else "rtu")
+        if line.transaction_numbers == "any" and (line.kind, framing) != ("tcp", "tcp"):
+            mistakes.append(f"lines.{name}: transaction_numbers is of Modbus TCP, and this line has none; take it out")
         if line.slowest_reply_s < line.timeout_s:
             mistakes.append(f"lines.{name}: slowest_reply_s is shorter than timeout_s; it is at least as long")
         if "virtual" in (line.port, line.host) and file.virtual is None:
@@ -284,17 +290,43 @@ def _line_mistakes(file: BenchFile) -> list[str]:
 
 
 def _address_mistakes(file: BenchFile) -> list[str]:
-    """Two devices of one line that answer to the same name."""
+    """Two entries of one line that answer to the same name, without saying that they are one device."""
     mistakes = []
     seen: dict[tuple[str, int | str], str] = {}
     for name, table in file.devices.items():
+        same = table.same_device_as
+        if same:
+            mistakes += _same_device_mistakes(file, name, same)
         for address in (table.unit_id, table.address or None):
             if address is None:
                 continue
             other = seen.setdefault((table.line, address), name)
-            if other != name:
-                mistakes.append(f"devices.{name}: answers to {address!r} on line '{table.line}' as '{other}' does")
+            if not _entries_of(file, name) & _entries_of(file, other):
+                mistakes.append(
+                    f"devices.{name}: answers to {address!r} on line '{table.line}' as '{other}' does; if the two are "
+                    f'one device, of which two instrument files tell, write same_device_as = "{other}" here'
+                )
     return mistakes
+
+
+def _same_device_mistakes(file: BenchFile, name: str, same: str) -> list[str]:
+    table, other = file.devices[name], file.devices.get(same)
+    key = f"devices.{name}.same_device_as"
+    if other is None or same == name:
+        others = ", ".join(device for device in file.devices if device != name)
+        return [f"{key}: there is no other device '{same}' ({others})"]
+    if (table.line, table.unit_id, table.address) != (other.line, other.unit_id, other.address):
+        return [f"{key}: '{same}' has another line, unit_id or address; one device has one of each"]
+    return []
+
+
+def _entries_of(file: BenchFile, name: str) -> set[str]:
+    """An entry, and those that it is said to be the same as, through others too."""
+    found: set[str] = set()
+    while name in file.devices and name not in found:
+        found.add(name)
+        name = file.devices[name].same_device_as
+    return found
 
 
 def _role_mistakes(bench: Bench) -> list[str]:

@@ -2,6 +2,7 @@
 
 examine   the order of the examination
 measure   latency and rate of a device, and whether a line bears what is asked of it
+orders    a number in all four orders of its bytes
 trials    other baud rates, parities and addresses, where nobody answers
 host      what the machine tells: ports, who holds them, programs that take them, the FTDI timer
 finding   one result, and the table of them

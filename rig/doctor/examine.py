@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rig.acquisition.opening import line_of, port_of
+from rig.acquisition.worker import BUSY_S, BUSY_TRIES
 from rig.bench.bench import Bench, LineTable
 from rig.bench.instrument import IdentityError, Instrument, InstrumentError
 from rig.clock import Clock
@@ -12,10 +13,12 @@ from rig.doctor import host as machine
 from rig.doctor import measure, trials
 from rig.doctor.finding import Finding, Level, printable
 from rig.doctor.host import Host
+from rig.doctor.orders import of_orders
 from rig.doctor.trials import Ports
 from rig.lines import Line, LineError, LostError
 from rig.lines.line import LEAST_REAL_WAIT_S
 from rig.lines.modbus import RefusedError
+from rig.readings import Quality
 
 POLLS = 30
 
@@ -93,23 +96,22 @@ class _Examination:
             driver = self.bench.build(device)
             line.take_events()
             try:
-                driver.open(line)
-                identity = printable(driver.identify(line)) or "a device"
+                identity = printable(_identified(line, driver)) or "a device"
             except LostError:
                 raise
             except IdentityError as error:
                 fix = "correct the bench file, or swap cables or addresses"
                 found.append(Finding(Level.FAULT, device, f"another device answers: {printable(str(error))}", fix))
             except (RefusedError, InstrumentError) as error:
-                fix = "it is another model, or set up in another way, than the instrument file says"
-                found.append(Finding(Level.FAULT, device, f"answers, but refuses: {printable(str(error))}", fix))
+                found.append(_refusal(device, error))
             except LineError as error:
                 silent[device] = (error, any(event.kind == "rx" for event in line.take_events()))
             else:
                 findings, cost_s = self._measured(line, device, driver, identity)
-                found += findings
+                found += findings + of_orders(line, device, driver)
                 if cost_s is not None:
                     taken[device] = (cost_s, self.bench.file.devices[device].period_s)
+        found += [Finding(Level.WARNING, f"line {line.name}", text) for text in line.take_remarks()]
         line.close()
         found += self._of_silent(table, silent, anyone=len(silent) < len(devices))
         return found + measure.of_line(f"line {line.name}", taken)
@@ -134,7 +136,8 @@ class _Examination:
             fix, sure = "check power, cable (A and B swapped?) and the address", False
             has_others = unit is not None if table.kind == "tcp" else table.kind == "serial" and table.paced
             if has_others and not anyone:
-                right = trials.other_settings(self.bench, device, self.ports, self.clock)
+                numbers = error.quality is Quality.STALE and table.transaction_numbers == "checked"
+                right = trials.other_settings(self.bench, device, self.ports, self.clock, numbers)
                 if right is not None:
                     how, key, value = _difference(table, right)
                     said += f". It answers {how}"
@@ -151,8 +154,31 @@ class _Examination:
         return found
 
 
+def _identified(line: Line, driver: Instrument) -> str:
+    """Who answers; a device that says it is busy is asked again, as at the start of a run."""
+    for _ in range(BUSY_TRIES):
+        try:
+            driver.open(line)
+            return driver.identify(line)
+        except RefusedError as error:
+            if not error.is_busy:
+                raise
+        line.clock.sleep(BUSY_S * line.clock.rate)
+    return driver.identify(line)
+
+
+def _refusal(device: str, error: Exception) -> Finding:
+    if isinstance(error, RefusedError) and error.is_busy:
+        what = f"it is busy, {BUSY_TRIES + 1} times: {printable(str(error))}"
+        return Finding(Level.FAULT, device, what, error.while_busy)
+    fix = "it is another model, or set up in another way, than the instrument file says"
+    return Finding(Level.FAULT, device, f"answers, but refuses: {printable(str(error))}", fix)
+
+
 def _difference(table: LineTable, right: LineTable) -> tuple[str, str, str]:
     """How a device answers, in words, and the key and value that say so."""
+    if right.transaction_numbers != table.transaction_numbers:
+        return "with other transaction numbers than the questions'", "transaction_numbers", '"any"'
     if table.kind == "tcp":
         return f"with framing {right.framing}", "framing", f'"{right.framing}"'
     how = f"at {right.baud} baud, parity {right.parity}"

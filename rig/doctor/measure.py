@@ -21,13 +21,18 @@ BELOW_ALL = 1e-9
 
 @dataclass(frozen=True)
 class Latency:
-    """How long polls took. `p50_s`, `p99_s`: of the polls that gave a reading, on the bench's clock [s]."""
+    """How long polls took.
+
+    `p50_s`, `p99_s`: of the polls that gave a reading, on the bench's clock [s].
+    `mute`: channels that gave none in any poll, and why.
+    """
 
     p50_s: float
     p99_s: float
     polls: int
     failures: int
     faults: str
+    mute: dict[str, str]
 
 
 def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Latency:
@@ -38,6 +43,8 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
     Raises LostError when the port fails meanwhile.
     """
     times, faults, failures, in_a_row, made = [], Counter[str](), 0, 0, 0
+    mute: dict[str, str] = {}
+    heard: set[str] = set()
     for _ in range(polls):
         made += 1
         start_ns = line.clock.now_ns()
@@ -48,6 +55,8 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
         except LineError as error:
             readings = []
             faults[str(error)] += 1
+        heard.update(reading.channel for reading in readings if reading.usable)
+        mute.update((one.channel, f"{one.quality} {one.detail}".strip()) for one in readings if not one.usable)
         took_s = (line.clock.now_ns() - start_ns) / NS
         if any(reading.usable for reading in readings):
             times.append(took_s)
@@ -63,7 +72,8 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
     times = times[1:] or times  # the first poll after opening asks for more, or waits for a stream to start
     p50_s, p99_s = np.quantile(times, [0.5, 0.99]) if times else (np.nan, np.nan)
     named = "; ".join(f"{printable(fault)} ({count} x)" for fault, count in faults.most_common(3))
-    return Latency(float(p50_s), float(p99_s), made, failures, named)
+    silent = {channel: printable(why) for channel, why in mute.items() if channel not in heard}
+    return Latency(float(p50_s), float(p99_s), made, failures, named, silent)
 
 
 def of_device(
@@ -76,6 +86,9 @@ def of_device(
     rates = f"asked {1 / period_s:.3g} /s, bears {1 / max(latency.p50_s, BELOW_ALL):.3g} /s"
     figures = f"latency p50 {latency.p50_s * 1e3:.1f} ms, p99 {latency.p99_s * 1e3:.1f} ms; {rates}"
     found = [Finding(Level.OK, device, f"{identity}: {figures}")]
+    for channel, why in latency.mute.items():
+        fix = "see whether the device shows it; if so, compare the instrument file with the device's manual"
+        found.append(Finding(Level.WARNING, device, f"{channel} gave no reading: {why}", fix))
     if latency.p50_s > period_s:
         fix = f"set period_s to {np.ceil(latency.p50_s * 120) / 100:g} or more, or find what makes it slow"
         found.append(Finding(Level.FAULT, device, f"slower than asked: {rates}", fix))

@@ -21,14 +21,20 @@ PARITIES = ("N", "E", "O")
 Ports = Callable[[str, LineTable, Clock], Port]
 
 
-def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock) -> LineTable | None:
-    """The line's table with the baud rate or parity at which a device answers, or of a socket the framing of Modbus;
-    None when it does at none."""
+def other_settings(
+    bench: Bench, device: str, ports: Ports, clock: Clock, other_numbers: bool = False
+) -> LineTable | None:
+    """The line's table with which a device answers: another baud rate or parity, or of a socket another framing of
+    Modbus; None when it does with none.
+
+    `other_numbers`: whether its answers had another transaction number than the questions; that is tried first.
+    """
     name = bench.file.devices[device].line
     table = bench.file.lines[name]
     candidates: list[dict[str, int | str]]
     if table.kind == "tcp":
-        candidates = [{"framing": "tcp" if table.framing == "rtu" else "rtu"}]
+        candidates = [{"transaction_numbers": "any"}] if other_numbers else []
+        candidates += [{"framing": "tcp" if table.framing == "rtu" else "rtu"}]
     else:
         candidates = [{"baud": baud} for baud in BAUDS if baud != table.baud]
         candidates += [{"parity": parity} for parity in PARITIES if parity != table.parity]

@@ -16,7 +16,7 @@ import pydantic
 
 from configs import ConfigError, Strict
 from rig.bench.instrument import InstrumentError, InstrumentFile, Positive
-from rig.instruments.ascii import NUMBER, ends_with
+from rig.instruments.ascii import NUMBER, ask_text, ends_with
 from rig.instruments.codecs.values import Value, joined, printable
 from rig.instruments.placing import refuse_keyboard
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
@@ -146,9 +146,9 @@ class Alicat(Polled):
 
     checked = False
 
-    def __init__(self, device: str, settings: Settings, address: str) -> None:
+    def __init__(self, device: str, settings: Settings, address: str, echo: bool) -> None:
         super().__init__(device, settings.channels, settings)
-        self.settings = settings
+        self.settings, self._echo = settings, echo
         self.address = address
 
     def ask(self, line: Line) -> Answer:
@@ -170,7 +170,7 @@ class Alicat(Polled):
     def _frame(self, line: Line, question: str) -> tuple[dict[str, str], tuple[str, ...], Reply]:
         """One question, and the frame that answers it."""
         request = question.encode("ascii") + END
-        reply = line.ask(request, ends_with(END, MOST_BYTES), timing_of(self.settings, line))
+        reply = ask_text(line, request, ends_with(END, MOST_BYTES), timing_of(self.settings, line), self._echo)
         try:
             text = reply.data.removesuffix(END).decode("ascii", errors="replace").strip("\n\0 ")
             return *decode(text, self.address, self.settings.layout), reply
@@ -182,8 +182,8 @@ class Alicat(Polled):
 class AlicatController(Alicat):
     """An Alicat controller: a device with a set-point. `settings`: its file, with a ``[setpoint]``."""
 
-    def __init__(self, device: str, settings: Settings, address: str) -> None:
-        super().__init__(device, settings, address)
+    def __init__(self, device: str, settings: Settings, address: str, echo: bool) -> None:
+        super().__init__(device, settings, address, echo)
         self.setpoint = cast(TextSetpoint, settings.setpoint)
         self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
 
@@ -220,4 +220,5 @@ def build(device: str, settings: InstrumentFile, place: Place) -> Alicat:
     address = place.table.address
     if not re.fullmatch("[A-Z]", address):
         raise ConfigError(f"devices.{device}.address: '{printable(address)}' is no unit; it is one letter, A to Z")
-    return Alicat(device, chosen, address) if chosen.setpoint is None else AlicatController(device, chosen, address)
+    kind = Alicat if chosen.setpoint is None else AlicatController
+    return kind(device, chosen, address, place.line.echo)

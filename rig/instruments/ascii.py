@@ -5,6 +5,7 @@ Text has no checksum: a value counts as checked when two polls in a row agree. A
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, cast
@@ -17,8 +18,8 @@ from rig.instruments.codecs.streaming import Stream, cut_lines
 from rig.instruments.codecs.values import Value, printable
 from rig.instruments.placing import refuse_keyboard
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
-from rig.lines import BadReplyError, Line
-from rig.lines.line import Complete, Reply
+from rig.lines import BadReplyError, Line, Timing
+from rig.lines.line import ECHOES, Complete, Reply
 from rig.readings import Quality, scpi_number
 
 if TYPE_CHECKING:
@@ -109,17 +110,40 @@ def ends_with(terminator: bytes, most_bytes: int) -> Complete:
     return complete
 
 
+def ask_text(line: Line, request: bytes, complete: Complete, timing: Timing, echo: bool) -> Reply:
+    """Ask a question in text and return the answer, without the question's echo, which is told once.
+
+    `complete`: tells where the answer ends. `echo`: whether the bench file expects the echo, so that it is not told.
+    Raises as `Line.ask`.
+    """
+
+    def after_echo(buffer: bytes) -> int | None:
+        begin = len(request) if buffer.startswith(request) else 0
+        if not begin and request.startswith(buffer):
+            return None
+        length = complete(buffer[begin:])
+        return None if length is None else begin + length
+
+    reply = line.ask(request, after_echo, timing)
+    if not reply.data.startswith(request):
+        return reply
+    if not echo:
+        line.remark(ECHOES)
+    return dataclasses.replace(reply, data=reply.data[len(request) :])
+
+
 class AsciiDevice(Polled):
     """A generic device that answers, or sends, lines of text.
 
     `serial_number`: of the bench file; empty when any will do.
+    `echo`: as of `ask_text`.
     """
 
     checked = False
 
-    def __init__(self, device: str, settings: Settings, serial_number: str) -> None:
+    def __init__(self, device: str, settings: Settings, serial_number: str, echo: bool = False) -> None:
         super().__init__(device, settings.channels, settings)
-        self.settings = settings
+        self.settings, self._echo = settings, echo
         self._serial_number = serial_number
         self._end = settings.terminator.encode("ascii")
         self._pattern = re.compile(settings.pattern)
@@ -163,7 +187,7 @@ class AsciiDevice(Polled):
     def _question(self, line: Line, query: str) -> Reply:
         complete = ends_with(self._end, self.settings.most_bytes)
         try:
-            return line.ask(query.encode("ascii"), complete, timing_of(self.settings, line))
+            return ask_text(line, query.encode("ascii"), complete, timing_of(self.settings, line), self._echo)
         except BadReplyError:
             line.drop()
             raise
@@ -183,4 +207,4 @@ def build(device: str, settings: InstrumentFile, place: Place) -> AsciiDevice:
     """The driver of a generic ASCII device."""
     chosen = cast(Settings, settings)
     refuse_keyboard(device, place)
-    return AsciiDevice(device, chosen, place.table.serial_number)
+    return AsciiDevice(device, chosen, place.table.serial_number, place.line.echo)

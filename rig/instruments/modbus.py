@@ -1,42 +1,79 @@
 """A Modbus device described by its file alone: registers, types, scales, and at most one register that may be written.
 
-Every poll reads one and the same block, so an answer that comes late can be old but never another quantity.
+A poll reads the same blocks always: one where the map allows it. Each has its own times. After a question without an
+answer the next poll begins with the same block, so an answer that comes late can be old but never another quantity.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, cast
 
 import pydantic
 
 from configs import Strict
 from rig.bench.instrument import ChannelFile, IdentityError, InstrumentError, InstrumentFile, Positive
-from rig.instruments.codecs.registers import Kind, WordOrder, number_of, width_of, words_of
+from rig.instruments.codecs.blocks import Span, Table, blocks_of
+from rig.instruments.codecs.registers import ORDERS, Kind, Order, is_float, number_of, width_of, words_of
 from rig.instruments.codecs.values import Value, joined
 from rig.instruments.placing import modbus_unit
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
 from rig.instruments.setting import set_and_read_back
-from rig.lines import Line
-from rig.lines.modbus import MOST_REGISTERS, READ_HOLDING, READ_INPUT, WRITE_MANY, WRITE_ONE, registers_of
-from rig.readings import Quality
+from rig.lines import BadReplyError, Line, NoReplyError
+from rig.lines.line import Reply
+from rig.lines.modbus import (
+    MOST_REGISTERS,
+    READ_HOLDING,
+    READ_INPUT,
+    WRITE_MANY,
+    WRITE_ONE,
+    RefusedError,
+    registers_of,
+)
+from rig.readings import NS, Quality
 
 if TYPE_CHECKING:
     from rig.bench.bench import Place
 
 Register = Annotated[int, pydantic.Field(ge=0, le=65535)]  # address as on the wire, from 0: "40001" is 0
 Factor = Annotated[float, pydantic.Field(ge=-1e12, le=1e12)]
+MOST_LATE = 3.0  # times `slowest_reply_s`: so late an answer may come against what the file says
+FUNCTIONS = {"holding": READ_HOLDING, "input": READ_INPUT}
+
+Image = Mapping[tuple[Table, int], int]  # registers by table and address
 
 
-class RegisterChannel(ChannelFile):
-    """A quantity in registers: value = scale * number + offset."""
+class RegisterNumber(Strict):
+    """A number in registers: value = scale * number + offset."""
 
     address: Register
     type: Kind
-    word_order: WordOrder = "big"
+    word_order: Order = "big"
+    byte_order: Order = "big"  # within a register
     scale: Factor = 1.0
     offset: Factor = 0.0
+
+    @property
+    def width(self) -> int:
+        """How many registers [-]."""
+        return width_of(self.type)
+
+    def number(self, words: Sequence[int]) -> int | float:
+        """The number as it came, before scale and offset."""
+        return number_of(words, self.type, self.word_order, self.byte_order)
+
+    def words(self, value: float) -> tuple[int, ...]:
+        """A value as registers. Raises ValueError when it does not fit."""
+        return words_of((value - self.offset) / self.scale, self.type, self.word_order, self.byte_order)
+
+
+class RegisterChannel(ChannelFile, RegisterNumber):
+    """A quantity in registers."""
+
+    registers: Table | None = None  # the file's when left out
     over_range: list[int] = pydantic.Field(default_factory=list)  # raw numbers that stand for a state, not for a value
     under_range: list[int] = pydantic.Field(default_factory=list)
     invalid: list[int] = pydantic.Field(default_factory=list)
@@ -46,18 +83,14 @@ class Check(Strict):
     """A register that must hold one of some values: a model number, a unit, a count of decimals."""
 
     address: Register
+    registers: Table | None = None  # the file's when left out
     values: Annotated[list[Register], pydantic.Field(min_length=1, max_length=32)]
     meaning: str
 
 
-class Setpoint(Strict):
-    """The one register, or pair, that may be written."""
+class Setpoint(RegisterNumber):
+    """The one number that may be written, in holding registers."""
 
-    address: Register
-    type: Kind
-    word_order: WordOrder = "big"
-    scale: Factor = 1.0
-    offset: Factor = 0.0
     unit: str
     lowest: float
     highest: float
@@ -68,23 +101,25 @@ class Setpoint(Strict):
 class Settings(PolledFile):
     """The keys of a generic Modbus device."""
 
-    registers: Literal["holding", "input"] = "holding"  # function 3 or 4; one kind, as a poll is one question
+    registers: Table = "holding"  # function 3 or 4
     most_registers: Annotated[int, pydantic.Field(ge=1, le=MOST_REGISTERS)] = MOST_REGISTERS
+    largest_gap: Annotated[int, pydantic.Field(ge=0, le=MOST_REGISTERS)] | None = None  # see `blocks_of`
     channels: Annotated[dict[ChannelName, RegisterChannel], pydantic.Field(min_length=1, max_length=32)]
-    expect: list[Check] = pydantic.Field(default_factory=list)  # checked in every poll, within the block
+    expect: list[Check] = pydantic.Field(default_factory=list)  # checked in every poll
     identity: Check | None = None  # checked when the device is identified
     setpoint: Setpoint | None = None
 
     @pydantic.model_validator(mode="after")
-    def block_fits(self) -> Settings:
-        """Refuse a file whose channels do not fit one question."""
-        first, count = block_of(self)
-        if count > self.most_registers:
+    def registers_make_sense(self) -> Settings:
+        """Refuse a file whose registers a device cannot have."""
+        spans = {name: self.span(channel) for name, channel in self.channels.items()}
+        longest = max(spans, key=lambda name: spans[name].count)
+        if spans[longest].count > self.most_registers:
             raise ValueError(
-                f"the channels span registers {first} to {first + count - 1}, {count} in all; a poll reads one block "
-                f"of at most {self.most_registers}: split the device into two instrument files"
+                f"channels.{longest} has {spans[longest].count} registers, and most_registers allows "
+                f"{self.most_registers} in a question: a number is read in one"
             )
-        if first + count > 65536:
+        if max(span.end for span in spans.values()) > 65536:
             raise ValueError("a channel reaches beyond register 65535")
         if any(channel.scale == 0.0 for channel in self.channels.values()):
             raise ValueError("a channel's scale is 0; it would read the same always")
@@ -92,33 +127,49 @@ class Settings(PolledFile):
             raise ValueError("setpoint: scale is not 0, and lowest lies below highest")
         return self
 
+    def span(self, of: RegisterChannel | Check) -> Span:
+        """The registers of a channel or a check."""
+        width = of.width if isinstance(of, RegisterChannel) else 1
+        return Span(of.registers or self.registers, of.address, width)
 
-def block_of(settings: Settings) -> tuple[int, int]:
-    """First register and number of registers of the one block that a poll reads [-]."""
-    spans = [(channel.address, width_of(channel.type)) for channel in settings.channels.values()]
-    spans += [(check.address, 1) for check in settings.expect]
-    first = min(start for start, _ in spans)
-    return first, max(start + width for start, width in spans) - first
+    def blocks(self) -> tuple[Span, ...]:
+        """What a poll reads, each block with one question."""
+        wanted: Iterable[RegisterChannel | Check] = [*self.channels.values(), *self.expect]
+        return blocks_of(map(self.span, wanted), self.largest_gap, self.most_registers)
 
 
-def decode(settings: Settings, words: Sequence[int]) -> dict[str, Value]:
-    """The values of a block. By channel, limits not yet looked at."""
-    first, _ = block_of(settings)
-    wrong = [
-        f"register {check.address} holds {words[check.address - first]}, not {_either(check.values)}: {check.meaning}"
-        for check in settings.expect
-        if words[check.address - first] not in check.values
-    ]
-    if wrong:
-        return dict.fromkeys(settings.channels, Value(None, Quality.EXCEPTION, detail="; ".join(wrong)))
+def image_of(blocks: Mapping[Span, Sequence[int]]) -> dict[tuple[Table, int], int]:
+    """The registers of blocks that were read."""
     return {
-        name: _value(channel, words[channel.address - first :][: width_of(channel.type)])
-        for name, channel in settings.channels.items()
+        (block.table, address): word
+        for block, words in blocks.items()
+        for address, word in enumerate(words, block.first)
     }
 
 
+def decode(settings: Settings, image: Image) -> dict[str, Value]:
+    """The values of the channels whose registers were read, limits not yet looked at."""
+    wrong = [
+        f"register {check.address} holds {held}, not {_either(check.values)}: {check.meaning}"
+        for check in settings.expect
+        if (held := _words(settings.span(check), image)[0]) not in check.values
+    ]
+    if wrong:
+        return dict.fromkeys(settings.channels, Value(None, Quality.EXCEPTION, detail="; ".join(wrong)))
+    spans = {name: settings.span(channel) for name, channel in settings.channels.items()}
+    return {
+        name: _value(settings.channels[name], _words(span, image))
+        for name, span in spans.items()
+        if (span.table, span.first) in image
+    }
+
+
+def _words(span: Span, image: Image) -> tuple[int, ...]:
+    return tuple(image[span.table, address] for address in range(span.first, span.end))
+
+
 def _value(channel: RegisterChannel, words: Sequence[int]) -> Value:
-    number = number_of(words, channel.type, channel.word_order)
+    number = channel.number(words)
     raw = repr(number)
     if number in channel.invalid:
         return Value(None, Quality.EXCEPTION, raw, f"the device reports a fault: {raw}")
@@ -130,36 +181,134 @@ def _value(channel: RegisterChannel, words: Sequence[int]) -> Value:
     return Value(channel.scale * number + channel.offset, raw=raw)
 
 
+@dataclass(frozen=True)
+class InAllOrders:
+    """What a channel of several registers reads in each order of its bytes. `values`: by the order's name, ABCD."""
+
+    channel: str
+    registers: Span
+    chosen: str
+    values: dict[str, float]
+
+
 class ModbusDevice(Polled):
     """A generic Modbus device that is only read."""
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
         super().__init__(device, settings.channels, settings)
         self.settings = settings
+        self.blocks = settings.blocks()
+        spans = {name: settings.span(channel) for name, channel in settings.channels.items()}
+        self._block_of = {
+            name: next(i for i, block in enumerate(self.blocks) if block.holds(span)) for name, span in spans.items()
+        }
         self._unit = modbus_unit(device, place)
-        self._function = READ_HOLDING if settings.registers == "holding" else READ_INPUT
+        self._next = 0  # the block that is asked for first: that of a question without an answer
+        self._late_ns: dict[tuple[Table, int], int] = {}  # until when an answer of so many registers may be late
 
     def ask(self, line: Line) -> Answer:
-        """Read the block once."""
-        words, reply = self._unit.read(line, *block_of(self.settings), timing_of(self.settings, line), self._function)
-        return Answer(decode(self.settings, words), registers_of(words), reply.request_ns, reply.reply_ns)
+        """Read each block once; a block that is refused costs its own channels."""
+        read, refused = self._read(line)
+        checks = map(self.settings.span, self.settings.expect)
+        needed = {i for check in checks for i, block in enumerate(self.blocks) if block.holds(check)}
+        if not read or needed & refused.keys():
+            raise next(iter(refused.values()))
+        found = decode(self.settings, self._image(read))
+        replies = {name: read[i][1] for name, i in self._block_of.items() if i in read}
+        for name, i in self._block_of.items():
+            value = found[name] if i in read else Value(None, Quality.EXCEPTION, detail=str(refused[i]))
+            found[name] = self._of_block(i, value, replies[name].request_ns if i in read else 0)
+        return Answer(
+            found,
+            b"".join(registers_of(read[i][0]) for i in sorted(read)),
+            min(reply.request_ns for reply in replies.values()),
+            max(reply.reply_ns for reply in replies.values()),
+            times={name: (reply.request_ns, reply.reply_ns) for name, reply in replies.items()},
+        )
 
     def identify(self, line: Line) -> str:
-        """Check the identity register, where the file names one, and that the block can be read."""
-        answer = repeated(lambda: self.ask(line), 1)
-        faults = {value.detail for value in answer.found.values() if value.quality is Quality.EXCEPTION}
+        """Check the identity register, where the file names one, and that every block can be read."""
+        read, refused = repeated(lambda: self._read(line), 1)
+        if refused:
+            raise next(iter(refused.values()))
+        found = decode(self.settings, self._image(read))
+        faults = "; ".join(sorted({value.detail for value in found.values() if value.quality is Quality.EXCEPTION}))
         who = f"{self.settings.title} at unit {self._unit.unit}"
         check = self.settings.identity
         if check is None:
-            return joined(f"{who} (its block reads; it does not tell who it is)", "; ".join(sorted(faults)))
-        timing = timing_of(self.settings, line)
-        words, _ = repeated(lambda: self._unit.read(line, check.address, 1, timing, self._function), 1)
+            return joined(f"{who} ({self._what_reads()}; it does not tell who it is)", faults)
+        timing, place = timing_of(self.settings, line), self.settings.span(check)
+        words, _ = repeated(lambda: self._unit.read(line, place.first, 1, timing, FUNCTIONS[place.table]), 1)
         if words[0] not in check.values:
             raise IdentityError(
                 f"{self.device}: register {check.address} of unit {self._unit.unit} holds {words[0]}, not "
                 f"{_either(check.values)} ({check.meaning}): this is not a {self.settings.title}"
             )
-        return joined(f"{who} ({check.meaning}: {words[0]})", "; ".join(sorted(faults)))
+        blocks = f"; {self._what_reads()}" if len(self.blocks) > 1 else ""
+        return joined(f"{who} ({check.meaning}: {words[0]}{blocks})", faults)
+
+    def in_all_orders(self, line: Line) -> InAllOrders | None:
+        """Read anew, and show a channel of several registers in every order; None where there is none.
+
+        The first whose orders differ. Raises LineError when nobody answers.
+        """
+        read, _ = repeated(lambda: self._read(line), 1)
+        image = self._image(read)
+        shown = [
+            _in_all_orders(name, channel, self.settings.span(channel), image)
+            for name, channel in self.settings.channels.items()
+            if channel.width > 1 and self._block_of[name] in read
+        ]
+        return next((found for found in shown if len(set(found.values.values())) > 1), shown[0] if shown else None)
+
+    def _read(self, line: Line) -> tuple[dict[int, tuple[tuple[int, ...], Reply]], dict[int, RefusedError]]:
+        """Ask for each block: the registers and times of those that were answered, and why the others were refused."""
+        timing = timing_of(self.settings, line)
+        read, refused = {}, {}
+        count = len(self.blocks)
+        for i in [(self._next + step) % count for step in range(count)]:
+            block, self._next = self.blocks[i], i
+            try:
+                read[i] = self._unit.read(line, block.first, block.count, timing, FUNCTIONS[block.table])
+            except RefusedError as error:
+                refused[i] = error
+            except (NoReplyError, BadReplyError):
+                self._late_ns[block.table, block.count] = line.heard_ns + int(MOST_LATE * timing.slowest_reply_s * NS)
+                raise
+        self._next = 0
+        return read, refused
+
+    def _image(self, read: Mapping[int, tuple[tuple[int, ...], Reply]]) -> Image:
+        return image_of({self.blocks[i]: words for i, (words, _) in read.items()})
+
+    def _of_block(self, i: int, value: Value, request_ns: int) -> Value:
+        """A value with the block it came in, where there are several: its time is that of this block.
+
+        Not verified while it could be another's: an answer to another block of the same length may still be late.
+        """
+        if len(self.blocks) == 1:
+            return value
+        detail, block = f"block {i + 1} of {len(self.blocks)}", self.blocks[i]
+        alike = sum((other.table, other.count) == (block.table, block.count) for other in self.blocks)
+        is_late = request_ns < self._late_ns.get((block.table, block.count), 0)
+        if alike > 1 and is_late and not self._unit.has_numbers and value.quality is Quality.OK:
+            value = dataclasses.replace(value, quality=Quality.UNVERIFIED)
+            detail += "; a late answer of a block as long may pass for it"
+        return dataclasses.replace(value, detail=joined(value.detail, detail))
+
+    def _what_reads(self) -> str:
+        if len(self.blocks) == 1:
+            return "its block reads"
+        return f"its {len(self.blocks)} blocks read: {', '.join(map(str, self.blocks))}"
+
+
+def _in_all_orders(name: str, channel: RegisterChannel, span: Span, image: Image) -> InAllOrders:
+    words = _words(span, image)
+    values = {
+        order: channel.scale * number_of(words, channel.type, *how) + channel.offset for order, how in ORDERS.items()
+    }
+    chosen = next(order for order, how in ORDERS.items() if how == (channel.word_order, channel.byte_order))
+    return InAllOrders(name, span, chosen, values)
 
 
 class ModbusRegulator(ModbusDevice):
@@ -173,16 +322,14 @@ class ModbusRegulator(ModbusDevice):
     def write(self, line: Line, value: float) -> float:
         """Order a set-point and return what the device reads back."""
         timing, table = timing_of(self.settings, line), self.setpoint
-        width = width_of(table.type)
 
         def order() -> None:
-            words = words_of((value - table.offset) / table.scale, table.type, table.word_order)
-            function = WRITE_MANY if table.many or width > 1 else WRITE_ONE
-            self._unit.write(line, table.address, words, function, timing)
+            function = WRITE_MANY if table.many or table.width > 1 else WRITE_ONE
+            self._unit.write(line, table.address, table.words(value), function, timing)
 
         def read_back() -> float:
-            words, _ = self._unit.read(line, table.address, width, timing)
-            return table.scale * number_of(words, table.type, table.word_order) + table.offset
+            words, _ = self._unit.read(line, table.address, table.width, timing)
+            return table.scale * table.number(words) + table.offset
 
         try:
             limits = (self.lowest, self.highest)
@@ -200,7 +347,7 @@ class ModbusRegulator(ModbusDevice):
     def _tolerance(self, value: float) -> float:
         if self.setpoint.tolerance is not None:
             return self.setpoint.tolerance
-        if self.setpoint.type == "f32":
+        if is_float(self.setpoint.type):
             return 1e-6 * max(abs(self.highest), abs(self.lowest), abs(value))
         return 0.5001 * abs(self.setpoint.scale)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from configs import ConfigError
 from rig.lines import Line, Timing
 from rig.lines.line import Reply
-from rig.lines.modbus import READ_HOLDING, Request, exchange
+from rig.lines.modbus import READ_HOLDING, STANDARD, Habits, Request, exchange
 
 if TYPE_CHECKING:
     from rig.bench.bench import Place
@@ -22,16 +22,22 @@ class ModbusUnit:
 
     unit: int
     framing: str
+    habits: Habits = STANDARD
+
+    @property
+    def has_numbers(self) -> bool:
+        """Whether an answer tells which question it answers."""
+        return self.framing == "tcp" and not self.habits.any_number
 
     def read(
         self, line: Line, first: int, count: int, timing: Timing, function: int = READ_HOLDING
     ) -> tuple[tuple[int, ...], Reply]:
         """Read a block of registers once. `first`, `count`: first register as on the wire, and how many [-]."""
-        return exchange(line, self.framing, Request(self.unit, function, first, count), timing)
+        return exchange(line, self.framing, Request(self.unit, function, first, count), timing, self.habits)
 
     def write(self, line: Line, first: int, values: tuple[int, ...], function: int, timing: Timing) -> None:
         """Write registers once."""
-        exchange(line, self.framing, Request(self.unit, function, first, len(values), values), timing)
+        exchange(line, self.framing, Request(self.unit, function, first, len(values), values), timing, self.habits)
 
 
 def modbus_unit(device: str, place: Place) -> ModbusUnit:
@@ -47,7 +53,9 @@ def modbus_unit(device: str, place: Place) -> ModbusUnit:
         raise ConfigError(f"devices.{device}.unit_id: the key is missing; a Modbus device needs it (1 to 247)")
     if framing == "rtu" and not FIRST_UNIT <= unit <= LAST_UNIT:
         raise ConfigError(f"devices.{device}.unit_id: {unit} is no unit of an RTU bus; it is 1 to 247")
-    return ModbusUnit(unit, framing)
+    if place.line.echo and framing == "tcp":
+        raise ConfigError(f"lines.{place.table.line}.echo: is of a serial bus, and this is Modbus TCP; take it out")
+    return ModbusUnit(unit, framing, Habits(place.line.echo, place.line.transaction_numbers == "any"))
 
 
 def refuse_keyboard(device: str, place: Place) -> None:

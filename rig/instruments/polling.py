@@ -46,6 +46,7 @@ class Answer:
     `block`: what tells a repeated value from a new one: all that the device said about its channels.
     `request_ns`, `reply_ns`: on the bench's clock [ns].
     `time_ns`: when the quantities were sampled [ns]; between question and answer when left out.
+    `times`: of a device that is read in several questions: when a channel's own was asked and answered [ns].
     """
 
     found: Mapping[str, Value]
@@ -53,6 +54,13 @@ class Answer:
     request_ns: int
     reply_ns: int
     time_ns: int | None = None
+    times: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    def times_of(self, channel: str, retries: int) -> Times:
+        """The times of a channel's reading."""
+        request_ns, reply_ns = self.times.get(channel, (self.request_ns, self.reply_ns))
+        time_ns = (request_ns + reply_ns) // 2 if self.time_ns is None else self.time_ns
+        return Times(time_ns, request_ns, reply_ns, retries)
 
 
 @dataclass
@@ -117,9 +125,10 @@ class Polled(abc.ABC):
             found = {name: self._confirmed(name, value) for name, value in found.items()}
             self._memory.last = {name: value.value for name, value in found.items() if value.value is not None}
         found = self._aged(found, answer)
-        time_ns = (answer.request_ns + answer.reply_ns) // 2 if answer.time_ns is None else answer.time_ns
-        times = Times(time_ns, answer.request_ns, answer.reply_ns, retries)
-        return [reading_of(self.device, name, self.channels[name], value, times) for name, value in found.items()]
+        return [
+            reading_of(self.device, name, self.channels[name], value, answer.times_of(name, retries))
+            for name, value in found.items()
+        ]
 
     def _confirmed(self, name: str, value: Value) -> Value:
         """Unverified, unless the poll before gave the same."""

@@ -22,6 +22,10 @@ from rig.readings import NS, Event, Quality
 # A virtual bench that runs faster than real time still shares a machine with everything else: no wait is shorter.
 LEAST_REAL_WAIT_S = 0.5
 MOST_REPLY_BYTES = 4096  # more than any reply of a device known here; a babbling line is cut off there
+ECHOES = (
+    "each question comes back before its answer, as from an RS-485 adapter that hears itself: write echo = true at "
+    "this line in the bench file, so that no echo is taken for the answer to a set-point"
+)
 MOST_DRAIN_S = 2.0  # a line that never falls silent is a stream or a fault
 
 
@@ -68,9 +72,11 @@ class Line:
         self.clock = clock
         self.timing = timing or Timing()
         self.transactions = 0  # questions since the line was opened: the transaction number of Modbus TCP
+        self.echoes = False  # whether the last question that could tell came back before its answer
         self.asked_ns = 0  # when something was last sent, and when a wait for bytes last ended: the times of a failure
         self.heard_ns = 0
         self._events: list[Event] = []
+        self._remarks: dict[str, bool] = {}  # what a person should know: whether it was told
         self._not_before_ns = 0  # no question before this time: an answer to an earlier one may still come
         self._slowest_ns = 0  # until when an answer to the last question may come
         self._dirty = False
@@ -79,7 +85,7 @@ class Line:
     def open(self) -> None:
         """Open the port and forget what was; the line starts clean."""
         self.transactions = 0
-        self._dirty = self._doubtful = False
+        self._dirty = self._doubtful = self.echoes = False
         try:
             self.port.open()
         except LostError as error:
@@ -95,6 +101,16 @@ class Line:
         taken = tuple(self._events)
         self._events.clear()
         return taken
+
+    def remark(self, text: str) -> None:
+        """Keep what a person should know of the line; the same is told once."""
+        self._remarks.setdefault(text, False)
+
+    def take_remarks(self) -> list[str]:
+        """What is not told yet."""
+        untold = [text for text, is_told in self._remarks.items() if not is_told]
+        self._remarks.update(dict.fromkeys(untold, True))
+        return untold
 
     def ask(
         self, request: bytes, complete: Complete, timing: Timing | None = None, spoiled: Complete | None = None
@@ -123,7 +139,7 @@ class Line:
                 if length is not None:
                     break
                 self._doubtful = True
-                raise NoReplyError(self._too_little(buffer, timing))
+                raise NoReplyError(self._too_little(request, buffer, timing))
             reply_ns = heard_ns
             buffer += data
             length = complete(buffer)
@@ -163,6 +179,22 @@ class Line:
         self._dirty = True
         self._not_before_ns = max(self._not_before_ns, self._slowest_ns)
 
+    def look(self) -> None:
+        """See whether bytes are there before a question is asked: they answer none, and are drained first."""
+        time_ns, data = self._read(self.clock.now_ns())
+        if data:
+            self._events.append(Event("rx", time_ns, data))
+            self._dirty = True
+
+    def renew(self) -> None:
+        """Close and open the port, so that what is still on its way does not come. Raises LostError."""
+        try:
+            self.port.close()
+            self.port.open()
+        except LostError as error:
+            self._keep_lost(error)
+            raise
+
     def _expect_no_second(self, request_ns: int, timing: Timing) -> None:
         """After a timeout: the first answer is the right one only when none comes after it."""
         self._doubtful = False
@@ -185,12 +217,15 @@ class Line:
         self.asked_ns = time_ns
         return time_ns
 
-    def _receive(self, until_ns: int) -> tuple[int, bytes]:
+    def _read(self, until_ns: int) -> tuple[int, bytes]:
         try:
-            time_ns, data = self.port.read(until_ns)
+            return self.port.read(until_ns)
         except LostError as error:
             self._keep_lost(error)
             raise
+
+    def _receive(self, until_ns: int) -> tuple[int, bytes]:
+        time_ns, data = self._read(until_ns)
         self._events.append(Event("rx" if data else "silence", time_ns, data))
         self.heard_ns = time_ns
         return time_ns, data
@@ -215,6 +250,8 @@ class Line:
     def _keep_lost(self, error: LostError) -> None:
         self._events.append(Event("lost", self.clock.now_ns(), str(error).encode()))
 
-    def _too_little(self, buffer: bytes, timing: Timing) -> str:
+    def _too_little(self, request: bytes, buffer: bytes, timing: Timing) -> str:
         came = f"{len(buffer)} bytes ({buffer[:16].hex(' ')}) and then nothing" if buffer else "nothing"
+        if buffer.endswith(request):
+            came = "its own question, as an echo, and no answer"
         return f"line {self.name}: {came} within {self._wait_ns(timing.timeout_s) / NS:g} s"

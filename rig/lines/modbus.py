@@ -6,6 +6,7 @@ byte count and, over TCP, the transaction number; pymodbus takes an answer of an
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,8 +20,8 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from rig.lines.line import Complete, Line, Reply, Timing
-from rig.lines.port import BadReplyError
+from rig.lines.line import ECHOES, Complete, Line, Reply, Timing
+from rig.lines.port import BadReplyError, NoReplyError
 from rig.readings import Quality
 
 READ_COILS, READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 1, 3, 4, 6, 16
@@ -39,9 +40,26 @@ EXCEPTIONS = {
     10: "gateway path unavailable",
     11: "gateway target does not respond",
 }
-BUSY = (5, 6, 10, 11)
+GATEWAY = (10, 11)
+BUSY = (5, 6, *GATEWAY)
 _RTU = FramerRTU(DecodePDU(False))
 _TCP = FramerSocket(DecodePDU(False))
+
+
+@dataclass(frozen=True, slots=True)
+class Habits:
+    """How a line departs from the standard.
+
+    `echo`: each question comes back before its answer. `any_number`: over TCP, answers do not repeat the question's
+    number; one that comes late is then told from another by a new connection alone.
+    """
+
+    echo: bool = False
+    any_number: bool = False
+
+
+STANDARD = Habits()
+NO_ECHO = "the bench file says echo = true, and no question comes back: take the key out, or set-points go unconfirmed"
 
 
 class RefusedError(BadReplyError):
@@ -55,6 +73,13 @@ class RefusedError(BadReplyError):
     def is_busy(self) -> bool:
         """Whether it may do later what was asked, as a device that starts: it is no other model."""
         return self.code in BUSY
+
+    @property
+    def while_busy(self) -> str:
+        """What to do about a device that stays busy."""
+        if self.code in GATEWAY:
+            return "the gateway answers, the device behind it does not: see its power, its cable and its unit_id"
+        return "wait until it has started, or see what keeps it busy; try again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +112,10 @@ def encode(request: Request, framing: str, transaction: int) -> bytes:
     return (_RTU if framing == "rtu" else _TCP).buildFrame(pdu)
 
 
-def length_of(request: Request, framing: str) -> Complete:
+def length_of(request: Request, framing: str, echo: bool = False) -> Complete:
     """What tells where the answer to a question ends.
 
+    `echo`: whether the question comes back first, so that what reads like it is no answer yet.
     It takes the bytes so far and gives how many of them end with the frame, or None while more are needed.
     """
     if framing == "tcp":
@@ -106,14 +132,26 @@ def length_of(request: Request, framing: str) -> Complete:
 
     def rtu_length(buffer: bytes) -> int | None:
         """Up to the end of the answer, or of any whole frame that stands at the start."""
-        found = _answer_in(request, buffer)
+        found = _answer_in(request, buffer, echo)
         if found is not None:
             return found[1]
         whole = _good_bytes(request, buffer)
         is_frame = whole is not None and len(buffer) >= whole and _is_whole(buffer[:whole])
-        return whole if is_frame and buffer[:whole] != encode(request, framing, 0)[:whole] else None
+        return whole if is_frame and buffer[:whole] != _rtu_question(request)[:whole] else None
 
     return rtu_length
+
+
+@functools.lru_cache(maxsize=256)
+def _rtu_question(request: Request) -> bytes:
+    return encode(request, "rtu", 0)
+
+
+def _after_echo(request: Request, buffer: bytes) -> int:
+    """Where the question's echo ends, before which a stray byte or two may stand; 0 where there is none."""
+    question = _rtu_question(request)
+    begin = buffer.find(question, 0, len(question) + MOST_STRAY)
+    return 0 if begin < 0 else begin + len(question)
 
 
 def _good_bytes(request: Request, frame: bytes) -> int | None:
@@ -131,13 +169,17 @@ def _is_whole(frame: bytes) -> bool:
     return bool(_RTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big")))
 
 
-def _answer_in(request: Request, buffer: bytes) -> tuple[int, int] | None:
+def _answer_in(request: Request, buffer: bytes, echo: bool = False) -> tuple[int, int] | None:
     """Where an RTU answer begins and ends. Before it may stand the question's echo, and a stray byte or two.
 
-    An answer has the question's unit and function, its number of bytes, and a CRC that is right.
+    An answer has the question's unit and function, its number of bytes, and a CRC that is right. To the order to write
+    one register it is the question itself: where an echo comes, it is the second.
     """
-    echo = 9 + 2 * len(request.values) if request.function == WRITE_MANY else 8
-    for begin in range(min(echo + MOST_STRAY, max(len(buffer) - 4, 0)) + 1):
+    after = _after_echo(request, buffer)
+    if echo and not after and request.function == WRITE_ONE:
+        return None
+    first = after if echo or request.function != WRITE_ONE else 0
+    for begin in range(first, min(first + MOST_STRAY, max(len(buffer) - 4, 0)) + 1):
         frame = buffer[begin:]
         length = _good_bytes(request, frame)
         if length is None or len(frame) < length or frame[0] != request.unit:
@@ -158,15 +200,17 @@ def _spoiled(request: Request, framing: str) -> Complete:
         return lambda buffer: len(buffer) if _answer_in(request, buffer) else None
 
     def length(buffer: bytes) -> int | None:
-        whole = _good_bytes(request, buffer)
-        return whole if whole is not None and len(buffer) >= whole else None
+        after = _after_echo(request, buffer)
+        whole = _good_bytes(request, buffer[after:])
+        return after + whole if whole is not None and len(buffer) >= after + whole else None
 
     return length
 
 
-def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tuple[int, ...]:
+def decode(request: Request, framing: str, transaction: int | None, frame: bytes) -> tuple[int, ...]:
     """The registers, or coils, of an answer.
 
+    `transaction`: the question's number, over TCP; any number will do when None.
     Returns registers (0-65535) or coils (0 or 1) [-]; empty for an answer to a write. Raises BadReplyError when the
     frame is damaged, or answers another question; RefusedError when the device answered with an exception.
     """
@@ -184,8 +228,12 @@ def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tu
         if frame[2:4] != b"\0\0":
             raise BadReplyError(f"{asked}: not Modbus TCP: {frame[:16].hex(' ')}")
         answered = int.from_bytes(frame[:2], "big")
-        if answered != transaction:
-            raise BadReplyError(f"{asked}: the answer to question {answered}, not to {transaction}", Quality.STALE)
+        if transaction is not None and answered != transaction:
+            raise BadReplyError(
+                f"{asked}: the answer to question {answered}, not to {transaction}: a late one; if all are like it, "
+                'write transaction_numbers = "any" at this line in the bench file',
+                Quality.STALE,
+            )
         unit, body = frame[6], frame[MBAP_BYTES:]
     if unit != request.unit:
         raise BadReplyError(f"{asked}: unit {unit} answers")
@@ -204,7 +252,9 @@ def decode(request: Request, framing: str, transaction: int, frame: bytes) -> tu
     return tuple(int.from_bytes(body[i : i + 2], "big") for i in range(2, expected + 2, 2))
 
 
-def exchange(line: Line, framing: str, request: Request, timing: Timing | None = None) -> tuple[tuple[int, ...], Reply]:
+def exchange(
+    line: Line, framing: str, request: Request, timing: Timing | None = None, habits: Habits = STANDARD
+) -> tuple[tuple[int, ...], Reply]:
     """Ask once, and return the registers with the times. There is no retry here: that is the driver's to decide.
 
     `timing`: the device's own; the line's when left out.
@@ -213,17 +263,33 @@ def exchange(line: Line, framing: str, request: Request, timing: Timing | None =
     """
     line.transactions += 1
     transaction = line.transactions & 0xFFFF
-    is_rtu = framing == "rtu"
-    question = encode(request, framing, transaction)
-    reply = line.ask(question, length_of(request, framing), timing, _spoiled(request, framing))
-    begin, _ = (_answer_in(request, reply.data) if is_rtu else None) or (0, 0)
+    is_rtu, any_number = framing == "rtu", habits.any_number and framing == "tcp"
+    question = _rtu_question(request) if is_rtu else encode(request, framing, transaction)
+    line.look()
     try:
-        return decode(request, framing, transaction, reply.data[begin:]), reply
+        complete = length_of(request, framing, habits.echo or line.echoes)
+        reply = line.ask(question, complete, timing, _spoiled(request, framing))
+        begin = _answer_begins(line, request, reply.data, habits.echo) if is_rtu else 0
+        return decode(request, framing, None if any_number else transaction, reply.data[begin:]), reply
     except RefusedError:
         raise
-    except BadReplyError:
-        line.drop()  # what is damaged may have a tail
+    except (NoReplyError, BadReplyError) as error:
+        if isinstance(error, BadReplyError):
+            line.drop()  # what is damaged may have a tail
+        if any_number:
+            line.renew()  # an answer that comes late has nowhere to go
         raise
+
+
+def _answer_begins(line: Line, request: Request, buffer: bytes, echo: bool) -> int:
+    """Where an RTU answer begins, or what came in its place; that there is an echo, or none, is told once."""
+    after = _after_echo(request, buffer)
+    found = _answer_in(request, buffer, echo or line.echoes)
+    if found and request.function != WRITE_ONE:
+        line.echoes = after > 0
+        if echo != line.echoes:
+            line.remark(NO_ECHO if echo else ECHOES)
+    return found[0] if found else after
 
 
 def registers_of(values: Sequence[int]) -> bytes:

@@ -1,5 +1,6 @@
 """The lines, over real bytes: question and answer on a pty and a socket, late replies, noise, and lost ports."""
 
+import contextlib
 import os
 import pty
 import random
@@ -65,8 +66,11 @@ class Slave(threading.Thread):
                 pending.remove(item)
                 os.write(self.master, item[1])
             if select.select([self.master], [], [], 0.001)[0]:
-                request = os.read(self.master, 256)
-                pending += [(time.monotonic() + delay, data) for delay, data in self.reply(request)]
+                came = os.read(self.master, 256)
+                # reads and single writes have 8 bytes: two that a busy machine hands over at once are two
+                apart = range(0, len(came), 8 if len(came) % 8 == 0 else len(came))
+                for request in [came[i : i + apart.step] for i in apart]:
+                    pending += [(time.monotonic() + delay, data) for delay, data in self.reply(request)]
                 pending.sort(key=lambda item: item[0])
 
     def end(self):
@@ -207,9 +211,57 @@ def test_noise_about_answers_that_may_be_late_gives_no_wrong_value(on_line):
 
 
 def test_the_echo_of_the_question_is_not_an_answer(on_line):
+    line = on_line(lambda request: [(0.0, b"\x00" + request)])
+    for address in REGISTERS:
+        with pytest.raises(NoReplyError, match="its own question, as an echo, and no answer"):
+            read(line, address)
+
+
+def write_one(line, habits, address=5, value=7):
+    return modbus.exchange(line, "rtu", modbus.Request(1, modbus.WRITE_ONE, address, 1, (value,)), None, habits)[0]
+
+
+def test_an_echo_is_told_once_with_the_key_that_expects_it(on_line):
+    line = on_line(lambda request: [(0.0, request + answer_of(request))])
+    assert [read(line, address) for address in REGISTERS] == [(111,), (222,), (333,)]
+    (text,) = line.take_remarks()
+    assert "write echo = true" in text
+    assert read(line, 0) == (111,)
+    assert line.take_remarks() == []
+
+
+ECHO = modbus.Habits(echo=True)
+
+
+def test_where_an_echo_is_expected_it_is_no_confirmation_of_a_write(on_line):
+    """The confirmation is the same bytes as the order, and so as the echo."""
     line = on_line(lambda request: [(0.0, request)])
-    with pytest.raises(BadReplyError):
-        read(line, 10)
+    with pytest.raises(NoReplyError, match="as an echo, and no answer"):
+        write_one(line, ECHO)
+    line = on_line(lambda request: [(0.0, b"\x00" + request), (0.01, request)])
+    assert write_one(line, ECHO) == ()
+    assert line.take_remarks() == []
+
+
+def test_where_an_echo_was_seen_it_is_no_confirmation_of_a_write_either(on_line):
+    line = on_line(lambda request: [(0.0, request + (answer_of(request) if request[1] == 3 else b""))])
+    assert read(line, 0) == (111,)
+    with pytest.raises(NoReplyError, match="as an echo, and no answer"):
+        write_one(line, modbus.STANDARD)
+
+
+def test_where_an_echo_is_expected_and_none_comes_that_is_told_and_answers_are_read(on_line):
+    line = on_line(lambda request: [(0.0, answer_of(request))])
+    assert modbus.exchange(line, "rtu", modbus.Request(1, modbus.READ_HOLDING, 10), None, ECHO)[0] == (222,)
+    (text,) = line.take_remarks()
+    assert "echo = true, and no question comes back" in text
+
+
+def test_an_answer_that_comes_twice_is_not_taken_for_the_next(on_line):
+    line = on_line(lambda request: [(0.0, answer_of(request)), (0.01, answer_of(request))])
+    for address in (0, 10, 20, 0, 10, 20):
+        assert read(line, address) == (REGISTERS[address],)
+        time.sleep(0.03)
 
 
 def test_after_a_timeout_the_late_reply_is_thrown_away(on_line):
@@ -359,6 +411,132 @@ def test_the_answer_to_another_question_is_stale_over_tcp(on_socket):
     with pytest.raises(BadReplyError, match="the answer to question 4095, not to 1") as refused:
         modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0))
     assert refused.value.quality is Quality.STALE
+
+
+def other_number(how):
+    """Transaction numbers of devices that do not repeat them."""
+    return {
+        "zero": lambda number: b"\0\0",
+        "swapped": lambda number: number[::-1],
+        "next": lambda number: (int.from_bytes(number, "big") + 1).to_bytes(2, "big"),
+        "last": lambda number: (int.from_bytes(number, "big") - 1).to_bytes(2, "big"),
+    }[how]
+
+
+ANY = modbus.Habits(any_number=True)
+
+
+@pytest.mark.parametrize("how", ["zero", "swapped", "next", "last"])
+def test_other_transaction_numbers_are_an_error_that_names_the_key_and_with_it_answers(on_socket, how):
+    line = on_socket(lambda request: tcp_reply(request, [7], other_number(how)(request[:2])))
+    request = modbus.Request(1, modbus.READ_HOLDING, 0)
+    with pytest.raises(BadReplyError, match='write transaction_numbers = "any" at this line'):
+        modbus.exchange(line, "tcp", request)
+    assert [modbus.exchange(line, "tcp", request, None, ANY)[0] for _ in range(3)] == [(7,)] * 3
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda good: good[:6] + b"\x02" + good[7:], "unit 2 answers"),
+        (lambda good: good[:7] + b"\x04" + good[8:], "an answer to function 4"),
+        (lambda good: good[:5] + b"\x07" + good[6:8] + b"\x04" + good[9:] + b"\0\0", "4 bytes of data where 2"),
+    ],
+)
+def test_with_any_number_an_answer_still_has_the_unit_function_and_length_of_the_question(spoil, words):
+    with Gateway(lambda request: [(0.0, spoil(tcp_reply(request, [7], b"\0\0")))]) as gateway:
+        line = gateway.line(TIMING)
+        with pytest.raises(BadReplyError, match=words):
+            modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0), None, ANY)
+
+
+class Gateway(threading.Thread):
+    """A device on TCP whose `reply(request)` gives (delay, bytes) pairs; each goes to the connection of its question,
+    or to the newest one.
+    """
+
+    def __init__(self, reply, to_newest=False):
+        super().__init__(daemon=True)
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.reply, self.to_newest, self.lines = reply, to_newest, []
+        self.ended = threading.Event()
+        self.connections = 0
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *_):
+        for line in self.lines:
+            line.close()
+        self.ended.set()
+        self.join()
+        self.server.close()
+
+    def line(self, timing):
+        clock = Clock()
+        line = Line("net", TcpPort(*self.server.getsockname(), clock), clock, timing)
+        line.open()
+        self.lines.append(line)
+        return line
+
+    def run(self):
+        connections, pending = [], []
+        while not self.ended.is_set():
+            now = time.monotonic()
+            for item in [item for item in pending if item[0] <= now]:
+                pending.remove(item)
+                with contextlib.suppress(OSError):
+                    (connections[-1] if self.to_newest else item[1]).sendall(item[2])
+            for ready in select.select([self.server, *connections], [], [], 0.001)[0]:
+                if ready is self.server:
+                    connections.append(self.server.accept()[0])
+                    self.connections += 1
+                    continue
+                with contextlib.suppress(OSError):
+                    if request := ready.recv(256):
+                        pending += [(time.monotonic() + delay, ready, data) for delay, data in self.reply(request)]
+                        continue
+                ready.close()
+                connections.remove(ready)
+        for connection in connections:
+            connection.close()
+
+
+def late_answers(count, latest_s, to_newest, seed=5):
+    """Reads over a line that takes any number, 35 % of the answers late: how many were good, how many failed."""
+    draw = random.Random(seed)
+    timing = Timing(timeout_s=0.02, slowest_reply_s=0.05, quiet_s=0.002)
+
+    def reply(request):
+        answer = tcp_reply(request, [REGISTERS[int.from_bytes(request[8:10], "big")]], b"\0\0")
+        return [(draw.uniform(0.022, latest_s) if draw.random() < 0.35 else 0.0, answer)]
+
+    good = failed = 0
+    with Gateway(reply, to_newest) as gateway:
+        line = gateway.line(timing)
+        for i in range(count):
+            address = (0, 10, 20)[i % 3]
+            try:
+                values = modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, address), None, ANY)[0]
+            except (NoReplyError, BadReplyError):
+                failed += 1
+                continue
+            assert values == (REGISTERS[address],), f"question {i}"
+            good += 1
+    return good, failed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("latest_s", "to_newest"),
+    [(0.2, False), (0.045, True)],
+    ids=["much later than the slowest", "a gateway that answers on another connection"],
+)
+def test_with_any_number_and_a_third_of_the_answers_late_no_value_is_another_s(latest_s, to_newest):
+    good, failed = late_answers(60, latest_s, to_newest)
+    assert good > 5
+    assert failed > 5
 
 
 def test_a_reply_of_another_length_is_refused_over_tcp(on_socket):

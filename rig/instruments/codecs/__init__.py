@@ -1,6 +1,7 @@
 """Bytes to numbers and back, as several families need it.
 
 registers   Modbus registers
+blocks      which registers are read together
 values      what a codec makes of a channel
 patterns    regular expressions out of a file
 streaming   frames of a device that sends unasked

@@ -15,13 +15,14 @@ from rig.virtual.cables.loop import Loop
 from rig.virtual.cables.wires import Wire
 from rig.virtual.devices import frames
 from rig.virtual.devices.base import World
-from rig.virtual.devices.faults import BYTES, MODBUS, Fault, damage
+from rig.virtual.devices.faults import BYTES, MODBUS, NUMBERS, Fault, damage
 from rig.virtual.devices.modbus_device import ModbusDevice
 
 TURNAROUND_S = 0.003  # from the end of a request to the start of its answer
 SILENCE_S = 0.02  # of the wall: half a frame that is not carried on for so long is none
 MOST_LOG = 20_000
 MOST_LINE = 4096
+REFUSED = 0x80  # of a function code
 OTHER_FUNCTION = {1: 2, 2: 1, 3: 4, 4: 3, 6: 16, 16: 6}
 
 
@@ -96,18 +97,24 @@ class Bus:
 
     def _ask(self, caller: int, frame: bytes, unit: int, body: bytes, now_ns: int) -> None:
         meant = [device for device in self.devices if unit in (0, device.unit)]
-        for device in meant:
-            if device.device in self.without_power:
-                continue
+        for device in [device for device in meant if device.device not in self.without_power]:
             self.log.append((now_ns / NS, device.device, frame.hex()))
             answer = device.answer(body, now_ns)
             if unit == 0:
                 continue  # to all, answered by none
+            if answer[0] & REFUSED and device is not meant[-1]:
+                continue  # one device of which two files tell: the other may have these registers
             here, answer = self._lie(device, body, answer, now_ns)
-            whole = frames.rtu(here, answer) if self.framing == "rtu" else frames.tcp(frame[:2], here, answer)
+            if self.framing == "rtu":
+                whole = frames.rtu(here, answer)
+            else:
+                whole = frames.tcp(self._number(device, frame[:2], now_ns), here, answer)
             self._reply(caller, device.device, whole, frame, now_ns)
+            return
         if not meant:
             self.log.append((now_ns / NS, "", frame.hex()))
+        if any(self.world.faults.happens("echo", device.device, now_ns) for device in meant or self.devices):
+            self.wire.send(caller, frame, max(now_ns, self._whole_ns))
 
     def _lie(self, device: ModbusDevice, body: bytes, answer: bytes, now_ns: int) -> tuple[int, bytes]:
         """Unit and body of the answer, after the faults that act on what it says."""
@@ -122,6 +129,17 @@ class Bus:
             elif answer[0] in (frames.READ_HOLDING, frames.READ_INPUT_REGISTERS):
                 answer = bytes([answer[0], answer[1] + 2]) + answer[2:] + b"\0\0"
         return unit, answer
+
+    def _number(self, device: ModbusDevice, number: bytes, now_ns: int) -> bytes:
+        """The transaction number of an answer, after the faults that act on it."""
+        for fault in self.world.faults.happening(device.device, now_ns, NUMBERS):
+            if fault.kind == "number_zero":
+                number = b"\0\0"
+            elif fault.kind == "number_swapped":
+                number = number[::-1]
+            else:
+                number = ((int.from_bytes(number, "big") + 1) & 0xFFFF).to_bytes(2, "big")
+        return number
 
     def _text(self, caller: int, buffer: bytes, now_ns: int) -> bytes:
         """Answer every whole line, and return what is left."""

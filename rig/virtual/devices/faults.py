@@ -14,7 +14,7 @@ import configs
 from configs import ConfigError, Strict
 
 # kind: what it does. The first group acts on a reply on its way out, the second on what the reply says, the third on
-# an instrument's value, the fourth on a cable or a device once, at `from_s`.
+# its number over TCP, the fourth on an instrument's value, the fifth on a cable or a device once, at `from_s`.
 BYTES = {
     "late": "the reply comes by_s later",
     "split": "the reply comes in two parts, by_s apart",
@@ -22,7 +22,7 @@ BYTES = {
     "doubled": "the reply comes twice",
     "corrupt": "one bit of the reply is another",
     "noise": "count bytes of noise come before the reply",
-    "echo": "the request comes back before the reply",
+    "echo": "the request comes back at once, before the reply and without one",
 }
 MODBUS = {
     "wrong_unit": "the next unit's number answers",
@@ -30,12 +30,17 @@ MODBUS = {
     "wrong_count": "one register too many is answered",
     "exception": "the answer is the Modbus exception code",
 }
+NUMBERS = {
+    "number_zero": "the answer's transaction number is 0",
+    "number_swapped": "the bytes of the answer's transaction number are swapped",
+    "number_next": "the answer has the next transaction number",
+}
 VALUES = {"frozen": "the instrument repeats its last value", "nan": "the instrument gives no number"}
 ONCE = {
     "unplug": "the cable is out for by_s",
     "power_cycle": "the device is without power for by_s, and starts as from the factory",
 }
-KINDS = BYTES | MODBUS | VALUES | ONCE
+KINDS = BYTES | MODBUS | NUMBERS | VALUES | ONCE
 BY_S = {"late": 0.5, "split": 0.05, "unplug": 3.0, "power_cycle": 2.0}
 MOST_S = 1e6
 
@@ -104,7 +109,7 @@ def _mistakes(fault: Fault, table: Mapping[str, Any], place: Place) -> Iterable[
         yield f"a line is unplugged, not a device: name the line '{devices[fault.device]}'"
     elif fault.kind == "power_cycle" and fault.line:
         yield f"a device is power-cycled, not a line: name one of {', '.join(place.devices_of[fault.line])}"
-    elif fault.kind in MODBUS:
+    elif fault.kind in MODBUS | NUMBERS:
         on = [fault.device] if fault.device else place.devices_of[fault.line]
         if not place.modbus.intersection(on):
             yield f"'{fault.kind}' is a fault of Modbus, which {', '.join(on)} does not speak"
@@ -169,8 +174,9 @@ def damage(
     Returns parts to be sent, each so long [s] after the reply was due.
     """
     kinds = {fault.kind: fault for fault in faults}
+    echo = [(0.0, request)] if "echo" in kinds and request else []
     if "dropped" in kinds:
-        return []
+        return echo
     if "corrupt" in kinds and frame:
         place = int(chance.integers(len(frame)))
         frame = frame[:place] + bytes([frame[place] ^ 1 << int(chance.integers(8))]) + frame[place + 1 :]
@@ -178,10 +184,8 @@ def damage(
         frame += frame
     if "noise" in kinds:
         frame = chance.bytes(kinds["noise"].count) + frame
-    if "echo" in kinds:
-        frame = request + frame
     late_s = kinds["late"].span_s if "late" in kinds else 0.0
     if "split" in kinds and len(frame) > 1:
         cut = math.ceil(len(frame) / 2)
-        return [(late_s, frame[:cut]), (late_s + kinds["split"].span_s, frame[cut:])]
-    return [(late_s, frame)]
+        return [*echo, (late_s, frame[:cut]), (late_s + kinds["split"].span_s, frame[cut:])]
+    return [*echo, (late_s, frame)]

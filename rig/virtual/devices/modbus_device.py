@@ -19,6 +19,9 @@ PACKED = {
     "u32": ("I", 0, 0xFFFF_FFFF),
     "i32": ("i", -0x8000_0000, 0x7FFF_FFFF),
     "f32": ("f", 0, 0),
+    "u64": ("Q", 0, 0xFFFF_FFFF_FFFF_FFFF),
+    "i64": ("q", -0x8000_0000_0000_0000, 0x7FFF_FFFF_FFFF_FFFF),
+    "f64": ("d", 0, 0),
 }
 
 
@@ -35,28 +38,30 @@ def width_of(kind: str) -> int:
     return struct.calcsize(PACKED[kind][0]) // 2
 
 
-def words_of(value: float, kind: str, low_word_first: bool = False) -> list[int]:
+def words_of(value: float, kind: str, low_word_first: bool = False, low_byte_first: bool = False) -> list[int]:
     """A number as registers.
 
     `value`: the number; cut off at an integer's limits, and not a number is all ones in an integer [-].
-    `low_word_first`: order of the words; within each the high byte comes first.
+    `low_word_first`, `low_byte_first`: order of the words, and of the bytes within each.
     Each is 0-65535.
     """
     code, lowest, highest = PACKED[kind]
-    if code == "f":
-        packed = struct.pack(">f", value)
+    if code in "fd":
+        packed = struct.pack(">" + code, value)
     elif math.isnan(value):
         packed = b"\xff" * struct.calcsize(code)
     else:
         packed = struct.pack(">" + code, min(highest, max(lowest, round(value))))
-    words = [packed[i] << 8 | packed[i + 1] for i in range(0, len(packed), 2)]
+    high = int(low_byte_first)
+    words = [packed[i + high] << 8 | packed[i + 1 - high] for i in range(0, len(packed), 2)]
     return words[::-1] if low_word_first else words
 
 
-def value_of(words: list[int], kind: str, low_word_first: bool = False) -> float:
+def value_of(words: list[int], kind: str, low_word_first: bool = False, low_byte_first: bool = False) -> float:
     """Registers as a number."""
     ordered = words[::-1] if low_word_first else words
-    packed = b"".join(bytes([word >> 8, word & 0xFF]) for word in ordered)
+    pairs = [bytes([word >> 8, word & 0xFF]) for word in ordered]
+    packed = b"".join(pair[::-1] if low_byte_first else pair for pair in pairs)
     return float(struct.unpack(">" + PACKED[kind][0], packed)[0])
 
 
@@ -89,6 +94,7 @@ class ModbusDevice(Served):
     """
 
     speaks = "modbus"
+    most_registers = MOST_REGISTERS  # in one question
 
     def __init__(self, device: str, unit: int, tables: dict[int, list[Field]]) -> None:
         self.device, self.unit, self.tables = device, unit, tables
@@ -119,7 +125,7 @@ class ModbusDevice(Served):
         if function in self.tables and len(body) == 5:
             address, count = struct.unpack(">HH", body[1:])
             bits = function in (frames.READ_COILS, frames.READ_INPUTS)
-            if not 1 <= count <= (2000 if bits else MOST_REGISTERS):
+            if not 1 <= count <= (2000 if bits else self.most_registers):
                 raise Refusal(frames.ILLEGAL_VALUE)
             words = self._read(self.tables[function], address, count, time_ns)
             data = _bits(words) if bits else struct.pack(f">{count}H", *words)

@@ -12,7 +12,8 @@ from configs import ConfigError
 from rig.bench.instrument import FOLDER, ChannelFile, instrument_of, read_instrument
 from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x, lutron, manual, modbus
 from rig.instruments.codecs import edge_frames
-from rig.instruments.codecs.registers import number_of, width_of, words_of
+from rig.instruments.codecs.blocks import Span, blocks_of
+from rig.instruments.codecs.registers import ORDERS, number_of, width_of, words_of
 from rig.instruments.codecs.values import Value, bounded
 from rig.lines import BadReplyError
 from rig.lines import modbus as wire
@@ -36,6 +37,17 @@ def file_of(**changes):
     return modbus.Settings.model_validate(data | {"channels": {"flow_l_min": channel}} | changes)
 
 
+def only_block(settings):
+    (block,) = settings.blocks()
+    return block.first, block.count
+
+
+def decoded(settings, words):
+    """The values of a device that is read in one block."""
+    (block,) = settings.blocks()
+    return modbus.decode(settings, modbus.image_of({block: words}))
+
+
 # The documents' own examples.
 
 
@@ -47,8 +59,8 @@ def test_the_keller_manual_s_answer_is_six_bar():
 def test_the_siargo_manual_s_answer_is_20_340_litres():
     words = asked("01 03 00 3A 00 02 E4 06 -> 01 03 04 00 00 4F 74 CE 24")
     settings = read_instrument("siargo_mf5700")
-    assert modbus.block_of(settings) == (0x003A, 2)
-    assert modbus.decode(settings, words)["flow_sl_min"].value == pytest.approx(20.340, abs=1e-12)
+    assert only_block(settings) == (0x003A, 2)
+    assert decoded(settings, words)["flow_sl_min"].value == pytest.approx(20.340, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +72,7 @@ def test_the_siargo_manual_s_answer_is_20_340_litres():
     ],
 )
 def test_a_file_asks_the_documented_question(name, unit, frame):
-    request = wire.Request(unit, wire.READ_HOLDING, *modbus.block_of(read_instrument(name)))
+    request = wire.Request(unit, wire.READ_HOLDING, *only_block(read_instrument(name)))
     assert wire.encode(request, "rtu", 0) == bytes.fromhex(frame)
 
 
@@ -90,23 +102,64 @@ def test_an_alicat_frame_is_taken_apart_by_the_layout():
 # Registers.
 
 
-@given(st.sampled_from(["u16", "i16", "u32", "i32"]), st.sampled_from(["big", "little"]), st.data())
-def test_a_whole_number_survives_its_registers(kind, order, data):
+EITHER = st.sampled_from(["big", "little"])
+
+
+@given(st.sampled_from(["u16", "i16", "u32", "i32", "u64", "i64"]), EITHER, EITHER, st.data())
+def test_a_whole_number_survives_its_registers(kind, order, byte_order, data):
     bits = 16 * width_of(kind)
     low = -(2 ** (bits - 1)) if kind.startswith("i") else 0
     number = data.draw(st.integers(low, low + 2**bits - 1))
-    assert number_of(words_of(number, kind, order), kind, order) == number
+    assert number_of(words_of(number, kind, order, byte_order), kind, order, byte_order) == number
 
 
-@given(st.floats(width=32, allow_nan=False), st.sampled_from(["big", "little"]))
-def test_a_float_survives_its_registers(number, order):
-    assert number_of(words_of(number, "f32", order), "f32", order) == number
+@given(st.floats(width=32, allow_nan=False), st.sampled_from(["f32", "f64"]), EITHER, EITHER)
+def test_a_float_survives_its_registers(number, kind, order, byte_order):
+    assert number_of(words_of(number, kind, order, byte_order), kind, order, byte_order) == number
+
+
+@pytest.mark.parametrize(
+    ("kind", "number", "abcd"),
+    [
+        ("f32", 123.456, "42f6e979"),
+        ("u32", 16909060, "01020304"),
+        ("i32", -2, "fffffffe"),
+        ("f64", -2.5, "c004" + "00" * 6),
+        ("u64", 2**63 + 1, "8000000000000001"),
+        ("i64", -3, "fffffffffffffffd"),
+    ],
+)
+@pytest.mark.parametrize("name", ORDERS)
+def test_a_number_is_read_in_every_order_of_its_bytes(kind, number, abcd, name):
+    """ABCD are the bytes as the standard sends them; the wire has them in the order of the name."""
+    words = [abcd[i : i + 4] for i in range(0, len(abcd), 4)]
+    if name in ("CDAB", "DCBA"):
+        words.reverse()
+    if name in ("BADC", "DCBA"):
+        words = [word[2:] + word[:2] for word in words]
+    read = number_of([int(word, 16) for word in words], kind, *ORDERS[name])
+    assert read == (pytest.approx(number, rel=1e-7) if kind == "f32" else number)
 
 
 @given(st.lists(st.integers(0, 65535), min_size=2, max_size=2), st.sampled_from(["u32", "i32", "f32"]))
 def test_words_survive_the_number_they_are(words, kind):
     number = number_of(words, kind)
     assert math.isnan(number) or words_of(number, kind) == tuple(words)
+
+
+SPANS = st.builds(Span, st.sampled_from(["holding", "input"]), st.integers(0, 400), st.sampled_from([1, 2, 4]))
+
+
+@given(st.lists(SPANS, min_size=1, max_size=32), st.none() | st.integers(0, 125), st.integers(4, 125))
+def test_blocks_hold_every_value_whole_and_no_more_than_the_device_bears(spans, largest_gap, most):
+    blocks = blocks_of(spans, largest_gap, most)
+    wanted = {(span.table, address) for span in spans for address in range(span.first, span.end)}
+    for span in spans:
+        assert any(block.holds(span) for block in blocks)
+    for block in blocks:
+        assert block.count <= most
+        unused = "".join("x" if (block.table, i) in wanted else " " for i in range(block.first, block.end))
+        assert largest_gap is None or max(map(len, re.split("x+", unused))) <= largest_gap
 
 
 def test_a_number_beyond_its_registers_is_refused():
@@ -145,19 +198,19 @@ def test_infinity_without_a_known_limit_has_no_value():
 def test_a_raw_number_may_stand_for_a_state(raw, value, quality):
     marks = {"over_range": [64000], "under_range": [64001], "invalid": [65535]}
     settings = file_of(channel={"scale": 0.1, "lowest": 2.0, "highest": 100.0, **marks})
-    found = bounded(modbus.decode(settings, (raw,))["flow_l_min"], settings.channels["flow_l_min"])
+    found = bounded(decoded(settings, (raw,))["flow_l_min"], settings.channels["flow_l_min"])
     assert (found.value, found.quality, found.raw) == (value, quality, str(raw))
 
 
 def test_a_setting_of_the_device_that_the_file_does_not_expect_is_a_fault():
     settings = read_instrument("mindman_mfp01")
-    words = [0] * modbus.block_of(settings)[1]
+    words = [0] * only_block(settings)[1]
     for check in settings.expect:
         words[check.address - 5] = check.values[0]
     words[0] = 425
-    assert modbus.decode(settings, words)["flow_sl_min"].value == pytest.approx(42.5)
+    assert decoded(settings, words)["flow_sl_min"].value == pytest.approx(42.5)
     words[0x000A - 5] = 1
-    found = modbus.decode(settings, words)["flow_sl_min"]
+    found = decoded(settings, words)["flow_sl_min"]
     assert (found.value, found.quality) == (None, Quality.EXCEPTION)
     assert "register 10 holds 1, not 0: reference state" in found.detail
 
@@ -165,10 +218,7 @@ def test_a_setting_of_the_device_that_the_file_does_not_expect_is_a_fault():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        (
-            {"expect": [{"address": 200, "values": [1], "meaning": "m"}]},
-            "registers 16 to 200, 185 in all; a poll reads one block of at most 125",
-        ),
+        ({"most_registers": 1, "channel": {"type": "f32"}}, "channels.flow_l_min has 2 registers, and most_registers"),
         ({"channel": {"scale": 0}}, "scale is 0"),
         ({"channel": {"address": 65535, "type": "f32"}}, "beyond register 65535"),
         (

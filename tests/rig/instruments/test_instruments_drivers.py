@@ -81,9 +81,9 @@ def bench():
         peer.end()
 
 
-def place(kind="serial", **table):
+def place(kind="serial", echo=False, **table):
     lines = {"serial": {"port": "pty"}, "tcp": {"host": "localhost"}, "keyboard": {}}
-    return Place(DeviceTable(instrument="i", line="bus", **table), LineTable(kind=kind, **lines[kind]))
+    return Place(DeviceTable(instrument="i", line="bus", **table), LineTable(kind=kind, echo=echo, **lines[kind]))
 
 
 def changed(name, **changes):
@@ -580,7 +580,7 @@ def test_a_text_device_is_asked_and_verified_by_the_next_poll(bench):
     ("answer", "quality"),
     [
         (b"ERR\r\n", Quality.EXCEPTION),
-        (b"@D3\r\n394.8\r\n", Quality.CRC),  # an echo
+        (b"@D4\r\n394.8\r\n", Quality.CRC),  # of another question
         (b"39\xb4.8\r\n", Quality.CRC),
         (b"9" * 300, Quality.CRC),
         (b"394.8", Quality.TIMEOUT),
@@ -593,6 +593,40 @@ def test_a_text_that_is_no_value_is_not_taken_for_one(bench, answer, quality):
     reading = driver.poll(line)[0]
     assert reading.quality is quality
     assert reading.value == (99999.0 if quality is Quality.OVER_RANGE else None)
+
+
+@pytest.mark.parametrize("echo", [False, True])
+@pytest.mark.parametrize("pieces", [1, 2])
+def test_the_echo_of_a_question_in_text_is_skipped_and_told_once_where_no_key_expects_it(bench, echo, pieces):
+    where = place(echo=echo)
+    driver = ascii.build("tach", changed("monarch_act3x"), where)
+    line, peer = bench(driver)
+
+    def reply(request):
+        whole = request + b"+0600.00\r\n"
+        peer.send(whole[:2] if pieces == 2 else b"")
+        return whole[2:] if pieces == 2 else whole
+
+    peer.reply = reply
+    assert [driver.poll(line)[0].value for _ in range(2)] == [600.0, 600.0]
+    assert len(line.take_remarks()) == (0 if echo else 1)
+    driver.poll(line)
+    assert line.take_remarks() == []
+
+
+def test_the_echo_alone_of_a_question_in_text_is_no_answer(bench):
+    driver = alicat_driver()
+    line, _ = bench(driver, lambda request: request)
+    assert qualities(driver.poll(line))[0] == (None, Quality.TIMEOUT)
+    with pytest.raises(NoReplyError, match="its own question, as an echo, and no answer"):
+        driver.identify(line)
+
+
+def test_an_alicat_s_set_point_is_taken_over_a_line_that_echoes(bench):
+    driver = alicat_driver()
+    slave = AlicatPeer()
+    line, _ = bench(driver, lambda request: request + slave(request))
+    assert driver.write(line, 1.0) == pytest.approx(1.0)
 
 
 def test_a_text_device_s_number_is_checked(bench):

@@ -36,6 +36,9 @@ def device():
             SimData(4, values=-7, datatype=DataType.INT16),
             SimData(5, values=65535, datatype=DataType.UINT16),
             SimData(6, values=-70000, datatype=DataType.INT32),
+            SimData(8, values=-2.5e-7, datatype=DataType.FLOAT64),
+            SimData(12, values=2**63 + 2**20, datatype=DataType.UINT64),
+            SimData(16, values=-(2**40), datatype=DataType.INT64),
             SimData(20, values=[0, 0], datatype=DataType.REGISTERS),
         ],
     )
@@ -54,6 +57,9 @@ SETTINGS = modbus.Settings.model_validate(
             "c": {"unit": "-", "address": 4, "type": "i16"},
             "d": {"unit": "-", "address": 5, "type": "u16"},
             "e": {"unit": "-", "address": 6, "type": "i32"},
+            "f": {"unit": "-", "address": 8, "type": "f64"},
+            "g": {"unit": "-", "address": 12, "type": "u64"},
+            "h": {"unit": "-", "address": 16, "type": "i64"},
         },
         "setpoint": {"address": 20, "type": "f32", "unit": "bar abs", "lowest": 0.0, "highest": 5.0},
     }
@@ -143,7 +149,8 @@ def test_every_type_reads_as_pymodbus_wrote_it(server):
     driver, line = server
     for _ in range(20):
         readings = driver.poll(line)
-        assert [r.value for r in readings] == pytest.approx([6.125, 20.34, -7.0, 65535.0, -70000.0])
+        values = [6.125, 20.34, -7.0, 65535.0, -70000.0, -2.5e-7, 2.0**63 + 2**20, -(2.0**40)]
+        assert [r.value for r in readings] == pytest.approx(values, rel=1e-12)
         assert {r.quality for r in readings} == {Quality.OK}
 
 
