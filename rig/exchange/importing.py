@@ -14,7 +14,7 @@ import numpy as np
 from rig.exchange.converted import Converted, convert
 from rig.exchange.export import NOTES
 from rig.exchange.mapping import FileTable, Mapping
-from rig.exchange.tables import read_table
+from rig.exchange.tables import Table, read_table
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
 from rig.recording.columns import FIGURES, MEASURED
@@ -181,6 +181,7 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
     for path, entry in _entries(files, mapping):
         only = [entry.only.column] if entry.only else []
         table = read_table(path, mapping.file.table, entry.sheet, entry.group, [*wanted, *only])
+        _refuse_gaps(mapping, entry, table)
         part = convert(mapping.file, entry, table)
         for words in part.notes:
             tell(words)
@@ -191,6 +192,18 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
             )
         parts.append(part)
     return parts
+
+
+def _refuse_gaps(mapping: Mapping, entry: FileTable, table: Table) -> None:
+    """Refuse columns of several clocks where the empty cells between would mean something else than no sample."""
+    columns = mapping.file.columns
+    held = [name for name in ("supply_open", "rotor_locked", "angle_rad", "direction") if name in columns]
+    made = [name for name, source in columns.items() if source.differentiate]
+    why = [f"a {entry.kind} file has whole rows"] * (entry.kind != "transient")
+    why += ["average_rows takes whole rows"] * (entry.average_rows > 1)
+    why += [f"{name} holds between its samples" for name in held] + [f"{name} is made of differences" for name in made]
+    if table.clocks and why:
+        raise RunError(f"{table.place}: {table.clocks}; {why[0]}: save the channels on one clock, or import one")
 
 
 def _names(parts: Sequence[Converted]) -> list[str]:

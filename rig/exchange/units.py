@@ -92,6 +92,15 @@ QUANTITIES = {
 }
 INTEGRALS = {"velocity_m_s": "length", "speed_rpm": "angle"}  # of what the column is the rate of change
 _RPM = 30.0 / math.pi
+# g/mol, of what a rotameter's scale may be made for.
+MOLAR_MASS = {
+    "air": 28.965,
+    "nitrogen": 28.014,
+    "oxygen": 31.998,
+    "argon": 39.948,
+    "carbon dioxide": 44.009,
+    "helium": 4.0026,
+}
 
 
 def known_units(column: str, differentiate: bool = False) -> list[str]:

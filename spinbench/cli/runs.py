@@ -13,6 +13,8 @@ from spinbench.cli.options import LOGS, LogsOption, RunArgument
 from spinbench.cli.show import on_terminal, remark
 from spinbench.readings import run_named
 
+OUT_HELP = "A folder to make, or a file that ends in .parquet, .h5, .hdf5, .nxs, .tdms or .mf4."
+
 
 def list_all(logs: LogsOption = LOGS) -> None:
     """List the runs."""
@@ -65,17 +67,17 @@ def repair(run: RunArgument, logs: LogsOption = LOGS) -> None:
 
 def export(
     run: RunArgument,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR|FILE", help="A folder to make, or a .parquet file.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR|FILE", help=OUT_HELP)],
     logs: LogsOption = LOGS,
     unsettled: Annotated[bool, typer.Option("--unsettled", help="Plateaus that had not settled too.")] = False,
 ) -> None:
-    """Export a run as a recording/1 folder, or its samples as Parquet."""
+    """Export a run as a recording/1 folder, or its samples as Parquet, HDF5, TDMS or MDF 4."""
     from rig.exchange.export import export_recording
-    from rig.exchange.parquet import export_parquet
+    from rig.exchange.samples.export import FORMATS, export_samples
 
     read = run_named(run, logs)
-    if out.suffix == ".parquet":
-        export_parquet(read, out)
+    if out.suffix.lower() in FORMATS:
+        export_samples(read, out)
     else:
         remark(*export_recording(read, out, unsettled).notes)
     print(out)
