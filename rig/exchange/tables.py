@@ -7,21 +7,18 @@ from __future__ import annotations
 
 import csv
 import re
-import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree as Xml
 
 from rig.exchange.binary.apart import read_apart
 from rig.exchange.binary.columns import MAX_BYTES, MAX_COLUMNS, Cells
 from rig.exchange.mapping import TableTable
+from rig.exchange.workbook import rows_of
 from rig.recording.mistakes import shown
-from rig.runlog.folder import RunError, open_plain, read_bytes
+from rig.runlog.folder import RunError, read_bytes
 
-MAX_PART_BYTES = 200_000_000  # of a workbook, unpacked
 _SPACED = re.compile(r'"([^"]*)"|(\S+)')
-_REFERENCE = re.compile(r"([A-Z]{1,3})([0-9]{1,7})")
 
 
 @dataclass(frozen=True)
@@ -155,87 +152,8 @@ def _of_rows(
 
 
 def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
-    try:
-        with open_plain(path, MAX_BYTES) as stream, zipfile.ZipFile(stream) as archive:
-            part = _sheet_part(archive, sheet, path)
-            shared = _shared(archive)
-            grid = _grid(archive, part, shared)
-    except (
-        zipfile.BadZipFile,
-        KeyError,
-        IndexError,
-        ValueError,
-        EOFError,
-        NotImplementedError,
-        Xml.ParseError,
-    ) as error:
-        if isinstance(error, RunError):
-            raise
-        raise RunError(f"{path}: not a workbook (.xlsx) that can be read ({shown(str(error), 100)})") from None
-    rows, begin = list(enumerate(grid, start=1)), table.heading_line
-    headings = grid[begin - 1] if 0 < begin <= len(grid) else []
+    rows, begin = rows_of(path, sheet), table.heading_line
+    headings = rows[begin - 1] if 0 < begin <= len(rows) else []
     first = table.first_line or begin + 1
-    return _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, rows[first - 1 :], first, is_text=False, table=table)
-
-
-def _part(archive: zipfile.ZipFile, name: str) -> Xml.Element:
-    if archive.getinfo(name).file_size > MAX_PART_BYTES:
-        raise ValueError(f"{name} is larger than {MAX_PART_BYTES} bytes")
-    data = archive.read(name)
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise ValueError("it declares XML entities")
-    return Xml.fromstring(data)  # noqa: S314 - see the import
-
-
-def _sheet_part(archive: zipfile.ZipFile, sheet: str, path: Path) -> str:
-    relation = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
-    sheets = {
-        found.get("name", ""): found.get(relation) for found in _part(archive, "xl/workbook.xml").iter(_tag("sheet"))
-    }
-    if sheet not in sheets:
-        listed = ", ".join(f"'{shown(name)}'" for name in sheets)
-        raise RunError(f"{path}: name the sheet in [table] or [[files]]: sheet = one of {listed}")
-    for found in _part(archive, "xl/_rels/workbook.xml.rels"):
-        if found.get("Id") == sheets[sheet]:
-            return f"xl/{found.get('Target', '').removeprefix('/xl/')}"
-    raise ValueError(f"the sheet '{sheet}' has no part")
-
-
-def _tag(name: str) -> str:
-    return f"{{http://schemas.openxmlformats.org/spreadsheetml/2006/main}}{name}"
-
-
-def _shared(archive: zipfile.ZipFile) -> list[str]:
-    if "xl/sharedStrings.xml" not in archive.namelist():
-        return []
-    strings = _part(archive, "xl/sharedStrings.xml")
-    return ["".join(text.text or "" for text in entry.iter(_tag("t"))) for entry in strings.iter(_tag("si"))]
-
-
-def _grid(archive: zipfile.ZipFile, part: str, shared: list[str]) -> list[list[str]]:
-    """The sheet's cells as text, row by row; a formula's last value."""
-    grid: list[list[str]] = []
-    for row in _part(archive, part).iter(_tag("row")):
-        number = int(row.get("r", len(grid) + 1))
-        if not len(grid) < number <= 1_048_576:
-            raise ValueError(f"row {number} is out of order")
-        cells: list[str] = []
-        for cell in row.iter(_tag("c")):
-            match = _REFERENCE.fullmatch(cell.get("r", ""))
-            index = _letters(match[1]) if match else len(cells)
-            value = cell.findtext(_tag("v")) or "".join(text.text or "" for text in cell.iter(_tag("t")))
-            if index < MAX_COLUMNS and value:
-                cells += [""] * (index + 1 - len(cells))
-                cells[index] = shared[int(value)] if cell.get("t") == "s" else value
-        if any(cells):
-            grid += [[]] * (number - 1 - len(grid))
-            grid.append(cells)
-    return grid
-
-
-def _letters(letters: str) -> int:
-    """A: 0, B: 1, ..., AA: 26."""
-    index = 0
-    for letter in letters:
-        index = 26 * index + ord(letter) - ord("A") + 1
-    return index - 1
+    numbered = list(enumerate(rows, start=1))[first - 1 :]
+    return _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, numbered, first, is_text=False, table=table)

@@ -53,18 +53,19 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
 
 
 def listed(path: Path) -> list[Listed]:
-    """Every dataset that could be a column, from the root."""
+    """Every dataset that could be a column, from the root, but for the clocks of others."""
     import h5py
 
     with h5py.File(path, "r") as file:
-        found = []
+        found, clocks = [], set()
         for name in _names(file, path):
             data, field = _dataset(file, name, path, str(path))
             cells = cells_of(_values(data, field, f"{path}, '{shown(name)}'", FEW), f"{path}, '{shown(name)}'")
             clock = _clock_of(data, path)
+            clocks |= {clock.name} if clock is not None else set()
             clocked = clock is not None and _unit(clock)[0] is not None
             found.append(Listed("", name, _text(data.attrs.get("units", "")), int(data.size), cells, clocked))
-        return found
+        return [one for one in found if f"/{one.name}" not in clocks]
 
 
 def _at(root: Any, name: str, path: Path, links: int = 0) -> Any:
@@ -150,7 +151,8 @@ def _clock_of(data: Any, path: Path) -> Any:
     import h5py
 
     parent, own = data.parent, data.name.rpartition("/")[2]
-    candidates = [_at(parent, "time", path)] if own == "value" else []
+    is_log = own == "value" or _text(parent.attrs.get("NX_class", "")) == "NXlog"
+    candidates = [_at(parent, "time", path)] if is_log and own != "time" else []
     axes = np.atleast_1d(parent.attrs.get(f"{own}_axes", parent.attrs.get("axes", [])))
     candidates += [_at(parent, _text(axis), path) for axis in axes[:1] if _text(axis) != own]
     if data.ndim and not data.is_scale and len(data.dims[0]):
