@@ -258,7 +258,6 @@ def test_groups_of_two_rates_stand_on_one_time_line_and_invalid_samples_are_miss
     [
         ("", r"'n' stands in several groups: 'a', 'b'; name one in \[table\]"),
         ('group = "c"', r"name the group of channels in \[table\]: group = one of 'a', 'b'"),
-        ('group = "b"', r"no column is called 'P'; there are 'n'"),
     ],
 )
 def test_an_mdf_channel_that_is_there_twice_or_not_at_all_is_refused(mdf, imported, table, words):
