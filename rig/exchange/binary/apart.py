@@ -1,6 +1,6 @@
 """Reading a file in a process of its own: a damaged one may take a library's compiled code down, or ask for all memory.
 
-python -m rig.exchange.binary.apart read tdms data.tdms GROUP '["P", "n"]'     # JSON on standard output
+python -m rig.exchange.binary.apart 60 read tdms data.tdms GROUP '["P", "n"]'     # JSON on standard output
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
 MOST_MEMORY = 8_000_000_000  # bytes
-MOST_S = 600.0
+MOST_S = 1800.0
+MOST_CPU_S = 60  # of a small file: a damaged one can send its reader round in circles
+MOST_CPU_S_PER_MB = 2
 NEEDS = {"tdms": "nptdms", "mat": "scipy", "hdf5": "h5py", "mdf": "asammdf"}  # reader: the package that it needs
 
 
@@ -42,9 +44,9 @@ def listed_apart(reader: str, path: Path) -> list[Listed]:
 
 def _asked(what: str, reader: str, path: Path, group: str, wanted: Wanted) -> Any:
     need(NEEDS[reader])
-    with open_plain(path, MAX_BYTES):  # refuses what is no file, or too large
-        pass
-    words = [what, reader, str(path), group, json.dumps(list(wanted))]
+    with open_plain(path, MAX_BYTES) as stream:  # refuses what is no file, or too large
+        megabytes = os.fstat(stream.fileno()).st_size // 1_000_000
+    words = [str(MOST_CPU_S + MOST_CPU_S_PER_MB * megabytes), what, reader, str(path), group, json.dumps(list(wanted))]
     command = [sys.executable, "-P", "-W", "ignore", "-m", "rig.exchange.binary.apart", *words]
     try:
         done = subprocess.run(command, capture_output=True, timeout=MOST_S, check=False)
@@ -73,15 +75,16 @@ def answer(what: str, reader: str, path: Path, group: str, wanted: Wanted) -> di
 
 def main() -> int:
     """Answer a command line."""
+    seconds, what, reader, path, group, wanted = sys.argv[1:]
     try:
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+        resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds)))
     except ImportError:  # Windows
         pass
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what a package prints is no answer
-    what, reader, path, group, wanted = sys.argv[1:]
     with out:
         json.dump(answer(what, reader, Path(path), group, json.loads(wanted)), out)
     return 0

@@ -1,8 +1,10 @@
 """Damaged files and any text: what is refused is refused in a sentence, and leaves nothing behind."""
 
+import base64
 import tomllib
 import warnings
 import zipfile
+import zlib
 
 import h5py
 import hypothesis
@@ -120,6 +122,25 @@ def test_a_file_that_takes_its_reader_down_is_refused(whole_files, put, tmp_path
     mapping = read_mapping(put("elsewhere.toml", mapping_of("mat")))
     with pytest.raises(RunError, match=r"(?i)damaged.mat: not a mat(lab)? file that can be read"):
         import_recording([put("damaged.mat", bytes(content))], mapping, tmp_path / "out")
+
+
+# An HDF5 file with one byte put in, over which the library goes round in circles; compressed.
+ENDLESS = (
+    r"""c-rgqaB<`1lHy|K;9!7(|4?v50>U?dim%((ecIo{C5VZkf=LKjAq;RaF)%VPu<<YeDaL^Pj1X;5eqI&}l+O?3b1*U%b1>)!=$9qt"""
+    r"""l%}%rfs`<pBqnjPK`j$zzy^*gbJT#H05p(Mgn@yHk&%%VDhH#PMHm<b73>)x9&%tX;bt)T&kU3Yx{jHP1L$&QMyMo%2F&0M3_}k5"""
+    r"""+{?2Q92N>IR&Zt`WBk!0019hXaJX+~K#CFumXgfeRAB5vfFT)9dXPG^of^@jffhZYLJTaJ{^2nPs%2nf5CKV+=4F-?Ge|NrG64Mt"""
+    r"""#*pO4!N3G%2S5!4u~D=Zmn0UI;MB^6q!k=CD#V2a*S_^_)Ch|JiJ_lVpRX+Pq%f(*F=Hgvzbq6aRgO4iUur~8g#-<gDl_>>m4$?)"""
+    r"""n)<dZ3_UEE84ykY(^?FSVL(fOg*iha0|T~TNn+p-W`x*`96}4AAq02KtihaAPs};-lwrgH2WX~%(gILg1WHRdpep}hk4vAsv%e2G"""
+    r"""NeUneTV%SJ0jVT~CRq?LGB7gHH82Ds)MSUQkAa1NMi^+|XBY*eU=)mkQ7{Td!6+C7qhJ(_f>AIEM!}#MP{2KqfT|up0094M$FK"""
+)
+
+
+def test_a_file_that_sends_its_reader_round_in_circles_is_refused(put, tmp_path, monkeypatch):  # noqa: F811 - the fixture
+    monkeypatch.setattr("rig.exchange.binary.apart.MOST_CPU_S", 2)
+    columns = mapping_of("hdf5").replace('"P"', '"P/value"').replace('"n"', '"n/value"')
+    mapping = read_mapping(put("elsewhere.toml", columns + '[columns.time_s]\ncolumn = "@time"\nunit = "s"\n'))
+    with pytest.raises(RunError, match=r"damaged\.h5"):
+        import_recording([put("damaged.h5", zlib.decompress(base64.b85decode(ENDLESS)))], mapping, tmp_path / "out")
 
 
 CELLS = ("2,0", "397", "", "OL", '"', "\n", ";", ",", "\t", "1e400", "-5", "12:00:00", "\x00", "٣", "Druck [kPa]", "up")
