@@ -11,6 +11,7 @@ from pydantic import Field
 
 from configs import FOLDER as CONFIGS
 from configs import Strict, read_toml, validate
+from rig.exchange.binary.columns import WAVEFORM_TIME
 from rig.exchange.units import unit_of
 from rig.recording.columns import MEASURED, NAMES, nearest
 from rig.recording.mistakes import shown
@@ -196,6 +197,8 @@ def _mistakes(name: str, table: ColumnTable) -> list[str]:
         mistakes.append(f"{place}: a rotameter's scale is of a volume flow such as L/min, not of {unit.quantity}")
     if (unit.quantity == "pulse rate") != (table.pulses_per_rev is not None):
         mistakes.append(f"{place}: Hz needs pulses_per_rev, and no other unit takes it")
+    if table.column == WAVEFORM_TIME and table.unit != "s":
+        mistakes.append(f"{place}: '{WAVEFORM_TIME}' is in seconds, whatever the file has: unit = \"s\"")
     if isinstance(table.column, list) and unit.quantity != "time of day":
         mistakes.append(f"{place}: two columns are read as one for a date and a time alone")
     if table.highest is not None and name not in MEASURED:

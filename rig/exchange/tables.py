@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rig.exchange.binary.apart import read_apart
@@ -33,6 +33,8 @@ class Table:
         The line with the fewest cells, and their number; None where each row has all.
     clocks : str
         What there was where columns of several clocks stand on one time line, with empty cells between.
+    units : dict of str to str
+        By heading, as the file states them.
     """
 
     place: str
@@ -41,6 +43,7 @@ class Table:
     lines: Sequence[int]
     short: tuple[int, int] | None = None
     clocks: str = ""
+    units: dict[str, str] = field(default_factory=dict)
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
@@ -95,7 +98,7 @@ def read_table(
         return _xlsx(path, table, sheet or table.sheet)
     found = read_apart(table.reader, path, group or table.group, wanted)
     lines = range(1, len(found.columns[0]) + 1)
-    return Table(found.place, found.headings, found.columns, lines, clocks=found.clocks)
+    return Table(found.place, found.headings, found.columns, lines, clocks=found.clocks, units=found.units)
 
 
 def _csv(path: Path, table: TableTable) -> Table:

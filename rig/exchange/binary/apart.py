@@ -1,6 +1,6 @@
 """Reading a file in a process of its own: a damaged one may take a library's compiled code down, or ask for all memory.
 
-python -m rig.exchange.binary.apart 60 read tdms data.tdms GROUP '["P", "n"]'     # JSON on standard output
+python -m rig.exchange.binary.apart 30 read tdms data.tdms GROUP '["P", "n"]'     # JSON on standard output
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rig.runlog.folder import RunError, open_plain
 
 MOST_MEMORY = 8_000_000_000  # bytes
 MOST_S = 1800.0
-MOST_CPU_S = 60  # of a small file: a damaged one can send its reader round in circles
+MOST_CPU_S = 30  # of a small file: a damaged one can send its reader round in circles
 MOST_CPU_S_PER_MB = 2
 NEEDS = {"tdms": "nptdms", "mat": "scipy", "hdf5": "h5py", "mdf": "asammdf"}  # reader: the package that it needs
 

@@ -7,7 +7,7 @@ sampled, and empty cells between: no value is moved or made.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,30 +40,43 @@ class Clock:
 
     def same_as(self, other: Clock) -> bool:
         """Whether the samples were taken at the same moments."""
-        return self.start_ns == other.start_ns and np.array_equal(self.time_s, other.time_s)
+        same = self.start_ns == other.start_ns and np.array_equal(self.time_s, other.time_s)
+        return self is other or same
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel's cells, and its clock where it has one."""
+    """A channel's cells, its clock where it has one, and its unit as the file states it."""
 
     name: str
     cells: Cells
     clock: Clock | None = None
+    unit: str = ""
 
 
 def on_one_time_line(place: str, channels: Sequence[Channel], wanted: Wanted) -> Columns:
-    """Channels as columns, with `WAVEFORM_TIME` behind them where they have clocks.
+    """Channels as columns, with their units, and with `WAVEFORM_TIME` behind them where they have clocks.
 
     Raises
     ------
     RunError
-        When their clocks differ, and their times are not taken, or a channel cannot be placed on the time line.
+        When their clocks differ, and their times are not taken, or a channel cannot be placed on the time line: one
+        that has no clock neither.
     """
+    return replace(_placed(place, channels, wanted), units={channel.name: channel.unit for channel in channels})
+
+
+def _placed(place: str, channels: Sequence[Channel], wanted: Wanted) -> Columns:
     headings, columns = [channel.name for channel in channels], [channel.cells for channel in channels]
     clocked = [(channel.name, channel.clock) for channel in channels if channel.clock is not None]
     if not clocked:
         return of_one_length(place, headings, columns)
+    without = next((channel.name for channel in channels if channel.clock is None), None)
+    if without is not None and WAVEFORM_TIME in wanted:
+        raise RunError(
+            f"{place}, '{shown(without)}': it has no clock, as '{shown(clocked[0][0])}' has; take as time_s a column "
+            "that belongs to it, or do not take it (columns by their headings)"
+        )
     first = clocked[0][1]
     others = [name for name, clock in clocked if not clock.same_as(first)]
     if not others:
@@ -102,8 +115,7 @@ def _merged(place: str, channels: Sequence[Channel], said: str) -> Columns:
 def _moments(place: str, channel: Channel, said: str) -> tuple[int | None, NDArray[np.int64]]:
     """A channel's start, and its times from there [ns]."""
     at, clock = f"{place}, '{shown(channel.name)}'", channel.clock
-    if clock is None:
-        raise RunError(f"{at}: it has no clock, and others have: {said}; import it alone")
+    assert clock is not None  # noqa: S101 - the caller has seen to it
     if any(isinstance(cell, str) for cell in channel.cells):
         raise RunError(f"{at}: it holds text, which has no place between the samples of others: {said}")
     if len(channel.cells) != clock.time_s.size:

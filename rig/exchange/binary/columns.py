@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,12 +21,17 @@ Wanted = Sequence[str | int]
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of one length. `clocks` says what there was where they come from several clocks; empty otherwise."""
+    """Columns of one length.
+
+    `clocks` says what there was where they come from several clocks; empty otherwise. `units`, by heading, are as the
+    file states them.
+    """
 
     place: str
     headings: list[str]
     columns: list[Cells]
     clocks: str = ""
+    units: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -143,7 +143,7 @@ def _channel(root: Any, name: str, path: Path, place: str, wanted: Wanted) -> Ch
     clock = _clock_of(data, path)
     if clock is not None and WAVEFORM_TIME in wanted and _unit(clock)[0] is None:
         raise RunError(f"{at}: its clock '{shown(clock.name)}' says no unit of time; take it as a column")
-    return Channel(name, cells, _clock(clock, at) if clock is not None else None)
+    return Channel(name, cells, _clock(clock, at) if clock is not None else None, _text(data.attrs.get("units", "")))
 
 
 def _clock_of(data: Any, path: Path) -> Any:

@@ -93,8 +93,9 @@ def _signal(file: Any, path: Path, name: str, at: int, index: int, count: int | 
 def _channel(file: Any, path: Path, group: str, name: str, at: int, index: int) -> Channel:
     signal, cells = _signal(file, path, name, at, index, None)
     if not _has_clock(file, at):
-        return Channel(name, cells)
+        return Channel(name, cells, None, str(signal.unit))
     times = np.asarray(signal.timestamps, dtype=np.float64)
     spans = np.diff(times)
     said = f"in group '{shown(group)}', {times.size} samples from {times[0]:g} s" if times.size else "without samples"
-    return Channel(name, cells, Clock(0, times, said + (f" every {spans.mean():.6g} s" if spans.size else "")))
+    clock = Clock(0, times, said + (f" every {spans.mean():.6g} s" if spans.size else ""))
+    return Channel(name, cells, clock, str(signal.unit))

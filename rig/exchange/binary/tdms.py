@@ -54,7 +54,8 @@ def _channel(channel: Any, place: str) -> Channel:
     at = f"{place}, '{shown(channel.name)}'"
     cells = cells_of(np.asarray(channel[:]), at)
     has_clock = "wf_increment" in channel.properties
-    return Channel(channel.name, cells, _clock(channel.properties, len(cells), at) if has_clock else None)
+    clock = _clock(channel.properties, len(cells), at) if has_clock else None
+    return Channel(channel.name, cells, clock, str(channel.properties.get("unit_string", "")))
 
 
 def _clock(properties: Mapping[str, Any], count: int, place: str) -> Clock:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from rig.exchange.units import QUANTITIES, UNITS
+from rig.exchange.units import PRESSURES, QUANTITIES, UNITS, unit_called
 
 # Words, in lower case, that name a column; a word counts where it stands alone, and of four letters or more within one.
 WORDS = {
@@ -24,51 +24,6 @@ WORDS = {
 }
 ABSOLUTE, GAUGE = ("abs", "absolute", "absolut", "absolutdruck"), ("gauge", "rel", "relative", "überdruck", "gage")
 INLET = ("inlet", "in", "eintritt", "einlass", "zuluft")
-_SAME = {
-    "L/min": ("lpm", "l min"),
-    "sL/min": ("slpm", "std l/min", "sl/min"),
-    "NL/min": ("ln/min", "nlpm", "norm l/min"),
-    "m3/h": ("m^3/h", "cbm/h"),
-    "Nm3/h": ("nm^3/h", "mn3/h"),
-    "cfm": ("ft3/min",),
-    "rpm": ("1/min", "u/min", "min-1", "min^-1", "rev/min", "r/min", "upm"),
-    "rev/s": ("u/s", "rps", "r/s"),
-    "deg/s": ("°/s",),
-    "degC": ("°c", "celsius", "grad c"),
-    "degF": ("°f",),
-    "N m": ("nm", "n*m", "n·m"),
-    "mN m": ("mnm",),
-    "N cm": ("ncm",),
-    "s": ("sec", "secs", "second", "seconds", "sek", "sekunden"),
-    "ms": ("msec", "milliseconds", "millisekunden"),
-    "us": ("µs", "μs", "microseconds"),
-    "min": ("minutes", "minuten"),
-    "h": ("hours", "stunden"),
-    "deg": ("°",),
-    "m/s": ("m/sec",),
-}
-_ABS = ("abs", "(abs)", "a", "(a)", "absolute")
-_GAUGE = ("gauge", "(gauge)", "g", "(g)", "rel", "(rel)", "ü", "relative")
-_PRESSURES = {name.removesuffix(" abs") for name in UNITS if name.endswith(" abs")}
-
-
-def _compact(text: str) -> str:
-    return text.replace(" ", "").replace("_", "").replace("³", "3").replace("²", "2")
-
-
-def _aliases() -> dict[str, str]:
-    """Every way to write a unit, without spaces: the known unit, or a pressure that says neither absolute nor gauge."""
-    known = {_compact(name): name for name in UNITS if name not in QUANTITIES["direction"]}
-    known |= {_compact(other): name for name, others in _SAME.items() for other in others}
-    for name in _PRESSURES:
-        known |= {name: name} | {_compact(name + end): f"{name} abs" for end in _ABS}
-        known |= {_compact(name + end): f"{name} gauge" for end in _GAUGE}
-    return known
-
-
-_EXACT = _aliases()
-_AS_WRITTEN = {"mpa", "mn", "mnm"}  # where a capital letter makes another unit
-_FOLDED = {alias.casefold(): name for alias, name in _EXACT.items() if alias.casefold() not in _AS_WRITTEN}
 _NO_UNIT_AT_THE_END = {"in", "rev", "m"}  # P_in, rev: words as well
 _BRACKETS = (
     re.compile(r"(.*?)\s*\[([^\[\]]{1,20})\]\s*(.*)"),
@@ -106,12 +61,6 @@ class Heading:
         return None if said[True] == said[False] else said[True]
 
 
-def unit_called(text: str) -> str:
-    """The unit that a text is, as the import knows it or a pressure's without abs or gauge; empty for none."""
-    compact = _compact(text.strip().strip("[]"))
-    return _EXACT.get(compact) or _FOLDED.get(compact.casefold(), "")
-
-
 def read_heading(text: str, stated_unit: str = "") -> Heading:
     """What a heading says, with the unit that the source states beside it, if any."""
     words, unit, unknown = (text, stated_unit, "") if stated_unit.strip() else _parted(text.strip())
@@ -140,7 +89,7 @@ def _parted(text: str) -> tuple[str, str, str]:
 
 
 def _columns_of(unit: str) -> tuple[str, ...]:
-    if unit in _PRESSURES:
+    if unit in PRESSURES:
         return ("pressure",)
     quantity = UNITS[unit].quantity if unit else ""
     if quantity in ("absolute pressure", "gauge pressure"):

@@ -166,6 +166,35 @@ def test_gaps_between_the_samples_of_two_clocks_are_refused_where_rows_are_whole
         imported(hdf5(fill), mapping_text("hdf5", **LOGS | more))
 
 
+def test_a_channel_without_a_clock_is_not_laid_on_that_of_another(hdf5, imported):
+    def fill(file):
+        log(file, "P", [2.0, 1.5, 1.25], [0.0, 0.5, 1.0])
+        file["n"] = [300.0, 200.0, 100.0]
+
+    with pytest.raises(RunError, match="'n': it has no clock, as 'P/value' has"):
+        imported(hdf5(fill), mapping_text("hdf5", **LOGS | {"speed_rpm": "n"}))
+    found = imported(hdf5(fill), mapping_text("hdf5", **LOGS | {"speed_rpm": "n", "time_s": "P/time"}))
+    assert found["speed_rpm"].tolist() == [300.0, 200.0, 100.0]
+
+
+def test_the_time_track_is_in_seconds(tmp_path):
+    (tmp_path / "map.toml").write_text(mapping_text("hdf5", **LOGS).replace('unit = "s"', 'unit = "ms"'))
+    with pytest.raises(RunError, match="'@time' is in seconds"):
+        read_mapping(tmp_path / "map.toml")
+
+
+@pytest.mark.parametrize(("stated", "told"), [("bar(a)", False), ("kPa", True), ("bar(g)", True)])
+def test_where_the_file_states_another_unit_than_the_mapping_it_is_told(hdf5, tmp_path, stated, told):
+    def fill(file):
+        file["P"], file["n"] = [2.0, 1.5], [300.0, 200.0]
+        file["P"].attrs["units"] = stated
+
+    (tmp_path / "map.toml").write_text(mapping_text("hdf5", "steady", pressure_bar_abs="P", speed_rpm="n"))
+    made = import_recording([hdf5(fill)], read_mapping(tmp_path / "map.toml"), tmp_path / "out")
+    said = f"'P': the file says '{stated}', the mapping 'bar abs' for pressure_bar_abs; the mapping's is taken"
+    assert (said in (made / "notes.txt").read_text()) is told
+
+
 def linked(file, folder):
     with h5py.File(folder / "other.h5", "w") as other:
         other["n"] = [1.0, 2.0, 3.0]
