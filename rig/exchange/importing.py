@@ -185,6 +185,9 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
         _refuse_gaps(mapping, entry, table)
         part = convert(mapping.file, entry, table)
         part.notes += _other_units(mapping, table)
+        part.notes += [f"{table.place}: {table.clocks}; on one time line, with empty cells between"] * bool(
+            table.clocks
+        )
         for words in part.notes:
             tell(words)
         if entry.kind == "transient" and "time_s" not in part.columns:

@@ -314,7 +314,9 @@ def test_a_merged_import_makes_a_run_too(hdf5, tmp_path):
         log(file, "n", [300.0, 200.0, 100.0], [0.1, 0.6, 1.1])
 
     (tmp_path / "map.toml").write_text(mapping_text("hdf5", **LOGS))
-    run = read_run(import_table([hdf5(fill)], read_mapping(tmp_path / "map.toml"), tmp_path / "runs"))
+    told = []
+    run = read_run(import_table([hdf5(fill)], read_mapping(tmp_path / "map.toml"), tmp_path / "runs", told.append))
+    assert [words.partition(": ")[2][:17] for words in told] == ["two clocks: 'P/va"]
     assert len(run.samples) == 6
     assert run.samples[run.samples["channel"] == "speed_rpm"]["time_s"].tolist() == [0.1, 0.6, 1.1]
 
