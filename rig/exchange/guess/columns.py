@@ -43,11 +43,22 @@ def proposed_columns(source: Source) -> tuple[list[Proposed], list[str]]:
         if not proposals:
             unknown.append(f"{_called(column)}: {_range(column, source)}")
     clocked = [column for column in source.columns if column.clocked]
+    left_out = [one for one in found if _is_outdone(one, found, bool(clocked))]
+    unknown += [one.seen for one in left_out if one.name != PRESSURES[1]]
+    found = [one for one in found if one not in left_out]
     if clocked:
         others = len(clocked) < len(source.columns)
         doubt = ("not every column has a clock: which are taken?",) if others else ()
         found.insert(0, Proposed("time_s", {"column": WAVEFORM_TIME, "unit": "s"}, doubt, "the clock of the channels"))
     return _in_conflict(found), unknown
+
+
+def _is_outdone(one: Proposed, found: Sequence[Proposed], has_clock: bool) -> bool:
+    """Whether another column says its unit and this does not, or it is a time beside the channels' own clock."""
+    if one.name == "time_s":
+        return has_clock
+    same = PRESSURES if one.name in PRESSURES else (one.name,)
+    return not one.keys.get("unit") and any(other.name in same and other.keys.get("unit") for other in found)
 
 
 def _of_dates(source: Source) -> tuple[list[Proposed], set[Key]]:
@@ -115,6 +126,8 @@ def _doubts(column: Seen, heading: Heading, source: Source) -> list[str]:
     if not heading.unit:
         stated = f"'{shown(heading.unknown_unit)}' is no unit that the import knows" if heading.unknown_unit else ""
         known = ", ".join(known_units("pressure_bar_abs" if name == "pressure" else name)[:8]).replace(" abs", "")
+        if name == "time_s" and _excel_days(column, source):
+            stated, known = "its numbers look like days of Excel's calendar", "Excel days"
         if name not in ("supply_open", "rotor_locked", "direction"):
             doubts.append(f"{stated or 'its unit is not said'}: one of {known}, ..")
     if heading.unit == "Hz":

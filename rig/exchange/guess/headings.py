@@ -65,6 +65,9 @@ def read_heading(text: str, stated_unit: str = "") -> Heading:
     """What a heading says, with the unit that the source states beside it, if any."""
     words, unit, unknown = (text, stated_unit, "") if stated_unit.strip() else _parted(text.strip())
     known = unit_called(unit)
+    own = unit_called(_parted(text.strip())[1])
+    if own in (f"{known} abs", f"{known} gauge"):  # the heading says more of a pressure than the unit beside it
+        known = own
     unknown = unknown if known else unit.strip() or unknown
     found = frozenset(re.findall(r"[^\W\d_]+", words.casefold()))
     by_unit = _columns_of(known)

@@ -18,9 +18,11 @@ from rig.exchange.guess.headings import read_heading
 from rig.exchange.guess.proposal import propose
 from rig.exchange.importing import import_recording
 from rig.exchange.mapping import read_mapping
+from rig.exchange.samples.export import export_samples
 from rig.recording import read_recording
-from rig.runlog import RunError
+from rig.runlog import RunError, read_run
 from tests.rig.runlog.test_runlog_import import workbook
+from tests.synthetic_runs import write_sweep
 
 ANSWERS = 'title = "a bench"\nsource = "a colleague"\nlicence = "none"\nmotor = "ptm3600"\nkind = "transient"\n'
 GERMAN = """Messung vom 3.5.2024
@@ -93,6 +95,7 @@ UNSURE = {
     "n [rpm];n2 [rpm]\n1.5;2.5": ("more than one column could be speed_rpm", 'column = "n2 [rpm]"'),
     "Time [s]\n1.5\n1.0": ("its numbers do not increase", 'column = "Time [s]"'),
     "Time\n1/2/2024 10:00:00\n1/2/2024 10:00:01": ("which is the day, and which the month?", "[columns.time_s]"),
+    "n2;n [Hz]\n1.5;2.5": ("Hz needs the pulses", 'column = "n [Hz]"'),
     "Time\n10:00\n10:01": ("no unit of time that the import knows reads all of it", "[columns.time_s]"),
     "Time [s];n [rpm]\n1;2\n2;3": ("no number here has one", 'decimal = ","'),
     "Kommentar\n2.5": ("no column is a time", "sample_period_s ="),
@@ -189,6 +192,14 @@ def test_channels_with_units_and_a_clock_are_proposed_as_they_are(tmp_path, name
     write(tmp_path / name)
     found, _ = columns_of(tmp_path, tmp_path / name, confirmed(propose(tmp_path / name)))
     assert found == {"time_s": [0.0, 0.5], "pressure_bar_abs": [2.5, 1.5], "speed_rpm": [2.5, 1.5]}
+
+
+@pytest.mark.parametrize("ending", [".h5", ".mf4"])
+def test_an_exported_run_is_proposed_as_what_it_is(tmp_path, ending):
+    run = read_run(write_sweep(tmp_path / "logs", captures=False))
+    export_samples(run, tmp_path / f"run{ending}")
+    names = {"time_s", "pressure_bar_abs", "flow_l_min", "speed_rpm"}  # and perhaps not the air's: the temperature
+    assert set(tomllib.loads(propose(tmp_path / f"run{ending}"))["columns"]) == names
 
 
 def test_a_matlab_file_s_vectors_have_no_units(tmp_path):
