@@ -1,6 +1,9 @@
 """Runs and recordings to and from other formats.
 
-export, figures, parquet                      a run as recording/1, with its instruments' figures; as one Parquet file
-importing, mapping, tables, units, converted  data taken elsewhere, with units that have to be said
-apart                                         what reads a file whose reader it may take down
+export, figures                 a run as recording/1, with its instruments' figures
+samples                         a run's samples as one file: Parquet, HDF5, TDMS, MDF
+importing, mapping, converted   data taken elsewhere, with units that have to be said
+tables, workbook, cells, units  what they are read with
+binary                          files that their libraries read, in a process of its own
+guess                           a mapping proposed from a look at a file, for a person to confirm
 """

@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-import datetime
 import math
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from configs.units import ZERO_C
-from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, StandardTable, TableTable
+from rig.exchange.cells import DAY_S, Cell
+from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, RotameterTable, StandardTable
 from rig.exchange.tables import Table
-from rig.exchange.units import DATED, unit_of
-from rig.readings import scpi_number
+from rig.exchange.units import MOLAR_MASS, unit_of
 from rig.recording import Column
 from rig.recording.columns import FIGURES, MEASURED
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
 
-DAY_S = 86_400.0
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
 NORMAL = StandardTable(pressure_bar_abs=1.01325, temperature_c=0.0)  # that `units` refers a flow of mass to
 ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read
-_NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)
-_CLOCK = re.compile(r"\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:[.,][0-9]+)?)\s*(?:([AaPp])\.?[Mm]\.?)?\s*", re.ASCII)
-_DATE = re.compile(r"([0-9]{1,4})[-./]([0-9]{1,2})[-./]([0-9]{1,4})", re.ASCII)
-_SIGN = {"": 0, "<": -1, ">": 1}
 _HELD = ("time_s", "supply_open", "rotor_locked", "angle_rad")  # of averaged rows the last is taken
 
 
@@ -177,57 +170,6 @@ def _rows(entry: FileTable, table: Table, reads: Cell) -> list[int]:
     return [row for row in rows if reads.number(cells[row]) == (wanted, 0)]
 
 
-class Cell:
-    """How a cell of a table is read.
-
-    Each method gives a value and whether it is off scale, or None for what it cannot read. (nan, 0) is an empty cell
-    or one without a reading, (inf, 1) one whose range ended.
-    """
-
-    def __init__(self, table: TableTable) -> None:
-        self.decimal = table.decimal or "."
-        self._over = {mark.casefold() for mark in table.over_range}
-        self._invalid = {mark.casefold() for mark in table.invalid}
-
-    def reading(self, cell: str | float) -> tuple[float, int] | None:
-        """A number, or what a logger writes in its place."""
-        word = str(cell).strip().casefold()
-        if word in self._over:
-            return math.inf, 1
-        if word in self._invalid:
-            return math.nan, 0
-        found = self.number(cell)
-        if found is None:
-            return None
-        number = scpi_number(found[0])
-        return (math.inf, 1) if number == math.inf else (number, found[1]) if number > -math.inf else (math.nan, 0)
-
-    def number(self, cell: str | float) -> tuple[float, int] | None:
-        """A number, which a limit's sign may precede."""
-        if not isinstance(cell, str):
-            return (cell, 0) if not math.isinf(cell) else None
-        if not cell.strip():
-            return math.nan, 0
-        if self.decimal == ",":
-            if "." in cell:
-                return None
-            cell = cell.replace(",", ".")
-        match = _NUMBER.fullmatch(cell)
-        if match is None or math.isinf(float(match[2])):
-            return None
-        return float(match[2]), _SIGN[match[1]]
-
-    def time(self, unit: str) -> Callable[[str | float], tuple[float, int] | None]:
-        """What reads a date, a time of day or both, in seconds from some moment."""
-        if unit in DATED:
-            return lambda cell: _dated(cell, DATED[unit])
-        return {"ISO": _iso_time, "hh:mm:ss": _clock_time, "Excel days": self._excel}[unit]
-
-    def _excel(self, cell: str | float) -> tuple[float, int] | None:
-        days = self.number(cell)
-        return None if days is None or math.isnan(days[0]) else (days[0] * DAY_S, 0)
-
-
 def _column(
     name: str,
     source: ColumnTable,
@@ -284,42 +226,6 @@ def _note(notes: list[str], place: str, over: np.ndarray, source: ColumnTable, n
         notes.append(f"{place}: no reading {len(marked)} times ({told}), taken as missing")
 
 
-def _clock_time(cell: str | float) -> tuple[float, int] | None:
-    match = _CLOCK.fullmatch(str(cell))
-    if match is None:
-        return None
-    hour, minute, second = int(match[1]), int(match[2]), float(match[3].replace(",", "."))
-    if match[4]:
-        if not 1 <= hour <= 12:
-            return None
-        hour = hour % 12 + (12 if match[4] in "pP" else 0)
-    if minute > 59 or second >= 61.0 or hour > 24 or (hour == 24 and (minute or second)):
-        return None
-    return hour * 3600.0 + minute * 60.0 + second, 0
-
-
-def _dated(cell: str | float, places: tuple[int, int, int]) -> tuple[float, int] | None:
-    date, _, clock = str(cell).strip().replace("T", " ").partition(" ")
-    parts, time = _DATE.fullmatch(date), _clock_time(clock)
-    if parts is None or time is None:
-        return None
-    year, month, day = (int(parts[1 + place]) for place in places)
-    try:
-        days = datetime.date(year, month, day).toordinal()
-    except ValueError:
-        return None
-    return days * DAY_S + time[0], 0
-
-
-def _iso_time(cell: str | float) -> tuple[float, int] | None:
-    try:
-        time = datetime.datetime.fromisoformat(str(cell).strip())
-        zone = time.tzinfo or datetime.UTC
-        return (time.replace(tzinfo=zone) - datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)).total_seconds(), 0
-    except ValueError:
-        return None
-
-
 def _from_the_first(values: NDArray[np.float64], unit: str, places: Sequence[str]) -> NDArray[np.float64]:
     """Times counted from the first row; a time of day that falls back by half a day has passed midnight."""
     if unit == "hh:mm:ss":
@@ -348,11 +254,16 @@ def _directions(source: ColumnTable, table: Table, rows: list[int]) -> NDArray[n
 
 
 def _bring_to_inlet(mapping: MappingFile, converted: Converted, place: str) -> None:
-    """Q = Q_s (P_s/P)(T/T_s) where the flow refers to a standard state, or is one of mass."""
+    """The flow at the inlet's state, where it refers to another one.
+
+    Of a standard flow, or one of mass, Q = Q_s (P_s/P)(T/T_s). A rotameter's float balances drag, so
+    Q = Q_read sqrt(rho_s/rho), by the densities of the gas that its scale was made for and of the air at the inlet.
+    """
     source = mapping.columns.get("flow_l_min")
     if source is None or "flow_l_min" not in converted.columns:
         return
-    standard = NORMAL if unit_of("flow_l_min", source.unit).quantity == "mass flow" else source.standard
+    is_mass = unit_of("flow_l_min", source.unit).quantity == "mass flow"
+    standard = NORMAL if is_mass else source.standard or source.rotameter
     if standard is None:
         return
     ambient = mapping.ambient
@@ -369,6 +280,8 @@ def _bring_to_inlet(mapping: MappingFile, converted: Converted, place: str) -> N
     else:
         raise RunError(f"{place}: the flow's unit needs inlet_temperature_c, or [ambient] temperature_c")
     ratio = (standard.pressure_bar_abs / pressure) * (temperature + ZERO_C) / (standard.temperature_c + ZERO_C)
+    if isinstance(standard, RotameterTable):
+        ratio = np.sqrt(ratio * MOLAR_MASS[standard.gas] / MOLAR_MASS["air"])
     flow = converted.columns["flow_l_min"]
     converted.columns["flow_l_min"] = Column(flow.values * ratio, flow.censor)
 

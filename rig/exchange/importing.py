@@ -14,7 +14,8 @@ import numpy as np
 from rig.exchange.converted import Converted, convert
 from rig.exchange.export import NOTES
 from rig.exchange.mapping import FileTable, Mapping
-from rig.exchange.tables import read_table
+from rig.exchange.tables import Table, read_table
+from rig.exchange.units import unit_called
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
 from rig.recording.columns import FIGURES, MEASURED
@@ -181,7 +182,12 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
     for path, entry in _entries(files, mapping):
         only = [entry.only.column] if entry.only else []
         table = read_table(path, mapping.file.table, entry.sheet, entry.group, [*wanted, *only])
+        _refuse_gaps(mapping, entry, table)
         part = convert(mapping.file, entry, table)
+        part.notes += _other_units(mapping, table)
+        part.notes += [f"{table.place}: {table.clocks}; on one time line, with empty cells between"] * bool(
+            table.clocks
+        )
         for words in part.notes:
             tell(words)
         if entry.kind == "transient" and "time_s" not in part.columns:
@@ -191,6 +197,32 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
             )
         parts.append(part)
     return parts
+
+
+def _refuse_gaps(mapping: Mapping, entry: FileTable, table: Table) -> None:
+    """Refuse columns of several clocks where the empty cells between would mean something else than no sample."""
+    columns = mapping.file.columns
+    held = [name for name in ("supply_open", "rotor_locked", "angle_rad", "direction") if name in columns]
+    made = [name for name, source in columns.items() if source.differentiate]
+    why = [f"a {entry.kind} file has whole rows"] * (entry.kind != "transient")
+    why += ["average_rows takes whole rows"] * (entry.average_rows > 1)
+    why += [f"{name} holds between its samples" for name in held] + [f"{name} is made of differences" for name in made]
+    why += [f"drop_repeats of {name} needs its own rows" for name, source in columns.items() if source.drop_repeats]
+    if table.clocks and why:
+        raise RunError(f"{table.place}: {table.clocks}; {why[0]}: save the channels on one clock, or import one")
+
+
+def _other_units(mapping: Mapping, table: Table) -> list[str]:
+    """Where a file states another unit than the mapping; it need not say whether a pressure is absolute."""
+    notes = []
+    for name, column in mapping.file.columns.items():
+        stated = table.units.get(str(column.column), "")
+        if unit_called(stated) not in ("", column.unit, column.unit.removesuffix(" abs").removesuffix(" gauge")):
+            notes.append(
+                f"{table.place}, '{shown(str(column.column))}': the file says '{shown(stated)}', the mapping "
+                f"'{column.unit}' for {name}; the mapping's is taken"
+            )
+    return notes
 
 
 def _names(parts: Sequence[Converted]) -> list[str]:

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from configs import FOLDER as CONFIGS
 from configs import Strict, read_toml, validate
+from rig.exchange.binary.columns import WAVEFORM_TIME
 from rig.exchange.units import unit_of
 from rig.recording.columns import MEASURED, NAMES, nearest
 from rig.recording.mistakes import shown
@@ -38,6 +39,14 @@ class StandardTable(Strict):
     temperature_c: Annotated[float, Field(ge=-50.0, le=50.0)]
 
 
+class RotameterTable(Strict):
+    """The gas that a rotameter's scale was made for, at its state."""
+
+    gas: Literal["air", "nitrogen", "oxygen", "argon", "carbon dioxide", "helium"] = "air"
+    pressure_bar_abs: Annotated[float, Field(ge=0.3, le=50.0)]
+    temperature_c: Annotated[float, Field(ge=-50.0, le=200.0)]
+
+
 class ColumnTable(Strict):
     """[columns.NAME]: where a column comes from, in which unit, and its instrument's 1-sigma figures."""
 
@@ -49,6 +58,7 @@ class ColumnTable(Strict):
     factor: float = 1.0  # beside the unit's, such as -1 for a sign
     pulses_per_rev: Positive | None = None  # of a pulse rate
     standard: StandardTable | None = None  # of a standard flow
+    rotameter: RotameterTable | None = None  # of a flow that is read on a scale made for one state of one gas
     differentiate: bool = False  # the source is a length or an angle, the column its mean rate since the row before
     highest: float | None = None  # in `unit`: what the instrument shows at most, so that over range is more than that
     drop_repeats: bool = False  # a value that the logger held is no reading
@@ -70,13 +80,13 @@ class ColumnTable(Strict):
 class TableTable(Strict):
     """[table]: how the files are read."""
 
-    reader: Literal["csv", "tdms", "mat", "xlsx"]
+    reader: Literal["csv", "tdms", "mat", "xlsx", "hdf5", "mdf"]
     delimiter: Literal[",", ";", "\t", "|", " "] | None = None
     decimal: Literal[".", ","] | None = None
     encoding: Literal["utf-8", "latin-1", "utf-16", "cp1252"] = "utf-8"
     heading_line: Annotated[int, Field(ge=0, le=1000)] = 1  # 0: there are no headings
     first_line: Whole | None = None  # of the data; the one after the headings when left out
-    group: str = ""  # of a TDMS file
+    group: str = ""  # of a TDMS or MDF file, or the path of one in an HDF5 file
     sheet: str = ""  # of a workbook
     over_range: list[str] = Field(default_factory=lambda: list(OVER_RANGE))  # what stands where the range ended
     invalid: list[str] = Field(default_factory=lambda: list(INVALID))  # what stands where there is no reading
@@ -183,8 +193,12 @@ def _mistakes(name: str, table: ColumnTable) -> list[str]:
             f"{place}: '{table.unit}' refers to a standard state; say which in "
             "standard = {pressure_bar_abs = .., temperature_c = ..}"
         )
+    if table.rotameter is not None and unit.quantity != "flow":
+        mistakes.append(f"{place}: a rotameter's scale is of a volume flow such as L/min, not of {unit.quantity}")
     if (unit.quantity == "pulse rate") != (table.pulses_per_rev is not None):
         mistakes.append(f"{place}: Hz needs pulses_per_rev, and no other unit takes it")
+    if table.column == WAVEFORM_TIME and table.unit != "s":
+        mistakes.append(f"{place}: '{WAVEFORM_TIME}' is in seconds, whatever the file has: unit = \"s\"")
     if isinstance(table.column, list) and unit.quantity != "time of day":
         mistakes.append(f"{place}: two columns are read as one for a date and a time alone")
     if table.highest is not None and name not in MEASURED:

@@ -1,4 +1,4 @@
-"""Reading tables that were taken elsewhere: CSV, TDMS, MATLAB and workbook files, each to columns of cells.
+"""Reading tables that were taken elsewhere: text and workbooks here, binary files apart, each to columns of cells.
 
 A cell is text as it stood, or a float. Files are untrusted: bounded in size, parsed and never evaluated.
 """
@@ -7,27 +7,18 @@ from __future__ import annotations
 
 import csv
 import re
-import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree as Xml
 
-import numpy as np
-
-from rig.exchange.apart import read_apart
+from rig.exchange.binary.apart import read_apart
+from rig.exchange.binary.columns import MAX_BYTES, MAX_COLUMNS, Cells
 from rig.exchange.mapping import TableTable
+from rig.exchange.workbook import rows_of
 from rig.recording.mistakes import shown
-from rig.runlog.folder import RunError, open_plain, read_bytes
+from rig.runlog.folder import RunError, read_bytes
 
-MAX_BYTES = 500_000_000
-MAX_PART_BYTES = 200_000_000  # of a workbook, unpacked
-MAX_COLUMNS = 4096
-WAVEFORM_TIME = "@time"  # the time track of a TDMS channel
-Cells = list[str] | list[float]
 _SPACED = re.compile(r'"([^"]*)"|(\S+)')
-_REFERENCE = re.compile(r"([A-Z]{1,3})([0-9]{1,7})")
 
 
 @dataclass(frozen=True)
@@ -40,6 +31,10 @@ class Table:
         Empty where the file has none.
     short : tuple of int, or None
         The line with the fewest cells, and their number; None where each row has all.
+    clocks : str
+        What there was where columns of several clocks stand on one time line, with empty cells between.
+    units : dict of str to str
+        By heading, as the file states them.
     """
 
     place: str
@@ -47,6 +42,8 @@ class Table:
     columns: list[Cells]
     lines: Sequence[int]
     short: tuple[int, int] | None = None
+    clocks: str = ""
+    units: dict[str, str] = field(default_factory=dict)
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
@@ -87,39 +84,21 @@ def read_table(
     Parameters
     ----------
     wanted : sequence of str or int
-        Headings and places of the columns that are taken, of all for none. Channels of a TDMS file that are not taken
-        may have another clock.
+        Headings and places of the columns that are taken, of all for none. Channels that are not taken may have
+        another clock.
 
     Raises
     ------
     RunError
         When the file is not what the mapping says.
     """
-    readers: dict[str, Callable[[], Table]] = {
-        "csv": lambda: _csv(path, table),
-        "tdms": lambda: _foreign("tdms", path, group or table.group, wanted),
-        "mat": lambda: _foreign("mat", path, "", wanted),
-        "xlsx": lambda: _xlsx(path, table, sheet or table.sheet),
-    }
-    return readers[table.reader]()
-
-
-def _foreign(reader: str, path: Path, group: str, wanted: Sequence[str | int]) -> Table:
-    if reader == "tdms":
-        try:
-            import nptdms  # noqa: F401 - whether it is there
-        except ImportError:
-            raise RunError(
-                'a TDMS file needs the package npTDMS; install it with `pip install "spinbench[formats]"`'
-            ) from None
-    with open_plain(path, MAX_BYTES):  # refuses what is no file, or too large
-        found = read_apart(reader, path, group, wanted)
-    return Table(**found, lines=range(1, len(found["columns"][0]) + 1))
-
-
-def read_here(reader: str, path: Path, group: str, wanted: Sequence[str | int]) -> Table:
-    """Read a TDMS or a MATLAB file in this process, for `rig.exchange.apart`. Raises RunError where it cannot be."""
-    return _tdms(path, group, wanted) if reader == "tdms" else _mat(path)
+    if table.reader == "csv":
+        return _csv(path, table)
+    if table.reader == "xlsx":
+        return _xlsx(path, table, sheet or table.sheet)
+    found = read_apart(table.reader, path, group or table.group, wanted)
+    lines = range(1, len(found.columns[0]) + 1)
+    return Table(found.place, found.headings, found.columns, lines, clocks=found.clocks, units=found.units)
 
 
 def _csv(path: Path, table: TableTable) -> Table:
@@ -175,177 +154,9 @@ def _of_rows(
     return Table(place, headings, columns, [number for number, _ in data], short)
 
 
-def _tdms(path: Path, group: str, wanted: Sequence[str | int]) -> Table:
-    from nptdms import TdmsFile
-
-    with open_plain(path, MAX_BYTES) as stream:
-        try:
-            file = TdmsFile.read(stream)
-            groups = {found.name: found.channels() for found in file.groups()}
-        except Exception as error:  # whatever a damaged file makes the package stumble over
-            raise RunError(f"{path}: not a TDMS file that can be read ({shown(str(error), 100)})") from None
-    name = group or (next(iter(groups)) if len(groups) == 1 else "")
-    if name not in groups:
-        listed = ", ".join(f"'{shown(found)}'" for found in groups)
-        raise RunError(f"{path}: name the group of channels in [table]: group = one of {listed or 'none: it is empty'}")
-    place, headings, columns = f"{path}, group '{shown(name)}'", [], []
-    clocks: dict[str, tuple[str, float, float]] = {}
-    by_name = wanted and all(isinstance(key, str) for key in wanted)
-    for channel in groups[name]:
-        if by_name and channel.name not in wanted:
-            continue
-        headings.append(channel.name)
-        columns.append(_numbers(np.asarray(channel[:]), f"{place}, '{shown(channel.name)}'"))
-        if "wf_increment" in channel.properties:
-            clocks[channel.name] = _clock(channel.properties, f"{place}, '{shown(channel.name)}'")
-    if clocks:
-        _refuse_other_clocks(clocks, place)
-        _, offset, increment = next(iter(clocks.values()))
-        headings.append(WAVEFORM_TIME)
-        columns.append((offset + increment * np.arange(len(columns[0]))).tolist())
-    return _of_one_length(place, headings, columns)
-
-
-def _clock(properties: Mapping[str, Any], place: str) -> tuple[str, float, float]:
-    """When a waveform starts, by its date, its offset and its period [s]."""
-    try:
-        offset, increment = float(properties.get("wf_start_offset", 0.0)), float(properties["wf_increment"])
-    except (TypeError, ValueError):
-        raise RunError(f"{place}: wf_start_offset and wf_increment are not numbers") from None
-    return str(properties.get("wf_start_time", "")), offset, increment
-
-
-def _refuse_other_clocks(clocks: Mapping[str, tuple[str, float, float]], place: str) -> None:
-    (first, clock), *others = clocks.items()
-    for name, other in others:
-        if other != clock:
-            said = [
-                f"'{shown(one)}' from {start or 'no date'} + {offset:g} s every {increment:g} s"
-                for one, (start, offset, increment) in ((first, clock), (name, other))
-            ]
-            raise RunError(f"{place}: two clocks: {' and '.join(said)}; save the channels on one clock, or import one")
-
-
-def _mat(path: Path) -> Table:
-    from scipy.io import loadmat
-
-    with open_plain(path, MAX_BYTES) as stream:
-        try:
-            found: dict[str, Any] = loadmat(stream, chars_as_strings=False, struct_as_record=True)
-        except NotImplementedError:
-            raise RunError(f"{path}: a MATLAB 7.3 file; save it with -v7") from None
-        except Exception as error:  # as above
-            raise RunError(f"{path}: not a MATLAB file that can be read ({shown(str(error), 100)})") from None
-    headings, columns = [], []
-    for name, array in found.items():
-        is_vector = isinstance(array, np.ndarray) and array.ndim == 2 and 1 in array.shape and array.size > 1
-        if not name.startswith("__") and is_vector and np.issubdtype(array.dtype, np.number):
-            headings.append(name)
-            columns.append(_numbers(array.ravel(), f"{path}, {shown(name)}"))
-    return _of_one_length(str(path), headings, columns)
-
-
-def _numbers(array: np.ndarray, place: str) -> Cells:
-    if np.issubdtype(array.dtype, np.datetime64):
-        return [str(time) for time in array.astype("datetime64[us]")]
-    if np.issubdtype(array.dtype, np.number) and not np.iscomplexobj(array):
-        return [float(value) for value in array]
-    if array.dtype.kind in "OUS":
-        return [str(value) for value in array]
-    raise RunError(f"{place}: holds {array.dtype}, neither numbers nor text")
-
-
-def _of_one_length(place: str, headings: list[str], columns: list[Cells]) -> Table:
-    if not columns:
-        raise RunError(f"{place}: holds no column of numbers")
-    if len({len(column) for column in columns}) > 1:
-        listed = ", ".join(f"'{shown(name)}' {len(cells)}" for name, cells in zip(headings, columns, strict=True))
-        raise RunError(f"{place}: the columns differ in length ({listed}); save those that belong together")
-    return Table(place, headings, columns, range(1, len(columns[0]) + 1 if columns else 1))
-
-
 def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
-    try:
-        with open_plain(path, MAX_BYTES) as stream, zipfile.ZipFile(stream) as archive:
-            part = _sheet_part(archive, sheet, path)
-            shared = _shared(archive)
-            grid = _grid(archive, part, shared)
-    except (
-        zipfile.BadZipFile,
-        KeyError,
-        IndexError,
-        ValueError,
-        EOFError,
-        NotImplementedError,
-        Xml.ParseError,
-    ) as error:
-        if isinstance(error, RunError):
-            raise
-        raise RunError(f"{path}: not a workbook (.xlsx) that can be read ({shown(str(error), 100)})") from None
-    rows, begin = list(enumerate(grid, start=1)), table.heading_line
-    headings = grid[begin - 1] if 0 < begin <= len(grid) else []
+    rows, begin = rows_of(path, sheet), table.heading_line
+    headings = rows[begin - 1] if 0 < begin <= len(rows) else []
     first = table.first_line or begin + 1
-    return _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, rows[first - 1 :], first, is_text=False, table=table)
-
-
-def _part(archive: zipfile.ZipFile, name: str) -> Xml.Element:
-    if archive.getinfo(name).file_size > MAX_PART_BYTES:
-        raise ValueError(f"{name} is larger than {MAX_PART_BYTES} bytes")
-    data = archive.read(name)
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise ValueError("it declares XML entities")
-    return Xml.fromstring(data)  # noqa: S314 - see the import
-
-
-def _sheet_part(archive: zipfile.ZipFile, sheet: str, path: Path) -> str:
-    relation = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
-    sheets = {
-        found.get("name", ""): found.get(relation) for found in _part(archive, "xl/workbook.xml").iter(_tag("sheet"))
-    }
-    if sheet not in sheets:
-        listed = ", ".join(f"'{shown(name)}'" for name in sheets)
-        raise RunError(f"{path}: name the sheet in [table] or [[files]]: sheet = one of {listed}")
-    for found in _part(archive, "xl/_rels/workbook.xml.rels"):
-        if found.get("Id") == sheets[sheet]:
-            return f"xl/{found.get('Target', '').removeprefix('/xl/')}"
-    raise ValueError(f"the sheet '{sheet}' has no part")
-
-
-def _tag(name: str) -> str:
-    return f"{{http://schemas.openxmlformats.org/spreadsheetml/2006/main}}{name}"
-
-
-def _shared(archive: zipfile.ZipFile) -> list[str]:
-    if "xl/sharedStrings.xml" not in archive.namelist():
-        return []
-    strings = _part(archive, "xl/sharedStrings.xml")
-    return ["".join(text.text or "" for text in entry.iter(_tag("t"))) for entry in strings.iter(_tag("si"))]
-
-
-def _grid(archive: zipfile.ZipFile, part: str, shared: list[str]) -> list[list[str]]:
-    """The sheet's cells as text, row by row; a formula's last value."""
-    grid: list[list[str]] = []
-    for row in _part(archive, part).iter(_tag("row")):
-        number = int(row.get("r", len(grid) + 1))
-        if not len(grid) < number <= 1_048_576:
-            raise ValueError(f"row {number} is out of order")
-        cells: list[str] = []
-        for cell in row.iter(_tag("c")):
-            match = _REFERENCE.fullmatch(cell.get("r", ""))
-            index = _letters(match[1]) if match else len(cells)
-            value = cell.findtext(_tag("v")) or "".join(text.text or "" for text in cell.iter(_tag("t")))
-            if index < MAX_COLUMNS and value:
-                cells += [""] * (index + 1 - len(cells))
-                cells[index] = shared[int(value)] if cell.get("t") == "s" else value
-        if any(cells):
-            grid += [[]] * (number - 1 - len(grid))
-            grid.append(cells)
-    return grid
-
-
-def _letters(letters: str) -> int:
-    """A: 0, B: 1, ..., AA: 26."""
-    index = 0
-    for letter in letters:
-        index = 26 * index + ord(letter) - ord("A") + 1
-    return index - 1
+    numbered = list(enumerate(rows, start=1))[first - 1 :]
+    return _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, numbered, first, is_text=False, table=table)

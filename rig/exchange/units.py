@@ -92,6 +92,15 @@ QUANTITIES = {
 }
 INTEGRALS = {"velocity_m_s": "length", "speed_rpm": "angle"}  # of what the column is the rate of change
 _RPM = 30.0 / math.pi
+# g/mol, of what a rotameter's scale may be made for.
+MOLAR_MASS = {
+    "air": 28.965,
+    "nitrogen": 28.014,
+    "oxygen": 31.998,
+    "argon": 39.948,
+    "carbon dioxide": 44.009,
+    "helium": 4.0026,
+}
 
 
 def known_units(column: str, differentiate: bool = False) -> list[str]:
@@ -133,3 +142,57 @@ def unit_of(column: str, name: str, differentiate: bool = False) -> Unit:
     if name in UNITS:
         raise RunError(f"'{name}' is a unit of {UNITS[name].quantity}, and {column} comes in one of {listed}")
     raise RunError(f"the unit '{name[:40]}' is not known; known for {column}: {listed}")
+
+
+# How others write a unit.
+_SAME = {
+    "L/min": ("lpm", "l min"),
+    "sL/min": ("slpm", "std l/min", "sl/min"),
+    "NL/min": ("ln/min", "nlpm", "norm l/min"),
+    "m3/h": ("m^3/h", "cbm/h"),
+    "Nm3/h": ("nm^3/h", "mn3/h"),
+    "cfm": ("ft3/min",),
+    "rpm": ("1/min", "u/min", "min-1", "min^-1", "rev/min", "r/min", "upm"),
+    "rev/s": ("u/s", "rps", "r/s"),
+    "deg/s": ("°/s",),
+    "degC": ("°c", "celsius", "grad c"),
+    "degF": ("°f",),
+    "N m": ("nm", "n*m", "n·m"),
+    "mN m": ("mnm",),
+    "N cm": ("ncm",),
+    "s": ("sec", "secs", "second", "seconds", "sek", "sekunden"),
+    "ms": ("msec", "milliseconds", "millisekunden"),
+    "us": ("µs", "μs", "microseconds"),
+    "min": ("minutes", "minuten"),
+    "h": ("hours", "stunden"),
+    "deg": ("°",),
+    "m/s": ("m/sec",),
+}
+_ABS = ("abs", "(abs)", "a", "(a)", "absolute")
+_GAUGE = ("gauge", "(gauge)", "g", "(g)", "rel", "(rel)", "ü", "relative")
+PRESSURES = {name.removesuffix(" abs") for name in UNITS if name.endswith(" abs")}
+
+
+def _compact(text: str) -> str:
+    return text.replace(" ", "").replace("_", "").replace("³", "3").replace("²", "2")
+
+
+def _aliases() -> dict[str, str]:
+    """Every way to write a unit, without spaces: the known unit, or a pressure that says neither absolute nor gauge."""
+    known = {_compact(name): name for name in UNITS if name not in QUANTITIES["direction"]}
+    known |= {_compact(other): name for name, others in _SAME.items() for other in others}
+    for name in PRESSURES:
+        known |= {name: name} | {_compact(name + end): f"{name} abs" for end in _ABS}
+        known |= {_compact(name + end): f"{name} gauge" for end in _GAUGE}
+    return known
+
+
+_EXACT = _aliases()
+_AS_WRITTEN = {"mpa", "mn", "mnm"}  # where a capital letter makes another unit
+_FOLDED = {alias.casefold(): name for alias, name in _EXACT.items() if alias.casefold() not in _AS_WRITTEN}
+
+
+def unit_called(text: str) -> str:
+    """The unit that a text is, as the import knows it or a pressure's without abs or gauge; empty for none."""
+    compact = _compact(text.strip().strip("[]"))
+    return _EXACT.get(compact) or _FOLDED.get(compact.casefold(), "")

@@ -13,6 +13,9 @@ from spinbench.cli.options import LOGS, LogsOption, RunArgument
 from spinbench.cli.show import on_terminal, remark
 from spinbench.readings import run_named
 
+OUT_HELP = "A folder to make, or a file that ends in .parquet, .h5, .hdf5, .nxs, .tdms or .mf4."
+FILES_HELP = "CSV, Excel, TDMS, MATLAB, HDF5 or MDF files."
+
 
 def list_all(logs: LogsOption = LOGS) -> None:
     """List the runs."""
@@ -66,33 +69,47 @@ def repair(run: RunArgument, logs: LogsOption = LOGS) -> None:
 
 def export(
     run: RunArgument,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR|FILE", help="A folder to make, or a .parquet file.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR|FILE", help=OUT_HELP)],
     logs: LogsOption = LOGS,
     unsettled: Annotated[bool, typer.Option("--unsettled", help="Take plateaus that had not settled, too.")] = False,
 ) -> None:
-    """Export a run as a recording/1 folder, or its samples as Parquet."""
+    """Export a run as a recording/1 folder, or its samples as Parquet, HDF5, TDMS or MDF 4."""
     from rig.exchange.export import export_recording
-    from rig.exchange.parquet import export_parquet
+    from rig.exchange.samples.export import FORMATS, export_samples
 
     read = run_named(run, logs)
-    if out.suffix == ".parquet":
-        export_parquet(read, out)
+    if out.suffix.lower() in FORMATS:
+        export_samples(read, out)
     else:
         remark(*export_recording(read, out, unsettled).notes)
     print(out)
 
 
 def import_data(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV, TDMS, MATLAB or Excel files.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=FILES_HELP)],
     mapping: Annotated[
-        Path, typer.Option("--mapping", metavar="FILE", help="A mapping: what each column is, and its unit.")
-    ],
+        Path | None, typer.Option("--mapping", metavar="FILE", help="A mapping: what each column is, and its unit.")
+    ] = None,
+    guess: Annotated[
+        bool, typer.Option("--guess", help="Import nothing: propose a mapping of one file, to be read and confirmed.")
+    ] = False,
     logs: LogsOption = LOGS,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Make a recording there instead of a run.")
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="DIR|FILE",
+            help="Make a recording there instead of a run; with --guess, the mapping file.",
+        ),
     ] = None,
 ) -> None:
     """Import data taken elsewhere, as a run; of a rig that is not this motor, as a recording."""
+    if guess == (mapping is not None) or (guess and len(files) > 1):
+        raise typer.BadParameter("give --mapping, or --guess and one file")
+    if mapping is None:
+        propose_mapping(files[0], out)
+        return
     from rig.exchange.importing import import_files
     from rig.exchange.mapping import read_mapping
 
@@ -100,3 +117,17 @@ def import_data(
     if not isinstance(read.file.motor, str) and out is None:
         raise typer.BadParameter(f"{mapping} is of another rig: name the recording to make with -o")
     print(import_files(files, read, logs if out is None else out, as_recording=out is not None, tell=remark))
+
+
+def propose_mapping(file: Path, out: Path | None) -> None:
+    """A mapping proposed for a file, on standard output or as a new file."""
+    from rig.exchange.guess.proposal import propose
+    from rig.runlog.folder import write_whole
+
+    text = propose(file)
+    if out is None:
+        print(text, end="")
+        return
+    write_whole(out, text.encode("utf-8"))
+    remark("a proposal: read every line before you import with it")
+    print(out)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig.exchange.export import export_recording, recording_of
-from rig.exchange.parquet import export_parquet
+from rig.exchange.samples.export import export_samples
 from rig.readings import NS, Exchange, Quality
 from rig.recording import RecordingError, SupplyFigures, read_recording
 from rig.runlog import RunError, RunWriter, read_run
@@ -379,7 +379,7 @@ def test_a_run_that_is_being_written_is_not_exported(tmp_path):
         with pytest.raises(RunError, match="a program writes this run now"):
             export_recording(found, tmp_path / "recording")
         with pytest.raises(RunError, match="is being written"):
-            export_parquet(found, tmp_path / "run.parquet")
+            export_samples(found, tmp_path / "run.parquet")
 
 
 def test_nothing_is_overwritten(run, exported, tmp_path):
@@ -387,13 +387,13 @@ def test_nothing_is_overwritten(run, exported, tmp_path):
         export_recording(run, exported[2])
     (tmp_path / "run.parquet").write_text("mine")
     with pytest.raises(RunError, match="exists already"):
-        export_parquet(run, tmp_path / "run.parquet")
+        export_samples(run, tmp_path / "run.parquet")
     assert (tmp_path / "run.parquet").read_text() == "mine"
 
 
 def test_a_parquet_file_holds_the_samples_and_the_records(run, tmp_path):
     pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    export_parquet(run, tmp_path / "run.parquet")
+    export_samples(run, tmp_path / "run.parquet")
     table = pq.read_table(tmp_path / "run.parquet")
     found = table.to_pandas()
     assert list(found.columns) == list(run.samples.columns)
@@ -408,11 +408,11 @@ def test_a_parquet_file_holds_the_samples_and_the_records(run, tmp_path):
 
 def test_a_killed_run_becomes_no_parquet_file(tmp_path):
     found = written(tmp_path, lambda bench: bench.plateau(1, SWEEP[0], "up"))
-    with pytest.raises(RunError, match="only a sealed run becomes a Parquet file"):
-        export_parquet(found, tmp_path / "run.parquet")
+    with pytest.raises(RunError, match=r"only a sealed run becomes a \.parquet file"):
+        export_samples(found, tmp_path / "run.parquet")
 
 
 def test_without_pyarrow_the_error_says_what_to_install(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(RunError, match="needs the package pyarrow"):
-        export_parquet(run, tmp_path / "run.parquet")
+        export_samples(run, tmp_path / "run.parquet")

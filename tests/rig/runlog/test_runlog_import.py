@@ -10,7 +10,6 @@ import hypothesis
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from configs import ConfigError
 from rig.exchange.export import recording_of
@@ -690,34 +689,3 @@ def test_no_file_ends_in_anything_but_a_sentence(reader, data, tmp_path_factory)
     (folder / "elsewhere.toml").write_text(head + ('sheet = "a"\n' if reader == "xlsx" else "") + SIMPLE)
     (folder / "data").write_bytes(content)
     read_or_refused(folder)
-
-
-@pytest.fixture(scope="module")
-def whole_files(tmp_path_factory):
-    """The bytes of a TDMS and of a MATLAB file."""
-    folder = tmp_path_factory.mktemp("whole")
-    waveforms(folder / "data.tdms", P=0.0, n=0.0)
-    savemat(folder / "data.mat", {"P": np.arange(2.0, 7.0), "n": np.arange(2.0, 7.0)})
-    return {reader: (folder / f"data.{reader}").read_bytes() for reader in ("tdms", "mat")}
-
-
-@pytest.mark.parametrize("reader", ["tdms", "mat"])
-@hypothesis.given(data=st.data())
-@hypothesis.settings(max_examples=5)
-def test_no_damaged_file_ends_in_anything_but_a_sentence(reader, data, whole_files, tmp_path_factory):
-    folder, content = tmp_path_factory.mktemp("damaged"), bytearray(whole_files[reader])
-    for _ in range(data.draw(st.integers(1, 4))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    del content[data.draw(st.integers(1, len(content))) :]
-    (folder / "elsewhere.toml").write_text(TDMS.replace("tdms", reader) + SIMPLE)
-    (folder / "data").write_bytes(content)
-    read_or_refused(folder)
-
-
-def test_a_file_that_takes_its_reader_down_is_refused(whole_files, put, tmp_path):
-    """scipy's compiled reader ends its process over this byte."""
-    content = bytearray(whole_files["mat"])
-    content[176] = 49
-    mapping = read_mapping(put("elsewhere.toml", TDMS.replace("tdms", "mat") + SIMPLE))
-    with pytest.raises(RunError, match=r"(?i)damaged.mat: not a mat(lab)? file that can be read"):
-        import_recording([put("damaged.mat", bytes(content))], mapping, tmp_path / "out")

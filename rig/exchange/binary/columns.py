@@ -1,0 +1,74 @@
+"""What a reader of a binary file answers: columns of one length, each cell a number or text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rig.recording.mistakes import shown
+from rig.runlog.folder import RunError
+
+MAX_BYTES = 500_000_000  # of a file
+MAX_COLUMNS = 4096
+MAX_ROWS = 20_000_000
+FEW = 60  # cells that a listing shows
+WAVEFORM_TIME = "@time"  # the time track of channels that have clocks
+Cells = list[str] | list[float]
+Wanted = Sequence[str | int]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of one length.
+
+    `clocks` says what there was where they come from several clocks; empty otherwise. `units`, by heading, are as the
+    file states them.
+    """
+
+    place: str
+    headings: list[str]
+    columns: list[Cells]
+    clocks: str = ""
+    units: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Listed:
+    """One channel of a file: its group, its name, its unit as stated, its first cells, and whether it has a clock."""
+
+    group: str
+    name: str
+    unit: str
+    count: int
+    cells: Cells
+    clocked: bool
+
+
+def by_name(wanted: Wanted) -> bool:
+    """Whether the columns that are taken are all given by their headings."""
+    return bool(wanted) and all(isinstance(key, str) for key in wanted)
+
+
+def cells_of(array: np.ndarray, place: str) -> Cells:
+    """An array's cells. Raises RunError for what is neither numbers nor text."""
+    if array.dtype.kind == "M":
+        return [str(time) for time in array.astype("datetime64[us]")]
+    if array.dtype.kind in "biuf":
+        return [float(value) for value in array]
+    if array.dtype.kind in "OUS":
+        return [value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) for value in array]
+    raise RunError(f"{place}: holds {array.dtype}, neither numbers nor text")
+
+
+def of_one_length(place: str, headings: list[str], columns: list[Cells], clocks: str = "") -> Columns:
+    """Columns that belong together. Raises RunError where they cannot, or where there is none."""
+    if not columns:
+        raise RunError(f"{place}: holds no column of numbers")
+    if len({len(column) for column in columns}) > 1:
+        listed = ", ".join(f"'{shown(name)}' {len(cells)}" for name, cells in zip(headings, columns, strict=True))
+        raise RunError(f"{place}: the columns differ in length ({listed}); save those that belong together")
+    if len(columns) > MAX_COLUMNS:
+        raise RunError(f"{place}: {len(columns)} columns; at most {MAX_COLUMNS} are read")
+    return Columns(place, headings, columns, clocks)

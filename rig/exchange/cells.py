@@ -1,0 +1,105 @@
+"""How a cell of a foreign table is read: numbers with a limit's sign, marks, dates and times of day."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+from collections.abc import Callable
+
+from rig.exchange.mapping import TableTable
+from rig.exchange.units import DATED
+from rig.readings import scpi_number
+
+DAY_S = 86_400.0
+_NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)
+_CLOCK = re.compile(r"\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:[.,][0-9]+)?)\s*(?:([AaPp])\.?[Mm]\.?)?\s*", re.ASCII)
+_DATE = re.compile(r"([0-9]{1,4})[-./]([0-9]{1,2})[-./]([0-9]{1,4})", re.ASCII)
+_SIGN = {"": 0, "<": -1, ">": 1}
+
+
+class Cell:
+    """How a cell of a table is read.
+
+    Each method gives a value and whether it is off scale, or None for what it cannot read. (nan, 0) is an empty cell
+    or one without a reading, (inf, 1) one whose range ended.
+    """
+
+    def __init__(self, table: TableTable) -> None:
+        self.decimal = table.decimal or "."
+        self._over = {mark.casefold() for mark in table.over_range}
+        self._invalid = {mark.casefold() for mark in table.invalid}
+
+    def reading(self, cell: str | float) -> tuple[float, int] | None:
+        """A number, or what a logger writes in its place."""
+        word = str(cell).strip().casefold()
+        if word in self._over:
+            return math.inf, 1
+        if word in self._invalid:
+            return math.nan, 0
+        found = self.number(cell)
+        if found is None:
+            return None
+        number = scpi_number(found[0])
+        return (math.inf, 1) if number == math.inf else (number, found[1]) if number > -math.inf else (math.nan, 0)
+
+    def number(self, cell: str | float) -> tuple[float, int] | None:
+        """A number, which a limit's sign may precede."""
+        if not isinstance(cell, str):
+            return (cell, 0) if not math.isinf(cell) else None
+        if not cell.strip():
+            return math.nan, 0
+        if self.decimal == ",":
+            if "." in cell:
+                return None
+            cell = cell.replace(",", ".")
+        match = _NUMBER.fullmatch(cell)
+        if match is None or math.isinf(float(match[2])):
+            return None
+        return float(match[2]), _SIGN[match[1]]
+
+    def time(self, unit: str) -> Callable[[str | float], tuple[float, int] | None]:
+        """What reads a date, a time of day or both, in seconds from some moment."""
+        if unit in DATED:
+            return lambda cell: _dated(cell, DATED[unit])
+        return {"ISO": _iso_time, "hh:mm:ss": _clock_time, "Excel days": self._excel}[unit]
+
+    def _excel(self, cell: str | float) -> tuple[float, int] | None:
+        days = self.number(cell)
+        return None if days is None or math.isnan(days[0]) else (days[0] * DAY_S, 0)
+
+
+def _clock_time(cell: str | float) -> tuple[float, int] | None:
+    match = _CLOCK.fullmatch(str(cell))
+    if match is None:
+        return None
+    hour, minute, second = int(match[1]), int(match[2]), float(match[3].replace(",", "."))
+    if match[4]:
+        if not 1 <= hour <= 12:
+            return None
+        hour = hour % 12 + (12 if match[4] in "pP" else 0)
+    if minute > 59 or second >= 61.0 or hour > 24 or (hour == 24 and (minute or second)):
+        return None
+    return hour * 3600.0 + minute * 60.0 + second, 0
+
+
+def _dated(cell: str | float, places: tuple[int, int, int]) -> tuple[float, int] | None:
+    date, _, clock = str(cell).strip().replace("T", " ").partition(" ")
+    parts, time = _DATE.fullmatch(date), _clock_time(clock)
+    if parts is None or time is None:
+        return None
+    year, month, day = (int(parts[1 + place]) for place in places)
+    try:
+        days = datetime.date(year, month, day).toordinal()
+    except ValueError:
+        return None
+    return days * DAY_S + time[0], 0
+
+
+def _iso_time(cell: str | float) -> tuple[float, int] | None:
+    try:
+        time = datetime.datetime.fromisoformat(str(cell).strip())
+        zone = time.tzinfo or datetime.UTC
+        return (time.replace(tzinfo=zone) - datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)).total_seconds(), 0
+    except ValueError:
+        return None

@@ -1,0 +1,59 @@
+"""A sealed run's samples as one file, whose ending says the format."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import uuid
+from pathlib import Path
+
+from rig.exchange.binary.packages import need
+from rig.recording.mistakes import shown
+from rig.runlog.folder import END, MAX_RECORD_BYTES, START, RunError, read_bytes
+from rig.runlog.reader import BEING_WRITTEN, Run
+
+# Ending: the module here that writes the format, and the package that it needs.
+FORMATS = {
+    ".parquet": ("parquet", "pyarrow"),
+    ".h5": ("hdf5", "h5py"),
+    ".hdf5": ("hdf5", "h5py"),
+    ".nxs": ("hdf5", "h5py"),
+    ".tdms": ("tdms", "nptdms"),
+    ".mf4": ("mdf", "asammdf"),
+}
+
+
+def export_samples(run: Run, file: Path) -> None:
+    """Write the samples of a run as one file, with its start and end records in it.
+
+    Raises
+    ------
+    RunError
+        When the run has no end record, the file exists, or the package that its format needs is not installed.
+    """
+    file = Path(file)
+    if run.end is None:
+        what = "is being written" if run.state == BEING_WRITTEN else "was killed: `spinbench runs repair` seals it"
+        raise RunError(f"{run.folder}: only a sealed run becomes a {file.suffix} file, and this one {what}")
+    if os.path.lexists(file):
+        raise RunError(f"{file}: exists already; nothing is overwritten, give a name that is free")
+    name, package = FORMATS[file.suffix.lower()]
+    need(package)
+    writer = importlib.import_module(f"rig.exchange.samples.{name}")
+    records = {name: read_bytes(run.folder / name, MAX_RECORD_BYTES) for name in (START, END)}
+    beside = file.with_name(f".{uuid.uuid4().hex}.writing{file.suffix}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        writer.write(run, records, beside)
+        with beside.open("rb") as written:
+            os.fsync(written.fileno())
+        beside.rename(file)
+    except RunError:
+        raise
+    except Exception as error:  # packages raise many things where a disk is full
+        why = getattr(error, "strerror", None) or shown(str(error), 100) or type(error).__name__
+        raise RunError(f"{file}: cannot be written ({why}); check the place and the space") from None
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)

@@ -1,0 +1,110 @@
+"""Excel workbooks (.xlsx): the cells of a sheet as text. A formula is its last value."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+from xml.etree import ElementTree as Xml
+
+from rig.exchange.binary.columns import MAX_BYTES, MAX_COLUMNS
+from rig.recording.mistakes import shown
+from rig.runlog.folder import RunError, open_plain
+
+MAX_PART_BYTES = 200_000_000  # unpacked
+MAX_CELLS = 20_000_000
+Found = TypeVar("Found")
+_REFERENCE = re.compile(r"([A-Z]{1,3})([0-9]{1,7})")
+
+
+def sheet_names(path: Path) -> list[str]:
+    """The names of a workbook's sheets. Raises RunError where it cannot be read."""
+    return list(_opened(path, _parts_by_name))
+
+
+def rows_of(path: Path, sheet: str) -> list[list[str]]:
+    """A sheet's rows from the first on. Raises RunError where the workbook cannot be read, or has no such sheet."""
+
+    def read(archive: zipfile.ZipFile) -> list[list[str]]:
+        parts = _parts_by_name(archive)
+        if sheet not in parts:
+            listed = ", ".join(f"'{shown(name)}'" for name in parts)
+            raise RunError(f"{path}: name the sheet in [table] or [[files]]: sheet = one of {listed}")
+        return _grid(archive, parts[sheet], _shared(archive))
+
+    return _opened(path, read)
+
+
+def _opened(path: Path, read: Callable[[zipfile.ZipFile], Found]) -> Found:
+    try:
+        with open_plain(path, MAX_BYTES) as stream, zipfile.ZipFile(stream) as archive:
+            return read(archive)
+    except RunError:
+        raise
+    except Exception as error:  # whatever a damaged archive makes its readers stumble over
+        raise RunError(f"{path}: not a workbook (.xlsx) that can be read ({shown(str(error), 100)})") from None
+
+
+def _part(archive: zipfile.ZipFile, name: str) -> Xml.Element:
+    if archive.getinfo(name).file_size > MAX_PART_BYTES:
+        raise ValueError(f"{name} is larger than {MAX_PART_BYTES} bytes")
+    data = archive.read(name)
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise ValueError("it declares XML entities")
+    return Xml.fromstring(data)  # noqa: S314 - see the import
+
+
+def _parts_by_name(archive: zipfile.ZipFile) -> dict[str, str]:
+    """The sheets, each with its part of the archive."""
+    relation = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
+    targets = {one.get("Id"): one.get("Target", "") for one in _part(archive, "xl/_rels/workbook.xml.rels")}
+    return {
+        one.get("name", ""): f"xl/{targets.get(one.get(relation), '').removeprefix('/xl/')}"
+        for one in _part(archive, "xl/workbook.xml").iter(_tag("sheet"))
+    }
+
+
+def _tag(name: str) -> str:
+    return f"{{http://schemas.openxmlformats.org/spreadsheetml/2006/main}}{name}"
+
+
+def _shared(archive: zipfile.ZipFile) -> list[str]:
+    if "xl/sharedStrings.xml" not in archive.namelist():
+        return []
+    strings = _part(archive, "xl/sharedStrings.xml")
+    return ["".join(text.text or "" for text in entry.iter(_tag("t"))) for entry in strings.iter(_tag("si"))]
+
+
+def _grid(archive: zipfile.ZipFile, part: str, shared: list[str]) -> list[list[str]]:
+    """The sheet's cells as text, row by row; a formula's last value."""
+    grid: list[list[str]] = []
+    count = 0
+    for row in _part(archive, part).iter(_tag("row")):
+        number = int(row.get("r", len(grid) + 1))
+        if not len(grid) < number <= 1_048_576:
+            raise ValueError(f"row {number} is out of order")
+        cells: list[str] = []
+        for cell in row.iter(_tag("c")):
+            match = _REFERENCE.fullmatch(cell.get("r", ""))
+            index = _letters(match[1]) if match else len(cells)
+            value = cell.findtext(_tag("v")) or "".join(text.text or "" for text in cell.iter(_tag("t")))
+            if index < MAX_COLUMNS and value:
+                cells += [""] * (index + 1 - len(cells))
+                cells[index] = shared[int(value)] if cell.get("t") == "s" else value
+        count += len(cells)
+        if count > MAX_CELLS:
+            raise ValueError(f"more than {MAX_CELLS} cells")
+        if any(cells):
+            grid += [[]] * (number - 1 - len(grid))
+            grid.append(cells)
+    return grid
+
+
+def _letters(letters: str) -> int:
+    """A: 0, B: 1, ..., AA: 26."""
+    index = 0
+    for letter in letters:
+        index = 26 * index + ord(letter) - ord("A") + 1
+    return index - 1
