@@ -22,7 +22,7 @@ from spinbench.cli.show import remark
 
 app = typer.Typer(
     help="Bench tool for a pneumatic radial piston motor: calibrates its dynamic model and says how sure it is.",
-    no_args_is_help=True,
+    invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
@@ -85,11 +85,17 @@ def _show_version(asked: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version)
     ] = False,
 ) -> None:
-    """Options of the bare command; --version has done its work before this is called."""
+    """Options of the bare command, which tells what can be done next; --version has done its work before."""
+    if context.invoked_subcommand is None:
+        from spinbench.cli.options import LOGS
+        from spinbench.next_steps import shown
+
+        print(shown(LOGS))
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from rig.readings import Quality
 from rig.runlog.plateaus import PRESSURES, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN
-from rig.runlog.schema import COURSE, EXPECTED, EventLine
+from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, EventLine
 from rig.runlog.tail import CHECK, STATE, Shown, Tail
 from spinbench.console.words import GUIDANCE, after_the_end, badge_of
 
@@ -115,7 +115,11 @@ def _steps(tail: Tail, now_s: float) -> dict[str, Any]:
     still = None
     if each is not None and left and tail.state == BEING_WRITTEN:
         still = max(each * left - (now_s - tail.plateaus[-1].end_s), 0.0)
-    captures = [{"kind": kind, "level": level} for kind, level in course.get("captures", [])]
+    made = {event.details.get("capture") for event in tail.events if event.event == CAPTURE}
+    captures = [
+        {"kind": kind, "level": level, "status": "done" if kind in made else "to come"}
+        for kind, level in course.get("captures", [])
+    ]
     return {"steps": steps, "captures": captures, "still_s": None if still is None else round(still)}
 
 
@@ -128,7 +132,7 @@ def _figure(tail: Tail, role: str, now_s: float, silent_s: float) -> dict[str, A
     if tail.state == BEING_WRITTEN and age_s > STALE_S:
         mark, words = "old", f"old: {age_s:.0f} s"
     digits = DIGITS.get(shown.unit.split()[0] if shown.unit else "", 2)
-    sign = {-1: "<", 1: ">"}.get(shown.censored, "")
+    sign = {-1: "<" if shown.value else "", 1: ">"}.get(shown.censored, "")
     text = "–" if shown.value is None else f"{sign}{shown.value:.{digits}f}"
     return {"role": role, "text": text, "unit": _unit(role, shown), "mark": mark, "quality": words}
 
@@ -144,7 +148,7 @@ def _quality(shown: Shown) -> tuple[str, str]:
     if shown.value is None or not shown.usable:
         return "bad", "beyond the scale" if shown.quality == Quality.OVER_RANGE else f"no reading: {shown.quality}"
     if shown.censored:
-        return "unsure", "beyond the scale"
+        return "unsure", "at rest, or too slow to see" if shown.value == 0.0 else "beyond the scale"
     return ("unsure", "unverified") if shown.quality == Quality.UNVERIFIED else ("good", shown.quality)
 
 
@@ -214,7 +218,10 @@ def said(event: EventLine) -> str:
     """What an event says, in a line."""
     if "text" in event.details:
         return str(event.details["text"])[:TEXT]
-    parts = (f"{key} {value}" for key, value in event.details.items() if isinstance(value, str | int | float))
+    parts = []
+    for key, value in event.details.items():
+        if isinstance(value, str | int | float):
+            parts.append(f"{key} {value:.6g}" if isinstance(value, float) else f"{key} {value}")
     return ", ".join(parts)[:TEXT]
 
 

@@ -208,7 +208,7 @@ function drawSteps() {
   const arrows = { up: "↑", down: "↓" };
   fill($("steps"), [
     ...steps.map(s => { const li = make("li", `${marks[s.status]}${s.level.toFixed(2)} bar ${arrows[s.direction] || ""}`, s.status.replace(" ", "-")); if (s.status === "running") li.setAttribute("aria-current", "step"); li.title = s.status; return li; }),
-    ...captures.map(c => make("li", `${c.kind} at ${c.level.toFixed(2)} bar`))]);
+    ...captures.map(c => make("li", `${marks[c.status]}${c.kind} at ${c.level.toFixed(2)} bar`, c.status))]);
   const done = steps.filter(s => s.status === "done").length;
   put($("course-left"), steps.length ? `${done} of ${steps.length} plateaus${still_s === null ? "" : `, about ${still_s < 90 ? `${still_s} s` : `${Math.round(still_s / 60)} min`} still`}` : "");
 }
