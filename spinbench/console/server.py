@@ -253,4 +253,5 @@ def serve(desk: Desk, port: int, ready: Callable[[str], None]) -> None:
             app_of(desk), log_level="error", access_log=False, timeout_graceful_shutdown=1, server_header=False
         )
         ready(f"http://{ADDRESS}:{listening.getsockname()[1]}/#token={desk.kept.token}")
-        uvicorn.Server(config).run(sockets=[listening])
+        with contextlib.suppress(KeyboardInterrupt):  # it has ended in good order by then
+            uvicorn.Server(config).run(sockets=[listening])

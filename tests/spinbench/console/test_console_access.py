@@ -2,10 +2,10 @@
 
 import http.client
 import json
-import os
 import stat
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -133,20 +133,12 @@ def test_a_path_that_leads_out_of_the_logs_folder_is_refused(place, path):
 
 def test_it_listens_on_the_loopback_alone_and_keeps_its_token_for_its_user(place):
     console, logs, _ = place
-    found = subprocess.run(
-        [sys.executable, "-c", f"import socket; socket.create_connection((socket.gethostname(), {console.port}), 5)"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60.0,
-    )
-    listening = [line.split() for line in open("/proc/net/tcp").read().splitlines()[1:]]
+    listening = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
     (address,) = {row[1] for row in listening if row[3] == "0A" and int(row[1].split(":")[1], 16) == console.port}
-    assert address.startswith("0100007F:"), found.stderr
+    assert address.startswith("0100007F:")
     kept = logs / ".console.json"
     assert stat.S_IMODE(kept.stat().st_mode) == 0o600
     assert console.token in kept.read_text()
-    assert os.access(kept, os.R_OK)
 
 
 def test_a_port_that_is_taken_is_told_in_words(place):
