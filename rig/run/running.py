@@ -278,7 +278,8 @@ class _Run:
     def _expected(self, guard: Guard, course: Course, is_gauge: bool) -> Callable[[Sequence[Plateau]], None]:
         """Notes what the guard holds for possible, for whoever watches: speeds over the levels, and f_overall."""
         room = self.ambient.pressure_bar_abs
-        top = max((task.level_bar_abs for task in (*course.steps, *course.captures)), default=room)
+        wanted = [step.level_bar_abs for step in course.steps] + [one.level_bar_abs for one in course.captures]
+        top = max(wanted, default=room)
         levels = [room + (top - room) * share / BAND_LEVELS for share in range(1, BAND_LEVELS + 1)]
 
         def note(plateaus: Sequence[Plateau]) -> None:

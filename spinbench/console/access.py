@@ -92,7 +92,9 @@ class Kept:
         """Refuse a change without the token; STOP takes its own too."""
         allowed = (self.token, self.stop_token) if stop else (self.token,)
         if not any(hmac.compare_digest(given.encode(), token.encode()) for token in allowed):
-            raise RefusedError(403, "open the address that the console printed: this window has no token, so it watches")
+            raise RefusedError(
+                403, "open the address that the console printed: this window has no token, so it watches"
+            )
 
     def _read(self) -> dict[str, Any]:
         try:

@@ -199,7 +199,12 @@ def _row(folder: Path) -> dict[str, Any]:
         locked = not (folder / END).exists() and is_locked(folder)
         end = read_end(folder)
     except RunError as error:
-        return row | {"outcome": f"unreadable: {str(error).splitlines()[0][:160]}", "kind": "", "bench": "", "plateaus": ""}
+        return row | {
+            "outcome": f"unreadable: {str(error).splitlines()[0][:160]}",
+            "kind": "",
+            "bench": "",
+            "plateaus": "",
+        }
     outcome = state_of(end, locked)
     by = f" by the {end.stopped_by}" if end is not None and end.stopped_by else ""
     plateaus = "" if end is None else end.counts.get("plateaus", "")

@@ -105,7 +105,9 @@ def _steps(tail: Tail, now_s: float) -> dict[str, Any]:
     steps, is_next = [], tail.state == BEING_WRITTEN
     is_capturing = tail.details(STATE).get("state") == "capture"
     for level, direction, repeat in wanted:
-        status = "done" if (level, direction, repeat) in taken else "left out" if (level, direction, repeat) in gone else ""
+        status = (
+            "done" if (level, direction, repeat) in taken else "left out" if (level, direction, repeat) in gone else ""
+        )
         if not status and is_next and not is_capturing:
             status, is_next = "running", False
         steps.append({"level": level, "direction": direction, "status": status or "to come"})
@@ -221,7 +223,8 @@ def said(event: EventLine) -> str:
     parts = []
     for key, value in event.details.items():
         if isinstance(value, str | int | float):
-            parts.append(f"{key} {value:.6g}" if isinstance(value, float) else f"{key} {value}")
+            words = f"{value:.6g}" if isinstance(value, float) else str(value)
+            parts.append(words if key == event.event else f"{key} {words}")
     return ", ".join(parts)[:TEXT]
 
 

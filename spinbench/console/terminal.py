@@ -93,7 +93,9 @@ def _course(course: dict[str, Any], word: str) -> Text:
     for step in course["steps"]:
         way = {"up": "↑", "down": "↓"}.get(step["direction"], "")
         running = step["status"] == "running"
-        text.append(f"{STEP_MARKS[step['status']]} {step['level']:.2f}{way}", style="reverse" if running else "not bold")
+        text.append(
+            f"{STEP_MARKS[step['status']]} {step['level']:.2f}{way}", style="reverse" if running else "not bold"
+        )
         text.append("  ", style="not bold")
     done = sum(step["status"] == "done" for step in course["steps"])
     left = f", about {course['still_s']} s still" if course["still_s"] is not None else ""
@@ -114,7 +116,9 @@ def _alarms(alarms: list[dict[str, Any]]) -> list[Panel]:
         return []
     text = Text()
     for one in new[:SHOWN_ALARMS]:
-        text.append(f"▲ {one['at_s']:.0f} s  {one['text']}\n", style="bold").append(f"  what to do: {one['guidance']}\n")
+        text.append(f"▲ {one['at_s']:.0f} s  {one['text']}\n", style="bold").append(
+            f"  what to do: {one['guidance']}\n"
+        )
     return [Panel(text, title=f"{len(new)} alarms", title_align="left")]
 
 
@@ -135,7 +139,7 @@ def _acknowledge(desk: Desk) -> None:
 
 @contextlib.contextmanager
 def _keys() -> Iterator[Any]:
-    """Gives the next key that is typed within some seconds, or an empty text; nothing has to be confirmed with Enter."""
+    """Gives the next key that is typed within some seconds, without Enter, or an empty text."""
     if not sys.stdin.isatty():
 
         def nothing(within_s: float) -> str:

@@ -23,7 +23,7 @@ function frame(canvas, x, y, xName) {
   const X = v => left + (v - x[0]) / (x[1] - x[0] || 1) * (right - left);
   const Y = v => bottom - (v - y[0]) / (y[1] - y[0] || 1) * (bottom - top);
   pen.lineWidth = 1; pen.fillStyle = INK; pen.strokeStyle = GRID;
-  const rows = ticks(y[0], y[1], height > 250 ? 7 : 3), columns = ticks(x[0], x[1], width > 500 ? 8 : 4);
+  const rows = ticks(y[0], y[1], height > 250 ? 7 : 4), columns = ticks(x[0], x[1], width > 500 ? 8 : 4);
   pen.textAlign = "right"; pen.textBaseline = "middle";
   for (const v of rows.found) { line(pen, [[left, Y(v)], [right, Y(v)]]); pen.fillText(v.toFixed(rows.digits), left - 5, Y(v)); }
   pen.textAlign = "center"; pen.textBaseline = "top";

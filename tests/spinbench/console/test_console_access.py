@@ -71,7 +71,9 @@ def test_a_change_needs_origin_token_json_and_control(place):
     assert console.ask("/api/control", control, x_spinbench_token=console.token)[0] == 200
     assert console.ask("/api/acknowledge", seen, x_spinbench_token=console.token)[0] == 200
     assert console.ask("/api/acknowledge", seen | {"window": "w2"}, x_spinbench_token=console.token)[0] == 409
-    assert console.ask("/api/start", {"window": "w1", "answers": {"logs": "/"}}, x_spinbench_token=console.token)[0] == 400
+    assert (
+        console.ask("/api/start", {"window": "w1", "answers": {"logs": "/"}}, x_spinbench_token=console.token)[0] == 400
+    )
     assert console.ask("/api/control", control | {"name": "x" * 30_000}, x_spinbench_token=console.token)[0] == 413
 
 
@@ -143,7 +145,17 @@ def test_it_listens_on_the_loopback_alone_and_keeps_its_token_for_its_user(place
 
 def test_a_port_that_is_taken_is_told_in_words(place):
     console, logs, _ = place
-    command = [sys.executable, "-m", "spinbench", "console", "virtual", "--logs", str(logs), "--port", str(console.port)]
+    command = [
+        sys.executable,
+        "-m",
+        "spinbench",
+        "console",
+        "virtual",
+        "--logs",
+        str(logs),
+        "--port",
+        str(console.port),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith(f"spinbench: port {console.port} of this machine cannot be had")

@@ -5,11 +5,10 @@ import fcntl
 import os
 import pty
 import re
-import select
 import struct
 import subprocess
 import termios
-import time
+import threading
 
 import pytest
 
@@ -31,24 +30,25 @@ def terminal(bench, logs):
     os.close(theirs)
     said = bytearray()
 
-    def shows(text):
-        end_s = time.monotonic() + ENOUGH_S
-        while time.monotonic() < end_s:
-            if select.select([ours], [], [], 0.2)[0]:
-                with contextlib.suppress(OSError):
-                    said.extend(os.read(ours, 65536))
-            plain = ESCAPES.sub("", said.decode("utf-8", "replace"))
-            if text in plain:
-                said.clear()
-                return plain
-        raise AssertionError(f"'{text}' not shown; the last was {plain[-2000:]}")
+    def drain():  # as a terminal does, or the program would wait for it
+        with contextlib.suppress(OSError):
+            while block := os.read(ours, 65536):
+                said.extend(block)
 
+    def shows(text):
+        def plain():
+            return ESCAPES.sub("", said.decode("utf-8", "replace"))
+
+        found = wait_for(lambda: plain() if text in plain() else "", f"'{text}' on the terminal")
+        said.clear()
+        return found
+
+    threading.Thread(target=drain, daemon=True).start()
     try:
         yield lambda text: os.write(ours, text.encode()), shows, process
     finally:
         process.kill()
         process.wait()
-        os.close(ours)
 
 
 def test_it_shows_figures_the_running_step_and_alarms_and_q_ends_it(tmp_path):
