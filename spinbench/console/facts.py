@@ -11,7 +11,7 @@ from rig.runlog.plateaus import PRESSURES, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN
 from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, EventLine
 from rig.runlog.tail import CHECK, STATE, Shown, Tail
-from spinbench.console.words import GUIDANCE, after_the_end, badge_of
+from spinbench.console.words import after_the_end, badge_of, guidance_for
 
 CHARTED = ("pressure", "flow", "speed")
 SHOWN_EVENTS, SHOWN_ALARMS, SHOWN_BINS = 60, 50, 400
@@ -231,7 +231,7 @@ def said(event: EventLine) -> str:
 def _alarms(tail: Tail, acknowledged: Collection[int]) -> list[dict[str, Any]]:
     """Newest first; the end of a run that did not finish is number 0."""
     alarms = [
-        {"n": event.n, "at_s": round(event.time_s, 1), "text": said(event), "guidance": GUIDANCE[event.event]}
+        {"n": event.n, "at_s": round(event.time_s, 1), "text": said(event), "guidance": guidance_for(event.event, tail)}
         for event in list(tail.alarms)[-SHOWN_ALARMS:]
     ]
     end = after_the_end(tail)

@@ -29,8 +29,8 @@ STATES = {
 STARTING = ("starting", "The instruments are identified and the failsafes set.", "the bench")
 NOTHING = ("idle", "No run is being written.", "")
 CLOSE_SUPPLY = "Close the supply by hand now, and use the bench's own shut-off."
+GOES_ON, HAS_ENDED = "The run goes on. Press STOP if it should not.", "The run has ended. Read it before the next one."
 GUIDANCE = {
-    "warning": "The run goes on. Press STOP if it should not.",
     "level refused": "The guard expects too high a speed there, so the level is left out. See docs/safety.md.",
     "set-point not taken": f"Watch the pressure. If it does not follow, press STOP. {CLOSE_SUPPLY}",
     "capture failed": "This run in time cannot be used. Take it again: spinbench capture.",
@@ -109,6 +109,12 @@ def _ended(tail: Tail) -> Badge:
     if end.stopped_by == "interlock":
         return Badge("tripped", f"An interlock stopped it: {end.reason}.")
     return Badge("aborted", f"It was stopped: {end.reason}.")
+
+
+def guidance_for(kind: str, tail: Tail) -> str:
+    """What to do about an alarm of a kind."""
+    is_over = tail.state != BEING_WRITTEN or "reason" in tail.details(STATE)
+    return GUIDANCE.get(kind, HAS_ENDED if is_over else GOES_ON)
 
 
 def after_the_end(tail: Tail) -> tuple[str, str] | None:

@@ -91,7 +91,7 @@ async function stop() {
     localStop = null;
     if (held.console) held.console.stop = said;
   } catch (error) {
-    localStop = { word: "NOT DELIVERED", text: `${error.message}. ${CLOSE}`, link: true };
+    localStop = { word: "NOT DELIVERED", text: `${error instanceof TypeError || error.name === "TimeoutError" ? "The console cannot be reached" : error.message}. ${CLOSE}`, link: true };
   }
   showStop();
 }
@@ -117,6 +117,7 @@ function draw() {
   dirty = false;
   stopToken = held.console.stop_token;
   const run = held.run;
+  document.body.classList.toggle("no-run", !run);
   drawHead(run); drawBar(); showStop();
   if (run) { drawFigures(); drawCharts(); drawPictureAndCheck(); drawSteps(); drawEvents(); drawSetting(run); }
   drawAlarms(run);
@@ -279,7 +280,6 @@ function openStart() {
   const b = held.console.bench;
   if (b.by_hand) { refuse("A person sets this bench's valve: start spinbench sweep in a terminal, this page follows it."); return; }
   pairs($("planned"), { bench: `${b.name}: ${b.title}`, levels: `${b.levels.join(", ")} bar abs, ${b.order}${b.repeats > 1 ? `, ${b.repeats} times` : ""}`, captures: b.captures.join(", ") || "none", limits: `${b.highest_speed_rpm} rpm, ${b.highest_pressure_bar_abs} bar abs`, "kept in": held.console.logs });
-  $("start-dialog").showModal = $("start-dialog").showModal || $("start-dialog").show;
   $("start-dialog").show();
   $("start-dialog").querySelector("input").focus();
 }
