@@ -17,6 +17,7 @@ from rig.runlog.folder import START
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 TOKEN_HEADER = "x-spinbench-token"  # noqa: S105 - a header's name
 KEPT = ".console.json"
+REPORTS = "reports"  # in the logs folder, with a folder a run: a run's own folder holds nothing but the run
 SERVED = {
     ".html": "text/html; charset=utf-8",
     ".png": "image/png",
@@ -135,7 +136,8 @@ def file_within(logs: Path, wanted: str) -> tuple[Path, str]:
     return path, kind
 
 
-def reports_of(folder: Path) -> list[str]:
-    """The pages in a run's folder and the folders in it, by their path from the logs folder."""
+def reports_of(logs: Path, run: str) -> list[str]:
+    """The pages in a run's folder of reports and the folders in it, by their path from the logs folder."""
+    folder = logs / REPORTS / run
     found = sorted([*folder.glob("*.html"), *folder.glob("*/*.html")])
-    return [str(path.relative_to(folder.parent)) for path in found[:20]]
+    return [str(path.relative_to(logs)) for path in found[:20]]

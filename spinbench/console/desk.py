@@ -193,7 +193,7 @@ class Desk:
 
 
 def _row(folder: Path) -> dict[str, Any]:
-    row: dict[str, Any] = {"name": folder.name, "reports": reports_of(folder)}
+    row: dict[str, Any] = {"name": folder.name, "reports": reports_of(folder.parent, folder.name)}
     try:
         start = read_start(folder)
         locked = not (folder / END).exists() and is_locked(folder)

@@ -254,7 +254,7 @@ async function list() {
   fill($("runs"), rows.map(row => {
     const tr = document.createElement("tr"), reports = make("td"), shows = make("td");
     const add = (to, text, label, act) => { const b = make("button", text); b.setAttribute("aria-label", label); b.onclick = act; to.append(b); };
-    for (const path of row.reports) add(reports, path.split("/").slice(1).join("/"), `report ${path}`, () => openReport(path));
+    for (const path of row.reports) add(reports, path.split("/").slice(2).join("/"), `report ${path}`, () => openReport(path));
     add(shows, "Show", `show ${row.name}`, () => show(row.name, 0));
     add(shows, "Replay ×10", `replay ${row.name}`, () => show(row.name, 10));
     add(shows, besideName === row.name ? "Take away" : "Lay beside", `lay ${row.name} beside`, () => layBeside(row.name));

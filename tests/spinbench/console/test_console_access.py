@@ -20,8 +20,10 @@ def place(tmp_path_factory):
     logs = folder / "logs"
     run = write_sweep(logs)
     (folder / "secret.html").write_text("secret")
-    (run / "diagnosis.html").write_text("<h1>report</h1><script>1</script>")
-    (run / "out.html").symlink_to(folder / "secret.html")
+    reports = logs / "reports" / run.name / "diagnosis"
+    reports.mkdir(parents=True)
+    (reports / "report.html").write_text("<h1>report</h1><script>1</script>")
+    (reports / "out.html").symlink_to(folder / "secret.html")
     (logs / "linked").symlink_to(run)
     with consoles() as start:
         yield start(short_bench(folder), logs), logs, run
@@ -92,8 +94,9 @@ def test_a_report_of_a_run_is_shown_without_its_scripts(place):
     console, _, run = place
     (row,) = json.loads(console.ask("/api/runs")[1])
     assert row["name"] == run.name
-    assert f"{run.name}/diagnosis.html" in row["reports"]
-    status, text, headers = console.ask(f"/files/{run.name}/diagnosis.html")
+    path = f"reports/{run.name}/diagnosis/report.html"
+    assert path in row["reports"]
+    status, text, headers = console.ask(f"/files/{path}")
     assert (status, text[:4]) == (200, "<h1>")
     assert headers["content-security-policy"].startswith("sandbox; default-src 'none'")
     assert headers["x-content-type-options"] == "nosniff"
@@ -109,12 +112,12 @@ def test_a_report_of_a_run_is_shown_without_its_scripts(place):
         "/files/{run}/%2e%2e%2f%2e%2e%2fsecret.html",
         "/files//etc/passwd",
         "/files/%2fetc%2fpasswd",
-        "/files/{run}/out.html",
+        "/files/reports/{run}/diagnosis/out.html",
         "/files/.console.json",
         "/files/{run}/.lock",
         "/files/{run}",
         "/files/{run}/wire.jsonl",
-        "/files/{run}/diagnosis.html%00",
+        "/files/reports/{run}/diagnosis/report.html%00",
         "/static/..%2f__init__.py",
         "/static/__init__.py",
         "/events?run=..",

@@ -1,4 +1,4 @@
-"""What is shown of a run: its state in a word and what it waits for, its figures with marks, its alarms with guidance."""
+"""What is shown of a run: its state in a word and what it waits for, figures with marks, alarms with what to do."""
 
 import pytest
 
