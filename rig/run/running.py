@@ -298,12 +298,7 @@ class _Run:
         return note
 
     def _hooks(
-        self,
-        guard: Guard,
-        limits: Limits,
-        watchdog: Watchdog | None,
-        course: Course,
-        tell: Callable[[Plateau], None],
+        self, guard: Guard, limits: Limits, watchdog: Watchdog | None, course: Course, tell: Callable[[Plateau], None]
     ) -> Hooks:
         """What the course asks and tells on its way."""
 

@@ -2,7 +2,7 @@
 
 What is slow to import is imported inside the commands, so that `spinbench --help` answers at once.
 
-    model, fit, diagnose, sweep, console, sheet, bench, concealing, replay, runs, challenge, many     the commands
+    model, fit, diagnose, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
     options     arguments and options that several of them share
     show        tables, JSON, files and remarks
     progress    what a person sees meanwhile
@@ -16,7 +16,7 @@ from typing import Annotated
 
 import typer
 
-from spinbench.cli import bench, challenge, concealing, console, diagnose, fit, many, model, replay, runs, sheet, sweep
+from spinbench.cli import bench, challenge, concealing, diagnose, fit, many, model, replay, runs, sheet, sweep
 from spinbench.cli.errors import exit_code, in_words
 from spinbench.cli.show import remark
 
@@ -46,7 +46,7 @@ for command in (
     model.reproduce,
     sweep.sweep,
     sweep.capture,
-    console.console,
+    bench.console,
     sheet.sheet,
     bench.doctor,
     bench.virtual,

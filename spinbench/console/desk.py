@@ -99,6 +99,8 @@ class Desk:
             self.unreadable = ""
         except (RunError, OSError) as error:
             self.unreadable = str(error)
+        except Exception as error:  # whatever it is: the windows are told, and STOP goes on
+            self.unreadable = f"the run cannot be followed: {type(error).__name__}: {error}"
 
     def _latest(self) -> Path | None:
         """The run that is being written, or the newest one."""
@@ -143,7 +145,7 @@ class Desk:
 
     @staticmethod
     def _is_old(one: Stopping) -> bool:
-        return one.delivered_s is not None and time.time() - one.at > STOP_SHOWN_S
+        return one.delivered and time.time() - one.at > STOP_SHOWN_S
 
     def take_control(self, window: str, name: str) -> None:
         """A window takes control; every window is shown that."""

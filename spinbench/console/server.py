@@ -80,46 +80,60 @@ def _refusal(refused: RefusedError) -> JSONResponse:
     return JSONResponse({"error": str(refused)}, status_code=refused.status)
 
 
-def app_of(desk: Desk) -> ASGIApp:
-    """The console as an ASGI application."""
+class _Pages:
+    """What is answered to a window that only looks."""
 
-    async def page(request: Request) -> Response:
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+
+    async def page(self, request: Request) -> Response:
+        """The page, and what it is made of."""
         name = request.path_params.get("name", "index.html")
         kind = "text/html" if name == "index.html" else STATIC.get(name)
         if kind is None:
             raise HTTPException(404)
         return Response((files("spinbench.console") / "static" / name).read_bytes(), media_type=kind)
 
-    async def events(request: Request) -> Response:
-        if sum(desk.windows.values()) >= MOST_STREAMS:
+    async def events(self, request: Request) -> Response:
+        """Server-sent events: a run, followed or played again."""
+        if sum(self.desk.windows.values()) >= MOST_STREAMS:
             raise RefusedError(503, f"{MOST_STREAMS} windows look already; close one")
-        asked = request.query_params
-        showing = None
+        asked, showing = request.query_params, None
         if asked.get("run"):
-            showing = await _shown(desk, asked["run"], _number(asked.get("replay")))
-        stream = _stream(desk, showing, _number(asked.get("span")), asked.get("window", "")[:40])
+            showing = await self._shown(asked["run"], _number(asked.get("replay")))
+        stream = _stream(self.desk, showing, _number(asked.get("span")), asked.get("window", "")[:40])
         return StreamingResponse(stream, media_type="text/event-stream")
 
-    async def runs(request: Request) -> Response:
-        return JSONResponse(await asyncio.to_thread(desk.runs))
+    async def runs(self, request: Request) -> Response:
+        """The list of runs."""
+        return JSONResponse(await asyncio.to_thread(self.desk.runs))
 
-    async def beside(request: Request) -> Response:
-        showing = await _shown(desk, request.path_params["run"])
+    async def beside(self, request: Request) -> Response:
+        """A run to be laid beside another."""
+        showing = await self._shown(request.path_params["run"])
         await asyncio.to_thread(showing.follow)
         found = await asyncio.to_thread(showing.facts, 0.0, [])
         return JSONResponse({key: found[key] for key in ("run", "charts", "picture")})
 
-    async def report(request: Request) -> Response:
-        path, kind = file_within(desk.logs, request.path_params["path"])
+    async def report(self, request: Request) -> Response:
+        """A report of the logs folder."""
+        path, kind = file_within(self.desk.logs, request.path_params["path"])
         return FileResponse(path, media_type=kind, headers={"content-security-policy": REPORT_POLICY})
 
+    async def _shown(self, run: str, replay: float = 0.0) -> Showing:
+        return await asyncio.to_thread(Showing, run_folder(self.desk.logs, run), replay)
+
+
+def app_of(desk: Desk) -> ASGIApp:
+    """The console as an ASGI application."""
+    pages = _Pages(desk)
     routes = [
-        Route("/", page),
-        Route("/static/{name}", page),
-        Route("/events", events),
-        Route("/api/runs", runs),
-        Route("/api/runs/{run}", beside),
-        Route("/files/{path:path}", report),
+        Route("/", pages.page),
+        Route("/static/{name}", pages.page),
+        Route("/events", pages.events),
+        Route("/api/runs", pages.runs),
+        Route("/api/runs/{run}", pages.beside),
+        Route("/files/{path:path}", pages.report),
         *(Route(f"/api/{name}", _changing(desk, name, change), methods=["POST"]) for name, change in CHANGES.items()),
     ]
 
@@ -143,10 +157,6 @@ def _number(text: str | None) -> float:
         return min(max(float(text or 0.0), 0.0), 1e6)
     except ValueError:
         return 0.0
-
-
-async def _shown(desk: Desk, run: str, replay: float = 0.0) -> Showing:
-    return await asyncio.to_thread(Showing, run_folder(desk.logs, run), replay)
 
 
 async def _follow(desk: Desk) -> None:
@@ -175,11 +185,14 @@ async def _stream(desk: Desk, own: Showing | None, span_s: float, window: str) -
 
 def _parts(desk: Desk, own: Showing | None, span_s: float, window: str) -> dict[str, Any]:
     showing = own or desk.showing
-    if own is not None:
-        own.follow()
     found: dict[str, Any] = {"run": None}
-    if showing is not None:
-        found = showing.facts(span_s, desk.kept.acknowledged.get(showing.tail.folder.name, []))
+    try:
+        if own is not None:
+            own.follow()
+        if showing is not None:
+            found = showing.facts(span_s, desk.kept.acknowledged.get(showing.tail.folder.name, []))
+    except RunError as error:  # of a past run that is damaged
+        return {"console": desk.console(window) | {"unreadable": str(error)}, **found}
     return {"console": desk.console(window), **found}
 
 

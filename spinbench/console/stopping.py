@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from rig.runlog.folder import END, START, is_locked, writer_of
-from rig.runlog.reader import BEING_WRITTEN, read_start
+from rig.runlog.reader import read_start
 from rig.runlog.tail import SET_POINT, STATE, Tail
 from spinbench.console.words import CLOSE_SUPPLY
 
 CONFIRMED_WITHIN_S = 5.0  # of the wall; then NOT DELIVERED is shown, and put right if the order comes later
 MEASURED = ("sweep", "coast-down", "spin-up", "zero", "plateaus", "manual")  # kinds that have a bench
+ENDING = ("vent", "aborted", "failed", "done")  # states: in a capture zero is ordered too, and the run goes on
 LATEST_RUNS = 50  # that are looked at
 
 
@@ -50,6 +51,8 @@ class Stopping:
 
     `after`: the newest event of the run when it was pressed [-].
     `at`: when it was pressed, since 1970 [s].
+    `by_hand`: whether a person has the valve, and no regulator.
+    `delivered_s`: how long after STOP the regulator was ordered to zero [s].
     """
 
     run: Path
@@ -57,7 +60,9 @@ class Stopping:
     at: float
     after: int
     refused: str = ""
+    by_hand: bool = False
     delivered_s: float | None = None
+    ended: bool = False
     vented: bool = False
 
     @classmethod
@@ -65,31 +70,42 @@ class Stopping:
         """Press it. The log is read to its end first: what comes later is the answer."""
         tail = _followed(run)
         at = time.time()
-        return cls(run, by, at, tail.last_event, ask_to_stop(writer_of(run)))
+        by_hand = tail.start.roles.get("regulator") is None
+        return cls(run, by, at, tail.last_event, ask_to_stop(writer_of(run)), by_hand)
+
+    @property
+    def delivered(self) -> bool:
+        """Whether the log says that it was done."""
+        return self.delivered_s is not None or self.ended
 
     def look(self, tail: Tail) -> None:
         """See whether the run's log has the answer."""
         order = tail.latest.get(SET_POINT)
-        is_zero = order is not None and order.n > self.after and order.details.get("bar_abs") is None
         state = tail.latest.get(STATE)
-        by_hand = tail.start.roles.get("regulator") is None and tail.state != BEING_WRITTEN
-        if self.delivered_s is None and (is_zero or by_hand or tail.end is not None):
-            event = order if is_zero else state
+        is_ending = state is not None and state.details.get("state") in ENDING
+        is_zero = order is not None and order.n > self.after and order.details.get("bar_abs") is None and is_ending
+        if self.delivered_s is None and is_zero and order is not None:
             clock = tail.start.clock
-            told = clock.utc_start_ns / 1e9 + (event.time_s / clock.rate if event is not None else 0.0)
-            self.delivered_s = max(told - self.at, 0.0) if is_zero else time.time() - self.at
+            self.delivered_s = max(clock.utc_start_ns / 1e9 + order.time_s / clock.rate - self.at, 0.0)
+        self.ended = tail.end is not None
         self.vented = tail.end is not None and tail.end.vented is True
 
     def told(self) -> dict[str, Any]:
         """For the page: ``asked``, ``DELIVERED`` or ``NOT DELIVERED``, and what to do."""
         name = self.run.name
-        if self.delivered_s is not None:
-            line = "the line is vented" if self.vented else "the line is being vented: watch the gauge"
-            text = f"The regulator was ordered to zero {self.delivered_s:.1f} s after STOP; {line}."
+        if self.delivered:
+            line = "The line is vented." if self.vented else "The line is being vented: watch the gauge."
+            if self.ended and not self.vented:
+                line = f"The line is NOT known to be without pressure. {CLOSE_SUPPLY}"
+            order = "The run has ended."
+            if self.delivered_s is not None:
+                order = f"The regulator was ordered to zero {self.delivered_s:.1f} s after STOP."
+            text = f"{order} {line}"
             return {"word": "DELIVERED", "text": text, "run": name, "by": self.by}
         waited = time.time() - self.at
         if self.refused or waited > CONFIRMED_WITHIN_S:
-            why = self.refused or f"its log has no order to vent for {waited:.0f} s"
+            silent = f"its log has no order to vent for {waited:.0f} s"
+            why = self.refused or ("A person has this bench's valve" if self.by_hand else silent)
             return {"word": "NOT DELIVERED", "text": f"{why}. {CLOSE_SUPPLY}", "run": name, "by": self.by}
         return {"word": "asked", "text": "The order is on its way.", "run": name, "by": self.by}
 

@@ -40,7 +40,11 @@ function connect() {
     heard = performance.now(); dirty = true;
     if (lost) setLost(false);
   };
-  mine.onerror = () => { if (mine === source && mine.readyState === EventSource.CLOSED) source = null; };
+  mine.onerror = () => {
+    if (mine !== source || mine.readyState !== EventSource.CLOSED || lost || !shown.run) return;
+    refuse(`${shown.run} cannot be shown: spinbench runs show says why.`);
+    show("", 0);
+  };
 }
 
 function setLost(is) {

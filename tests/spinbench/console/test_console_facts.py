@@ -119,7 +119,13 @@ def test_stop_is_delivered_once_the_log_has_the_order_and_not_before(tmp_path, m
         stop.at -= 60.0
         assert stop.told()["word"] == "NOT DELIVERED"
         assert "Close the supply by hand" in stop.told()["text"]
-        writer.event("set-point", 2 * S, device="dac", value=0.0, bar_abs=None)
+        writer.event("state", 2 * S, state="capture")
+        writer.event("set-point", 2 * S, device="dac", value=0.0, bar_abs=None)  # of the capture: the run goes on
+        tail.advance()
+        stop.look(tail)
+        assert stop.told()["word"] == "NOT DELIVERED"
+        writer.event("set-point", 3 * S, device="dac", value=0.0, bar_abs=None)
+        writer.event("state", 3 * S, state="vent", reason="stopped by the operator")
         tail.advance()
         stop.look(tail)
         assert stop.told()["word"] == "DELIVERED"
