@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
+import os
 import re
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rig.recording.files import write_file
 from rig.runlog.folder import START
 
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
@@ -33,8 +33,11 @@ PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-# A report brings its styles and pictures with it. It runs no script, and is no page of this origin.
-REPORT_POLICY = "sandbox; default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'self'"
+# A report brings its styles and pictures with it, and runs no script. It is of this origin so that the page around it
+# hears the key of STOP while the report has the focus.
+REPORT_POLICY = (
+    "sandbox allow-same-origin; default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'self'"
+)
 
 
 class RefusedError(Exception):
@@ -106,10 +109,11 @@ class Kept:
 
     def _write(self) -> None:
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._path.touch(mode=0o600)
-        data = json.dumps({"token": self.token, "acknowledged": self.acknowledged})
-        write_file(self._path, data.encode())
-        self._path.chmod(0o600)
+        new = self._path.with_suffix(".new")
+        handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            json.dump({"token": self.token, "acknowledged": self.acknowledged}, stream)
+        new.replace(self._path)
 
 
 def run_folder(logs: Path, name: str) -> Path:

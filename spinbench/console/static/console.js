@@ -150,6 +150,7 @@ function drawBar() {
   $("take").disabled = c.controls;
   $("start").disabled = !c.controls || c.starting || (held.run && held.run.live && !held.run.replay);
   $("back").hidden = !shown.run;
+  put($("back"), c.latest_state === "being written" ? "A RUN GOES ON: back to it" : "Back to the newest run");
   if (c.start_failed && c.start_failed !== failedBefore) { failedBefore = c.start_failed; refuse(`The sweep did not begin: ${c.start_failed}`); }
 }
 let failedBefore = "";
@@ -314,7 +315,7 @@ for (const [seconds, words] of SPANS) {
 function press() { for (const b of $("spans").children) b.setAttribute("aria-pressed", Number(b.dataset.span) === span); }
 press();
 
-document.addEventListener("keydown", event => {
+function pressed(event) {
   if (event.key === "F8") { event.preventDefault(); stop(); return; }
   if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input, textarea, select")) return;
   const key = event.key.toLowerCase();
@@ -322,7 +323,9 @@ document.addEventListener("keydown", event => {
   else if (lost) return;
   else if (key === "b") $("big").click();
   else if (key === "t") $("take").click();
-}, true);
+}
+document.addEventListener("keydown", pressed, true);
+$("report").addEventListener("load", () => $("report").contentDocument?.addEventListener("keydown", pressed, true));
 window.addEventListener("resize", () => { dirty = true; });
 
 connect();

@@ -98,7 +98,7 @@ def test_a_report_of_a_run_is_shown_without_its_scripts(place):
     assert path in row["reports"]
     status, text, headers = console.ask(f"/files/{path}")
     assert (status, text[:4]) == (200, "<h1>")
-    assert headers["content-security-policy"].startswith("sandbox; default-src 'none'")
+    assert headers["content-security-policy"].startswith("sandbox allow-same-origin; default-src 'none'")
     assert headers["x-content-type-options"] == "nosniff"
 
 

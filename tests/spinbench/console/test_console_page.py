@@ -45,7 +45,7 @@ def window(chromium):
         page = context.new_page()
         page.set_default_timeout(PATIENT_MS)
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda said: errors.append(said.text) if "Content Security" in said.text else None)
+        page.on("console", lambda said: errors.append(said.text) if "Content Security Policy" in said.text else None)
         page.goto(address)
         page.wait_for_selector("body:not(.is-lost)")
         return page
@@ -229,6 +229,23 @@ def test_a_cut_link_covers_what_would_be_old_and_heals(tmp_path, start_console, 
     other.click("#stop")
     has(other, "#stop-told", "STOP DELIVERED")
     assert ends(logs).end.stopped_by == "operator"
+
+
+def test_a_report_is_read_within_the_page_without_its_scripts_and_the_key_of_stop_still_works(
+    tmp_path, start_console, window
+):
+    logs = tmp_path / "logs"
+    report = logs / "reports" / write_sweep(logs).name / "report.html"
+    report.parent.mkdir(parents=True)
+    report.write_text("<h1>a report</h1><script>parent.document.title = 'scripted'</script>")
+    page = window(start_console(short_bench(tmp_path), logs).address)
+    page.click("text=report.html")
+    frame = page.frame_locator("#report")
+    frame.locator("h1").click()
+    assert page.evaluate("document.activeElement.id") == "report"
+    page.keyboard.press("s")
+    has(page, "#stop-told", "No run is being written")
+    assert page.title() != "scripted"
 
 
 def test_it_fits_a_phone_and_big_figures_are_big(tmp_path, start_console, window):
