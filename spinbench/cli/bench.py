@@ -83,7 +83,12 @@ def console(
         bool, typer.Option("--terminal", help="The same in this terminal: s stops, a acknowledges, q quits.")
     ] = False,
     logs: LogsOption = LOGS,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page, on this machine; 0: any.")] = 8642,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="Of the page, on this machine; 8642, or the next that is free, if left out."
+        ),
+    ] = None,
     rate: RateOption = None,
 ) -> None:
     """Watch the bench in the browser, and start and stop sweeps there; Ctrl-C ends the console and no sweep."""

@@ -7,7 +7,7 @@ import contextlib
 import json
 import socket
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -31,7 +31,7 @@ from spinbench.console.access import (
 )
 from spinbench.console.desk import Desk, Showing, as_text
 
-ADDRESS, PORT = "127.0.0.1", 8642
+ADDRESS, PORT, USUAL_PORTS = "127.0.0.1", 8642, 10
 TICK_S = 0.2
 MOST_STREAMS = 32
 MOST_BODY_BYTES = 20_000
@@ -245,26 +245,37 @@ def _changing(desk: Desk, name: str, change: Change) -> Callable[[Request], Awai
     return changed
 
 
-def serve(desk: Desk, port: int, ready: Callable[[str], None]) -> None:
+def serve(desk: Desk, port: int | None, ready: Callable[[str], None]) -> None:
     """Serve the console until Ctrl-C or SIGTERM.
 
-    `port`: on the loopback; 0 for any that is free.
+    `port`: on the loopback; 0 for any that is free, None for the usual one or the next that is free.
     `ready`: called with the address to open.
     Raises ConsoleError when the port is taken.
     """
-    with socket.socket() as listening:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listening.bind((ADDRESS, port))
-        except OSError as error:
-            raise ConsoleError(
-                f"port {port} of this machine cannot be had ({error.strerror}): another console may serve there; "
-                "give another one with --port"
-            ) from None
-        listening.listen(64)
+    with _listening(range(PORT, PORT + USUAL_PORTS) if port is None else [port]) as listening:
         config = uvicorn.Config(
             app_of(desk), log_level="error", access_log=False, timeout_graceful_shutdown=1, server_header=False
         )
         ready(f"http://{ADDRESS}:{listening.getsockname()[1]}/#token={desk.kept.token}")
         with contextlib.suppress(KeyboardInterrupt):  # it has ended in good order by then
             uvicorn.Server(config).run(sockets=[listening])
+
+
+def _listening(ports: Sequence[int]) -> socket.socket:
+    """A socket that listens on the first port that can be had."""
+    why = ""
+    for port in ports:
+        listening = socket.socket()
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((ADDRESS, port))
+            listening.listen(64)
+        except OSError as error:
+            listening.close()
+            why = error.strerror or str(error)
+        else:
+            return listening
+    raise ConsoleError(
+        f"port {ports[-1]} of this machine cannot be had ({why}): another console may serve there; give another one "
+        "with --port"
+    )
