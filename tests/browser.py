@@ -18,11 +18,17 @@ SWITCHES = (
 )
 
 
-def shown(page: bytes, folder: Path) -> np.ndarray:
-    """A picture of the page, shape (HEIGHT, WIDTH, 3), black 0 and white 1; without a browser the test is skipped."""
+def installed() -> str:
+    """The browser of this machine; without one the test is skipped."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is installed")
+    return browser
+
+
+def shown(page: bytes, folder: Path) -> np.ndarray:
+    """A picture of the page, shape (HEIGHT, WIDTH, 3), black 0 and white 1; without a browser the test is skipped."""
+    browser = installed()
     (folder / "report.html").write_bytes(page)
     picture = folder / "page.png"
     places = [f"--user-data-dir={folder / 'profile'}", f"--screenshot={picture}", f"--window-size={WIDTH},{HEIGHT}"]

@@ -41,6 +41,7 @@ FIGURES = {
 # has kernels of its own, so that the two do not begin by compiling the same ones. `make quick` leaves these files out.
 SLOW = {
     "test_fit": 110,
+    "test_console_page": 150,
     "test_second_rig": 100,
     "test_whole": 100,
     "test_chain": 100,
@@ -67,6 +68,7 @@ SLOW = {
     "test_second_rig_supply": 24,
     "test_fit_page": 22,
     "test_virtual_bus": 22,
+    "test_console_terminal": 22,
     "test_rigs_diagnosis": 22,
     "test_per_recording": 20,
     "test_readings_as_they_come": 20,

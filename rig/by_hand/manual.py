@@ -25,7 +25,7 @@ from rig.runlog import columns_of
 from rig.runlog.schema import ZERO, ZERO_TAKEN_BACK
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
-from rig.sweep.orders import ABORTED, FINISHED
+from rig.sweep.orders import ABORTED, FINISHED, INTERLOCK, OPERATOR
 from rig.sweep.runner import Outcome, PlateauSink
 
 MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
@@ -60,7 +60,7 @@ class ManualSweep:
         """Take the zero, every level, and the zero again. ``vented`` is what the person said."""
         self.person.say("Type help for what can be typed.")
         while True:
-            outcome, reason = self._levels()
+            outcome, reason, by = self._levels()
             vented = self._close_valve(may_undo=outcome == FINISHED and bool(self.plateaus))
             if vented is not None:
                 break
@@ -72,10 +72,10 @@ class ManualSweep:
                 self._event("note", text=f"no zero at the end: {error or 'stopped'}")
         if not vented:
             reason = f"{reason}; nobody has said that the valve is closed".removeprefix("; ")
-        return Outcome(outcome, reason, vented, list(self.plateaus), self.left_out)
+        return Outcome(outcome, reason, vented, list(self.plateaus), self.left_out, by)
 
-    def _levels(self) -> tuple[str, str]:
-        """The zero, where there is none yet, and the levels that are left; outcome and reason."""
+    def _levels(self) -> tuple[str, str, str | None]:
+        """The zero, where there is none yet, and the levels that are left; outcome, reason and who stopped it."""
         try:
             if not self._begun:
                 self._begun = True
@@ -83,13 +83,13 @@ class ManualSweep:
             while self.steps:
                 self._step(self.steps.popleft())
         except StoppedError:
-            return ABORTED, "stopped by the operator"
+            return ABORTED, "stopped by the operator", OPERATOR
         except EndedError as error:
-            return ABORTED, str(error)
+            return ABORTED, str(error), OPERATOR
         except TrippedError as error:
             self.person.say(f"*** {error} ***")
-            return ABORTED, str(error)
-        return FINISHED, ""
+            return ABORTED, str(error), INTERLOCK
+        return FINISHED, "", None
 
     def _step(self, step: Step) -> None:
         """One level, until it is taken, left out, or left."""

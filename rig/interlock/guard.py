@@ -116,6 +116,13 @@ class Guard:
         text = f"{level_pa_abs / BAR:.2f} bar abs: {mean:.0f} rpm expected, 99 % below {upper:.0f} rpm"
         return Prediction(mean, upper, lower, text)
 
+    def friction(self, points: Sequence[Point]) -> tuple[float, float]:
+        """Mean and standard deviation of f_overall after the plateaus so far [N m s]."""
+        known = self._knowledge(tuple(points[-MOST_POINTS:]))
+        f = np.exp(known.log_f)
+        mean = float(known.weights @ f)
+        return mean, float(np.sqrt(known.weights @ (f - mean) ** 2))
+
     def verdict(self, level: float, points: Sequence[Point]) -> Verdict:
         """Whether a level may be ordered next."""
         stuck = self._stuck(level, points)

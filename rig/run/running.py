@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +24,7 @@ from rig.by_hand.conversation import Conversation, StoppedError, ValveHand
 from rig.by_hand.manual import run_manual
 from rig.by_hand.sheet_entry import enter_sheet, read_sheet
 from rig.clock import Clock
+from rig.interlock import SafetyError
 from rig.interlock.failsafe import set_and_check
 from rig.interlock.guard import Guard
 from rig.interlock.limits import Limits
@@ -36,15 +37,17 @@ from rig.plateaus.plateau import Plateau
 from rig.readings import NS
 from rig.runlog import Circumstances, RunError, RunWriter, StartRecord, start_record
 from rig.runlog.folder import END, WATCHDOG
+from rig.runlog.schema import COURSE, EXPECTED
 from rig.sweep.ambient import Ambient, AmbientError, Ask, Given, at_end, at_start
 from rig.sweep.capture import motor_of
 from rig.sweep.course import Course
-from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded
+from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded, points_of
 from rig.sweep.orders import View
 from rig.sweep.runner import Outcome, run_course
 
 ATTENDED_S = 30.0  # real time without a look at the limits after which the watchdog takes the sweep for hung
 DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
+BAND_LEVELS = 20
 UNVENTED = "the line is NOT known to be without pressure: close the supply"
 
 
@@ -210,7 +213,7 @@ class _Run:
             self.acquisition.begin(writer)
             watchdog = self._watchdog(writer)
             with self.wanted.beside(writer.folder, self._note) as tell:
-                outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, tell))
+                outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, course, tell))
         except BaseException as error:
             outcome = Outcome("failed", f"{type(error).__name__}: {error}", False, [], [])
             error.add_note(self._seal(writer, outcome, begin_ns, watchdog))
@@ -237,6 +240,9 @@ class _Run:
         return start_record(self.bench, kind, self.place.clock, self.acquisition.identities(), circumstances, simulated)
 
     def _course(self, writer: RunWriter, course: Course, hooks: Hooks) -> Outcome:
+        steps = [[step.level_bar_abs, step.direction, step.repeat] for step in course.steps]
+        captures = [[capture.kind, capture.level_bar_abs] for capture in course.captures]
+        self._note(COURSE, steps=steps, captures=captures)
         if self.conversation is not None and is_manual(self.bench):
             return run_manual(self.acquisition, writer, self.bench, course, self.conversation, hooks)
         return run_course(self.acquisition, writer, self.bench, course, hooks)
@@ -269,18 +275,47 @@ class _Run:
         file = self.bench.file
         return Limits(file.safety, file.roles, self.ambient.pressure_bar_abs, self.place.clock.rate)
 
-    def _hooks(self, guard: Guard, limits: Limits, watchdog: Watchdog | None, tell: Callable[[Plateau], None]) -> Hooks:
+    def _expected(self, guard: Guard, course: Course, is_gauge: bool) -> Callable[[Sequence[Plateau]], None]:
+        """Notes what the guard holds for possible, for whoever watches: speeds over the levels, and f_overall."""
+        room = self.ambient.pressure_bar_abs
+        wanted = [step.level_bar_abs for step in course.steps] + [one.level_bar_abs for one in course.captures]
+        top = max(wanted, default=room)
+        levels = [room + (top - room) * share / BAND_LEVELS for share in range(1, BAND_LEVELS + 1)]
+
+        def note(plateaus: Sequence[Plateau]) -> None:
+            points = points_of(plateaus, room if is_gauge else 0.0)
+            try:
+                band = [guard.predict(level * BAR, points) for level in levels]
+                mean, sd = guard.friction(points)
+            except SafetyError:  # no pressure that the model reaches: there is no band then
+                return
+            speeds = [
+                [round(level, 4), round(one.lower99_rpm, 1), round(one.mean_rpm, 1), round(one.upper99_rpm, 1)]
+                for level, one in zip(levels, band, strict=True)
+            ]
+            self._note(EXPECTED, plateaus=len(points), f_overall={"mean": mean, "sd": sd}, band=speeds)
+
+        return note
+
+    def _hooks(
+        self, guard: Guard, limits: Limits, watchdog: Watchdog | None, course: Course, tell: Callable[[Plateau], None]
+    ) -> Hooks:
         """What the course asks and tells on its way."""
 
         def trip(view: View, now_ns: int, pressurised: bool) -> str | None:
             fault = watchdog.fault() if watchdog is not None else None
             return fault or limits.trip(view, now_ns, pressurised)
 
+        measured, is_gauge = list(course.known), self.bench.file.roles.pressure.endswith("_gauge")
+        expected = self._expected(guard, course, is_gauge)
+        expected(measured)
+
         def taken(plateau: Plateau) -> None:
             self.wanted.on_plateau(plateau)
             tell(plateau)
+            measured.append(plateau)
+            expected(measured)
 
-        is_gauge = self.bench.file.roles.pressure.endswith("_gauge")
         return Hooks(
             guarded(guard, self.ambient.pressure_bar_abs, is_gauge),
             trip,
@@ -315,8 +350,9 @@ class _Run:
             line = f"{UNVENTED}; the regulator reads back zero"
         room: Any = self._room_at_end(minutes, outcome.outcome == "finished").record()
         kind: Any = outcome.outcome
+        by: Any = outcome.stopped_by
         try:
-            writer.end(kind, outcome.reason, room, statistics, outcome.vented)
+            writer.end(kind, outcome.reason, room, statistics, outcome.vented, by)
         except RunError as error:
             failure = RecorderError(f"{failure or error}; the run counts as killed")
         if failure is not None:

@@ -70,7 +70,7 @@ def make_folder(root: Path, name: str) -> Path:
 
 
 class Lock:
-    """An exclusive lock on a run, gone with the process that holds it."""
+    """An exclusive lock on a run, gone with the process that holds it; the file names that process."""
 
     def __init__(self, folder: Path) -> None:
         path = folder / LOCK
@@ -83,6 +83,8 @@ class Lock:
         except OSError:
             os.close(self._handle)
             raise RunError(f"{folder}: another program writes this run; wait for its end, or stop it") from None
+        os.ftruncate(self._handle, 0)
+        os.write(self._handle, f"{os.getpid()}\n".encode())
 
     def release(self) -> None:
         """Let go of the run; nothing happens when that was done before."""
@@ -104,6 +106,15 @@ def is_locked(folder: Path) -> bool:
     finally:
         os.close(handle)
     return False
+
+
+def writer_of(folder: Path) -> int | None:
+    """The process that writes a run now; None when nobody does, or the lock does not name it."""
+    if not is_locked(folder):
+        return None
+    with contextlib.suppress(OSError, ValueError, RunError):
+        return int(read_bytes(folder / LOCK, 32))
+    return None
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -13,7 +13,7 @@ from rig.runlog.reader import BEING_WRITTEN, Run, read_end, read_start, state_of
 
 SHOWN_EVENTS = 40
 # Events that are no news in a summary.
-QUIET = {"state", "set-point", "statistics", "asked", "note", "plateau", "model check"}
+QUIET = {"state", "set-point", "statistics", "asked", "note", "plateau", "model check", "course", "expected"}
 
 
 @dataclass(frozen=True)

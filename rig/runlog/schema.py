@@ -18,6 +18,7 @@ FORMAT = "run/1"
 MAX_SHOWN = 20  # mistakes
 # Events that an export looks for.
 ZERO, CAPTURE, ZERO_TAKEN_BACK, ROOM = "zero", "capture end", "zero taken back", "room"
+COURSE, EXPECTED = "course", "expected"  # what is to be taken, and what the guard holds for possible
 Kind = Literal["sweep", "coast-down", "spin-up", "zero", "plateaus", "manual", "import", "replay"]
 Outcome = Literal["finished", "aborted", "failed"]
 Text = Annotated[str, Field(max_length=20_000)]
@@ -150,6 +151,7 @@ class EndRecord(Record):
     ambient_end: AmbientRecord | None = None
     statistics: dict[str, Any] = Field(default_factory=dict)
     vented: bool | None = None
+    stopped_by: Literal["operator", "interlock"] | None = None  # of a run that was aborted
     wall_s: float | None = None  # the run's length by the clock on the wall
     repair: dict[str, Any] | None = None  # what `spinbench runs repair` did
 

@@ -13,7 +13,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal
 
 from rig.readings import NS, Exchange
 from rig.recording.files import alone_in, sync_folder
@@ -181,6 +181,7 @@ class RunWriter:
         ambient_end: AmbientRecord | None = None,
         statistics: Mapping[str, Any] | None = None,
         vented: bool | None = None,
+        stopped_by: Literal["operator", "interlock"] | None = None,
     ) -> EndRecord:
         """Seal the run: everything on the disk, every file hashed, the end record last, the lock released.
 
@@ -211,6 +212,7 @@ class RunWriter:
                 ambient_end=ambient_end,
                 statistics=rows.plain(statistics or {}),
                 vented=vented,
+                stopped_by=stopped_by if outcome == "aborted" else None,
                 wall_s=(utc_end_ns - self._utc_start_ns) / NS,
             )
             try:

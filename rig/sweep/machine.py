@@ -23,6 +23,8 @@ from rig.sweep.orders import (
     ABORTED,
     FAILED,
     FINISHED,
+    INTERLOCK,
+    OPERATOR,
     VENTED,
     Ask,
     Entered,
@@ -67,7 +69,8 @@ class SweepMachine:
         self._capturing: Capturing | None = None
         self._lost: list[CaptureTask] = []
         self._zero = "start"
-        self._ending: tuple[str, str] | None = None  # outcome and reason, once it is known that it ends early
+        # Outcome, reason and who stopped it, once it is known that it ends early.
+        self._ending: tuple[str, str, str | None] | None = None
         self._begun = False
         self._work: dict[State, Callable[[int, View], list[Order]]] = {
             State.ZERO: self._in_zero,
@@ -105,15 +108,15 @@ class SweepMachine:
             return self._finish(now_ns, view)
         if self._ending is None:
             if view.stops:
-                return self.abort(now_ns, "stopped by the operator")
+                return self.abort(now_ns, "stopped by the operator", OPERATOR)
             reason = self._trip(view, now_ns, self.pressurised)
             if reason is not None:
-                return self.abort(now_ns, reason)
+                return self.abort(now_ns, reason, INTERLOCK)
         return self._work[self.state](now_ns, view)
 
-    def abort(self, now_ns: int, reason: str) -> list[Order]:
-        """Vent, and end the run as aborted."""
-        return self._leave(now_ns, ABORTED, reason)
+    def abort(self, now_ns: int, reason: str, by: str) -> list[Order]:
+        """Vent, and end the run as aborted by the operator or an interlock."""
+        return self._leave(now_ns, ABORTED, reason, by)
 
     def fail(self, now_ns: int, reason: str) -> list[Order]:
         """Vent, and end the run as failed: something of the bench or of this program does not work."""
@@ -121,10 +124,10 @@ class SweepMachine:
 
     # What ends it.
 
-    def _leave(self, now_ns: int, outcome: str, reason: str) -> list[Order]:
+    def _leave(self, now_ns: int, outcome: str, reason: str, by: str | None = None) -> list[Order]:
         if self.ended or self._ending is not None:
             return []
-        self._ending = (outcome, reason)
+        self._ending = (outcome, reason, by)
         orders: list[Order] = self._release()  # before anything else
         if self._capturing is not None:
             orders += self._capturing.cut_short(now_ns)
@@ -132,10 +135,10 @@ class SweepMachine:
         return [*orders, Say(f"{outcome}: {reason}", warning=True), *self._enter(State.VENT, now_ns, reason=reason)]
 
     def _finish(self, now_ns: int, view: View) -> list[Order]:
-        outcome, reason = self._ending or (FINISHED, "")
+        outcome, reason, by = self._ending or (FINISHED, "", None)
         ended = {FINISHED: State.DONE, ABORTED: State.ABORTED, FAILED: State.FAILED}[outcome]
         vented = judge.is_vented(view, self.course.ambient_bar)
-        return [SetPressure(VENTED), *self._enter(ended, now_ns), Finish(outcome, reason, vented)]
+        return [SetPressure(VENTED), *self._enter(ended, now_ns), Finish(outcome, reason, vented, by)]
 
     # The states, each with what it does at an advance.
 

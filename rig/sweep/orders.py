@@ -14,6 +14,7 @@ from rig.readings import Reading
 VENTED = 0.0  # bar abs: a set-point that asks for no pressure at all, whatever the regulator calls it
 
 FINISHED, ABORTED, FAILED = "finished", "aborted", "failed"
+OPERATOR, INTERLOCK = "operator", "interlock"  # who stopped a run that was aborted
 
 
 class View(Protocol):
@@ -133,11 +134,12 @@ class CaptureEnd:
 
 @dataclass(frozen=True)
 class Finish:
-    """It is over: ``finished``, ``aborted`` or ``failed``, and why."""
+    """It is over: ``finished``, ``aborted`` or ``failed``, why, and who aborted it."""
 
     outcome: str
     reason: str
     vented: bool
+    stopped_by: str | None = None
 
 
 Order = SetPressure | Ask | Say | Entered | Record | Zero | Refused | CaptureStart | CaptureEnd | Finish

@@ -56,6 +56,7 @@ class Outcome:
     """How a run ended.
 
     `vented`: whether the gauge, or the person, said at the end that the line is without pressure.
+    `stopped_by`: ``operator`` or ``interlock`` where it was aborted.
     """
 
     outcome: str
@@ -63,6 +64,7 @@ class Outcome:
     vented: bool
     plateaus: list[Plateau]
     left_out: list[Step]
+    stopped_by: str | None = None
 
 
 class BenchView:
@@ -121,7 +123,8 @@ class Runner:
             self.acquisition.relax(self.gauge)
         finish = self.finish
         vented = finish.vented and released
-        return Outcome(finish.outcome, finish.reason, vented, list(self.machine.plateaus), self.left_out)
+        taken = list(self.machine.plateaus)
+        return Outcome(finish.outcome, finish.reason, vented, taken, self.left_out, finish.stopped_by)
 
     def _turn(self) -> None:
         self.view.stops = self.hooks.stops()

@@ -46,7 +46,7 @@ def _without_type_of_switches(parameters: list[Any]) -> list[Any]:
 app = typer.Typer(
     cls=_Group,
     help="Bench tool for a pneumatic radial piston motor: calibrates its dynamic model and says how sure it is.",
-    no_args_is_help=True,
+    invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
@@ -74,6 +74,7 @@ for command in (
     model.reproduce,
     sweep.sweep,
     sweep.capture,
+    bench.console,
     sheet.sheet,
     bench.doctor,
     bench.virtual,
@@ -128,11 +129,17 @@ def _commit() -> str:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version)
     ] = False,
 ) -> None:
-    """Options of the bare command; --version has done its work before this is called."""
+    """Options of the bare command, which tells what can be done next; --version has done its work before."""
+    if context.invoked_subcommand is None:
+        from spinbench.cli.options import LOGS
+        from spinbench.next_steps import shown
+
+        print(shown(LOGS))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""`doctor` examines a bench, `virtual` serves one that is not there."""
+"""`doctor` examines a bench, `console` watches one, `virtual` serves one that is not there."""
 
 from __future__ import annotations
 
@@ -10,7 +10,16 @@ import typer
 
 from spinbench.cli.concealing import server_of
 from spinbench.cli.errors import UNUSABLE_INPUT
-from spinbench.cli.options import BenchArgument, ConcealSeedOption, OnlyOption, RateOption, SealKeyOption, SealOption
+from spinbench.cli.options import (
+    LOGS,
+    BenchArgument,
+    ConcealSeedOption,
+    LogsOption,
+    OnlyOption,
+    RateOption,
+    SealKeyOption,
+    SealOption,
+)
 from spinbench.cli.progress import waiting
 from spinbench.cli.show import on_terminal
 
@@ -66,3 +75,33 @@ def virtual(
 
         plant_of = concealed_plant(conceal, key, conceal_seed, only)
     serve(read, state, rate, None, seed, plant_of=plant_of, ready=ready)
+
+
+def console(
+    bench: BenchArgument,
+    terminal: Annotated[
+        bool, typer.Option("--terminal", help="The same in this terminal: s stops, a acknowledges, q quits.")
+    ] = False,
+    logs: LogsOption = LOGS,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="Of the page, on this machine; 8642, or the next that is free, if left out."
+        ),
+    ] = None,
+    rate: RateOption = None,
+) -> None:
+    """Watch the bench in the browser, and start and stop sweeps there; Ctrl-C ends the console and no sweep."""
+    from rig.bench.bench import bench_path, read_bench
+    from spinbench.console.desk import Desk
+
+    place = Path(bench_path(bench))
+    desk = Desk(place, read_bench(place), logs, () if rate is None else (f"--rate={rate:g}",))
+    if terminal:
+        from spinbench.console.terminal import watch
+
+        watch(desk)
+        return
+    from spinbench.console.server import serve
+
+    serve(desk, port, lambda address: print(f"open {address}\nCtrl-C ends the console; a sweep goes on", flush=True))

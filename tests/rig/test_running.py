@@ -116,6 +116,21 @@ def test_a_sweep_finishes_and_is_sealed_with_the_line_vented(finished):
     assert [event.details["which"] for event in found.events if event.event == "zero"] == ["start", "end"]
 
 
+def test_a_finished_run_tells_what_was_planned_and_what_the_guard_expected(finished):
+    _, folder = finished
+    run = read_run(folder)
+    assert run.end.stopped_by is None
+    (course,) = [event.details for event in run.events if event.event == "course"]
+    assert course["steps"] == [[LOW, "up", 1], [HIGH, "up", 1]]
+    told = [event.details for event in run.events if event.event == "expected"]
+    assert [one["plateaus"] for one in told] == [0, 1, 2]
+    assert 0.0 < told[-1]["f_overall"]["sd"] < told[0]["f_overall"]["sd"]
+    pressures = [level for level, *_ in told[-1]["band"]]
+    assert pressures == sorted(pressures)
+    assert pressures[-1] == HIGH
+    assert all(low <= mean <= high for _, low, mean, high in told[-1]["band"])
+
+
 def test_a_finished_run_verifies_until_a_figure_is_changed(finished, spinbench_anywhere):
     _, folder = finished
     assert verify(folder) == []
@@ -221,6 +236,7 @@ def test_ctrl_c_once_seals_the_run_as_aborted_and_exits_with_4(stopped):
     assert "Traceback" not in said
     end = read_run(folder).end
     assert (end.outcome, end.reason, end.vented) == ("aborted", "stopped by the operator", True)
+    assert end.stopped_by == "operator"
     assert verify(folder) == []
 
 

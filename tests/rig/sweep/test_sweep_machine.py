@@ -301,6 +301,7 @@ def test_the_operator_s_stop_vents_first_from_every_state(state):
     walk.when[state] = lambda lab: setattr(lab, "stops", 1)
     walk.go()
     assert (walk.finish.outcome, walk.finish.reason) == ("aborted", "stopped by the operator")
+    assert walk.finish.stopped_by == "operator"
     assert walk.finish.vented
     after = walk.states.index("vent")
     assert walk.states[after:] == ["vent", "aborted"]
@@ -320,6 +321,7 @@ def test_a_trip_vents_first_from_every_state_and_its_reason_is_kept(state):
     walk.when[state] = lambda lab: tripped.append(True)
     walk.go()
     assert (walk.finish.outcome, walk.finish.reason) == ("aborted", "speed signal lost")
+    assert walk.finish.stopped_by == "interlock"
     vent = walk.states.index("vent")
     assert walk.states[vent - 1] in (state, "settle")
     walk.assert_vented_last()

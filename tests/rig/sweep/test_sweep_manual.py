@@ -305,6 +305,7 @@ def test_stop_says_close_the_valve_and_waits_for_the_answer(session):
         assert session.outcome is None
         terminal.type("closed")
     assert (session.outcome.outcome, session.outcome.reason) == ("aborted", "stopped by the operator")
+    assert session.outcome.stopped_by == "operator"
     assert session.outcome.vented
     assert len(session.outcome.plateaus) == 1
     kinds = [event.event for event in session.read().events]

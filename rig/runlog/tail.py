@@ -1,0 +1,205 @@
+"""A run followed while it is written, or played again: what is new since the last look, in bounded memory."""
+
+from __future__ import annotations
+
+import csv
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.acquisition.derived import CHANNEL as DERIVED_CHANNEL
+from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
+from rig.readings import USABLE
+from rig.runlog import plateaus, rows
+from rig.runlog.bins import Bins
+from rig.runlog.folder import END, EVENTS, PLATEAUS, SAMPLES, RunError, is_locked, open_plain
+from rig.runlog.folder import MAX_FILE_BYTES as MOST_BYTES
+from rig.runlog.lines import MAX_LINE_BYTES
+from rig.runlog.plateaus import PlateauRow
+from rig.runlog.reader import read_end, read_start, state_of
+from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, ZERO, EndRecord, EventLine, parse
+
+BLOCK_BYTES = 1 << 18
+KEPT_EVENTS = 400
+MOST_PLATEAUS = 2000
+ROLES = ("pressure", "flow", "speed", "temperature")
+CHECK, CHECK_FAILED, STATE, SET_POINT = "model check", "model check failed", "state", "set-point"
+LATEST = (CHECK, CHECK_FAILED, STATE, SET_POINT, COURSE, EXPECTED, ZERO, CAPTURE)  # of each kind the last is kept
+ALARMS = ("warning", "level refused", "set-point not taken", "capture failed", CHECK_FAILED, "line lost")
+_USABLE = {quality.value for quality in USABLE}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The newest reading of a role, usable or not.
+
+    `time_s`: on the bench's clock [s].
+    `censored`: -1 and 1 beyond the scale [-].
+    """
+
+    role: str
+    channel: str
+    value: float | None
+    unit: str
+    quality: str
+    time_s: float
+    censored: int = 0
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a value without a fault."""
+        return self.value is not None and self.quality in _USABLE
+
+
+class _Lines:
+    """The whole lines that a growing file has more than at the last look."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._offset, self._rest = path, 0, b""
+        self._waiting: deque[bytes] = deque()
+
+    def waiting(self) -> deque[bytes]:
+        """Lines not taken yet; some more are read where there are none."""
+        if not self._waiting:
+            self._read()
+        return self._waiting
+
+    def _read(self) -> None:
+        if not self.path.exists() and not self.path.is_symlink():
+            return
+        with open_plain(self.path, MOST_BYTES) as stream:
+            stream.seek(self._offset)
+            block = stream.read(BLOCK_BYTES)
+        self._offset += len(block)
+        *whole, self._rest = (self._rest + block).split(b"\n")
+        if len(self._rest) > MAX_LINE_BYTES:
+            raise RunError(f"{self.path}: a line is longer than {MAX_LINE_BYTES} bytes; this is no file of a run")
+        self._waiting.extend(whole)
+
+
+class Tail:
+    """One run as far as it was followed: newest readings, binned series, plateaus, and the last events.
+
+    Raises RunError when the folder holds no run.
+
+    `now_s`: the latest time that was seen [s].
+    `last_event`: number of the newest event [-].
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.start = read_start(folder)
+        self.end: EndRecord | None = None
+        self.state = ""
+        self.now_s, self.samples, self.last_event = 0.0, 0, 0
+        self.newest: dict[str, Shown] = {}
+        self.bins = {role: Bins() for role in ROLES}
+        self.events: deque[EventLine] = deque(maxlen=KEPT_EVENTS)
+        self.alarms: deque[EventLine] = deque(maxlen=KEPT_EVENTS)
+        self.latest: dict[str, EventLine] = {}
+        self.plateaus: list[PlateauRow] = []
+        channels = {role: self.start.roles.get(role) for role in ROLES}
+        self._roles = {channel: role for role, channel in channels.items() if channel}
+        if channels["flow"]:
+            if not str(channels["flow"]).endswith(f".{DERIVED_CHANNEL}"):  # standard litres are not the inlet's
+                del self._roles[str(channels["flow"])]
+            self._roles[f"{DERIVED_DEVICE}.{DERIVED_CHANNEL}"] = "flow"
+        self._rows, self._event_lines = _Lines(folder / SAMPLES), _Lines(folder / EVENTS)
+        self._plateau_bytes = -1
+        self._plateau_rows: list[PlateauRow] = []
+
+    def advance(self, until_s: float | None = None, blocks: int = 40) -> bool:
+        """Take in what is new; whether there may be more at once.
+
+        `until_s`: later rows are left for later, as a replay wants it [s]; everything where it is None.
+        `blocks`: at most so many of a quarter of a megabyte [-].
+        """
+        locked, ended = is_locked(self.folder), (self.folder / END).exists()
+        more = False
+        for _ in range(blocks):
+            more = self._samples(until_s)
+            if not more:
+                break
+        while self._events(until_s):
+            pass
+        self._plateaus(until_s)
+        if more or (until_s is not None and (self._rows.waiting() or self._event_lines.waiting())):
+            self.state = state_of(None, True)
+            return more
+        if ended and self.end is None:
+            self.end = read_end(self.folder)
+        self.state = state_of(self.end, locked)
+        return False
+
+    def _samples(self, until_s: float | None) -> bool:
+        """A block of rows; whether a block was there and all of it was due."""
+        waiting = self._rows.waiting()
+        if not waiting:
+            return False
+        while waiting:
+            text = waiting[0].decode("utf-8", "replace")
+            cells = next(csv.reader([text])) if '"' in text else text.split(",")
+            if len(cells) != len(rows.COLUMNS):
+                raise RunError(f"{self._rows.path}: {len(cells)} cells, expected {len(rows.COLUMNS)}; it is damaged")
+            if cells[0] != "n":
+                time_s = self._number(cells[8])
+                if until_s is not None and time_s > until_s:
+                    return False
+                self._sample(cells, time_s)
+            waiting.popleft()
+        return True
+
+    def _sample(self, cells: list[str], time_s: float) -> None:
+        self.samples += 1
+        self.now_s = max(self.now_s, time_s)
+        channel = f"{cells[2]}.{cells[3]}"
+        role = self._roles.get(channel)
+        if role is None:
+            return
+        value = self._number(cells[4]) if cells[4] else None
+        shown = Shown(role, channel, value, cells[5], cells[6], time_s, int(self._number(cells[7])))
+        self.newest[role] = shown
+        if value is not None and shown.quality in _USABLE:
+            self.bins[role].add(time_s, value)
+
+    def _number(self, cell: str) -> float:
+        try:
+            return float(cell)
+        except ValueError:
+            raise RunError(f"{self._rows.path}: '{cell[:40]}' is no number; the file is damaged") from None
+
+    def _events(self, until_s: float | None) -> bool:
+        """A block of events; whether there may be more."""
+        waiting = self._event_lines.waiting()
+        if not waiting:
+            return False
+        while waiting:
+            event = parse(EventLine, waiting[0], str(self._event_lines.path))
+            if until_s is not None and event.time_s > until_s:
+                return False
+            self._event(event)
+            waiting.popleft()
+        return True
+
+    def _event(self, event: EventLine) -> None:
+        self.now_s, self.last_event = max(self.now_s, event.time_s), event.n
+        if event.event in LATEST:
+            self.latest[event.event] = event
+        if event.event in ALARMS:
+            self.alarms.append(event)
+        if event.event != SET_POINT:  # a ramp has five a second
+            self.events.append(event)
+
+    def _plateaus(self, until_s: float | None) -> None:
+        path = self.folder / PLATEAUS
+        size = path.stat().st_size if path.exists() else 0
+        if size != self._plateau_bytes:
+            self._plateau_bytes, self._plateau_rows = size, plateaus.read(path)[-MOST_PLATEAUS:]
+        taken = [row for row in self._plateau_rows if until_s is None or row.end_s <= until_s]
+        self.plateaus = plateaus.in_use(taken)
+
+    def details(self, kind: str) -> dict[str, Any]:
+        """What the newest event of a kind says beyond its time; nothing before the first."""
+        event = self.latest.get(kind)
+        return {} if event is None else event.details

@@ -1,0 +1,218 @@
+"""What all windows of a console share: the run that goes on, who controls, STOP, and the alarms that were seen."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from rig.bench.bench import Bench
+from rig.runlog import RunError
+from rig.runlog.folder import END, START, is_locked
+from rig.runlog.reader import BEING_WRITTEN, read_end, read_start, state_of
+from rig.runlog.tail import Tail
+from spinbench.console import stopping
+from spinbench.console.access import Kept, RefusedError, reports_of
+from spinbench.console.facts import facts
+from spinbench.console.stopping import Stopping
+from spinbench.console.sweeps import Sweeps
+
+LOOK_FOR_RUNS_S = 0.5
+SHOWN_RUNS = 200
+STOP_SHOWN_S = 60.0  # how long a STOP that was delivered is told; one that was not stays
+NAME = 40  # characters of a window's name
+
+
+class Showing:
+    """One run followed, or played again, for whoever looks. Its methods may be called from several threads.
+
+    `replay`: seconds of the run in one of the wall; 0 shows all of it [-].
+    """
+
+    def __init__(self, folder: Path, replay: float = 0.0) -> None:
+        self.tail = Tail(folder)
+        self._replay, self._began = replay, time.monotonic()
+        self._lock = threading.Lock()
+        self._grown, self._size = time.monotonic(), -1
+
+    def follow(self) -> None:
+        """Take in what is new, a megabyte at a time."""
+        more = True
+        while more:
+            with self._lock:
+                more = self.tail.advance(self._until_s(), blocks=4)
+                size = self.tail.samples + self.tail.last_event
+                if size != self._size:
+                    self._size, self._grown = size, time.monotonic()
+
+    def _until_s(self) -> float | None:
+        return (time.monotonic() - self._began) * self._replay if self._replay else None
+
+    def facts(self, span_s: float, acknowledged: list[int]) -> dict[str, Any]:
+        """The run as it stands. `span_s`: of the charts [s]."""
+        with self._lock:
+            is_live = self.tail.state == BEING_WRITTEN and not self._replay
+            silent_s = time.monotonic() - self._grown if is_live else 0.0
+            now_s = self.tail.now_s + silent_s * self.tail.start.clock.rate
+            found = facts(self.tail, now_s, span_s, acknowledged, silent_s)
+        found["run"]["replay"] = self._replay
+        return found
+
+    def answered(self, one: Stopping) -> None:
+        """See whether the run's log answers a STOP."""
+        with self._lock:
+            one.look(self.tail)
+
+
+class Desk:
+    """The console's own state. `follow` is called several times a second, from one thread."""
+
+    def __init__(self, path: Path, bench: Bench, logs: Path, options: tuple[str, ...] = ()) -> None:
+        logs.mkdir(parents=True, exist_ok=True)
+        self.bench, self.logs = bench, logs
+        self.kept = Kept(logs)
+        self.sweeps = Sweeps(path, bench, logs, options)
+        self.showing: Showing | None = None
+        self.unreadable = ""
+        self.windows: dict[str, int] = {}
+        self.controller: dict[str, str] | None = None
+        self._stops: list[Stopping] = []
+        self._told: dict[str, Any] | None = None
+        self._followers: dict[Path, Showing] = {}
+        self._looked = 0.0
+
+    # What goes on.
+
+    def follow(self) -> None:
+        """Look for the newest run, and take in what is new of it."""
+        try:
+            if time.monotonic() - self._looked > LOOK_FOR_RUNS_S:
+                self._looked = time.monotonic()
+                folder = self._latest()
+                if folder is not None and (self.showing is None or self.showing.tail.folder != folder):
+                    self.showing = Showing(folder)
+            if self.showing is not None:
+                self.showing.follow()
+            self._follow_stops()
+            self.unreadable = ""
+        except (RunError, OSError) as error:
+            self.unreadable = str(error)
+        except Exception as error:  # whatever it is: the windows are told, and STOP goes on
+            self.unreadable = f"the run cannot be followed: {type(error).__name__}: {error}"
+
+    def _latest(self) -> Path | None:
+        """The run that is being written, or the newest one."""
+        going_on = stopping.being_written(self.logs)
+        return going_on[-1] if going_on else next(iter(self._folders()), None)
+
+    def _folders(self) -> list[Path]:
+        """The runs in the logs folder, newest first."""
+        found = [one for one in self.logs.iterdir() if (one / START).is_file() and not one.is_symlink()]
+        return sorted(found, key=lambda one: one.name, reverse=True)
+
+    def _follow_stops(self) -> None:
+        for one in self._stops:
+            showing = self.showing
+            if showing is None or showing.tail.folder != one.run:
+                showing = self._followers.setdefault(one.run, Showing(one.run))
+                showing.follow()
+            showing.answered(one)
+
+    # What a window asks for.
+
+    def stop(self, by: str) -> dict[str, Any]:
+        """STOP, for every run that is being written here."""
+        by = by[:NAME] or "a window"
+        runs = stopping.being_written(self.logs)
+        self._followers.clear()
+        self._stops = [Stopping.of(run, by) for run in runs]
+        if runs:
+            self._told = None
+        elif self.sweeps.running and not self.sweeps.stop():
+            text = "The sweep that was being started is told to end; the regulator has not been raised."
+            self._told = {"word": "DELIVERED", "text": text, "run": "", "by": by}
+        else:
+            self._told = stopping.nothing_to_stop(self.logs) | {"by": by}
+        return self.stop_told() or {}
+
+    def stop_told(self) -> dict[str, Any] | None:
+        """What became of the last STOP; of several runs, the one that needs a person most."""
+        told = [one.told() for one in self._stops if not self._is_old(one)]
+        order = ("NOT DELIVERED", "asked", "DELIVERED")
+        return min(told, key=lambda one: order.index(one["word"])) if told else self._told
+
+    @staticmethod
+    def _is_old(one: Stopping) -> bool:
+        return one.delivered and time.time() - one.at > STOP_SHOWN_S
+
+    def take_control(self, window: str, name: str) -> None:
+        """A window takes control; every window is shown that."""
+        self.controller = {"window": window[:NAME], "name": name[:NAME]}
+        self._told = None
+
+    def refuse_without_control(self, window: str) -> None:
+        """Refuse a window that only watches."""
+        if self.controller is None or self.controller["window"] != window:
+            raise RefusedError(409, "another window controls, or none does: take control first")
+
+    # What a window is shown.
+
+    def console(self, window: str) -> dict[str, Any]:
+        """Of the console itself."""
+        sweep = self.bench.file.sweep
+        controller = self.controller
+        return {
+            "bench": {
+                "name": self.bench.name,
+                "title": self.bench.file.title,
+                "by_hand": self.bench.file.roles.regulator is None,
+                "levels": sweep.levels_bar_abs,
+                "order": sweep.order,
+                "repeats": sweep.repeats,
+                "captures": list(sweep.captures),
+                "highest_speed_rpm": self.bench.file.safety.highest_speed_rpm,
+                "highest_pressure_bar_abs": self.bench.file.safety.highest_pressure_bar_abs,
+            },
+            "logs": str(self.logs),
+            "windows": len(self.windows),
+            "controller": None if controller is None else controller["name"],
+            "controls": controller is not None and controller["window"] == window,
+            "controller_is_there": controller is not None and controller["window"] in self.windows,
+            "stop": self.stop_told(),
+            "stop_token": self.kept.stop_token,
+            "starting": self.sweeps.running and not stopping.being_written(self.logs),
+            "start_failed": self.sweeps.failed(),
+            "unreadable": self.unreadable,
+            "latest": self.showing.tail.folder.name if self.showing is not None else None,
+            "latest_state": self.showing.tail.state if self.showing is not None else "",
+        }
+
+    def runs(self) -> list[dict[str, Any]]:
+        """The runs in the logs folder, newest first, with their reports."""
+        return [_row(folder) for folder in self._folders()[:SHOWN_RUNS]]
+
+
+def _row(folder: Path) -> dict[str, Any]:
+    row: dict[str, Any] = {"name": folder.name, "reports": reports_of(folder.parent, folder.name)}
+    try:
+        start = read_start(folder)
+        locked = not (folder / END).exists() and is_locked(folder)
+        end = read_end(folder)
+    except RunError as error:
+        return row | {
+            "outcome": f"unreadable: {str(error).splitlines()[0][:160]}",
+            "kind": "",
+            "bench": "",
+            "plateaus": "",
+        }
+    outcome = state_of(end, locked)
+    by = f" by the {end.stopped_by}" if end is not None and end.stopped_by else ""
+    plateaus = "" if end is None else end.counts.get("plateaus", "")
+    return row | {"outcome": outcome + by, "kind": start.kind, "bench": start.bench, "plateaus": plateaus}
+
+
+def as_text(part: Any) -> str:
+    """A part of what is shown, as JSON."""
+    return json.dumps(part, separators=(",", ":"), ensure_ascii=False, allow_nan=False)

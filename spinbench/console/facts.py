@@ -1,0 +1,240 @@
+"""Everything that is shown of a run, as plain data: the page and the terminal draw it and know nothing else."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from rig.readings import Quality
+from rig.runlog.plateaus import PRESSURES, PlateauRow
+from rig.runlog.reader import BEING_WRITTEN
+from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, EventLine
+from rig.runlog.tail import CHECK, STATE, Shown, Tail
+from spinbench.console.words import after_the_end, badge_of, guidance_for
+
+CHARTED = ("pressure", "flow", "speed")
+SHOWN_EVENTS, SHOWN_ALARMS, SHOWN_BINS = 60, 50, 400
+STALE_S = 2.0  # of the wall: an older reading of a run that is being written is marked
+TEXT = 300  # characters of an event
+QUIET_EVENTS = {CHECK, COURSE, EXPECTED, "plateau", "statistics"}
+DIGITS = {"bar": 3, "L/min": 1, "rpm": 1, "degC": 1}
+
+
+def facts(
+    tail: Tail, now_s: float, span_s: float, acknowledged: Collection[int] = (), silent_s: float = 0.0
+) -> dict[str, Any]:
+    """A run as it stands.
+
+    `now_s`: on the bench's clock [s].
+    `span_s`: what the charts show [s]; 0 for the whole run.
+    `acknowledged`: numbers of alarms that a person has seen.
+    `silent_s`: how long nothing new has come, of the wall [s].
+    """
+    from_s = max(now_s - span_s, 0.0) if span_s else 0.0
+    return {
+        "run": _run(tail),
+        "state": _state(tail, now_s),
+        "steps": _steps(tail, now_s),
+        "figures": [_figure(tail, role, now_s, silent_s) for role in _roles(tail)],
+        "charts": {"from_s": round(from_s, 2), "until_s": round(max(now_s, 1.0), 2), "series": _series(tail, from_s)},
+        "picture": _picture(tail),
+        "check": _check(tail),
+        "events": [_event(event) for event in _news(tail)],
+        "alarms": _alarms(tail, acknowledged),
+    }
+
+
+def _roles(tail: Tail) -> list[str]:
+    return [role for role in (*CHARTED, "temperature") if tail.start.roles.get(role)]
+
+
+def _run(tail: Tail) -> dict[str, Any]:
+    start, end = tail.start, tail.end
+    keys = ("dwell_s", "window_s", "settle_timeout_s", "ramp_bar_s", "order", "levels_bar_abs")
+    motor = start.motor if isinstance(start.motor, str) else str(start.motor.get("kind", "given in full"))
+    setting = {
+        "bench": f"{start.bench}: {start.title}",
+        "motor": f"{motor} {start.motor_serial}".strip(),
+        "operator": start.operator,
+        "note": start.note,
+        "lubrication": start.lubrication,
+        "started (UTC)": start.utc_start[:19].replace("T", " "),
+        "room": _room(start.ambient.model_dump()),
+    }
+    setting |= {key: str(start.sweep[key]) for key in keys if key in start.sweep}
+    setting |= {key: str(value) for key, value in start.safety.items() if value}
+    return {
+        "name": tail.folder.name,
+        "kind": start.kind,
+        "simulated": start.simulated,
+        "rate": start.clock.rate,
+        "live": tail.state == BEING_WRITTEN,
+        "outcome": None if end is None else end.outcome,
+        "stopped_by": None if end is None else end.stopped_by,
+        "vented": None if end is None else end.vented,
+        "setting": {key: value for key, value in setting.items() if value},
+    }
+
+
+def _room(ambient: Mapping[str, Any]) -> str:
+    units = {"pressure_bar_abs": "bar abs", "temperature_c": "degC", "relative_humidity": "of saturation"}
+    return ", ".join(f"{ambient[key]:g} {unit}" for key, unit in units.items() if ambient.get(key) is not None)
+
+
+def _state(tail: Tail, now_s: float) -> dict[str, Any]:
+    badge = badge_of(tail, now_s)
+    still = None if badge.still_s is None else round(badge.still_s, 1)
+    return {
+        "word": badge.word,
+        "explanation": badge.explanation,
+        "waits_for": badge.waits_for,
+        "still_s": still,
+        "of_s": badge.of_s,
+        "at_most": badge.at_most,
+        "at_s": round(now_s, 1),
+    }
+
+
+def _steps(tail: Tail, now_s: float) -> dict[str, Any]:
+    """The course, each step done, running, to come or left out; and how long still [s]."""
+    course = tail.details(COURSE)
+    wanted = [tuple(step) for step in course.get("steps", [])]
+    taken = [(row.level_bar_abs, row.direction, row.repeat) for row in tail.plateaus]
+    gone = {tuple(one) for event in tail.alarms for one in event.details.get("left_out", []) if isinstance(one, list)}
+    steps, is_next = [], tail.state == BEING_WRITTEN
+    is_capturing = tail.details(STATE).get("state") == "capture"
+    for level, direction, repeat in wanted:
+        status = (
+            "done" if (level, direction, repeat) in taken else "left out" if (level, direction, repeat) in gone else ""
+        )
+        if not status and is_next and not is_capturing:
+            status, is_next = "running", False
+        steps.append({"level": level, "direction": direction, "status": status or "to come"})
+    left = sum(step["status"] in ("running", "to come") for step in steps)
+    lengths = [b.end_s - a.end_s for a, b in zip(tail.plateaus[:-1], tail.plateaus[1:], strict=True)]
+    each = statistics.median(lengths) if lengths else None
+    still = None
+    if each is not None and left and tail.state == BEING_WRITTEN:
+        still = max(each * left - (now_s - tail.plateaus[-1].end_s), 0.0)
+    made = {event.details.get("capture") for event in tail.events if event.event == CAPTURE}
+    captures = [
+        {"kind": kind, "level": level, "status": "done" if kind in made else "to come"}
+        for kind, level in course.get("captures", [])
+    ]
+    return {"steps": steps, "captures": captures, "still_s": None if still is None else round(still)}
+
+
+def _figure(tail: Tail, role: str, now_s: float, silent_s: float) -> dict[str, Any]:
+    shown = tail.newest.get(role)
+    if shown is None:
+        return {"role": role, "text": "–", "unit": "", "mark": "none", "quality": "no reading yet"}
+    age_s = max((now_s - shown.time_s) / tail.start.clock.rate, silent_s)
+    mark, words = _quality(shown)
+    if tail.state == BEING_WRITTEN and age_s > STALE_S:
+        mark, words = "old", f"old: {age_s:.0f} s"
+    digits = DIGITS.get(shown.unit.split()[0] if shown.unit else "", 2)
+    sign = {-1: "<" if shown.value else "", 1: ">"}.get(shown.censored, "")
+    text = "–" if shown.value is None else f"{sign}{shown.value:.{digits}f}"
+    return {"role": role, "text": text, "unit": _unit(role, shown), "mark": mark, "quality": words}
+
+
+def _unit(role: str, shown: Shown) -> str:
+    if role == "pressure":
+        return "bar gauge" if shown.channel.endswith("_gauge") else "bar abs"
+    return "°C" if shown.unit == "degC" else shown.unit
+
+
+def _quality(shown: Shown) -> tuple[str, str]:
+    """A mark, which the page draws, and its words."""
+    if shown.value is None or not shown.usable:
+        return "bad", "beyond the scale" if shown.quality == Quality.OVER_RANGE else f"no reading: {shown.quality}"
+    if shown.censored:
+        return "unsure", "at rest, or too slow to see" if shown.value == 0.0 else "beyond the scale"
+    return ("unsure", "unverified") if shown.quality == Quality.UNVERIFIED else ("good", shown.quality)
+
+
+def _series(tail: Tail, from_s: float) -> dict[str, Any]:
+    safety, room = tail.start.safety, tail.start.ambient.pressure_bar_abs or 0.0
+    is_gauge = str(tail.start.roles.get("pressure")).endswith("_gauge")
+    limits = {"speed": safety.get("highest_speed_rpm"), "pressure": safety.get("highest_pressure_bar_abs")}
+    if is_gauge and limits["pressure"] is not None:
+        limits["pressure"] -= room
+    series = {}
+    for role in CHARTED:
+        shown = tail.newest.get(role)
+        if shown is None:
+            continue
+        bins = tail.bins[role].last(from_s, tail.now_s, SHOWN_BINS)
+        series[role] = {
+            "unit": _unit(role, shown),
+            "limit": limits.get(role),
+            "bins": [[round(t, 2), round(low, 4), round(high, 4)] for t, low, high in bins],
+        }
+    return series
+
+
+def point_of(row: PlateauRow, room_bar: float) -> list[Any] | None:
+    """A plateau in the picture: pressure [bar abs], speed [rpm] and its error, whether it had settled, direction."""
+    speed = row.means.get("speed_rpm")
+    pressure = next((row.means[name] for name in PRESSURES if name in row.means), None)
+    if speed is None or pressure is None:
+        return None
+    bar = pressure.mean + (0.0 if PRESSURES[0] in row.means else room_bar)
+    return [round(bar, 4), round(speed.mean, 2), round(speed.se or 0.0, 2), row.settled, row.direction]
+
+
+def _picture(tail: Tail) -> dict[str, Any]:
+    room = tail.start.ambient.pressure_bar_abs or 0.0
+    expected = tail.details(EXPECTED)
+    points = [point_of(row, room) for row in tail.plateaus]
+    return {
+        "points": [point for point in points if point is not None],
+        "band": expected.get("band", []),
+        "f_overall": expected.get("f_overall"),
+        "plateaus": expected.get("plateaus", 0),
+        "limit_rpm": tail.start.safety.get("highest_speed_rpm"),
+    }
+
+
+def _check(tail: Tail) -> dict[str, Any]:
+    """The lamp: whether the model explains the plateaus so far."""
+    found = tail.details(CHECK)
+    if not found:
+        return {"lamp": "waits", "text": "The model is checked from the sixth plateau on."}
+    text = str(found.get("text", ""))[:600]
+    if found.get("p_value") is None:
+        return {"lamp": "waits", "text": text}
+    return {"lamp": "differs" if found.get("differs") else "fits", "text": text}
+
+
+def _news(tail: Tail) -> list[EventLine]:
+    return [event for event in tail.events if event.event not in QUIET_EVENTS][-SHOWN_EVENTS:]
+
+
+def _event(event: EventLine) -> dict[str, Any]:
+    return {"n": event.n, "at_s": round(event.time_s, 1), "kind": event.event, "text": said(event)}
+
+
+def said(event: EventLine) -> str:
+    """What an event says, in a line."""
+    if "text" in event.details:
+        return str(event.details["text"])[:TEXT]
+    parts = []
+    for key, value in event.details.items():
+        if isinstance(value, str | int | float):
+            words = f"{value:.6g}" if isinstance(value, float) else str(value)
+            parts.append(words if key == event.event else f"{key} {words}")
+    return ", ".join(parts)[:TEXT]
+
+
+def _alarms(tail: Tail, acknowledged: Collection[int]) -> list[dict[str, Any]]:
+    """Newest first; the end of a run that did not finish is number 0."""
+    alarms = [
+        {"n": event.n, "at_s": round(event.time_s, 1), "text": said(event), "guidance": guidance_for(event.event, tail)}
+        for event in list(tail.alarms)[-SHOWN_ALARMS:]
+    ]
+    end = after_the_end(tail)
+    if end is not None:
+        alarms.append({"n": 0, "at_s": round(tail.now_s, 1), "text": end[0], "guidance": end[1]})
+    return [alarm | {"acknowledged": alarm["n"] in acknowledged} for alarm in reversed(alarms)]

@@ -1,0 +1,281 @@
+"""The page and its events over HTTP, on this machine alone."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from importlib.resources import files
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from rig.runlog import RunError
+from spinbench.console.access import (
+    PAGE_POLICY,
+    REPORT_POLICY,
+    TOKEN_HEADER,
+    RefusedError,
+    file_within,
+    refuse_strangers,
+    run_folder,
+)
+from spinbench.console.desk import Desk, Showing, as_text
+
+ADDRESS, PORT, USUAL_PORTS = "127.0.0.1", 8642, 10
+TICK_S = 0.2
+MOST_STREAMS = 32
+MOST_BODY_BYTES = 20_000
+STATIC = {"console.js": "text/javascript", "charts.js": "text/javascript", "console.css": "text/css"}
+Change = Callable[[Desk, dict[str, Any]], Any]
+
+
+class ConsoleError(Exception):
+    """The console cannot be served. The text says why and what to do."""
+
+
+class _Guarded:
+    """Every request is looked at before it is answered, and every answer says what a browser may do with it."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        request = Request(scope)
+        try:
+            refuse_strangers(request.method, request.headers)
+        except RefusedError as refused:
+            await _refusal(refused)(scope, receive, send)
+            return
+
+        async def guarded_send(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                held = {name.lower() for name, _ in message["headers"]}
+                more = {
+                    "content-security-policy": PAGE_POLICY,
+                    "x-content-type-options": "nosniff",
+                    "referrer-policy": "no-referrer",
+                    "cross-origin-resource-policy": "same-origin",
+                    "cache-control": "no-store",
+                }
+                message["headers"] += [(k.encode(), v.encode()) for k, v in more.items() if k.encode() not in held]
+            await send(message)
+
+        await self.app(scope, receive, guarded_send)
+
+
+def _refusal(refused: RefusedError) -> JSONResponse:
+    return JSONResponse({"error": str(refused)}, status_code=refused.status)
+
+
+class _Pages:
+    """What is answered to a window that only looks."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+
+    async def page(self, request: Request) -> Response:
+        """The page, and what it is made of."""
+        name = request.path_params.get("name", "index.html")
+        kind = "text/html" if name == "index.html" else STATIC.get(name)
+        if kind is None:
+            raise HTTPException(404)
+        return Response((files("spinbench.console") / "static" / name).read_bytes(), media_type=kind)
+
+    async def events(self, request: Request) -> Response:
+        """Server-sent events: a run, followed or played again."""
+        if sum(self.desk.windows.values()) >= MOST_STREAMS:
+            raise RefusedError(503, f"{MOST_STREAMS} windows look already; close one")
+        asked, showing = request.query_params, None
+        if asked.get("run"):
+            showing = await self._shown(asked["run"], _number(asked.get("replay")))
+        stream = _stream(self.desk, showing, _number(asked.get("span")), asked.get("window", "")[:40])
+        return StreamingResponse(stream, media_type="text/event-stream")
+
+    async def runs(self, request: Request) -> Response:
+        """The list of runs."""
+        return JSONResponse(await asyncio.to_thread(self.desk.runs))
+
+    async def beside(self, request: Request) -> Response:
+        """A run to be laid beside another."""
+        showing = await self._shown(request.path_params["run"])
+        await asyncio.to_thread(showing.follow)
+        found = await asyncio.to_thread(showing.facts, 0.0, [])
+        return JSONResponse({key: found[key] for key in ("run", "charts", "picture")})
+
+    async def report(self, request: Request) -> Response:
+        """A report of the logs folder."""
+        path, kind = file_within(self.desk.logs, request.path_params["path"])
+        return FileResponse(path, media_type=kind, headers={"content-security-policy": REPORT_POLICY})
+
+    async def _shown(self, run: str, replay: float = 0.0) -> Showing:
+        return await asyncio.to_thread(Showing, run_folder(self.desk.logs, run), replay)
+
+
+def app_of(desk: Desk) -> ASGIApp:
+    """The console as an ASGI application."""
+    pages = _Pages(desk)
+    routes = [
+        Route("/", pages.page),
+        Route("/static/{name}", pages.page),
+        Route("/events", pages.events),
+        Route("/api/runs", pages.runs),
+        Route("/api/runs/{run}", pages.beside),
+        Route("/files/{path:path}", pages.report),
+        *(Route(f"/api/{name}", _changing(desk, name, change), methods=["POST"]) for name, change in CHANGES.items()),
+    ]
+
+    async def refused(request: Request, error: Exception) -> Response:
+        return _refusal(error if isinstance(error, RefusedError) else RefusedError(409, str(error)))
+
+    @contextlib.asynccontextmanager
+    async def following(app: Starlette) -> AsyncIterator[None]:
+        task = asyncio.create_task(_follow(desk))
+        try:
+            yield
+        finally:
+            task.cancel()
+
+    handlers: Any = {RefusedError: refused, RunError: refused}
+    return _Guarded(Starlette(routes=routes, exception_handlers=handlers, lifespan=following))
+
+
+def _number(text: str | None) -> float:
+    try:
+        return min(max(float(text or 0.0), 0.0), 1e6)
+    except ValueError:
+        return 0.0
+
+
+async def _follow(desk: Desk) -> None:
+    while True:
+        await asyncio.to_thread(desk.follow)
+        await asyncio.sleep(TICK_S)
+
+
+async def _stream(desk: Desk, own: Showing | None, span_s: float, window: str) -> AsyncIterator[str]:
+    """Everything at first, and then what has changed. `own`: a past run, or the one that goes on where it is None."""
+    desk.windows[window] = desk.windows.get(window, 0) + 1
+    sent: dict[str, str] = {}
+    try:
+        while True:
+            parts = await asyncio.to_thread(_parts, desk, own, span_s, window)
+            texts = {name: as_text(part) for name, part in parts.items()}
+            changed = [f'"{name}":{text}' for name, text in texts.items() if sent.get(name) != text]
+            sent = texts
+            yield f'data: {{"tick":{time.time():.3f}{"".join(f",{one}" for one in changed)}}}\n\n'
+            await asyncio.sleep(TICK_S)
+    finally:
+        desk.windows[window] -= 1
+        if not desk.windows[window]:
+            del desk.windows[window]
+
+
+def _parts(desk: Desk, own: Showing | None, span_s: float, window: str) -> dict[str, Any]:
+    showing = own or desk.showing
+    found: dict[str, Any] = {"run": None}
+    try:
+        if own is not None:
+            own.follow()
+        if showing is not None:
+            found = showing.facts(span_s, desk.kept.acknowledged.get(showing.tail.folder.name, []))
+    except RunError as error:  # of a past run that is damaged
+        return {"console": desk.console(window) | {"unreadable": str(error)}, **found}
+    return {"console": desk.console(window), **found}
+
+
+# What a window may change: each with what it gives back.
+
+
+def _stop(desk: Desk, asked: dict[str, Any]) -> Any:
+    return desk.stop(str(asked.get("name", "")))
+
+
+def _control(desk: Desk, asked: dict[str, Any]) -> Any:
+    desk.take_control(str(asked.get("window", "")), str(asked.get("name", "")))
+
+
+def _start(desk: Desk, asked: dict[str, Any]) -> Any:
+    desk.refuse_without_control(str(asked.get("window", "")))
+    answers = asked.get("answers", {})
+    if not isinstance(answers, dict):
+        raise RefusedError(400, "the entries of a sweep are missing")
+    desk.sweeps.start({str(name): str(text) for name, text in answers.items()})
+
+
+def _acknowledge(desk: Desk, asked: dict[str, Any]) -> Any:
+    desk.refuse_without_control(str(asked.get("window", "")))
+    run, alarm = asked.get("run"), asked.get("n")
+    if not isinstance(run, str) or not isinstance(alarm, int):
+        raise RefusedError(400, "an alarm is named by its run and its number")
+    desk.kept.acknowledge(run_folder(desk.logs, run).name, alarm)
+
+
+CHANGES: dict[str, Change] = {"stop": _stop, "control": _control, "start": _start, "acknowledge": _acknowledge}
+
+
+def _changing(desk: Desk, name: str, change: Change) -> Callable[[Request], Awaitable[Response]]:
+    async def changed(request: Request) -> Response:
+        desk.kept.refuse_without_token(request.headers.get(TOKEN_HEADER, ""), stop=name == "stop")
+        body = b""
+        async for block in request.stream():
+            body += block
+            if len(body) > MOST_BODY_BYTES:
+                raise RefusedError(413, f"a request has at most {MOST_BODY_BYTES} bytes")
+        try:
+            asked = json.loads(body or b"{}")
+        except ValueError:
+            asked = None
+        if not isinstance(asked, dict):
+            raise RefusedError(400, "not a JSON object")
+        return JSONResponse(await asyncio.to_thread(change, desk, asked) or {})
+
+    return changed
+
+
+def serve(desk: Desk, port: int | None, ready: Callable[[str], None]) -> None:
+    """Serve the console until Ctrl-C or SIGTERM.
+
+    `port`: on the loopback; 0 for any that is free, None for the usual one or the next that is free.
+    `ready`: called with the address to open.
+    Raises ConsoleError when the port is taken.
+    """
+    with _listening(range(PORT, PORT + USUAL_PORTS) if port is None else [port]) as listening:
+        config = uvicorn.Config(
+            app_of(desk), log_level="error", access_log=False, timeout_graceful_shutdown=1, server_header=False
+        )
+        ready(f"http://{ADDRESS}:{listening.getsockname()[1]}/#token={desk.kept.token}")
+        with contextlib.suppress(KeyboardInterrupt):  # it has ended in good order by then
+            uvicorn.Server(config).run(sockets=[listening])
+
+
+def _listening(ports: Sequence[int]) -> socket.socket:
+    """A socket that listens on the first port that can be had."""
+    why = ""
+    for port in ports:
+        listening = socket.socket()
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((ADDRESS, port))
+            listening.listen(64)
+        except OSError as error:
+            listening.close()
+            why = error.strerror or str(error)
+        else:
+            return listening
+    raise ConsoleError(
+        f"port {ports[-1]} of this machine cannot be had ({why}): another console may serve there; give another one "
+        "with --port"
+    )

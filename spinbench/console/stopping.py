@@ -1,0 +1,123 @@
+"""STOP: the process that writes a run is told, as `kill -TERM` does, and its own log says whether it was done.
+
+docs/safety.md, the operator's stop: it vents the line and seals the run. Nothing here touches an instrument.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.runlog.folder import END, START, is_locked, writer_of
+from rig.runlog.reader import read_start
+from rig.runlog.tail import SET_POINT, STATE, Tail
+from spinbench.console.words import CLOSE_SUPPLY
+
+CONFIRMED_WITHIN_S = 5.0  # of the wall; then NOT DELIVERED is shown, and put right if the order comes later
+MEASURED = ("sweep", "coast-down", "spin-up", "zero", "plateaus", "manual")  # kinds that have a bench
+ENDING = ("vent", "aborted", "failed", "done")  # states: in a capture zero is ordered too, and the run goes on
+LATEST_RUNS = 50  # that are looked at
+
+
+def being_written(logs: Path) -> list[Path]:
+    """The runs on a bench that a program writes now, oldest first."""
+    if not logs.is_dir():
+        return []
+    names = sorted((entry for entry in logs.iterdir() if entry.is_dir()), reverse=True)[:LATEST_RUNS]
+    open_ones = [one for one in names if (one / START).exists() and not (one / END).exists() and is_locked(one)]
+    return [one for one in reversed(open_ones) if read_start(one).kind in MEASURED]
+
+
+def ask_to_stop(pid: int | None) -> str:
+    """Tell a process to vent and seal; why it could not be told, empty when it was."""
+    if pid is None:
+        return "the program that writes the run is not known"
+    try:
+        os.kill(pid, signal.SIGTERM)
+    except ProcessLookupError:
+        return f"its program, process {pid}, has ended"
+    except PermissionError:
+        return f"its program, process {pid}, belongs to another user"
+    return ""
+
+
+@dataclass
+class Stopping:
+    """One press of STOP on one run.
+
+    `after`: the newest event of the run when it was pressed [-].
+    `at`: when it was pressed, since 1970 [s].
+    `by_hand`: whether a person has the valve, and no regulator.
+    `delivered_s`: how long after STOP the regulator was ordered to zero [s].
+    """
+
+    run: Path
+    by: str
+    at: float
+    after: int
+    refused: str = ""
+    by_hand: bool = False
+    delivered_s: float | None = None
+    ended: bool = False
+    vented: bool = False
+
+    @classmethod
+    def of(cls, run: Path, by: str) -> Stopping:
+        """Press it. The log is read to its end first: what comes later is the answer."""
+        tail = _followed(run)
+        at = time.time()
+        by_hand = tail.start.roles.get("regulator") is None
+        return cls(run, by, at, tail.last_event, ask_to_stop(writer_of(run)), by_hand)
+
+    @property
+    def delivered(self) -> bool:
+        """Whether the log says that it was done."""
+        return self.delivered_s is not None or self.ended
+
+    def look(self, tail: Tail) -> None:
+        """See whether the run's log has the answer."""
+        order = tail.latest.get(SET_POINT)
+        state = tail.latest.get(STATE)
+        is_ending = state is not None and state.details.get("state") in ENDING
+        is_zero = order is not None and order.n > self.after and order.details.get("bar_abs") is None and is_ending
+        if self.delivered_s is None and is_zero and order is not None:
+            clock = tail.start.clock
+            self.delivered_s = max(clock.utc_start_ns / 1e9 + order.time_s / clock.rate - self.at, 0.0)
+        self.ended = tail.end is not None
+        self.vented = tail.end is not None and tail.end.vented is True
+
+    def told(self) -> dict[str, Any]:
+        """For the page: ``asked``, ``DELIVERED`` or ``NOT DELIVERED``, and what to do."""
+        name = self.run.name
+        if self.delivered:
+            line = "The line is vented." if self.vented else "The line is being vented: watch the gauge."
+            if self.ended and not self.vented:
+                line = f"The line is NOT known to be without pressure. {CLOSE_SUPPLY}"
+            order = "The run has ended."
+            if self.delivered_s is not None:
+                order = f"The regulator was ordered to zero {self.delivered_s:.1f} s after STOP."
+            text = f"{order} {line}"
+            return {"word": "DELIVERED", "text": text, "run": name, "by": self.by}
+        waited = time.time() - self.at
+        if self.refused or waited > CONFIRMED_WITHIN_S:
+            silent = f"its log has no order to vent for {waited:.0f} s"
+            why = self.refused or ("A person has this bench's valve" if self.by_hand else silent)
+            return {"word": "NOT DELIVERED", "text": f"{why}. {CLOSE_SUPPLY}", "run": name, "by": self.by}
+        return {"word": "asked", "text": "The order is on its way.", "run": name, "by": self.by}
+
+
+def nothing_to_stop(logs: Path) -> dict[str, Any]:
+    """What STOP says where no run is being written."""
+    text = f"No run is being written in {logs}. If there is pressure: {CLOSE_SUPPLY[:1].lower()}{CLOSE_SUPPLY[1:]}"
+    return {"word": "NOT DELIVERED", "text": text, "run": "", "by": ""}
+
+
+def _followed(run: Path) -> Tail:
+    """The run's events so far; its samples are left aside."""
+    tail = Tail(run)
+    tail.advance(blocks=0)
+    return tail

@@ -1,0 +1,102 @@
+"""A run followed while it is written: the same as what is read of it at the end, in bounded memory."""
+
+import os
+
+import numpy as np
+import pytest
+
+from rig.runlog import RunError, RunWriter, read_run
+from rig.runlog.bins import BINS, Bins
+from rig.runlog.folder import writer_of
+from rig.runlog.tail import KEPT_EVENTS, Tail
+from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of, write_sweep
+
+
+def test_a_run_followed_to_its_end_has_the_readings_plateaus_and_events_of_the_run(tmp_path):
+    folder = write_sweep(tmp_path)
+    tail, run = Tail(folder), read_run(folder)
+    while tail.advance(blocks=1):
+        pass
+    assert (tail.samples, tail.last_event, tail.state) == (len(run.samples), len(run.events), "finished")
+    assert tail.plateaus == run.plateaus
+    assert list(tail.events) == [event for event in run.events if event.event != "set-point"]
+    speeds = run.samples[(run.samples["channel"] == SPEED) & run.samples["value"].notna()]
+    assert tail.newest["speed"].value == speeds["value"].iloc[-1]
+    shown = tail.bins["speed"].last(0.0, tail.now_s, 50)
+    assert 10 < len(shown) <= 60
+    assert (min(low for _, low, _ in shown), max(high for _, _, high in shown)) == (
+        speeds["value"].min(),
+        speeds["value"].max(),
+    )
+
+
+def test_a_growing_run_gives_what_is_new_and_a_torn_line_waits_for_its_rest(tmp_path):
+    with RunWriter.create(tmp_path, start_of()) as writer:
+        tail = Tail(writer.folder)
+        tail.advance()
+        assert (tail.samples, tail.state) == (0, "being written")
+        writer.exchange(poll("gauge", {PRESSURE: 1.5}, 1_000_000_000))
+        tail.advance()
+        assert (tail.newest["pressure"].value, tail.newest["pressure"].time_s) == (1.5, 1.0)
+        writer.exchange(poll("gauge", {PRESSURE: 1.6}, 2_000_000_000))
+        whole = (writer.folder / "samples.csv").read_bytes()
+        (writer.folder / "samples.csv").write_bytes(whole[:-20])
+        tail.advance()
+        assert tail.newest["pressure"].value == 1.5
+        (writer.folder / "samples.csv").write_bytes(whole)
+        tail.advance()
+        assert (tail.newest["pressure"].value, tail.samples) == (1.6, 2)
+    tail.advance()
+    assert tail.state == "killed"
+
+
+def test_a_replay_sees_nothing_of_what_comes_later(tmp_path):
+    folder = write_sweep(tmp_path)
+    tail, run = Tail(folder), read_run(folder)
+    middle_s = run.plateaus[4].end_s + 0.01
+    while tail.advance(middle_s):
+        pass
+    assert tail.state == "being written"
+    assert tail.plateaus == run.plateaus[:5]
+    assert tail.samples == int((run.samples["time_s"] <= middle_s).sum())
+    assert tail.now_s <= middle_s
+    tail.advance(1e9)
+    assert (tail.state, len(tail.plateaus)) == ("finished", len(run.plateaus))
+
+
+def test_bins_hold_the_lowest_and_highest_of_every_stretch_in_bounded_memory():
+    bins, rng = Bins(), np.random.default_rng(1)
+    values = rng.normal(size=200_000)
+    for i, value in enumerate(values):
+        bins.add(i * 0.005, value)
+    for from_s in (0.0, 900.0, 990.0):
+        found = bins.last(from_s, 1000.0, 100)
+        within = values[int(from_s / 0.005) :]
+        assert 40 <= len(found) <= 120
+        assert min(low for _, low, _ in found) == within.min() or from_s > 0.0
+        assert max(high for _, _, high in found) >= within.max()
+    assert sum(len(scale) for scale in bins._closed) <= BINS * len(bins._closed)
+
+
+def test_a_thousand_events_are_counted_and_the_last_are_kept(tmp_path):
+    with RunWriter.create(tmp_path, start_of()) as writer:
+        for i in range(1000):
+            writer.event("note", i, text=str(i))
+        tail = Tail(writer.folder)
+        tail.advance()
+    assert (tail.last_event, len(tail.events)) == (1000, KEPT_EVENTS)
+
+
+def test_a_damaged_row_is_refused_by_its_file(tmp_path):
+    folder = write_sweep(tmp_path)
+    samples = folder / "samples.csv"
+    samples.write_bytes(samples.read_bytes() + b"no,row\n")
+    with pytest.raises(RunError, match=r"samples\.csv: 2 cells"):
+        while Tail(folder).advance():
+            pass
+
+
+def test_the_lock_names_the_program_that_writes(tmp_path):
+    with RunWriter.create(tmp_path, start_of()) as writer:
+        assert writer_of(writer.folder) == os.getpid()
+    assert writer_of(writer.folder) is None

@@ -1,0 +1,136 @@
+"""What is shown of a run: its state in a word and what it waits for, figures with marks, alarms with what to do."""
+
+import pytest
+
+from rig.runlog import RunWriter
+from rig.runlog.tail import Tail
+from spinbench.console.facts import facts
+from spinbench.console.stopping import Stopping, ask_to_stop, being_written
+from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of, write_sweep
+
+S = 1_000_000_000
+SWEEP = {"dwell_s": 5.0, "settle_timeout_s": 60.0, "ramp_bar_s": 0.5}
+
+
+def shown(folder, now_s=None, **options):
+    tail = Tail(folder)
+    while tail.advance():
+        pass
+    return facts(tail, tail.now_s if now_s is None else now_s, 0.0, **options)
+
+
+@pytest.fixture
+def writer(tmp_path):
+    with RunWriter.create(tmp_path, start_of(sweep=SWEEP, safety={"highest_speed_rpm": 600.0})) as made:
+        yield made
+
+
+def test_a_dwell_says_how_long_still_and_a_settling_at_most(writer):
+    writer.event("state", 10 * S, state="settle")
+    state = shown(writer.folder, 15.0)["state"]
+    assert (state["word"], state["still_s"], state["at_most"]) == ("settle", 55.0, True)
+    writer.event("state", 20 * S, state="dwell", settled=True)
+    state = shown(writer.folder, 22.0)["state"]
+    assert (state["word"], state["still_s"], state["of_s"], state["at_most"]) == ("dwell", 3.0, 5.0, False)
+    assert state["waits_for"]
+
+
+@pytest.mark.parametrize(
+    ("ended", "word"),
+    [
+        (("finished", "", {"vented": True}), "finished"),
+        (("aborted", "stopped by the operator", {"vented": True, "stopped_by": "operator"}), "stopped"),
+        (("aborted", "speed 700 rpm", {"vented": True, "stopped_by": "interlock"}), "tripped"),
+        (("failed", "no reading", {"vented": False}), "failed"),
+        (("aborted", "as it was before this key", {}), "aborted"),
+        (None, "killed"),
+    ],
+)
+def test_every_end_has_a_word_of_its_own_and_what_to_do(tmp_path, ended, word):
+    with RunWriter.create(tmp_path, start_of()) as writer:
+        if ended is not None:
+            writer.end(ended[0], ended[1], **ended[2])
+    found = shown(writer.folder)
+    assert found["state"]["word"] == word
+    if word == "finished":
+        assert found["alarms"] == []
+    else:
+        assert found["alarms"][0]["guidance"]
+    if word in ("failed", "killed"):
+        assert "Close the supply by hand" in found["alarms"][0]["guidance"]
+
+
+def test_figures_are_marked_when_they_are_old_or_none(writer):
+    writer.exchange(poll("gauge", {PRESSURE: 1.5}, 1 * S))
+    writer.exchange(poll("tach", {SPEED: 100.0}, 9 * S))
+    pressure, flow, speed, _ = shown(writer.folder, 9.5)["figures"]
+    assert (pressure["text"], pressure["unit"], pressure["mark"]) == ("1.500", "bar abs", "old")
+    assert (flow["text"], flow["mark"]) == ("–", "none")
+    assert (speed["text"], speed["unit"], speed["mark"]) == ("100.0", "rpm", "good")
+    assert shown(writer.folder, 9.5, silent_s=3.0)["figures"][2]["quality"] == "old: 3 s"
+
+
+def test_the_running_step_is_marked_and_one_left_out_too(writer):
+    writer.event("course", 0, steps=[[1.3, "up", 1], [1.5, "up", 1], [2.4, "up", 1]], captures=[])
+    writer.plateau({"n": 1, "level_bar_abs": 1.3, "direction": "up", "start_s": 1.0, "end_s": 5.0})
+    writer.event("level refused", 6 * S, level_bar_abs=2.4, text="too fast", left_out=[[2.4, "up", 1]])
+    found = shown(writer.folder)
+    assert [step["status"] for step in found["steps"]["steps"]] == ["done", "running", "left out"]
+    assert [alarm["text"] for alarm in found["alarms"]] == ["too fast"]
+
+
+def test_the_lamp_says_what_the_check_beside_the_sweep_found(writer):
+    assert shown(writer.folder)["check"]["lamp"] == "waits"
+    writer.event("model check", 1 * S, p_value=0.4, differs=False, text="the model explains 6 plateaus")
+    assert shown(writer.folder)["check"]["lamp"] == "fits"
+    writer.event("model check", 2 * S, p_value=1e-9, differs=True, text="it does not")
+    assert shown(writer.folder)["check"] == {"lamp": "differs", "text": "it does not"}
+
+
+def test_an_alarm_that_was_seen_says_so_and_none_tells_of_a_run_that_goes_on_when_it_has_ended(writer):
+    writer.event("warning", 1 * S, text="the gauge drifts")
+    (alarm,) = shown(writer.folder)["alarms"]
+    assert (alarm["acknowledged"], "goes on" in alarm["guidance"]) == (False, True)
+    (alarm,) = shown(writer.folder, acknowledged=[alarm["n"]])["alarms"]
+    assert alarm["acknowledged"]
+    writer.end("finished", vented=True)
+    (alarm,) = shown(writer.folder)["alarms"]
+    assert "has ended" in alarm["guidance"]
+
+
+def test_charts_of_a_long_run_have_a_bounded_number_of_bins(tmp_path):
+    charts = shown(write_sweep(tmp_path))["charts"]["series"]
+    assert set(charts) == {"pressure", "flow", "speed"}
+    assert all(10 < len(one["bins"]) <= 420 for one in charts.values())
+
+
+def test_stop_is_delivered_once_the_log_has_the_order_and_not_before(tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr("spinbench.console.stopping.os.kill", lambda pid, number: told.append(pid))
+    with RunWriter.create(tmp_path, start_of(roles=start_of().roles | {"regulator": "dac"})) as writer:
+        writer.event("set-point", 1 * S, device="dac", value=0.0, bar_abs=None)
+        assert being_written(tmp_path) == [writer.folder]
+        stop = Stopping.of(writer.folder, "a test")
+        assert len(told) == 1
+        tail = Tail(writer.folder)
+        tail.advance()
+        stop.look(tail)
+        assert stop.told()["word"] == "asked"
+        stop.at -= 60.0
+        assert stop.told()["word"] == "NOT DELIVERED"
+        assert "Close the supply by hand" in stop.told()["text"]
+        writer.event("state", 2 * S, state="capture")
+        writer.event("set-point", 2 * S, device="dac", value=0.0, bar_abs=None)  # of the capture: the run goes on
+        tail.advance()
+        stop.look(tail)
+        assert stop.told()["word"] == "NOT DELIVERED"
+        writer.event("set-point", 3 * S, device="dac", value=0.0, bar_abs=None)
+        writer.event("state", 3 * S, state="vent", reason="stopped by the operator")
+        tail.advance()
+        stop.look(tail)
+        assert stop.told()["word"] == "DELIVERED"
+
+
+def test_a_process_that_has_ended_cannot_be_told():
+    assert "has ended" in ask_to_stop(2**22 + 12345)
+    assert "not known" in ask_to_stop(None)

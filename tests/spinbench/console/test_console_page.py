@@ -1,0 +1,265 @@
+"""The console as a person uses it: a browser without a window, a virtual bench, sweeps as processes of their own."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+
+import pytest
+
+from rig.runlog import read_run
+from rig.runlog.folder import writer_of
+from tests.browser import installed
+from tests.console_lab import ENOUGH_S, PROGRAM, Link, consoles, events_of, only_run, short_bench, wait_for
+from tests.synthetic_runs import write_sweep
+
+pytestmark = pytest.mark.long
+PATIENT_MS = 1000.0 * ENOUGH_S
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    path = installed()
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as made:
+        browser = made.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def start_console():
+    with consoles() as start:
+        yield start
+
+
+@pytest.fixture
+def window(chromium):
+    """Opens windows, each with a storage of its own as another person's has; a page's own errors fail the test."""
+    errors, contexts = [], []
+
+    def opened(address):
+        context = chromium.new_context(viewport={"width": 1200, "height": 1000})
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(PATIENT_MS)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda said: errors.append(said.text) if "Content Security Policy" in said.text else None)
+        page.goto(address)
+        page.wait_for_selector("body:not(.is-lost)")
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert errors == []
+
+
+def has(page, selector, text):
+    """Wait until an element says something."""
+    page.wait_for_function(
+        "([selector, text]) => document.querySelector(selector).textContent.includes(text)", arg=[selector, text]
+    )
+
+
+def start_from(page):
+    """Take control and start a sweep, with the keyboard alone."""
+    page.keyboard.press("t")
+    has(page, "#control-told", "This window controls")
+    page.wait_for_function("() => !document.querySelector('#start').disabled")
+    page.focus("#start")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#start-dialog", state="visible")
+    assert "bar abs" in page.inner_text("#planned")  # what is planned is shown before it starts
+    page.keyboard.type("Novák")
+    page.focus("#start-now")
+    page.keyboard.press("Enter")
+
+
+def ends(logs):
+    folder = only_run(logs)
+    wait_for(lambda: (folder / "end.json").exists(), "the run sealed")
+    return read_run(folder)
+
+
+def wall_s(run, event):
+    """When an event was, by the clock on the wall, since 1970 [s]."""
+    return run.start.clock.utc_start_ns / 1e9 + event.time_s / run.start.clock.rate
+
+
+def test_a_concealed_drag_is_seen_while_its_sweep_is_watched_to_the_end(tmp_path, start_console, window):
+    logs = tmp_path / "logs"
+    bench = short_bench(tmp_path, "[1.30, 1.45, 1.60, 1.75, 1.90, 2.05, 2.20]")
+    page = window(start_console(bench, logs).address)
+    has(page, "#word", "idle")
+    sealed = ["--conceal", tmp_path / "seal", "--key", tmp_path / "key", "--conceal-seed", "5", "--only", "windage"]
+    with subprocess.Popen([*PROGRAM, "sweep", bench, "--logs", logs, *sealed], stdin=subprocess.DEVNULL) as sweep:
+        for word in ("settle", "dwell"):  # short states may pass between two looks
+            has(page, "#word", word)
+        page.wait_for_selector("#steps li[aria-current=step]")
+        page.wait_for_selector(".figure .quality.good")
+        assert "waits for" in page.inner_text("#waits").lower()
+        has(page, "#lamp", "too early")
+        has(page, "#lamp", "MISMATCH")
+        has(page, "#alarms", "model check")
+        has(page, "#word", "finished")
+        assert sweep.wait(ENOUGH_S) == 0
+    has(page, "#friction", "f_overall so far")
+    taken = len(ends(logs).plateaus)
+    assert f"{taken} plateaus" in page.get_attribute("#picture", "aria-label")
+    assert page.locator("#steps li.done").count() >= 7
+    assert page.is_enabled("#stop")
+    page.wait_for_selector("#runs tr")
+    page.click("text=Lay beside")
+    has(page, "#picture-key", "laid beside")
+    page.click("text=Replay ×10")
+    has(page, "#run-name", "REPLAY")
+    has(page, "#word", "finished")  # it ends as the run did
+    page.click("#back")
+    page.wait_for_selector("#back", state="hidden")
+
+
+def test_stop_in_mid_sweep_vents_and_says_delivered_after_the_console_was_killed_and_restarted(
+    tmp_path, start_console, window
+):
+    logs, bench = tmp_path / "logs", short_bench(tmp_path, "[1.25, 1.35]", dwell_s=600.0)
+    console = start_console(bench, logs)
+    page = window(console.address)
+    start_from(page)
+    has(page, "#word", "dwell")
+    folder = only_run(logs)
+    sweep = writer_of(folder)
+    console.kill()
+    has(page, "#word", "link lost")
+    assert page.evaluate("document.querySelector('#main').inert")
+    assert page.is_visible("#lost")
+    page.keyboard.press("s")
+    has(page, "#stop-told", "NOT DELIVERED")
+    has(page, "#stop-told", "Close the supply by hand")
+    rows = (folder / "samples.csv").stat().st_size
+    wait_for(lambda: (folder / "samples.csv").stat().st_size > rows, "the sweep goes on without its console")
+    assert writer_of(folder) == sweep
+    again = start_console(bench, logs, console.port)
+    assert again.address == console.address
+    has(page, "#word", "dwell")
+    assert page.is_hidden("#lost")
+    page.focus("#stop")
+    pressed_s = time.time()
+    page.keyboard.press("s")
+    has(page, "#stop-told", "STOP DELIVERED")
+    run = ends(logs)
+    orders = [event for event in run.events if event.event == "set-point"]
+    zero = next(event for event in orders if event.details["bar_abs"] is None and wall_s(run, event) > pressed_s - 0.5)
+    assert all(event.details["bar_abs"] is None for event in orders if event.n > zero.n)
+    assert wall_s(run, zero) - pressed_s < 30.0
+    assert (run.end.outcome, run.end.stopped_by, run.end.vented) == ("aborted", "operator", True)
+    has(page, "#word", "stopped")
+    has(page, "#alarms", "stopped by the operator")
+    assert again.kill(signal.SIGINT) == 0
+
+
+def test_a_closed_browser_and_a_killed_sweep_each_leave_the_other_alone(tmp_path, start_console, window):
+    logs, bench = tmp_path / "logs", short_bench(tmp_path, "[1.25, 1.35]", dwell_s=600.0)
+    console = start_console(bench, logs)
+    first = window(console.address)
+    start_from(first)
+    has(first, "#word", "dwell")
+    first.context.close()
+    folder = only_run(logs)
+    rows = len(events_of(folder)), (folder / "samples.csv").stat().st_size
+    wait_for(lambda: (folder / "samples.csv").stat().st_size > rows[1], "the sweep goes on without a window")
+    os.kill(writer_of(folder), signal.SIGKILL)
+    page = window(console.address)
+    has(page, "#word", "killed")
+    has(page, "#alarms", "Close the supply by hand")
+    wait_for((folder / "watchdog.jsonl").exists, "the watchdog at work")
+
+
+def test_two_windows_watch_and_one_controls_until_the_other_takes_over(tmp_path, start_console, window):
+    logs, bench = tmp_path / "logs", short_bench(tmp_path)
+    console = start_console(bench, logs)
+    left, right = window(console.address), window(console.address)
+    for page in (left, right):
+        has(page, "#control-told", "2 windows")
+        assert page.is_disabled("#start")
+        assert page.is_enabled("#stop")
+    left.click("#take")
+    has(left, "#control-told", "This window controls")
+    name = re.search(r"this is (window \w+)", left.inner_text("#control-told"))[1]
+    has(right, "#control-told", f"{name} controls; this window watches")
+    assert right.is_disabled("#start")
+    right.click("#take")
+    has(right, "#control-told", "This window controls")
+    has(left, "#control-told", "this window watches")
+    assert left.is_disabled("#start")
+    assert right.is_enabled("#start")
+    # A window without the token watches, and its STOP is there all the same.
+    stranger = window(console.place)
+    stranger.click("#take")
+    has(stranger, "#refused", "open the address that the console printed")
+    stranger.click("#stop")
+    has(stranger, "#stop-told", "No run is being written")
+    has(left, "#stop-told", "No run is being written")
+
+
+def test_a_cut_link_covers_what_would_be_old_and_heals(tmp_path, start_console, window):
+    logs, bench = tmp_path / "logs", short_bench(tmp_path, "[1.25, 1.35]", dwell_s=600.0)
+    console = start_console(bench, logs)
+    link = Link(console.port)
+    page = window(console.address.replace(str(console.port), str(link.port), 1))
+    start_from(page)
+    has(page, "#word", "dwell")
+    before_s = float(page.evaluate("held.state.at_s"))
+    link.cut.set()
+    has(page, "#word", "link lost")
+    silent_ms = page.evaluate("performance.now() - heard")
+    assert page.is_visible("#lost")
+    assert page.evaluate("document.querySelector('#main').inert")
+    assert page.is_enabled("#stop")
+    page.keyboard.press("F8")
+    has(page, "#stop-told", "NOT DELIVERED")
+    link.cut.clear()
+    page.wait_for_selector("#lost", state="hidden")
+    has(page, "#word", "d")
+    wait_for(lambda: float(page.evaluate("held.state.at_s")) > before_s, "the run as it is now")
+    assert silent_ms < 60_000.0
+    link.close()
+    other = window(console.address)
+    other.click("#stop")
+    has(other, "#stop-told", "STOP DELIVERED")
+    assert ends(logs).end.stopped_by == "operator"
+
+
+def test_a_report_is_read_within_the_page_without_its_scripts_and_the_key_of_stop_still_works(
+    tmp_path, start_console, window
+):
+    logs = tmp_path / "logs"
+    report = logs / "reports" / write_sweep(logs).name / "report.html"
+    report.parent.mkdir(parents=True)
+    report.write_text("<h1>a report</h1><script>parent.document.title = 'scripted'</script>")
+    page = window(start_console(short_bench(tmp_path), logs).address)
+    page.click("text=report.html")
+    frame = page.frame_locator("#report")
+    frame.locator("h1").click()
+    assert page.evaluate("document.activeElement.id") == "report"
+    page.keyboard.press("s")
+    has(page, "#stop-told", "No run is being written")
+    assert page.title() != "scripted"
+
+
+def test_it_fits_a_phone_and_big_figures_are_big(tmp_path, start_console, window):
+    logs = tmp_path / "logs"
+    write_sweep(logs)
+    page = window(start_console(short_bench(tmp_path), logs).address)
+    has(page, "#word", "finished")
+    small = page.evaluate("document.querySelector('.value').getBoundingClientRect().height")
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.is_visible("#stop")
+    page.set_viewport_size({"width": 1200, "height": 1000})
+    page.keyboard.press("b")
+    assert page.evaluate("document.querySelector('.value').getBoundingClientRect().height") > 2.0 * small
+    assert page.is_visible("#stop")
+    page.reload()
+    page.wait_for_selector("body.big")  # the layout is kept
