@@ -15,6 +15,8 @@ from tests.virtual_benches import FLOW, INSTRUMENTS, MODBUS, serving
 
 ANY = 'transaction_numbers = "any"\n'
 ECHO = "echo = true\n"
+pytestmark = pytest.mark.slow  # each starts or examines a bench
+
 TEMPERATURE = """
 [channels.temperature_c]
 unit = "degC"

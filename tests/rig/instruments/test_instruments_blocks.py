@@ -195,6 +195,7 @@ def test_two_devices_at_one_unit_are_refused_unless_they_say_that_they_are_one(s
         bench(same=same)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "quality"), [(2, Quality.UNVERIFIED), (1, Quality.OK)])
 def test_for_a_while_after_a_lost_answer_a_block_as_long_as_another_is_not_verified(count, quality):
     """Its answer is not to be told from that to the other, should that come very late."""
@@ -220,6 +221,7 @@ def test_for_a_while_after_a_lost_answer_a_block_as_long_as_another_is_not_verif
     assert ("a late answer of a block as long may pass for it" in found[2][0].detail) == (count == 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("keys", ["", 'transaction_numbers = "any"'])
 def test_a_replay_of_blocks_and_lost_answers_gives_the_same_readings(tmp_path, keys):
     found = bench("largest_gap = 0", f"{TCP}\n{keys}")
