@@ -103,7 +103,7 @@ def test_a_file_that_was_cut_off_is_refused(reader, whole_files, tmp_path):
 PROCESSES = [pytest.param(reader, 20, marks=pytest.mark.long) for reader in ("tdms", "mat", "hdf5", "mdf")]
 
 
-@pytest.mark.parametrize(("reader", "times"), [("xlsx", 60), *PROCESSES])
+@pytest.mark.parametrize(("reader", "times"), [("xlsx", 40), *PROCESSES])
 def test_no_damaged_file_ends_in_anything_but_a_sentence(reader, times, whole_files, tmp_path_factory):
     assert read_or_refused(tmp_path_factory.mktemp("sound"), whole_files[reader], reader)
 
@@ -150,7 +150,7 @@ LINES = st.sampled_from([*mapping_of("csv").splitlines(), *WRONG])
 
 
 @hypothesis.given(content=st.one_of(TEXTS, st.binary(max_size=80)))
-@hypothesis.settings(max_examples=40, derandomize=True, deadline=None, database=None)
+@hypothesis.settings(max_examples=25, derandomize=True, deadline=None, database=None)
 def test_a_guess_is_a_mapping_s_text_or_a_refusal(content, tmp_path_factory):
     path = tmp_path_factory.mktemp("any") / "data"
     path.write_bytes(content)
@@ -163,7 +163,7 @@ def test_a_guess_is_a_mapping_s_text_or_a_refusal(content, tmp_path_factory):
 
 
 @hypothesis.given(lines=st.lists(LINES, max_size=25))
-@hypothesis.settings(max_examples=60, derandomize=True, deadline=None, database=None)
+@hypothesis.settings(max_examples=40, derandomize=True, deadline=None, database=None)
 def test_a_mapping_is_read_or_refused_in_words(lines, tmp_path_factory):
     path = tmp_path_factory.mktemp("any") / "map.toml"
     path.write_text("\n".join(lines))

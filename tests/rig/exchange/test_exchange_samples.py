@@ -212,7 +212,7 @@ except RunError as error:
 """
 
 
-@pytest.mark.parametrize(("ending", "most"), [(".parquet", 1), (".h5", 20_000), (".tdms", 20_000), (".mf4", 20_000)])
+@pytest.mark.parametrize(("ending", "most"), [(".parquet", 1), (".h5", 20_000), (".mf4", 20_000)])
 def test_a_full_disk_leaves_nothing_half_written(run, tmp_path, ending, most):
     file = tmp_path / f"run{ending}"
     command = [sys.executable, "-B", "-W", "ignore", "-c", FULL, str(run.folder), str(file), str(most)]
