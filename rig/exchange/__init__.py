@@ -1,6 +1,6 @@
 """Runs and recordings to and from other formats.
 
-export, figures                 a run as recording/1, with its instruments' figures
+export, captures, figures       a run as recording/1, its captures, and its instruments' figures
 samples                         a run's samples as one file: Parquet, HDF5, TDMS, MDF
 importing, mapping, converted   data taken elsewhere, with units that have to be said
 tables, workbook, cells, units  what they are read with
