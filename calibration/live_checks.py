@@ -164,6 +164,7 @@ def _look(pipe: Connection, read: Read, seed: int) -> None:
     with contextlib.suppress(OSError):
         os.nice(NICE)
     from calibration.diagnosis.live_check import check
+    from calibration.report.diagnosis.words import place_in_words
 
     while True:
         try:
@@ -181,7 +182,7 @@ def _look(pipe: Connection, read: Read, seed: int) -> None:
                 "extrapolated": found.extrapolated,
                 "differs": found.differs,
                 "places": places,
-                "text": found.sentence,
+                "text": " ".join([found.sentence, *map(place_in_words, places[:1])]),
             }
         except Exception as error:
             answer = {"error": f"{type(error).__name__}: {error}"[:2000]}

@@ -65,8 +65,8 @@ def check(recording: Recording, seed: int = 0) -> Checked:
     if found.p_value >= MISMATCH_P:
         return Checked(found.p_value, [], f"the model explains {count} plateaus ({told})", count, found.extrapolated)
     places = locate(detected.comparison, detected.base, found, detected.free)
-    where = places[0].sentence if places else "Where along the sweep, it cannot be told yet."
-    sentence = f"the model does not explain {count} plateaus ({told}). {where}"
+    where = "" if places else " Where along the sweep, it cannot be told yet."
+    sentence = f"the model does not explain {count} plateaus ({told}).{where}"
     return Checked(found.p_value, places, sentence, count, found.extrapolated)
 
 
