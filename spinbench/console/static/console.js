@@ -88,6 +88,7 @@ function tell(text) { $("told").hidden = false; put($("told"), text); clearTimeo
 // ---- STOP
 
 async function stop() {
+  dismissed = "";
   localStop = { word: "asked", text: "The order is on its way.", link: false };
   showStop();
   try {
@@ -103,10 +104,8 @@ let stopToken = "";
 
 function showStop() {
   const told = localStop || (held.console && held.console.stop), box = $("stop-told");
-  box.hidden = !told || told.key === dismissed;
-  if (!told) return;
-  const key = `${told.word} ${told.text}`;
-  if (key === dismissed) { box.hidden = true; return; }
+  box.hidden = !told || `${told.word} ${told.text}` === dismissed;
+  if (box.hidden) return;
   box.className = told.word === "NOT DELIVERED" ? "bad" : "";
   put(box.querySelector("b"), told.word === "asked" ? "STOP asked" : `STOP ${told.word}`);
   put(box.querySelector("span"), `${told.text}${told.by ? ` (pressed in ${told.by})` : ""}`);

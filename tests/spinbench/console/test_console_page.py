@@ -88,23 +88,38 @@ def wall_s(run, event):
     return run.start.clock.utc_start_ns / 1e9 + event.time_s / run.start.clock.rate
 
 
-def test_a_concealed_drag_is_seen_while_its_sweep_is_watched_to_the_end(tmp_path, start_console, window):
-    logs = tmp_path / "logs"
-    bench = short_bench(tmp_path, "[1.30, 1.45, 1.60, 1.75, 1.90, 2.05, 2.20]")
-    page = window(start_console(bench, logs).address)
-    has(page, "#word", "idle")
-    sealed = ["--conceal", tmp_path / "seal", "--key", tmp_path / "key", "--conceal-seed", "5", "--only", "windage"]
+def watch_a_sweep(page, bench, logs, sealed):
+    """A sweep of another program, watched to its end; whether the check beside it came to an answer."""
     with subprocess.Popen([*PROGRAM, "sweep", bench, "--logs", logs, *sealed], stdin=subprocess.DEVNULL) as sweep:
         for word in ("settle", "dwell"):  # short states may pass between two looks
             has(page, "#word", word)
         page.wait_for_selector("#steps li[aria-current=step]")
         page.wait_for_selector(".figure .quality.good")
         assert "waits for" in page.inner_text("#waits").lower()
-        has(page, "#lamp", "too early")
-        has(page, "#lamp", "MISMATCH")
-        has(page, "#alarms", "model check")
-        has(page, "#word", "finished")
+        assert "too early" in page.inner_text("#lamp")
+        seen = "() => document.querySelector('#lamp').className === 'differs'"
+        over = "document.querySelector('#word').textContent === 'finished'"
+        page.wait_for_function(f"{seen} || {over}", timeout=5.0 * PATIENT_MS)
+        page.wait_for_function(f"() => {over}", timeout=5.0 * PATIENT_MS)
         assert sweep.wait(ENOUGH_S) == 0
+    return "MISMATCH" in page.inner_text("#lamp")
+
+
+def test_a_concealed_drag_is_seen_while_its_sweep_is_watched_to_the_end(tmp_path, start_console, window):
+    # The check has the lowest priority: on a machine that is busy it needs a longer sweep.
+    for dwell_s in (6.0, 30.0, 120.0):
+        folder = tmp_path / f"{dwell_s:g}"
+        folder.mkdir()
+        logs, bench = folder / "logs", short_bench(folder, "[1.30, 1.45, 1.60, 1.75, 1.90, 2.05, 2.20]", dwell_s)
+        sealed = ["--conceal", folder / "seal", "--key", folder / "key", "--conceal-seed", "5", "--only", "windage"]
+        console = start_console(bench, logs)
+        page = window(console.address)
+        has(page, "#word", "idle")
+        if watch_a_sweep(page, bench, logs, sealed):
+            break
+        kinds = [event["event"] for event in events_of(only_run(logs))]
+        assert "model check failed" in kinds or kinds.count("model check") < 2  # it was late, and not wrong
+    has(page, "#lamp", "MISMATCH")
     has(page, "#friction", "f_overall so far")
     taken = len(ends(logs).plateaus)
     assert f"{taken} plateaus" in page.get_attribute("#picture", "aria-label")
@@ -115,7 +130,7 @@ def test_a_concealed_drag_is_seen_while_its_sweep_is_watched_to_the_end(tmp_path
     has(page, "#picture-key", "laid beside")
     page.click("text=Replay ×10")
     has(page, "#run-name", "REPLAY")
-    has(page, "#word", "finished")  # it ends as the run did
+    page.wait_for_function("() => document.querySelector('#word').textContent === 'finished'", timeout=PATIENT_MS)
     page.click("#back")
     page.wait_for_selector("#back", state="hidden")
 
