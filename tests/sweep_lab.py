@@ -90,6 +90,16 @@ def bench_file(regulator=True, **sweep):
     )
 
 
+def unused(*_):
+    """What the lab does by itself."""
+    raise AssertionError
+
+
+def driver(**more):
+    """A device that has the face of one."""
+    return SimpleNamespace(device="", failing=False, open=unused, identify=unused, poll=unused, **more)
+
+
 class LabBench:
     """The bench of a lab, as far as the sweep looks at it."""
 
@@ -100,14 +110,16 @@ class LabBench:
             for name in self.file.devices
         }
         self.drivers = {
-            "gauge": SimpleNamespace(channels={"pressure_bar_abs": None}),
-            "tach": SimpleNamespace(channels={"speed_rpm": None}, **({"poll_edges": None} if teeth else {})),
-            "meter": SimpleNamespace(channels={"flow_l_min": None}),
-            "dac": SimpleNamespace(channels={}, write=None, unit=unit, lowest=0.0, highest=5.0),
+            "gauge": driver(channels={"pressure_bar_abs": None}),
+            "tach": driver(channels={"speed_rpm": None}, **({"poll_edges": unused} if teeth else {})),
+            "meter": driver(channels={"flow_l_min": None}),
+            "dac": driver(channels={}, write=unused, set_failsafe=unused, unit=unit, lowest=0.0, highest=5.0),
         }
 
     def build(self, device):
         return self.drivers[device]
+
+    regulator = build
 
 
 class LabClock:

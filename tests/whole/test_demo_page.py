@@ -55,5 +55,5 @@ def test_it_says_what_was_named_and_what_was_concealed_and_links_only_what_is_th
 
 def test_a_demo_that_names_nothing_has_a_page_too(tmp_path: Path) -> None:
     page = written(tmp_path, "unresolved", [], None)
-    assert "no effect in the list explains it" in page.partition("\n")[0]
+    assert "no effect in the list explains why" in page.partition("\n")[0]
     assert "had not seen" not in page

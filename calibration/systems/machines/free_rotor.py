@@ -10,6 +10,7 @@ from calibration.data.runs_in_time import coast_down
 from calibration.systems.machines.readings import TO_SI, Flat, Readings, noise_sd
 from calibration.systems.machines.system import Coordinates, Simulate, pieces_of, segments
 from calibration.systems.machines.table import MachineTable, instrument, rows_used, transients
+from calibration.unknowns.priors import OfRun
 from model.effects.laws import Chosen
 from model.layout import RPM
 from model.rigs.free_rotor import coast
@@ -57,7 +58,7 @@ class FreeRotor:
             grid = grid[read[grid]]  # a mean goes back to the reading before, be that good or bad
             coasts.append((file, time[grid], compared[grid]))
             first = float(speed[run.begin])
-            flats.append(Flat(f"{file.file}.first_speed", "rad/s", first, first, 0.0))
+            flats.append(Flat(f"{file.file}.first_speed", "rad/s", first, first, 0.0, OfRun(file.file, "first_speed")))
             sd = noise_sd(recording, "speed_rpm", file) * np.ones(int(compared.sum()))
             readings.append(Readings("speed", speed[compared], sd, True, f"speed {file.file}"))
         if not coasts:

@@ -12,7 +12,7 @@ from calibration.systems.machines.readings import Flat
 from calibration.systems.machines.system import has_system, systems
 from calibration.systems.machines.table import rows_used, table_of
 from calibration.unknowns.effects import searched
-from calibration.unknowns.priors import OfInstrument, Unknown
+from calibration.unknowns.priors import OfInstrument, OfRun, Unknown
 from model.effects import Effect, EffectParameter, effects
 from model.rigs.state import scaled
 from rig.recording import Recording, RecordingError
@@ -74,7 +74,8 @@ class Problem:
         flats, unknowns = list(self.system.flats), list(self.system.unknowns)
         self._add_friction(flats, unknowns)
         self.nuisances = [
-            Unknown(one.name, one.unit, "normal", one.start, WIDE * one.size, "nothing is known of it") for one in flats
+            Unknown(one.name, one.unit, "normal", one.start, WIDE * one.size, "nothing is known of it", one.of)
+            for one in flats
         ] + unknowns
         self.wide = np.arange(len(self.nuisances)) < len(flats)
         self._lows = {one.name: one.low for one in flats}
@@ -159,7 +160,7 @@ class Problem:
     def run_of(self, i: int) -> int | None:
         """The file that a nuisance belongs to alone; None where it is of the whole recording [-]."""
         of = self.nuisances[i].of
-        file = of.file if isinstance(of, OfInstrument) else ""
+        file = of.file if isinstance(of, (OfInstrument, OfRun)) else ""
         return next((k for k, one in enumerate(self.recording.files) if one.file == file), None)
 
     def predict(

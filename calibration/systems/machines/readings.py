@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.unknowns.priors import OfRun
 from configs.units import BAR
 from model.layout import L_MIN, RPM
 from rig.recording import Recording, RecordingFile
@@ -57,13 +58,14 @@ class Readings:
 
 @dataclass(frozen=True)
 class Flat:
-    """An unknown of which nothing is known: where a search starts, its size, and its lower bound."""
+    """An unknown of which nothing is known: where a search starts, its size, its lower bound, and whose it is."""
 
     name: str
     unit: str
     start: float
     size: float
     low: float
+    of: OfRun | None = None
 
 
 def noise_sd(recording: Recording, column: str, file: RecordingFile) -> float:

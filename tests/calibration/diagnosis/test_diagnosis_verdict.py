@@ -278,8 +278,9 @@ def test_beside_a_base_model_that_is_not_excluded_it_is_listed() -> None:
     found = judge(0.005, [drag, base], {(): 0.005, drag.names: 0.4}, None)
     assert (found.kind, found.chosen, found.alternatives) == ("confounded", drag, ((),))
     document = {"verdict": "confounded", "mismatch": {"p_value": 0.005}, "effects": [{"id": "windage"}]}
-    said = sentence(document | {"alternatives": [[]]})
-    assert said.startswith("Something may be left out") and said.endswith("or nothing left out.")
+    said = sentence(document | {"alternatives": [[]], "next_tests": [{"test": "a coast-down"}]})
+    assert said.startswith("The model may not fit (p = 0.005). Most likely ")
+    assert said.endswith("; also possible: nothing left out. To decide: a coast-down.")
 
 
 @pytest.mark.parametrize(("row", "alone"), [(0, True), (1, False), (2, False), (4, False), (5, False)])

@@ -148,7 +148,7 @@ def test_what_the_flow_at_high_speed_cannot_tell_is_confounded_and_a_locked_roto
 
 
 def test_words_and_table_say_what_the_document_says(dry: dict[str, Any]) -> None:
-    assert sentence(dry).startswith("Left out of the model (p < 1e-06): dry friction (torque_nm 5")
+    assert sentence(dry).startswith("Missing in the model (p < 1e-06): dry friction (torque_nm 5")
     assert table(dry).row_count > 5
 
 
@@ -207,7 +207,7 @@ def test_the_page_has_what_was_found_and_escapes_what_is_foreign(dry_axis: Recor
     text = report(found, as_json(found))["report.html"].decode()
     assert "<script>" not in text and "<b>" not in text
     for words in (
-        "note: &lt;b&gt;worn",
+        "Note: &lt;b&gt;worn",
         "dry friction",
         "N s/m",
         "held-out readings",
