@@ -276,6 +276,7 @@ def test_heat_capacity_is_the_slope_of_the_enthalpy_the_equation_of_state_implie
     assert slope == pytest.approx(-T * curvature, rel=1e-4)
 
 
+@pytest.mark.long
 def test_the_committed_coefficients_are_what_coolprop_gives():
     script = ROOT / "scripts" / "air_polynomials.py"
     run = subprocess.run([sys.executable, script, "--check"], capture_output=True, text=True, check=False)

@@ -575,6 +575,7 @@ def test_a_mistake_far_down_is_named_by_its_row(tmp_path):
     assert "row 200001, column speed_rpm" in text
 
 
+@pytest.mark.long
 def test_times_are_compared_across_the_stretches_of_a_long_file(tmp_path):
     rows = "".join(f"{row * 0.001:.3f},2.0,390.0\n" for row in range(200_000))
     text = refusal(put(tmp_path / "bench", SHORT.replace("steady", "transient"), f"{TIMED}{rows}{rows}"))

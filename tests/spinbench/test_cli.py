@@ -175,6 +175,7 @@ def test_sensitivity_prints_whole_names():
     assert "cylinder_surface_radius_mm" in run("sensitivity", "--pressure-bar-abs", "2.0").stdout
 
 
+@pytest.mark.long
 def test_reproduce_puts_figures_and_page_where_they_are_asked_for(tmp_path):
     result = run("reproduce", "-o", "docs/figures", "--page", "docs/page.md", cwd=tmp_path)
     assert result.returncode == 0, result.stderr

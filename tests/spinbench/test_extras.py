@@ -45,6 +45,7 @@ def logs(tmp_path: Path) -> Path:
     return tmp_path / "logs"
 
 
+@pytest.mark.long
 def test_no_module_needs_them_to_be_imported():
     command = [sys.executable, "-c", IMPORT_ALL, ",".join(EXTRAS)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)

@@ -97,6 +97,7 @@ def test_the_march_is_slower_than_a_point_of_a_batch(bench):
     assert all(row.unit == "µs" and row.ratio > 1.0 for row in found)
 
 
+@pytest.mark.long
 def test_scipy_agrees_with_the_transient_in_a_short_spin_up(bench):
     peer, spin_up = bench("scipy_peer"), bench("spin_up")
     true = spin_up.ours(MOTOR, 0.05, refine=16)

@@ -231,6 +231,7 @@ def swept(tmp_path_factory):
     return folder, made, outcome, seal, key
 
 
+@pytest.mark.long
 def test_a_sweep_over_the_wire_finishes_and_reads_what_is_concealed(swept):
     _, made, outcome, seal, key = swept
     assert (outcome.outcome, outcome.reason) == ("finished", "")

@@ -98,6 +98,7 @@ def test_a_flow_that_sets_in_is_a_law_of_the_flow_balance(swept):
     assert (found.balance, found.unit) == ("mass", "m3/s")
 
 
+@pytest.mark.long
 def test_no_law_is_found_where_nothing_is_left_out(swept, coasted):
     for of in (swept, coasted):
         for balance in ("torque", "mass"):

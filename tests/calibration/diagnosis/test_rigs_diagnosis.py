@@ -296,6 +296,7 @@ def test_an_unseen_coast_down_begins_at_its_own_speed_whatever_its_file_is_calle
     assert held_out["rmse_after"]["speed_rad_s"] < held_out["rmse_before"]["speed_rad_s"] < 5.0
 
 
+@pytest.mark.long
 def test_a_run_s_own_zero_is_not_held_against_the_machine() -> None:
     """However far off it is, it is the run's own."""
     recording = rigs.cylinder(draw(1))

@@ -57,6 +57,7 @@ def test_a_chain_that_they_begin_needs_few_evaluations_for_a_sample(likelihood, 
     assert sum(asked) - 2 * begin < 8 * chain.effective.min()
 
 
+@pytest.mark.long
 def test_polynomials_that_are_wrong_are_not_trusted(likelihood, monkeypatch):
     right = Likelihood.polynomials
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.optimize import least_squares
 
 from model import layout as at
@@ -69,6 +70,7 @@ def apart(p: np.ndarray, *flywheels: float) -> np.ndarray:
     return np.concatenate(found)
 
 
+@pytest.mark.long
 def test_more_roller_friction_passes_for_dry_friction_until_a_flywheel_is_added() -> None:
     """The rival is a motor as one may be: roller friction is known to a factor of two, the inertia to 10 %.
 

@@ -135,6 +135,7 @@ ENDLESS = (
 )
 
 
+@pytest.mark.long
 def test_a_file_that_sends_its_reader_round_in_circles_is_refused(put, tmp_path, monkeypatch):  # noqa: F811 - the fixture
     monkeypatch.setattr("rig.exchange.binary.apart.MOST_CPU_S", 2)
     columns = mapping_of("hdf5").replace('"P"', '"P/value"').replace('"n"', '"n/value"')

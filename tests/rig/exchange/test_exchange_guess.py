@@ -226,6 +226,7 @@ def test_a_file_in_which_nothing_can_be_seen_is_refused(proposed, content, words
         proposed(content)
 
 
+@pytest.mark.long
 @hypothesis.given(headings=st.lists(st.text(max_size=12), min_size=1, max_size=4), word=st.text(max_size=6))
 @hypothesis.settings(max_examples=15)
 def test_no_text_of_a_file_becomes_a_line_of_its_own(headings, word, tmp_path_factory):

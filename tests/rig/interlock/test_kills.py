@@ -5,8 +5,9 @@ import pytest
 from tests.kills import kill_once
 
 
+@pytest.mark.long
 @pytest.mark.slow
-@pytest.mark.parametrize("after_s", [0.4, pytest.param(5.3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("after_s", [0.4, 5.3])
 def test_a_killed_sweep_loses_no_row_and_leaves_the_regulator_at_zero(after_s):
     kill = kill_once(after_s)
     assert kill.fault == ""
