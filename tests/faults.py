@@ -37,15 +37,24 @@ AGREE_RPM = 2.0  # of two polls, where there is no checksum: of the Monarch and 
 TIMEOUT_S, SLOWEST_S = 0.1, 0.25
 SPANS_S = {"late": 0.15, "very_late": 0.4, "split": 0.01, "unplug": 0.5, "power_cycle": 0.5, "frozen": 0.5}
 EVERY_S = 2.0  # of what lasts: a cable out, no power, a frozen value
+PERIOD_S = 0.005  # less than an answer takes: question follows answer at once
 CHANCE = 0.2  # of everything else, for each reply
 PATIENCE_S = 3600.0
+ESCAPES = {  # of a damaged answer, by the checksum alone
+    "rtu": "CRC-16: none of one bit, 2^-16 of any damage",
+    "text": "no checksum",
+    "frames": "no checksum",
+    "tcp": "no checksum in Modbus TCP",
+}
 
 HEAD = 'format = "instrument/1"\ntitle = "ramp"\nsource = "test"\ntrust = "simulated"\nstale_s = 0.2\n'
 CHANNEL = '[channels.speed_rpm]\nunit = "rpm"\nlowest = 0.0\nhighest = 99999.0\nresolution = 0.01\n'
 REGISTERS = f'{HEAD}family = "modbus"\n{CHANNEL}address = 6\ntype = "u32"\nscale = 0.01\ninvalid = [4294967295]\n'
-TEXT = (
-    f'{HEAD}family = "ascii"\nquery = "@D3\\r"\npattern = \'\\s?(?P<speed_rpm>[+-]?\\d{{1,7}}(\\.\\d{{0,4}})?|----)\\s?\'\n'
-    f'{CHANNEL}agree_within = {AGREE_RPM}\ninvalid = ["----"]\n'
+TEXT = HEAD + CHANNEL.join(
+    [
+        'family = "ascii"\nquery = "@D3\\r"\npattern = \'\\s?(?P<speed_rpm>[+-]?\\d{1,7}(\\.\\d{0,4})?|----)\\s?\'\n',
+        f'agree_within = {AGREE_RPM}\ninvalid = ["----"]\n',
+    ]
 )
 FRAMES = f'{HEAD}family = "lutron"\nupdate_s = 0.03\n{CHANNEL}display = "1"\nagree_within = {AGREE_RPM}\n'
 SERIAL, TCP = 'kind = "serial"\nport = "virtual"\nbaud = 19200', 'kind = "tcp"\nhost = "virtual"'
@@ -145,8 +154,8 @@ def off_rpm(reading: Reading, line: str) -> float:
 def cells() -> list[tuple[str, str]]:
     """Line and fault of every cell; each line also without any fault, and with answers later than the slowest."""
     kinds = ["none", *KINDS, "very_late"]
-    told = {"rtu": {*NUMBERS}, "tcp": set(), "text": {*MODBUS, *NUMBERS}, "frames": {*MODBUS, *NUMBERS, "echo"}}
-    return [(line, kind) for line in LINES for kind in kinds if kind not in told[line]]
+    not_on = {"rtu": {*NUMBERS}, "tcp": set(), "text": {*MODBUS, *NUMBERS}, "frames": {*MODBUS, *NUMBERS, "echo"}}
+    return [(line, kind) for line in LINES for kind in kinds if kind not in not_on[line]]
 
 
 def measure(line: str, kind: str, polls: int, seed: int, slow: float = 1.0) -> Cell:
@@ -154,24 +163,14 @@ def measure(line: str, kind: str, polls: int, seed: int, slow: float = 1.0) -> C
 
     `slow`: factor on the line's patience and on how late answers are, for a machine that is busy [-].
     """
-    instrument, table = LINES[line]
-    unit = "unit_id = 1" if line in ("rtu", "tcp") else ""
-    text = BENCH.format(line=table, unit=unit, timeout_s=TIMEOUT_S * slow, slowest_s=SLOWEST_S * slow)
-    files = {"bench.toml": text, "instruments/ramp.toml": instrument, "instruments/flow.toml": FLOW}
-    bench = bench_of("faults", {name: source.encode() for name, source in files.items()}, "faults.toml")
+    bench = _bench(line, slow)
     found: list[Exchange] = []
     draw = zlib.crc32(f"{line} {kind} {seed}".encode())
     with tempfile.TemporaryDirectory(prefix="faults-") as folder, serving(bench, Path(folder), 1.0, draw, Ramp) as bus:
         wire = bench.file.lines["wire"]
-        port = port_for(bus.ports, "wire", wire, bus.clock)
-        driver = bench.build("tach")
-        worker = Worker(
-            line_of("wire", wire, port, bus.clock),
-            {"tach": (driver, 0.005)},
-            found.append,
-            lambda *_, **__: 0,
-            bus.clock,
-        )
+        to_device = line_of("wire", wire, port_for(bus.ports, "wire", wire, bus.clock), bus.clock)
+        drivers = {"tach": (bench.build("tach"), PERIOD_S)}
+        worker = Worker(to_device, drivers, found.append, lambda *_, **__: None, bus.clock)
         worker.connect()
         found.clear()
         lasting = kind in ONCE or kind == "frozen"
@@ -188,6 +187,14 @@ def measure(line: str, kind: str, polls: int, seed: int, slow: float = 1.0) -> C
         counts = bus.ask(do="state")["fault_counts"]
     readings = [reading for exchange in found if is_poll(exchange) for reading in exchange.readings]
     return judged(readings, line, kind, seed, laid if lasting else sum(counts.values()))
+
+
+def _bench(line: str, slow: float) -> Bench:
+    instrument, table = LINES[line]
+    unit = "unit_id = 1" if line in ("rtu", "tcp") else ""
+    text = BENCH.format(line=table, unit=unit, timeout_s=TIMEOUT_S * slow, slowest_s=SLOWEST_S * slow)
+    files = {"bench.toml": text, "instruments/ramp.toml": instrument, "instruments/flow.toml": FLOW}
+    return bench_of("faults", {name: source.encode() for name, source in files.items()}, "faults.toml")
 
 
 def is_poll(exchange: Exchange) -> bool:
@@ -254,7 +261,8 @@ def table(found: Iterable[Cell]) -> str:
     heads += ["unverified", "wrong among these", "gaps", "longest without, s"]
     rows = [heads, ["---"] * len(heads)]
     for c in found:
-        rows.append([c.line, f"`{c.kind}`", c.polls, c.faults, c.ok, c.wrong_ok, c.far_ok, c.worst_ok_rpm])
+        kind = f"`{c.kind}`" + (f" ({ESCAPES[c.line]})" if c.kind == "corrupt" else "")
+        rows.append([c.line, kind, c.polls, c.faults, c.ok, c.wrong_ok, c.far_ok, c.worst_ok_rpm])
         rows[-1] += [c.unverified, c.wrong_unverified, c.gaps, c.longest_s]
     return "\n".join("| " + " | ".join(map(str, row)) + " |" for row in rows) + "\n"
 
