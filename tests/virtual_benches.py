@@ -243,9 +243,9 @@ class Served:
 
 
 @contextlib.contextmanager
-def serving(found, folder: Path, rate=20.0, seed=1):
+def serving(found, folder: Path, rate=20.0, seed=1, plant_of=None):
     """Serve a bench until the block ends."""
-    server = VirtualServer(found, folder, rate, seed)
+    server = VirtualServer(found, folder, rate, seed, plant_of)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     give_up = time.monotonic() + 60.0
