@@ -129,10 +129,10 @@ class Worker(threading.Thread):
     def _silent(self, name: str, error: Exception) -> str:
         if isinstance(error, RefusedError) and error.is_busy:
             return f"{name} (line {self.line.name}) is busy, {BUSY_TRIES + 1} times: {error}; {error.while_busy}"
-        return (
-            f"{name} (line {self.line.name}) does not answer as it should: {error}; is it on, and are its address and "
-            "the baud rate right? spinbench doctor tells more"
-        )
+        ask = "is it on, and are its address and the baud rate right? spinbench doctor tells more"
+        if self.clock.rate > 1.0:
+            ask = f"does the machine keep up with a virtual bench at {self.clock.rate:g} times real time? Lower --rate"
+        return f"{name} (line {self.line.name}) does not answer as it should: {error}; {ask}"
 
     def command(self, device: str, action: str, argument: float | None = None) -> Future[Exchange]:
         """Have something done on the line, before the next poll.

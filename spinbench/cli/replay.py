@@ -43,6 +43,8 @@ def replay(
     from rig.replay.replaying import bench_of_run, mended_bench
     from rig.runlog.reader import KILLED
 
+    if out is not None and not with_model:
+        raise typer.BadParameter(f"-o {out} is for the comparison with the model; say --with-model too")
     read = run_named(run, logs)
     bench = mended_bench(read, mended, FOLDER / "instruments") if mended else bench_of_run(read)
     found = _played(read, bench, logs if save else None, real_time)

@@ -244,3 +244,9 @@ def test_the_list_of_runs_shows_names_whole_on_a_narrow_terminal(tmp_path):
     with RunWriter.create(tmp_path, start) as writer:
         writer.end("finished")
     assert next(tmp_path.iterdir()).name in on_a_terminal("stdout", "runs", "list", "--logs", str(tmp_path))
+
+
+def test_a_place_for_a_comparison_that_was_not_asked_for_is_refused(tmp_path, spinbench_here):
+    done = spinbench_here("replay", "last", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "is for the comparison with the model" in done.stderr

@@ -125,7 +125,7 @@ def _doubts(column: Seen, heading: Heading, source: Source) -> list[str]:
         doubts.append(f"its words say {heading.by_words[0]}, its unit {heading.by_unit[0]}")
     if not heading.unit:
         stated = f"'{shown(heading.unknown_unit)}' is no unit that the import knows" if heading.unknown_unit else ""
-        known = ", ".join(known_units("pressure_bar_abs" if name == "pressure" else name)[:8]).replace(" abs", "")
+        known = ", ".join(known_units("pressure_bar_abs" if name == "pressure" else name)[:8])
         if name == "time_s" and _excel_days(column, source):
             stated, known = "its numbers look like days of Excel's calendar", "Excel days"
         if name not in ("supply_open", "rotor_locked", "direction"):

@@ -85,7 +85,7 @@ def test_no_proposal_can_be_imported_before_a_person_has_read_it(proposed, tmp_p
 
 UNSURE = {
     "Pressure [kPa]\n160.5": ("nothing says whether it is absolute or gauge", 'unit = "kPa gauge"'),
-    "Pressure\n160.5": ("its unit is not said: one of bar, mbar", 'unit = ""'),
+    "Pressure\n160.5": ("its unit is not said: one of bar abs, mbar abs", 'unit = ""'),
     "Flow [furlong]\n2.5": ("'furlong' is no unit that the import knows", 'unit = ""'),
     "Flow [NL/min]\n2.5": ("to which state does it refer?", "standard = {pressure_bar_abs = , temperature_c = }"),
     "Speed [Hz]\n2.5": ("Hz needs the pulses of a revolution", "pulses_per_rev ="),

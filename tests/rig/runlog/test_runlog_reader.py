@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -311,6 +312,7 @@ def test_the_summary_shows_plateaus_faults_and_the_end(tmp_path):
         writer.end("aborted", "stopped by the operator", vented=False)
     text = summary(read_run(writer.folder))
     assert "\x1b" not in text
+    assert re.search(r"^\d+ events; 1 that are news:$", text, re.M)
     for words in ("394.", "not settled; drifting", "line lost", "unplugged", "aborted: stopped by the operator"):
         assert words in text
     assert "NOT known to be vented" in text
