@@ -136,8 +136,8 @@ def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
     this = "the first of these sets" if document["verdict"] == "confounded" else "this set"
     more = "" if () in found.verdict.alternatives else ", alone or with more,"
     return (
-        f"{said} The probability that {this} is there{more} is {share} among all that were weighed, and {known} "
-        "by how often sets came true in blind tests."
+        f"{said} The probability that {this} is there{more} is {known}, by how often sets came true in blind tests "
+        f"({share} among all that were weighed)."
     )
 
 

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 def table(found: Mapping[str, Any]) -> Table:
     """Effects, alternatives, place, friction and next tests."""
-    rows = [("verdict", f"{found['verdict']} ({words.p_in_words(found['mismatch']['p_value'])})")]
-    rows += [
-        (one["id"], f"probability {one['probability']:.3f}; {figures(one)}".rstrip("; ")) for one in found["effects"]
-    ]
+    said = f"{found['verdict']} ({words.p_in_words(found['mismatch']['p_value'])})"
+    if found["verdict"] in ("named", "confounded"):
+        said += f"; probability {found['set_probability']:.2f}, by how often such verdicts came true in blind tests"
+    rows = [("verdict", said), *((one["id"], figures(one)) for one in found["effects"])]
     rows += [("or", titles(names)) for names in found["alternatives"][: words.MOST_ROWS]]
     rows += [("where", words.place_in_words(place)) for place in found["located"][: words.MOST_ROWS]]
     if found["term"]:
