@@ -105,6 +105,8 @@ class Desk:
     def _latest(self) -> Path | None:
         """The run that is being written, or the newest one."""
         going_on = stopping.being_written(self.logs)
+        if going_on:
+            self.sweeps.forget_refusal()
         return going_on[-1] if going_on else next(iter(self._folders()), None)
 
     def _folders(self) -> list[Path]:

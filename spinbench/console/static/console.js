@@ -150,9 +150,18 @@ function drawBar() {
   $("start").disabled = !c.controls || c.starting || (held.run && held.run.live && !held.run.replay);
   $("back").hidden = !shown.run;
   put($("back"), c.latest_state === "being written" ? "A RUN GOES ON: back to it" : "Back to the newest run");
-  if (c.start_failed && c.start_failed !== failedBefore) { failedBefore = c.start_failed; refuse(`The sweep did not begin: ${c.start_failed}`); }
+  drawStartRefused(c.start_failed);
 }
-let failedBefore = "";
+
+// A refusal belongs to one start: the next start takes it back, and is refused in words of its own.
+let failedStart = 0, failedText = "";
+function drawStartRefused(failed) {
+  if (failed && failed.start === failedStart) return;
+  if (failedText && $("refused").querySelector("span").textContent === failedText) $("refused").hidden = true;
+  failedStart = failed ? failed.start : 0;
+  failedText = failed ? `The sweep did not begin: ${failed.text}` : "";
+  if (failed) refuse(failedText);
+}
 
 function drawFigures() {
   const box = $("figures");
@@ -293,6 +302,7 @@ $("start-dialog").addEventListener("close", () => {
   const answers = Object.fromEntries([...$("entries").querySelectorAll("input")].map(i => [i.name, i.value.trim()]));
   keep("operator", answers.operator);
   shown = { run: "", replay: 0 }; connect();
+  $("refused").hidden = true;
   change("start", { answers }, "The sweep is being started.");
   $("start-dialog").returnValue = "";
 });
