@@ -132,7 +132,7 @@ class Desk:
         self._stops = [Stopping.of(run, by) for run in runs]
         if runs:
             self._told = None
-        elif self.sweeps.running and not self.sweeps.stop():
+        elif self.sweeps.starting and not self.sweeps.stop():
             text = "The sweep that was being started is told to end; the regulator has not been raised."
             self._told = {"word": "DELIVERED", "text": text, "run": "", "by": by}
         else:
@@ -184,7 +184,8 @@ class Desk:
             "controller_is_there": controller is not None and controller["window"] in self.windows,
             "stop": self.stop_told(),
             "stop_token": self.kept.stop_token,
-            "starting": self.sweeps.running and not stopping.being_written(self.logs),
+            "starting": self.sweeps.starting,
+            "running": self.sweeps.running,
             "start_failed": self.sweeps.failed(),
             "unreadable": self.unreadable,
             "latest": self.showing.tail.folder.name if self.showing is not None else None,

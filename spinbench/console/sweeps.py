@@ -11,7 +11,7 @@ from typing import Any
 
 from rig.bench.bench import Bench
 from spinbench.console.access import RefusedError
-from spinbench.console.stopping import ask_to_stop, being_written
+from spinbench.console.stopping import ask_to_stop, being_written, runs_of_benches
 
 SAID = ".console-sweep.txt"  # in the logs folder: what the sweep that was started last has said
 MOST_SAID, MOST_TEXT = 4000, 500
@@ -37,12 +37,22 @@ class Sweeps:
         self.path, self.bench, self.logs, self.options = path, bench, logs, options
         self._process: subprocess.Popen[bytes] | None = None
         self._starts = 0
+        self._before: set[Path] = set()
+        self._has_run = False
         self._lock = threading.RLock()  # a start and what became of the one before are asked for by several threads
 
     @property
     def running(self) -> bool:
         """Whether the sweep that was started last goes on."""
         return self._process is not None and self._process.poll() is None
+
+    @property
+    def starting(self) -> bool:
+        """Whether the sweep that was started last goes on and has no run yet."""
+        with self._lock:
+            if self.running and not self._has_run:
+                self._has_run = not self._before.issuperset(runs_of_benches(self.logs))
+            return self.running and not self._has_run
 
     def start(self, answers: Mapping[str, str]) -> None:
         """Start a sweep.
@@ -64,6 +74,7 @@ class Sweeps:
                 raise RefusedError(409, "a run is going on in this logs folder; wait for its end, or stop it")
             self._process = None  # what the start before said is no longer true of anything
             self._starts += 1
+            self._before, self._has_run = set(runs_of_benches(self.logs)), False
             with (self.logs / SAID).open("wb") as said:
                 self._process = subprocess.Popen(
                     [*command, *self.options, *words],

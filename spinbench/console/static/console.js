@@ -147,7 +147,7 @@ function drawBar() {
   const who = c.controls ? "This window controls" : c.controller ? `${c.controller} controls${c.controller_is_there ? "" : " (it is closed)"}; this window watches` : "Nobody controls; this window watches";
   put($("control-told"), `${who} · ${many} · this is ${windowName}`);
   $("take").disabled = c.controls;
-  $("start").disabled = !c.controls || c.starting || (held.run && held.run.live && !held.run.replay);
+  $("start").disabled = !c.controls || c.running || (held.run && held.run.live && !held.run.replay);
   $("back").hidden = !shown.run;
   put($("back"), c.latest_state === "being written" ? "A RUN GOES ON: back to it" : "Back to the newest run");
   drawStartRefused(c.start_failed);

@@ -67,3 +67,23 @@ def test_a_refusal_is_not_told_of_a_run_that_another_program_writes(desk):
     with RunWriter.create(desk.logs, start_of()):
         desk.follow()
         assert desk.console("w")["start_failed"] is None
+
+
+def test_a_sweep_is_being_started_until_its_run_is_there_and_not_again_after_its_end(desk, held_starts):
+    held_starts()
+    desk.sweeps.start({})
+    assert desk.console("w")["starting"]
+    with RunWriter.create(desk.logs, start_of()) as writer:
+        writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
+    assert not desk.console("w")["starting"]
+    assert desk.console("w")["running"]
+    end_of(desk)
+
+
+def test_stop_after_the_end_of_a_run_does_not_say_that_the_regulator_was_never_raised(desk, held_starts):
+    held_starts()
+    desk.sweeps.start({})
+    with RunWriter.create(desk.logs, start_of()) as writer:
+        writer.end("finished", vented=True)
+    assert desk.stop("a test")["word"] == "NOT DELIVERED"
+    end_of(desk)
