@@ -18,6 +18,7 @@ from spinbench.console.access import Kept, RefusedError, reports_of
 from spinbench.console.facts import facts
 from spinbench.console.stopping import Stopping
 from spinbench.console.sweeps import Sweeps
+from spinbench.console.words import is_imported
 
 LOOK_FOR_RUNS_S = 0.5
 SHOWN_RUNS = 200
@@ -58,6 +59,8 @@ class Showing:
             now_s = self.tail.now_s + silent_s * self.tail.start.clock.rate
             found = facts(self.tail, now_s, span_s, acknowledged, silent_s)
         found["run"]["replay"] = self._replay
+        for figure in found["figures"] if self._replay else []:
+            figure |= {"mark": "past", "quality": f"replayed: {figure['quality']}"}
         return found
 
     def answered(self, one: Stopping) -> None:
@@ -103,11 +106,11 @@ class Desk:
             self.unreadable = f"the run cannot be followed: {type(error).__name__}: {error}"
 
     def _latest(self) -> Path | None:
-        """The run that is being written, or the newest one."""
+        """The run that is being written, or the newest one of a bench: an import says nothing of the bench here."""
         going_on = stopping.being_written(self.logs)
         if going_on:
             self.sweeps.forget_refusal()
-        return going_on[-1] if going_on else next(iter(self._folders()), None)
+        return going_on[-1] if going_on else next(stopping.runs_of_benches(self.logs), None)
 
     def _folders(self) -> list[Path]:
         """The runs in the logs folder, newest first."""
@@ -209,11 +212,18 @@ def _row(folder: Path) -> dict[str, Any]:
             "kind": "",
             "bench": "",
             "plateaus": "",
+            "imported": False,
         }
     outcome = state_of(end, locked)
     by = f" by the {end.stopped_by}" if end is not None and end.stopped_by else ""
     plateaus = "" if end is None else end.counts.get("plateaus", "")
-    return row | {"outcome": outcome + by, "kind": start.kind, "bench": start.bench, "plateaus": plateaus}
+    return row | {
+        "outcome": outcome + by,
+        "kind": start.kind,
+        "bench": start.bench,
+        "plateaus": plateaus,
+        "imported": is_imported(start),
+    }
 
 
 def as_text(part: Any) -> str:

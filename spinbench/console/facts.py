@@ -11,7 +11,7 @@ from rig.runlog.plateaus import PRESSURES, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN
 from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, EventLine
 from rig.runlog.tail import CHECK, STATE, Shown, Tail
-from spinbench.console.words import after_the_end, badge_of, guidance_for
+from spinbench.console.words import after_the_end, badge_of, guidance_for, is_imported
 
 CHARTED = ("pressure", "flow", "speed")
 SHOWN_EVENTS, SHOWN_ALARMS, SHOWN_BINS = 60, 50, 400
@@ -70,11 +70,22 @@ def _run(tail: Tail) -> dict[str, Any]:
         "simulated": start.simulated,
         "rate": start.clock.rate,
         "live": tail.state == BEING_WRITTEN,
+        "past": _past(tail),
         "outcome": None if end is None else end.outcome,
         "stopped_by": None if end is None else end.stopped_by,
         "vented": None if end is None else end.vented,
         "setting": {key: value for key, value in setting.items() if value},
     }
+
+
+def _past(tail: Tail) -> str:
+    """What a reading is of a run that is not being written; empty of one that is."""
+    if tail.state == BEING_WRITTEN:
+        return ""
+    if is_imported(tail.start):
+        return "last reading of an imported file"
+    ended = "" if tail.end is None else tail.end.utc_end[:16].replace("T", " ")
+    return f"last reading of a run that ended{f' {ended} UTC' if ended else ''}"
 
 
 def _room(ambient: Mapping[str, Any]) -> str:
@@ -131,7 +142,9 @@ def _figure(tail: Tail, role: str, now_s: float, silent_s: float) -> dict[str, A
         return {"role": role, "text": "–", "unit": "", "mark": "none", "quality": "no reading yet"}
     age_s = max((now_s - shown.time_s) / tail.start.clock.rate, silent_s)
     mark, words = _quality(shown)
-    if tail.state == BEING_WRITTEN and age_s > STALE_S:
+    if past := _past(tail):
+        mark, words = "past", past
+    elif age_s > STALE_S:
         mark, words = "old", f"old: {age_s:.0f} s"
     digits = DIGITS.get(shown.unit.split()[0] if shown.unit else "", 2)
     sign = {-1: "<" if shown.value else "", 1: ">"}.get(shown.censored, "")

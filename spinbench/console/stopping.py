@@ -17,7 +17,7 @@ from rig.runlog import RunError, StartRecord
 from rig.runlog.folder import END, START, is_locked, writer_of
 from rig.runlog.reader import read_start
 from rig.runlog.tail import SET_POINT, STATE, Tail
-from spinbench.console.words import CLOSE_SUPPLY
+from spinbench.console.words import CLOSE_SUPPLY, is_imported
 
 CONFIRMED_WITHIN_S = 5.0  # of the wall; then NOT DELIVERED is shown, and put right if the order comes later
 MEASURED = ("sweep", "coast-down", "spin-up", "zero", "plateaus", "manual")  # kinds that have a bench
@@ -50,7 +50,7 @@ def _latest(logs: Path) -> list[Path]:
 
 
 def _is_of_a_bench(start: StartRecord) -> bool:
-    return start.kind in MEASURED and not start.imported
+    return start.kind in MEASURED and not is_imported(start)
 
 
 def ask_to_stop(pid: int | None) -> str:

@@ -23,7 +23,7 @@ from spinbench.console.desk import Desk
 TICK_S = 0.25
 SHOWN_EVENTS, SHOWN_ALARMS = 8, 4
 NAME = "the terminal"
-MARKS = {"good": "✓", "unsure": "?", "bad": "✕", "old": "!", "none": "-"}
+MARKS = {"good": "✓", "unsure": "?", "bad": "✕", "old": "!", "none": "-", "past": "-"}
 STEP_MARKS = {"done": "✓", "running": "▶", "left out": "✕", "to come": "·"}
 LAMPS = {"waits": "○ too early", "fits": "✓ model fits", "differs": "▲ MISMATCH"}
 
@@ -82,7 +82,7 @@ def _head(found: dict[str, Any], unreadable: str) -> Panel:
 def _figures(figures: list[dict[str, Any]]) -> Table:
     table = Table("", "", "", "quality", expand=True, show_edge=False)
     for one in figures:
-        style = "bold" if one["mark"] == "good" else "bold reverse"
+        style = {"good": "bold", "past": "dim"}.get(one["mark"], "bold reverse")
         value = Text(one["text"], style=style, justify="right")
         table.add_row(one["role"], value, one["unit"], Text(f"{MARKS[one['mark']]} {one['quality']}"))
     return table

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from rig.runlog import StartRecord
 from rig.runlog.reader import BEING_WRITTEN, KILLED
 from rig.runlog.tail import SET_POINT, STATE, Tail
 from rig.sweep.machine import VENT_TIMEOUT_S
@@ -37,6 +38,11 @@ GUIDANCE = {
     "model check failed": "The sweep is not touched by it. Diagnose the run once it has ended.",
     "line lost": "Look at the cable and the instrument's supply. Under pressure the run vents by itself.",
 }
+
+
+def is_imported(start: StartRecord) -> bool:
+    """Whether a run's readings were taken elsewhere and brought in as a file."""
+    return start.kind == "import" or bool(start.imported)
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,8 @@ def _ended(tail: Tail) -> Badge:
         why = "Its program ended without sealing it: spinbench runs repair seals it." if is_killed else ""
         return Badge(tail.state or "loading", why)
     end = tail.end
+    if end.outcome == "finished" and is_imported(tail.start):
+        return Badge("imported", "Readings that were taken elsewhere, brought in as a file.")
     if end.outcome == "finished":
         return Badge("finished", "The course was gone through to its end.")
     if end.outcome == "failed":
@@ -124,7 +132,7 @@ def after_the_end(tail: Tail) -> tuple[str, str] | None:
     if end is None:
         return (f"the run was killed: {tail.folder.name}", CLOSE_SUPPLY) if tail.state == KILLED else None
     unvented = end.vented is False
-    if badge.word == "finished" and not unvented:
+    if end.outcome == "finished" and not unvented:
         return None
     text = f"{badge.word}: {end.reason}" if end.reason else badge.word
     if unvented:

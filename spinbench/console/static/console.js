@@ -2,7 +2,7 @@
 // The page draws what the server says and keeps nothing of a run: each connection begins with everything.
 const LOST_MS = 1500, RETRY_MS = 700, STOP_MS = 2000, TOLD_MS = 6000;
 const SPANS = [[60, "1 min"], [600, "10 min"], [0, "whole run"]];
-const MARKS = { good: "✓", unsure: "?", bad: "✕", old: "⚠", none: "–" };
+const MARKS = { good: "✓", unsure: "?", bad: "✕", old: "⚠", none: "–", past: "–" };
 const ENTRIES = { operator: "operator", motor_serial: "motor's number", note: "note", lubrication: "lubrication", minutes_running: "minutes running today", ambient_pressure_bar_abs: "room's pressure, bar abs", ambient_temperature_c: "room's temperature, °C", relative_humidity: "relative humidity, 0 to 1" };
 const CLOSE = "Close the supply by hand now, and use the bench's own shut-off.";
 const $ = id => document.getElementById(id);
@@ -133,7 +133,7 @@ function drawHead(run) {
   const live = run && run.live && !run.replay;
   put($("word"), state ? state.word : held.console.starting ? "starting" : "idle");
   $("badge").className = `badge ${["failed", "tripped", "killed", "aborted"].includes(state && state.word) ? "alert" : live ? "live" : ""}`;
-  const about = run && run.replay ? `REPLAY ×${run.replay} of ` : shown.run && run && !run.live ? "PAST RUN " : "";
+  const about = run && run.replay ? `REPLAY ×${run.replay} of ` : run && !run.live ? "PAST RUN " : "";
   put($("run-name"), `${about}${name}${run && run.simulated ? " (virtual bench)" : ""}`);
   document.title = `${state ? state.word : "idle"} · spinbench`;
   put($("explanation"), held.console.unreadable || (held.console.starting && !live ? "A sweep is being started." : state ? state.explanation : "Start a sweep here, or in a terminal: this page follows it."));
@@ -181,6 +181,7 @@ function drawFigures() {
     put(one.children[1].children[1], ` ${figure.unit}`);
     put(quality, `${MARKS[figure.mark]} ${figure.quality}`);
     quality.className = `quality ${figure.mark}`;
+    one.classList.toggle("past", figure.mark === "past");
   });
 }
 
@@ -269,7 +270,7 @@ async function list() {
     const add = (to, text, label, act) => { const b = make("button", text); b.setAttribute("aria-label", label); b.onclick = act; to.append(b); };
     for (const path of row.reports) add(reports, path.split("/").slice(2).join("/"), `report ${path}`, () => openReport(path));
     add(shows, "Show", `show ${row.name}`, () => show(row.name, 0));
-    add(shows, "Replay ×10", `replay ${row.name}`, () => show(row.name, 10));
+    if (!row.imported) add(shows, "Replay ×10", `replay ${row.name}`, () => show(row.name, 10));
     add(shows, besideName === row.name ? "Take away" : "Lay beside", `lay ${row.name} beside`, () => layBeside(row.name));
     tr.append(make("td", row.name), make("td", row.kind), make("td", row.outcome), make("td", String(row.plateaus)), reports, shows);
     return tr;

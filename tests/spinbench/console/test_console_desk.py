@@ -7,9 +7,9 @@ import pytest
 from rig.bench.bench import read_bench
 from rig.runlog import RunWriter
 from spinbench.console import sweeps
-from spinbench.console.desk import Desk
+from spinbench.console.desk import Desk, Showing
 from tests.console_lab import short_bench, wait_for
-from tests.synthetic_runs import start_of
+from tests.synthetic_runs import start_of, write_sweep
 
 
 @pytest.fixture
@@ -87,3 +87,28 @@ def test_stop_after_the_end_of_a_run_does_not_say_that_the_regulator_was_never_r
         writer.end("finished", vented=True)
     assert desk.stop("a test")["word"] == "NOT DELIVERED"
     end_of(desk)
+
+
+def test_the_run_shown_is_the_newest_of_a_bench_and_never_an_import_by_itself(desk):
+    imported = start_of("coast-down", imported={"title": "a table"}), start_of("import")
+    for start in imported:
+        with RunWriter.create(desk.logs, start) as writer:
+            writer.end("finished")
+    desk.follow()
+    assert desk.showing is None
+    with RunWriter.create(desk.logs, start_of("coast-down")) as writer:
+        writer.end("finished", vented=True)
+    with RunWriter.create(desk.logs, start_of("import")) as later:  # its name sorts after the others'
+        later.end("finished")
+    assert later.folder.name > writer.folder.name
+    wait_for(lambda: desk.follow() or desk.showing, "the run of the bench")
+    assert desk.showing.tail.folder == writer.folder
+    offered = {row["name"]: row["imported"] for row in desk.runs()}
+    assert [offered[one.folder.name] for one in (writer, later)] == [False, True]
+
+
+def test_figures_of_a_replay_are_marked_as_past(tmp_path):
+    replay = Showing(write_sweep(tmp_path), replay=1e5)
+    replay.follow()
+    figure = replay.facts(0.0, [])["figures"][0]
+    assert (figure["mark"], figure["quality"][:9]) == ("past", "replayed:")

@@ -70,6 +70,27 @@ def test_figures_are_marked_when_they_are_old_or_none(writer):
     assert shown(writer.folder, 9.5, silent_s=3.0)["figures"][2]["quality"] == "old: 3 s"
 
 
+def test_a_past_runs_figures_say_so(writer):
+    writer.exchange(poll("gauge", {PRESSURE: 1.5}, 1 * S))
+    assert shown(writer.folder)["figures"][0]["mark"] == "good"
+    writer.end("finished", vented=True)
+    pressure, flow, *_ = shown(writer.folder)["figures"]
+    assert (pressure["text"], pressure["mark"]) == ("1.500", "past")
+    assert pressure["quality"].startswith("last reading of a run that ended 20")
+    assert flow["quality"] == "no reading yet"
+
+
+def test_an_import_went_through_no_course(tmp_path):
+    with RunWriter.create(tmp_path, start_of("import", imported={"title": "a table"})) as made:
+        made.exchange(poll("gauge", {PRESSURE: 1.5}, 1 * S))
+        made.end("finished")
+    found = shown(made.folder)
+    assert found["state"]["word"] == "imported"
+    assert "course" not in found["state"]["explanation"]
+    assert found["figures"][0]["quality"] == "last reading of an imported file"
+    assert found["alarms"] == []
+
+
 def test_the_running_step_is_marked_and_one_left_out_too(writer):
     writer.event("course", 0, steps=[[1.3, "up", 1], [1.5, "up", 1], [2.4, "up", 1]], captures=[])
     writer.plateau({"n": 1, "level_bar_abs": 1.3, "direction": "up", "start_s": 1.0, "end_s": 5.0})
