@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rig.bench.bench import Bench
+from rig.bench.bench import FOLDER, Bench
 from rig.runlog import RunError
 from rig.runlog.folder import END, START, is_locked
 from rig.runlog.reader import BEING_WRITTEN, read_end, read_start, state_of
@@ -51,13 +51,13 @@ class Showing:
     def _until_s(self) -> float | None:
         return (time.monotonic() - self._began) * self._replay if self._replay else None
 
-    def facts(self, span_s: float, acknowledged: list[int]) -> dict[str, Any]:
-        """The run as it stands. `span_s`: of the charts [s]."""
+    def facts(self, span_s: float, acknowledged: list[int], bench: str = "") -> dict[str, Any]:
+        """The run as it stands. `span_s`: of the charts [s]. `bench`: as it is typed; its name where empty."""
         with self._lock:
             is_live = self.tail.state == BEING_WRITTEN and not self._replay
             silent_s = time.monotonic() - self._grown if is_live else 0.0
             now_s = self.tail.now_s + silent_s * self.tail.start.clock.rate
-            found = facts(self.tail, now_s, span_s, acknowledged, silent_s)
+            found = facts(self.tail, now_s, span_s, acknowledged, silent_s, bench)
         found["run"]["replay"] = self._replay
         for figure in found["figures"] if self._replay else []:
             figure |= {"mark": "past", "quality": f"replayed: {figure['quality']}"}
@@ -163,6 +163,13 @@ class Desk:
             raise RefusedError(409, "another window controls, or none does: take control first")
 
     # What a window is shown.
+
+    def facts(self, showing: Showing, span_s: float) -> dict[str, Any]:
+        """A run with the alarms that were seen, and with commands that can be typed. `span_s`: of the charts [s]."""
+        seen = self.kept.acknowledged.get(showing.tail.folder.name, [])
+        path = self.sweeps.path
+        is_here = showing.tail.start.bench == self.bench.name and path.parent != FOLDER
+        return showing.facts(span_s, seen, str(path) if is_here else "")
 
     def console(self, window: str) -> dict[str, Any]:
         """Of the console itself."""

@@ -22,7 +22,12 @@ DIGITS = {"bar": 3, "L/min": 1, "rpm": 1, "degC": 1}
 
 
 def facts(
-    tail: Tail, now_s: float, span_s: float, acknowledged: Collection[int] = (), silent_s: float = 0.0
+    tail: Tail,
+    now_s: float,
+    span_s: float,
+    acknowledged: Collection[int] = (),
+    silent_s: float = 0.0,
+    bench: str = "",
 ) -> dict[str, Any]:
     """A run as it stands.
 
@@ -30,6 +35,7 @@ def facts(
     `span_s`: what the charts show [s]; 0 for the whole run.
     `acknowledged`: numbers of alarms that a person has seen.
     `silent_s`: how long nothing new has come, of the wall [s].
+    `bench`: its bench as it is typed; the bench's name where empty.
     """
     from_s = max(now_s - span_s, 0.0) if span_s else 0.0
     return {
@@ -41,7 +47,7 @@ def facts(
         "picture": _picture(tail),
         "check": _check(tail),
         "events": [_event(event) for event in _news(tail)],
-        "alarms": _alarms(tail, acknowledged),
+        "alarms": _alarms(tail, acknowledged, bench),
     }
 
 
@@ -241,13 +247,18 @@ def said(event: EventLine) -> str:
     return ", ".join(parts)[:TEXT]
 
 
-def _alarms(tail: Tail, acknowledged: Collection[int]) -> list[dict[str, Any]]:
-    """Newest first; the end of a run that did not finish is number 0."""
+def _alarms(tail: Tail, acknowledged: Collection[int], bench: str) -> list[dict[str, Any]]:
+    """Newest first; the end of a run that did not finish is number 0, or that of the warning which told of it first."""
     alarms = [
         {"n": event.n, "at_s": round(event.time_s, 1), "text": said(event), "guidance": guidance_for(event.event, tail)}
         for event in list(tail.alarms)[-SHOWN_ALARMS:]
     ]
-    end = after_the_end(tail)
+    end = after_the_end(tail, bench)
     if end is not None:
-        alarms.append({"n": 0, "at_s": round(tail.now_s, 1), "text": end[0], "guidance": end[1]})
+        told = [one for one in alarms if tail.end and one["text"] == f"{tail.end.outcome}: {tail.end.reason}"[:TEXT]]
+        alarms = [one for one in alarms if one not in told]
+        is_new = not told or (tail.end is not None and tail.end.vented is False)
+        alarms.append(
+            {"n": 0 if is_new else told[-1]["n"], "at_s": round(tail.now_s, 1), "text": end[0], "guidance": end[1]}
+        )
     return [alarm | {"acknowledged": alarm["n"] in acknowledged} for alarm in reversed(alarms)]

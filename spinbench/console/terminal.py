@@ -54,8 +54,7 @@ def view(desk: Desk) -> Group:
     keys = Text("s STOP: vents    a acknowledge    q quit (a sweep goes on)", style="bold")
     if desk.showing is None:
         return Group(*parts, Text(desk.unreadable or f"idle: no run in {desk.logs} yet"), keys)
-    seen = desk.kept.acknowledged.get(desk.showing.tail.folder.name, [])
-    found = desk.showing.facts(60.0, seen)
+    found = desk.facts(desk.showing, 60.0)
     return Group(
         *parts,
         _head(found, desk.unreadable),
@@ -133,7 +132,7 @@ def _acknowledge(desk: Desk) -> None:
     if desk.showing is None:
         return
     name = desk.showing.tail.folder.name
-    for one in desk.showing.facts(60.0, desk.kept.acknowledged.get(name, []))["alarms"]:
+    for one in desk.facts(desk.showing, 60.0)["alarms"]:
         desk.kept.acknowledge(name, one["n"])
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rig.runlog import StartRecord
@@ -125,8 +127,18 @@ def guidance_for(kind: str, tail: Tail) -> str:
     return GUIDANCE.get(kind, HAS_ENDED if is_over else GOES_ON)
 
 
-def after_the_end(tail: Tail) -> tuple[str, str] | None:
-    """What the end of a run asks of a person, and what to do; None where it asks nothing."""
+def _continuing(tail: Tail, bench: str) -> str:
+    """The command that takes the levels that are left."""
+    root = tail.folder.parent
+    words = ["spinbench", "sweep", bench or tail.start.bench, "--continue", tail.folder.name]
+    return shlex.join([*words, *(["--logs", str(root)] if root != Path("logs") else [])])
+
+
+def after_the_end(tail: Tail, bench: str = "") -> tuple[str, str] | None:
+    """What the end of a run asks of a person, and what to do; None where it asks nothing.
+
+    `bench`: the bench as it is typed; its name where empty.
+    """
     badge = _ended(tail)
     end = tail.end
     if end is None:
@@ -138,5 +150,6 @@ def after_the_end(tail: Tail) -> tuple[str, str] | None:
     if unvented:
         return f"{text}; the line is NOT known to be without pressure", CLOSE_SUPPLY
     if badge.word == "stopped":
-        return text, "The line is vented. spinbench sweep --continue takes the levels that are left."
+        left = f" To take the levels that are left: {_continuing(tail, bench)}" if tail.start.kind == "sweep" else ""
+        return text, f"The line is vented.{left}"
     return text, f"The line is vented. Find the cause before you go on: spinbench runs show {tail.folder.name}"

@@ -112,3 +112,11 @@ def test_figures_of_a_replay_are_marked_as_past(tmp_path):
     replay.follow()
     figure = replay.facts(0.0, [])["figures"][0]
     assert (figure["mark"], figure["quality"][:9]) == ("past", "replayed:")
+
+
+def test_what_is_to_be_typed_after_a_stop_names_the_bench_file_that_the_console_was_given(desk):
+    with RunWriter.create(desk.logs, start_of(bench=desk.bench.name)) as writer:
+        writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
+    desk.follow()
+    (alarm,) = desk.facts(desk.showing, 0.0)["alarms"]
+    assert f"spinbench sweep {desk.sweeps.path} --continue {writer.folder.name}" in alarm["guidance"]

@@ -60,6 +60,28 @@ def test_every_end_has_a_word_of_its_own_and_what_to_do(tmp_path, ended, word):
         assert "Close the supply by hand" in found["alarms"][0]["guidance"]
 
 
+def test_one_stop_makes_one_alarm_with_a_command_that_can_be_typed(writer):
+    writer.event("warning", 1 * S, text="aborted: stopped by the operator")  # as the sweep says when it vents
+    (before,) = shown(writer.folder)["alarms"]
+    writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
+    (alarm,) = shown(writer.folder, acknowledged=[before["n"]])["alarms"]
+    assert alarm["text"] == "stopped: stopped by the operator"
+    assert alarm["acknowledged"]
+    command = f"spinbench sweep synthetic --continue {writer.folder.name} --logs {writer.folder.parent}"
+    assert alarm["guidance"].endswith(command)
+    (alarm,) = shown(writer.folder, bench="my bench.toml")["alarms"]
+    assert "spinbench sweep 'my bench.toml' --continue " in alarm["guidance"]
+
+
+def test_a_stop_that_did_not_vent_is_an_alarm_though_its_warning_was_seen(writer):
+    writer.event("warning", 1 * S, text="aborted: stopped by the operator")
+    (before,) = shown(writer.folder)["alarms"]
+    writer.end("aborted", "stopped by the operator", vented=False, stopped_by="operator")
+    (alarm,) = shown(writer.folder, acknowledged=[before["n"]])["alarms"]
+    assert not alarm["acknowledged"]
+    assert "NOT known to be without pressure" in alarm["text"]
+
+
 def test_figures_are_marked_when_they_are_old_or_none(writer):
     writer.exchange(poll("gauge", {PRESSURE: 1.5}, 1 * S))
     writer.exchange(poll("tach", {SPEED: 100.0}, 9 * S))
