@@ -13,6 +13,7 @@ from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, EventLine
 from rig.runlog.tail import CHECK, STATE, Shown, Tail
 from spinbench.console.words import after_the_end, badge_of, guidance_for, is_imported
 
+CHECKED = ("sweep", "manual")  # kinds of runs that are held against the model while they go on
 CHARTED = ("pressure", "flow", "speed")
 SHOWN_EVENTS, SHOWN_ALARMS, SHOWN_BINS = 60, 50, 400
 STALE_S = 2.0  # of the wall: an older reading of a run that is being written is marked
@@ -219,6 +220,10 @@ def _picture(tail: Tail) -> dict[str, Any]:
 def _check(tail: Tail) -> dict[str, Any]:
     """The lamp: whether the model explains the plateaus so far."""
     found = tail.details(CHECK)
+    if not found and (tail.start.kind not in CHECKED or is_imported(tail.start)):
+        return {"lamp": "none", "text": "Only a sweep is checked while it runs. spinbench diagnose asks of any run."}
+    if not found and tail.state != BEING_WRITTEN:
+        return {"lamp": "none", "text": "The sweep ended without a check. spinbench diagnose asks it now."}
     if not found:
         return {"lamp": "waits", "text": "The model is checked from the sixth plateau on."}
     text = str(found.get("text", ""))[:600]

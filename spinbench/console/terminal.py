@@ -25,7 +25,7 @@ SHOWN_EVENTS, SHOWN_ALARMS = 8, 4
 NAME = "the terminal"
 MARKS = {"good": "✓", "unsure": "?", "bad": "✕", "old": "!", "none": "-", "past": "-"}
 STEP_MARKS = {"done": "✓", "running": "▶", "left out": "✕", "to come": "·"}
-LAMPS = {"waits": "○ too early", "fits": "✓ model fits", "differs": "▲ MISMATCH"}
+LAMPS = {"none": "- not checked", "waits": "○ too early", "fits": "✓ model fits", "differs": "▲ MISMATCH"}
 
 
 def watch(desk: Desk) -> None:

@@ -209,7 +209,7 @@ function drawCharts() {
 
 function drawPictureAndCheck() {
   const picture = held.picture, check = held.check, lamp = $("lamp");
-  const words = { waits: "○ too early", fits: "✓ model fits", differs: "▲ MISMATCH" };
+  const words = { none: "– not checked", waits: "○ too early", fits: "✓ model fits", differs: "▲ MISMATCH" };
   lamp.className = check.lamp; put(lamp, words[check.lamp]); put($("check-text"), check.text);
   drawPicture($("picture"), picture, beside && beside.picture);
   $("picture").setAttribute("aria-label", `speed over pressure: ${picture.points.length} plateaus; ${check.text}`);

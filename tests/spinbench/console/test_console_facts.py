@@ -130,6 +130,18 @@ def test_the_lamp_says_what_the_check_beside_the_sweep_found(writer):
     assert shown(writer.folder)["check"] == {"lamp": "differs", "text": "it does not"}
 
 
+@pytest.mark.parametrize("kind", ["plateaus", "coast-down", "import"])
+def test_the_lamp_waits_for_nothing_in_a_run_that_is_not_checked(tmp_path, kind):
+    with RunWriter.create(tmp_path, start_of(kind)) as made:
+        check = shown(made.folder)["check"]
+    assert (check["lamp"], "sixth" in check["text"]) == ("none", False)
+
+
+def test_the_lamp_of_a_sweep_that_has_ended_waits_for_nothing(writer):
+    writer.end("finished", vented=True)
+    assert shown(writer.folder)["check"]["lamp"] == "none"
+
+
 def test_an_alarm_that_was_seen_says_so_and_none_tells_of_a_run_that_goes_on_when_it_has_ended(writer):
     writer.event("warning", 1 * S, text="the gauge drifts")
     (alarm,) = shown(writer.folder)["alarms"]
