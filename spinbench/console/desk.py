@@ -17,7 +17,7 @@ from spinbench.console import stopping
 from spinbench.console.access import Kept, RefusedError, reports_of
 from spinbench.console.facts import facts
 from spinbench.console.stopping import Stopping
-from spinbench.console.sweeps import Sweeps
+from spinbench.console.sweeps import RANGES, Sweeps
 from spinbench.console.words import is_imported
 
 LOOK_FOR_RUNS_S = 0.5
@@ -183,6 +183,7 @@ class Desk:
                 "levels": sweep.levels_bar_abs,
                 "order": sweep.order,
                 "repeats": sweep.repeats,
+                "ranges": RANGES,
                 "captures": list(sweep.captures),
                 "highest_speed_rpm": self.bench.file.safety.highest_speed_rpm,
                 "highest_pressure_bar_abs": self.bench.file.safety.highest_pressure_bar_abs,

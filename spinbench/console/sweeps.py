@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.bench import Bench
+from rig.sweep.ambient import FIGURES
 from spinbench.console.access import RefusedError
 from spinbench.console.stopping import ask_to_stop, being_written, runs_of_benches
 
@@ -25,6 +26,24 @@ OPTIONS = (
     "ambient_temperature_c",
     "relative_humidity",
 )
+
+
+RANGES = {
+    name: tuple(FIGURES[key].factor * end for end in (FIGURES[key].low, FIGURES[key].high))
+    for name, key in {
+        "minutes_running": "minutes_running",
+        "ambient_pressure_bar_abs": "pressure_bar_abs",
+        "ambient_temperature_c": "temperature_c",
+        "relative_humidity": "relative_humidity",
+    }.items()
+}  # of the entries that are numbers
+
+
+def sentence(said: str) -> str:
+    """What a command says of why it did not begin, without the box around it and without its usage."""
+    _, box, within = said.partition("─ Error ─")
+    lines = within.splitlines()[1:] if box else said.splitlines()
+    return " ".join(line.strip(" │╰╯─").removeprefix("spinbench: ") for line in lines).strip()
 
 
 class Sweeps:
@@ -100,5 +119,5 @@ class Sweeps:
             if self._process is None or self._process.poll() in (None, 0, 4):
                 return None
             said = (self.logs / SAID).read_bytes()[-MOST_SAID:].decode("utf-8", "replace").strip()
-            said = said or f"the sweep ended with exit code {self._process.returncode} and said nothing"
+            said = sentence(said) or f"the sweep ended with exit code {self._process.returncode} and said nothing"
             return {"start": self._starts, "text": said}

@@ -3,7 +3,7 @@
 const LOST_MS = 1500, RETRY_MS = 700, STOP_MS = 2000, TOLD_MS = 6000;
 const SPANS = [[60, "1 min"], [600, "10 min"], [0, "whole run"]];
 const MARKS = { good: "✓", unsure: "?", bad: "✕", old: "⚠", none: "–", past: "–" };
-const ENTRIES = { operator: "operator", motor_serial: "motor's number", note: "note", lubrication: "lubrication", minutes_running: "minutes running today", ambient_pressure_bar_abs: "room's pressure, bar abs", ambient_temperature_c: "room's temperature, °C", relative_humidity: "relative humidity, 0 to 1" };
+const ENTRIES = { operator: "operator", motor_serial: "motor's number", note: "note", lubrication: "lubrication", minutes_running: "running today, min", ambient_pressure_bar_abs: "room's pressure, bar abs", ambient_temperature_c: "room's temperature, °C", relative_humidity: "relative humidity, 0 to 1" };
 const CLOSE = "Close the supply by hand now, and use the bench's own shut-off.";
 const $ = id => document.getElementById(id);
 const held = {};          // the parts as the server said them last
@@ -294,6 +294,7 @@ function openStart() {
   const b = held.console.bench;
   if (b.by_hand) { refuse("A person sets this bench's valve: start spinbench sweep in a terminal, this page follows it."); return; }
   pairs($("planned"), { bench: `${b.name}: ${b.title}`, levels: `${b.levels.join(", ")} bar abs, ${b.order}${b.repeats > 1 ? `, ${b.repeats} times` : ""}`, captures: b.captures.join(", ") || "none", limits: `${b.highest_speed_rpm} rpm, ${b.highest_pressure_bar_abs} bar abs`, "kept in": held.console.logs });
+  for (const [name, [low, high]] of Object.entries(b.ranges)) Object.assign($("entries").querySelector(`[name=${name}]`), { type: "number", step: "any", min: low, max: high, placeholder: `${low} to ${high}` });
   $("start-dialog").show();
   $("start-dialog").querySelector("input").focus();
 }

@@ -120,3 +120,23 @@ def test_what_is_to_be_typed_after_a_stop_names_the_bench_file_that_the_console_
     desk.follow()
     (alarm,) = desk.facts(desk.showing, 0.0)["alarms"]
     assert f"spinbench sweep {desk.sweeps.path} --continue {writer.folder.name}" in alarm["guidance"]
+
+
+@pytest.mark.slow
+def test_a_refusal_is_a_sentence_without_the_usage_of_the_command(desk):
+    text = refused(desk)["text"]
+    assert text.startswith("Invalid value for '--minutes-running': ")
+    assert not set("│╭─╰\n") & set(text)
+    assert "Usage" not in text
+    desk.sweeps.start({"relative_humidity": "3"})
+    told = wait_for(lambda: desk.console("w")["start_failed"], "the refusal of a start")["text"]
+    assert told == "--relative-humidity 3: expected 0 to 1"
+
+
+def test_the_page_is_told_the_range_of_every_number_that_it_asks_for(desk):
+    assert desk.console("w")["bench"]["ranges"] == {
+        "minutes_running": (0.0, 1440.0),
+        "ambient_pressure_bar_abs": (0.5, 1.2),
+        "ambient_temperature_c": (-20.0, 60.0),
+        "relative_humidity": (0.0, 1.0),
+    }
