@@ -7,7 +7,6 @@ import os
 import select
 import sys
 import termios
-import time
 import tty
 from collections.abc import Iterator
 from typing import Any
@@ -29,9 +28,16 @@ LAMPS = {"none": "- not checked", "waits": "○ too early", "fits": "✓ model f
 
 
 def watch(desk: Desk) -> None:
-    """Show the newest run until q is typed; s stops it, a acknowledges its alarms."""
+    """Show the newest run until q is typed; s stops it, a acknowledges its alarms.
+
+    Raises ConsoleError where keys cannot be typed, or nothing can be shown.
+    """
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        from spinbench.console.server import ConsoleError
+
+        raise ConsoleError("--terminal needs a terminal for keys and for what is shown; without one leave it out")
     screen = Console()
-    with _keys() as key, Live(console=screen, screen=screen.is_terminal, auto_refresh=False) as live:
+    with _keys() as key, Live(console=screen, screen=True, auto_refresh=False) as live:
         while True:
             desk.follow()
             live.update(view(desk), refresh=True)
@@ -139,14 +145,6 @@ def _acknowledge(desk: Desk) -> None:
 @contextlib.contextmanager
 def _keys() -> Iterator[Any]:
     """Gives the next key that is typed within some seconds, without Enter, or an empty text."""
-    if not sys.stdin.isatty():
-
-        def nothing(within_s: float) -> str:
-            time.sleep(within_s)
-            return ""
-
-        yield nothing
-        return
     handle = sys.stdin.fileno()
     before = termios.tcgetattr(handle)
 
