@@ -1,13 +1,15 @@
 """The console's own state: what became of a start, which run is shown, and what a person is told to type."""
 
 import subprocess
+from pathlib import Path
 
 import pytest
 
-from rig.bench.bench import read_bench
+from rig.bench.bench import bench_path, read_bench
 from rig.runlog import RunWriter
 from spinbench.console import sweeps
 from spinbench.console.desk import Desk, Showing
+from spinbench.next_steps import next_steps
 from tests.console_lab import short_bench, wait_for
 from tests.synthetic_runs import start_of, write_sweep
 
@@ -140,3 +142,11 @@ def test_the_page_is_told_the_range_of_every_number_that_it_asks_for(desk):
         "ambient_temperature_c": (-20.0, 60.0),
         "relative_humidity": (0.0, 1.0),
     }
+
+
+def test_every_file_that_the_next_steps_name_is_there_outside_a_checkout_too(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    steps = [command.split() for _, command in next_steps(tmp_path)[1]]
+    benches = [words[2] for words in steps if words[1] in ("sweep", "doctor", "console")]
+    assert len(benches) == 3
+    assert all(bench_path(Path(bench)).is_file() for bench in benches)
