@@ -28,26 +28,22 @@ def refused(desk):
 
 @pytest.fixture
 def held_starts(monkeypatch):
-    """Starts a program that does nothing in place of a sweep; gives what is to be asked when it is about to start."""
-    asked, begin = [], subprocess.Popen
-    made = []
+    """Starts a program that does nothing in place of a sweep; gives what is said when it is about to start."""
+    told, made, begin = [], [], subprocess.Popen
 
-    def popen(command, **options):
-        made.append([ask() for ask in asked])
-        return begin(["sleep", "600"], **options)
+    def hold(ask=lambda: None):
+        def popen(command, **options):
+            told.append(ask())
+            made.append(begin(["sleep", "600"], **options))
+            return made[-1]
 
-    def hold(*asks):
-        asked[:] = asks
         monkeypatch.setattr(sweeps.subprocess, "Popen", popen)
-        return made
+        return told
 
-    return hold
-
-
-def end_of(desk):
-    process = desk.sweeps._process
-    process.kill()
-    process.wait()
+    yield hold
+    for process in made:
+        process.kill()
+        process.wait()
 
 
 @pytest.mark.slow
@@ -58,9 +54,8 @@ def test_a_refusal_belongs_to_one_start_and_the_next_one_takes_it_back(desk, hel
     assert first["start"] != again["start"]  # the page tells it once more
     told = held_starts(desk.sweeps.failed)
     desk.sweeps.start({})
-    assert told == [[None]]  # while it begins
+    assert told == [None]  # while it begins
     assert desk.console("w")["start_failed"] is None
-    end_of(desk)
 
 
 @pytest.mark.slow
@@ -79,7 +74,6 @@ def test_a_sweep_is_being_started_until_its_run_is_there_and_not_again_after_its
         writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
     assert not desk.console("w")["starting"]
     assert desk.console("w")["running"]
-    end_of(desk)
 
 
 def test_stop_after_the_end_of_a_run_does_not_say_that_the_regulator_was_never_raised(desk, held_starts):
@@ -88,7 +82,6 @@ def test_stop_after_the_end_of_a_run_does_not_say_that_the_regulator_was_never_r
     with RunWriter.create(desk.logs, start_of()) as writer:
         writer.end("finished", vented=True)
     assert desk.stop("a test")["word"] == "NOT DELIVERED"
-    end_of(desk)
 
 
 def test_the_run_shown_is_the_newest_of_a_bench_and_never_an_import_by_itself(desk):
