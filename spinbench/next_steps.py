@@ -21,7 +21,7 @@ def next_steps(logs: Path) -> tuple[str, list[Step]]:
         return there, [
             ("try a bench that is not there", "spinbench sweep virtual --minutes-running 0"),
             watch,
-            ("examine your own bench's file and cables", "spinbench doctor configs/benches/lab.toml"),
+            ("examine your own bench's file and cables", "spinbench doctor lab"),
             ("fit the sweep that comes with the program", "spinbench fit published_sweep -o out/fit"),
         ]
     from rig.runlog.folder import is_locked

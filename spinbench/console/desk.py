@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rig.bench.bench import Bench
+from rig.bench.bench import FOLDER, Bench
 from rig.runlog import RunError
 from rig.runlog.folder import END, START, is_locked
 from rig.runlog.reader import BEING_WRITTEN, read_end, read_start, state_of
@@ -17,7 +17,8 @@ from spinbench.console import stopping
 from spinbench.console.access import Kept, RefusedError, reports_of
 from spinbench.console.facts import facts
 from spinbench.console.stopping import Stopping
-from spinbench.console.sweeps import Sweeps
+from spinbench.console.sweeps import RANGES, Sweeps
+from spinbench.console.words import is_imported
 
 LOOK_FOR_RUNS_S = 0.5
 SHOWN_RUNS = 200
@@ -50,14 +51,16 @@ class Showing:
     def _until_s(self) -> float | None:
         return (time.monotonic() - self._began) * self._replay if self._replay else None
 
-    def facts(self, span_s: float, acknowledged: list[int]) -> dict[str, Any]:
-        """The run as it stands. `span_s`: of the charts [s]."""
+    def facts(self, span_s: float, acknowledged: list[int], bench: str = "") -> dict[str, Any]:
+        """The run as it stands. `span_s`: of the charts [s]. `bench`: as it is typed; its name where empty."""
         with self._lock:
             is_live = self.tail.state == BEING_WRITTEN and not self._replay
             silent_s = time.monotonic() - self._grown if is_live else 0.0
             now_s = self.tail.now_s + silent_s * self.tail.start.clock.rate
-            found = facts(self.tail, now_s, span_s, acknowledged, silent_s)
+            found = facts(self.tail, now_s, span_s, acknowledged, silent_s, bench)
         found["run"]["replay"] = self._replay
+        for figure in found["figures"] if self._replay else []:
+            figure |= {"mark": "past", "quality": f"replayed: {figure['quality']}"}
         return found
 
     def answered(self, one: Stopping) -> None:
@@ -103,9 +106,11 @@ class Desk:
             self.unreadable = f"the run cannot be followed: {type(error).__name__}: {error}"
 
     def _latest(self) -> Path | None:
-        """The run that is being written, or the newest one."""
+        """The run that is being written, or the newest one of a bench: an import says nothing of the bench here."""
         going_on = stopping.being_written(self.logs)
-        return going_on[-1] if going_on else next(iter(self._folders()), None)
+        if going_on:
+            self.sweeps.forget_refusal()
+        return going_on[-1] if going_on else next(stopping.runs_of_benches(self.logs), None)
 
     def _folders(self) -> list[Path]:
         """The runs in the logs folder, newest first."""
@@ -130,7 +135,7 @@ class Desk:
         self._stops = [Stopping.of(run, by) for run in runs]
         if runs:
             self._told = None
-        elif self.sweeps.running and not self.sweeps.stop():
+        elif self.sweeps.starting and not self.sweeps.stop():
             text = "The sweep that was being started is told to end; the regulator has not been raised."
             self._told = {"word": "DELIVERED", "text": text, "run": "", "by": by}
         else:
@@ -159,6 +164,13 @@ class Desk:
 
     # What a window is shown.
 
+    def facts(self, showing: Showing, span_s: float) -> dict[str, Any]:
+        """A run with the alarms that were seen, and with commands that can be typed. `span_s`: of the charts [s]."""
+        seen = self.kept.acknowledged.get(showing.tail.folder.name, [])
+        path = self.sweeps.path
+        is_here = showing.tail.start.bench == self.bench.name and path.parent != FOLDER
+        return showing.facts(span_s, seen, str(path) if is_here else "")
+
     def console(self, window: str) -> dict[str, Any]:
         """Of the console itself."""
         sweep = self.bench.file.sweep
@@ -171,6 +183,7 @@ class Desk:
                 "levels": sweep.levels_bar_abs,
                 "order": sweep.order,
                 "repeats": sweep.repeats,
+                "ranges": RANGES,
                 "captures": list(sweep.captures),
                 "highest_speed_rpm": self.bench.file.safety.highest_speed_rpm,
                 "highest_pressure_bar_abs": self.bench.file.safety.highest_pressure_bar_abs,
@@ -182,7 +195,8 @@ class Desk:
             "controller_is_there": controller is not None and controller["window"] in self.windows,
             "stop": self.stop_told(),
             "stop_token": self.kept.stop_token,
-            "starting": self.sweeps.running and not stopping.being_written(self.logs),
+            "starting": self.sweeps.starting,
+            "running": self.sweeps.running,
             "start_failed": self.sweeps.failed(),
             "unreadable": self.unreadable,
             "latest": self.showing.tail.folder.name if self.showing is not None else None,
@@ -206,11 +220,18 @@ def _row(folder: Path) -> dict[str, Any]:
             "kind": "",
             "bench": "",
             "plateaus": "",
+            "imported": False,
         }
     outcome = state_of(end, locked)
     by = f" by the {end.stopped_by}" if end is not None and end.stopped_by else ""
     plateaus = "" if end is None else end.counts.get("plateaus", "")
-    return row | {"outcome": outcome + by, "kind": start.kind, "bench": start.bench, "plateaus": plateaus}
+    return row | {
+        "outcome": outcome + by,
+        "kind": start.kind,
+        "bench": start.bench,
+        "plateaus": plateaus,
+        "imported": is_imported(start),
+    }
 
 
 def as_text(part: Any) -> str:

@@ -11,8 +11,9 @@ from rig.runlog.plateaus import PRESSURES, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN
 from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, EventLine
 from rig.runlog.tail import CHECK, STATE, Shown, Tail
-from spinbench.console.words import after_the_end, badge_of, guidance_for
+from spinbench.console.words import after_the_end, badge_of, guidance_for, is_imported
 
+CHECKED = ("sweep", "manual")  # kinds of runs that are held against the model while they go on
 CHARTED = ("pressure", "flow", "speed")
 SHOWN_EVENTS, SHOWN_ALARMS, SHOWN_BINS = 60, 50, 400
 STALE_S = 2.0  # of the wall: an older reading of a run that is being written is marked
@@ -22,7 +23,12 @@ DIGITS = {"bar": 3, "L/min": 1, "rpm": 1, "degC": 1}
 
 
 def facts(
-    tail: Tail, now_s: float, span_s: float, acknowledged: Collection[int] = (), silent_s: float = 0.0
+    tail: Tail,
+    now_s: float,
+    span_s: float,
+    acknowledged: Collection[int] = (),
+    silent_s: float = 0.0,
+    bench: str = "",
 ) -> dict[str, Any]:
     """A run as it stands.
 
@@ -30,6 +36,7 @@ def facts(
     `span_s`: what the charts show [s]; 0 for the whole run.
     `acknowledged`: numbers of alarms that a person has seen.
     `silent_s`: how long nothing new has come, of the wall [s].
+    `bench`: its bench as it is typed; the bench's name where empty.
     """
     from_s = max(now_s - span_s, 0.0) if span_s else 0.0
     return {
@@ -41,7 +48,7 @@ def facts(
         "picture": _picture(tail),
         "check": _check(tail),
         "events": [_event(event) for event in _news(tail)],
-        "alarms": _alarms(tail, acknowledged),
+        "alarms": _alarms(tail, acknowledged, bench),
     }
 
 
@@ -70,11 +77,22 @@ def _run(tail: Tail) -> dict[str, Any]:
         "simulated": start.simulated,
         "rate": start.clock.rate,
         "live": tail.state == BEING_WRITTEN,
+        "past": _past(tail),
         "outcome": None if end is None else end.outcome,
         "stopped_by": None if end is None else end.stopped_by,
         "vented": None if end is None else end.vented,
         "setting": {key: value for key, value in setting.items() if value},
     }
+
+
+def _past(tail: Tail) -> str:
+    """What a reading is of a run that is not being written; empty of one that is."""
+    if tail.state == BEING_WRITTEN:
+        return ""
+    if is_imported(tail.start):
+        return "last reading of an imported file"
+    ended = "" if tail.end is None else tail.end.utc_end[:16].replace("T", " ")
+    return f"last reading of a run that ended{f' {ended} UTC' if ended else ''}"
 
 
 def _room(ambient: Mapping[str, Any]) -> str:
@@ -131,7 +149,9 @@ def _figure(tail: Tail, role: str, now_s: float, silent_s: float) -> dict[str, A
         return {"role": role, "text": "–", "unit": "", "mark": "none", "quality": "no reading yet"}
     age_s = max((now_s - shown.time_s) / tail.start.clock.rate, silent_s)
     mark, words = _quality(shown)
-    if tail.state == BEING_WRITTEN and age_s > STALE_S:
+    if past := _past(tail):
+        mark, words = "past", past
+    elif age_s > STALE_S:
         mark, words = "old", f"old: {age_s:.0f} s"
     digits = DIGITS.get(shown.unit.split()[0] if shown.unit else "", 2)
     sign = {-1: "<" if shown.value else "", 1: ">"}.get(shown.censored, "")
@@ -200,6 +220,10 @@ def _picture(tail: Tail) -> dict[str, Any]:
 def _check(tail: Tail) -> dict[str, Any]:
     """The lamp: whether the model explains the plateaus so far."""
     found = tail.details(CHECK)
+    if not found and (tail.start.kind not in CHECKED or is_imported(tail.start)):
+        return {"lamp": "none", "text": "Only a sweep is checked while it runs. spinbench diagnose asks of any run."}
+    if not found and tail.state != BEING_WRITTEN:
+        return {"lamp": "none", "text": "The sweep ended without a check. spinbench diagnose asks it now."}
     if not found:
         return {"lamp": "waits", "text": "The model is checked from the sixth plateau on."}
     text = str(found.get("text", ""))[:600]
@@ -228,13 +252,18 @@ def said(event: EventLine) -> str:
     return ", ".join(parts)[:TEXT]
 
 
-def _alarms(tail: Tail, acknowledged: Collection[int]) -> list[dict[str, Any]]:
-    """Newest first; the end of a run that did not finish is number 0."""
+def _alarms(tail: Tail, acknowledged: Collection[int], bench: str) -> list[dict[str, Any]]:
+    """Newest first; the end of a run that did not finish is number 0, or that of the warning which told of it first."""
     alarms = [
         {"n": event.n, "at_s": round(event.time_s, 1), "text": said(event), "guidance": guidance_for(event.event, tail)}
         for event in list(tail.alarms)[-SHOWN_ALARMS:]
     ]
-    end = after_the_end(tail)
+    end = after_the_end(tail, bench)
     if end is not None:
-        alarms.append({"n": 0, "at_s": round(tail.now_s, 1), "text": end[0], "guidance": end[1]})
+        told = [one for one in alarms if tail.end and one["text"] == f"{tail.end.outcome}: {tail.end.reason}"[:TEXT]]
+        alarms = [one for one in alarms if one not in told]
+        is_new = not told or (tail.end is not None and tail.end.vented is False)
+        alarms.append(
+            {"n": 0 if is_new else told[-1]["n"], "at_s": round(tail.now_s, 1), "text": end[0], "guidance": end[1]}
+        )
     return [alarm | {"acknowledged": alarm["n"] in acknowledged} for alarm in reversed(alarms)]

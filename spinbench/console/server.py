@@ -190,7 +190,7 @@ def _parts(desk: Desk, own: Showing | None, span_s: float, window: str) -> dict[
         if own is not None:
             own.follow()
         if showing is not None:
-            found = showing.facts(span_s, desk.kept.acknowledged.get(showing.tail.folder.name, []))
+            found = desk.facts(showing, span_s)
     except RunError as error:  # of a past run that is damaged
         return {"console": desk.console(window) | {"unreadable": str(error)}, **found}
     return {"console": desk.console(window), **found}

@@ -8,14 +8,16 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.runlog import RunError, StartRecord
 from rig.runlog.folder import END, START, is_locked, writer_of
 from rig.runlog.reader import read_start
 from rig.runlog.tail import SET_POINT, STATE, Tail
-from spinbench.console.words import CLOSE_SUPPLY
+from spinbench.console.words import CLOSE_SUPPLY, is_imported
 
 CONFIRMED_WITHIN_S = 5.0  # of the wall; then NOT DELIVERED is shown, and put right if the order comes later
 MEASURED = ("sweep", "coast-down", "spin-up", "zero", "plateaus", "manual")  # kinds that have a bench
@@ -25,11 +27,30 @@ LATEST_RUNS = 50  # that are looked at
 
 def being_written(logs: Path) -> list[Path]:
     """The runs on a bench that a program writes now, oldest first."""
+    open_ones = [one for one in _latest(logs) if not (one / END).exists() and is_locked(one)]
+    return [one for one in reversed(open_ones) if _is_of_a_bench(read_start(one))]
+
+
+def runs_of_benches(logs: Path) -> Iterator[Path]:
+    """The latest runs that were taken on a bench, newest first: no imports. One that cannot be read counts."""
+    for one in _latest(logs):
+        try:
+            is_of_a_bench = _is_of_a_bench(read_start(one))
+        except RunError:
+            is_of_a_bench = True
+        if is_of_a_bench:
+            yield one
+
+
+def _latest(logs: Path) -> list[Path]:
     if not logs.is_dir():
         return []
     names = sorted((entry for entry in logs.iterdir() if entry.is_dir()), reverse=True)[:LATEST_RUNS]
-    open_ones = [one for one in names if (one / START).exists() and not (one / END).exists() and is_locked(one)]
-    return [one for one in reversed(open_ones) if read_start(one).kind in MEASURED]
+    return [one for one in names if (one / START).is_file() and not one.is_symlink()]
+
+
+def _is_of_a_bench(start: StartRecord) -> bool:
+    return start.kind in MEASURED and not is_imported(start)
 
 
 def ask_to_stop(pid: int | None) -> str:

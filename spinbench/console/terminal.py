@@ -7,7 +7,6 @@ import os
 import select
 import sys
 import termios
-import time
 import tty
 from collections.abc import Iterator
 from typing import Any
@@ -23,15 +22,22 @@ from spinbench.console.desk import Desk
 TICK_S = 0.25
 SHOWN_EVENTS, SHOWN_ALARMS = 8, 4
 NAME = "the terminal"
-MARKS = {"good": "✓", "unsure": "?", "bad": "✕", "old": "!", "none": "-"}
+MARKS = {"good": "✓", "unsure": "?", "bad": "✕", "old": "!", "none": "-", "past": "-"}
 STEP_MARKS = {"done": "✓", "running": "▶", "left out": "✕", "to come": "·"}
-LAMPS = {"waits": "○ too early", "fits": "✓ model fits", "differs": "▲ MISMATCH"}
+LAMPS = {"none": "- not checked", "waits": "○ too early", "fits": "✓ model fits", "differs": "▲ MISMATCH"}
 
 
 def watch(desk: Desk) -> None:
-    """Show the newest run until q is typed; s stops it, a acknowledges its alarms."""
+    """Show the newest run until q is typed; s stops it, a acknowledges its alarms.
+
+    Raises ConsoleError where keys cannot be typed, or nothing can be shown.
+    """
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        from spinbench.console.server import ConsoleError
+
+        raise ConsoleError("--terminal needs a terminal for keys and for what is shown; without one leave it out")
     screen = Console()
-    with _keys() as key, Live(console=screen, screen=screen.is_terminal, auto_refresh=False) as live:
+    with _keys() as key, Live(console=screen, screen=True, auto_refresh=False) as live:
         while True:
             desk.follow()
             live.update(view(desk), refresh=True)
@@ -54,8 +60,7 @@ def view(desk: Desk) -> Group:
     keys = Text("s STOP: vents    a acknowledge    q quit (a sweep goes on)", style="bold")
     if desk.showing is None:
         return Group(*parts, Text(desk.unreadable or f"idle: no run in {desk.logs} yet"), keys)
-    seen = desk.kept.acknowledged.get(desk.showing.tail.folder.name, [])
-    found = desk.showing.facts(60.0, seen)
+    found = desk.facts(desk.showing, 60.0)
     return Group(
         *parts,
         _head(found, desk.unreadable),
@@ -82,7 +87,7 @@ def _head(found: dict[str, Any], unreadable: str) -> Panel:
 def _figures(figures: list[dict[str, Any]]) -> Table:
     table = Table("", "", "", "quality", expand=True, show_edge=False)
     for one in figures:
-        style = "bold" if one["mark"] == "good" else "bold reverse"
+        style = {"good": "bold", "past": "dim"}.get(one["mark"], "bold reverse")
         value = Text(one["text"], style=style, justify="right")
         table.add_row(one["role"], value, one["unit"], Text(f"{MARKS[one['mark']]} {one['quality']}"))
     return table
@@ -133,21 +138,13 @@ def _acknowledge(desk: Desk) -> None:
     if desk.showing is None:
         return
     name = desk.showing.tail.folder.name
-    for one in desk.showing.facts(60.0, desk.kept.acknowledged.get(name, []))["alarms"]:
+    for one in desk.facts(desk.showing, 60.0)["alarms"]:
         desk.kept.acknowledge(name, one["n"])
 
 
 @contextlib.contextmanager
 def _keys() -> Iterator[Any]:
     """Gives the next key that is typed within some seconds, without Enter, or an empty text."""
-    if not sys.stdin.isatty():
-
-        def nothing(within_s: float) -> str:
-            time.sleep(within_s)
-            return ""
-
-        yield nothing
-        return
     handle = sys.stdin.fileno()
     before = termios.tcgetattr(handle)
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from rig.runlog import StartRecord
 from rig.runlog.reader import BEING_WRITTEN, KILLED
 from rig.runlog.tail import SET_POINT, STATE, Tail
 from rig.sweep.machine import VENT_TIMEOUT_S
@@ -37,6 +40,11 @@ GUIDANCE = {
     "model check failed": "The sweep is not touched by it. Diagnose the run once it has ended.",
     "line lost": "Look at the cable and the instrument's supply. Under pressure the run vents by itself.",
 }
+
+
+def is_imported(start: StartRecord) -> bool:
+    """Whether a run's readings were taken elsewhere and brought in as a file."""
+    return start.kind == "import" or bool(start.imported)
 
 
 @dataclass(frozen=True)
@@ -100,6 +108,8 @@ def _ended(tail: Tail) -> Badge:
         why = "Its program ended without sealing it: spinbench runs repair seals it." if is_killed else ""
         return Badge(tail.state or "loading", why)
     end = tail.end
+    if end.outcome == "finished" and is_imported(tail.start):
+        return Badge("imported", "Readings that were taken elsewhere, brought in as a file.")
     if end.outcome == "finished":
         return Badge("finished", "The course was gone through to its end.")
     if end.outcome == "failed":
@@ -117,18 +127,29 @@ def guidance_for(kind: str, tail: Tail) -> str:
     return GUIDANCE.get(kind, HAS_ENDED if is_over else GOES_ON)
 
 
-def after_the_end(tail: Tail) -> tuple[str, str] | None:
-    """What the end of a run asks of a person, and what to do; None where it asks nothing."""
+def _continuing(tail: Tail, bench: str) -> str:
+    """The command that takes the levels that are left."""
+    root = tail.folder.parent
+    words = ["spinbench", "sweep", bench or tail.start.bench, "--continue", tail.folder.name]
+    return shlex.join([*words, *(["--logs", str(root)] if root != Path("logs") else [])])
+
+
+def after_the_end(tail: Tail, bench: str = "") -> tuple[str, str] | None:
+    """What the end of a run asks of a person, and what to do; None where it asks nothing.
+
+    `bench`: the bench as it is typed; its name where empty.
+    """
     badge = _ended(tail)
     end = tail.end
     if end is None:
         return (f"the run was killed: {tail.folder.name}", CLOSE_SUPPLY) if tail.state == KILLED else None
     unvented = end.vented is False
-    if badge.word == "finished" and not unvented:
+    if end.outcome == "finished" and not unvented:
         return None
     text = f"{badge.word}: {end.reason}" if end.reason else badge.word
     if unvented:
         return f"{text}; the line is NOT known to be without pressure", CLOSE_SUPPLY
     if badge.word == "stopped":
-        return text, "The line is vented. spinbench sweep --continue takes the levels that are left."
+        left = f" To take the levels that are left: {_continuing(tail, bench)}" if tail.start.kind == "sweep" else ""
+        return text, f"The line is vented.{left}"
     return text, f"The line is vented. Find the cause before you go on: spinbench runs show {tail.folder.name}"

@@ -2,8 +2,8 @@
 // The page draws what the server says and keeps nothing of a run: each connection begins with everything.
 const LOST_MS = 1500, RETRY_MS = 700, STOP_MS = 2000, TOLD_MS = 6000;
 const SPANS = [[60, "1 min"], [600, "10 min"], [0, "whole run"]];
-const MARKS = { good: "✓", unsure: "?", bad: "✕", old: "⚠", none: "–" };
-const ENTRIES = { operator: "operator", motor_serial: "motor's number", note: "note", lubrication: "lubrication", minutes_running: "minutes running today", ambient_pressure_bar_abs: "room's pressure, bar abs", ambient_temperature_c: "room's temperature, °C", relative_humidity: "relative humidity, 0 to 1" };
+const MARKS = { good: "✓", unsure: "?", bad: "✕", old: "⚠", none: "–", past: "–" };
+const ENTRIES = { operator: "operator", motor_serial: "motor's number", note: "note", lubrication: "lubrication", minutes_running: "running today, min", ambient_pressure_bar_abs: "room's pressure, bar abs", ambient_temperature_c: "room's temperature, °C", relative_humidity: "relative humidity, 0 to 1" };
 const CLOSE = "Close the supply by hand now, and use the bench's own shut-off.";
 const $ = id => document.getElementById(id);
 const held = {};          // the parts as the server said them last
@@ -133,7 +133,7 @@ function drawHead(run) {
   const live = run && run.live && !run.replay;
   put($("word"), state ? state.word : held.console.starting ? "starting" : "idle");
   $("badge").className = `badge ${["failed", "tripped", "killed", "aborted"].includes(state && state.word) ? "alert" : live ? "live" : ""}`;
-  const about = run && run.replay ? `REPLAY ×${run.replay} of ` : shown.run && run && !run.live ? "PAST RUN " : "";
+  const about = run && run.replay ? `REPLAY ×${run.replay} of ` : run && !run.live ? "PAST RUN " : "";
   put($("run-name"), `${about}${name}${run && run.simulated ? " (virtual bench)" : ""}`);
   document.title = `${state ? state.word : "idle"} · spinbench`;
   put($("explanation"), held.console.unreadable || (held.console.starting && !live ? "A sweep is being started." : state ? state.explanation : "Start a sweep here, or in a terminal: this page follows it."));
@@ -147,12 +147,21 @@ function drawBar() {
   const who = c.controls ? "This window controls" : c.controller ? `${c.controller} controls${c.controller_is_there ? "" : " (it is closed)"}; this window watches` : "Nobody controls; this window watches";
   put($("control-told"), `${who} · ${many} · this is ${windowName}`);
   $("take").disabled = c.controls;
-  $("start").disabled = !c.controls || c.starting || (held.run && held.run.live && !held.run.replay);
+  $("start").disabled = !c.controls || c.running || (held.run && held.run.live && !held.run.replay);
   $("back").hidden = !shown.run;
   put($("back"), c.latest_state === "being written" ? "A RUN GOES ON: back to it" : "Back to the newest run");
-  if (c.start_failed && c.start_failed !== failedBefore) { failedBefore = c.start_failed; refuse(`The sweep did not begin: ${c.start_failed}`); }
+  drawStartRefused(c.start_failed);
 }
-let failedBefore = "";
+
+// A refusal belongs to one start: the next start takes it back, and is refused in words of its own.
+let failedStart = 0, failedText = "";
+function drawStartRefused(failed) {
+  if (failed && failed.start === failedStart) return;
+  if (failedText && $("refused").querySelector("span").textContent === failedText) $("refused").hidden = true;
+  failedStart = failed ? failed.start : 0;
+  failedText = failed ? `The sweep did not begin: ${failed.text}` : "";
+  if (failed) refuse(failedText);
+}
 
 function drawFigures() {
   const box = $("figures");
@@ -172,6 +181,7 @@ function drawFigures() {
     put(one.children[1].children[1], ` ${figure.unit}`);
     put(quality, `${MARKS[figure.mark]} ${figure.quality}`);
     quality.className = `quality ${figure.mark}`;
+    one.classList.toggle("past", figure.mark === "past");
   });
 }
 
@@ -199,7 +209,7 @@ function drawCharts() {
 
 function drawPictureAndCheck() {
   const picture = held.picture, check = held.check, lamp = $("lamp");
-  const words = { waits: "○ too early", fits: "✓ model fits", differs: "▲ MISMATCH" };
+  const words = { none: "– not checked", waits: "○ too early", fits: "✓ model fits", differs: "▲ MISMATCH" };
   lamp.className = check.lamp; put(lamp, words[check.lamp]); put($("check-text"), check.text);
   drawPicture($("picture"), picture, beside && beside.picture);
   $("picture").setAttribute("aria-label", `speed over pressure: ${picture.points.length} plateaus; ${check.text}`);
@@ -260,7 +270,7 @@ async function list() {
     const add = (to, text, label, act) => { const b = make("button", text); b.setAttribute("aria-label", label); b.onclick = act; to.append(b); };
     for (const path of row.reports) add(reports, path.split("/").slice(2).join("/"), `report ${path}`, () => openReport(path));
     add(shows, "Show", `show ${row.name}`, () => show(row.name, 0));
-    add(shows, "Replay ×10", `replay ${row.name}`, () => show(row.name, 10));
+    if (!row.imported) add(shows, "Replay ×10", `replay ${row.name}`, () => show(row.name, 10));
     add(shows, besideName === row.name ? "Take away" : "Lay beside", `lay ${row.name} beside`, () => layBeside(row.name));
     tr.append(make("td", row.name), make("td", row.kind), make("td", row.outcome), make("td", String(row.plateaus)), reports, shows);
     return tr;
@@ -284,6 +294,7 @@ function openStart() {
   const b = held.console.bench;
   if (b.by_hand) { refuse("A person sets this bench's valve: start spinbench sweep in a terminal, this page follows it."); return; }
   pairs($("planned"), { bench: `${b.name}: ${b.title}`, levels: `${b.levels.join(", ")} bar abs, ${b.order}${b.repeats > 1 ? `, ${b.repeats} times` : ""}`, captures: b.captures.join(", ") || "none", limits: `${b.highest_speed_rpm} rpm, ${b.highest_pressure_bar_abs} bar abs`, "kept in": held.console.logs });
+  for (const [name, [low, high]] of Object.entries(b.ranges)) Object.assign($("entries").querySelector(`[name=${name}]`), { type: "number", step: "any", min: low, max: high, placeholder: `${low} to ${high}` });
   $("start-dialog").show();
   $("start-dialog").querySelector("input").focus();
 }
@@ -293,6 +304,7 @@ $("start-dialog").addEventListener("close", () => {
   const answers = Object.fromEntries([...$("entries").querySelectorAll("input")].map(i => [i.name, i.value.trim()]));
   keep("operator", answers.operator);
   shown = { run: "", replay: 0 }; connect();
+  $("refused").hidden = true;
   change("start", { answers }, "The sweep is being started.");
   $("start-dialog").returnValue = "";
 });

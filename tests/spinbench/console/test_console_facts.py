@@ -60,6 +60,28 @@ def test_every_end_has_a_word_of_its_own_and_what_to_do(tmp_path, ended, word):
         assert "Close the supply by hand" in found["alarms"][0]["guidance"]
 
 
+def test_one_stop_makes_one_alarm_with_a_command_that_can_be_typed(writer):
+    writer.event("warning", 1 * S, text="aborted: stopped by the operator")  # as the sweep says when it vents
+    (before,) = shown(writer.folder)["alarms"]
+    writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
+    (alarm,) = shown(writer.folder, acknowledged=[before["n"]])["alarms"]
+    assert alarm["text"] == "stopped: stopped by the operator"
+    assert alarm["acknowledged"]
+    command = f"spinbench sweep synthetic --continue {writer.folder.name} --logs {writer.folder.parent}"
+    assert alarm["guidance"].endswith(command)
+    (alarm,) = shown(writer.folder, bench="my bench.toml")["alarms"]
+    assert "spinbench sweep 'my bench.toml' --continue " in alarm["guidance"]
+
+
+def test_a_stop_that_did_not_vent_is_an_alarm_though_its_warning_was_seen(writer):
+    writer.event("warning", 1 * S, text="aborted: stopped by the operator")
+    (before,) = shown(writer.folder)["alarms"]
+    writer.end("aborted", "stopped by the operator", vented=False, stopped_by="operator")
+    (alarm,) = shown(writer.folder, acknowledged=[before["n"]])["alarms"]
+    assert not alarm["acknowledged"]
+    assert "NOT known to be without pressure" in alarm["text"]
+
+
 def test_figures_are_marked_when_they_are_old_or_none(writer):
     writer.exchange(poll("gauge", {PRESSURE: 1.5}, 1 * S))
     writer.exchange(poll("tach", {SPEED: 100.0}, 9 * S))
@@ -68,6 +90,27 @@ def test_figures_are_marked_when_they_are_old_or_none(writer):
     assert (flow["text"], flow["mark"]) == ("–", "none")
     assert (speed["text"], speed["unit"], speed["mark"]) == ("100.0", "rpm", "good")
     assert shown(writer.folder, 9.5, silent_s=3.0)["figures"][2]["quality"] == "old: 3 s"
+
+
+def test_a_past_runs_figures_say_so(writer):
+    writer.exchange(poll("gauge", {PRESSURE: 1.5}, 1 * S))
+    assert shown(writer.folder)["figures"][0]["mark"] == "good"
+    writer.end("finished", vented=True)
+    pressure, flow, *_ = shown(writer.folder)["figures"]
+    assert (pressure["text"], pressure["mark"]) == ("1.500", "past")
+    assert pressure["quality"].startswith("last reading of a run that ended 20")
+    assert flow["quality"] == "no reading yet"
+
+
+def test_an_import_went_through_no_course(tmp_path):
+    with RunWriter.create(tmp_path, start_of("import", imported={"title": "a table"})) as made:
+        made.exchange(poll("gauge", {PRESSURE: 1.5}, 1 * S))
+        made.end("finished")
+    found = shown(made.folder)
+    assert found["state"]["word"] == "imported"
+    assert "course" not in found["state"]["explanation"]
+    assert found["figures"][0]["quality"] == "last reading of an imported file"
+    assert found["alarms"] == []
 
 
 def test_the_running_step_is_marked_and_one_left_out_too(writer):
@@ -85,6 +128,18 @@ def test_the_lamp_says_what_the_check_beside_the_sweep_found(writer):
     assert shown(writer.folder)["check"]["lamp"] == "fits"
     writer.event("model check", 2 * S, p_value=1e-9, differs=True, text="it does not")
     assert shown(writer.folder)["check"] == {"lamp": "differs", "text": "it does not"}
+
+
+@pytest.mark.parametrize("kind", ["plateaus", "coast-down", "import"])
+def test_the_lamp_waits_for_nothing_in_a_run_that_is_not_checked(tmp_path, kind):
+    with RunWriter.create(tmp_path, start_of(kind)) as made:
+        check = shown(made.folder)["check"]
+    assert (check["lamp"], "sixth" in check["text"]) == ("none", False)
+
+
+def test_the_lamp_of_a_sweep_that_has_ended_waits_for_nothing(writer):
+    writer.end("finished", vented=True)
+    assert shown(writer.folder)["check"]["lamp"] == "none"
 
 
 def test_an_alarm_that_was_seen_says_so_and_none_tells_of_a_run_that_goes_on_when_it_has_ended(writer):

@@ -8,11 +8,11 @@ import time
 
 import pytest
 
-from rig.runlog import read_run
+from rig.runlog import RunWriter, read_run
 from rig.runlog.folder import writer_of
 from tests.browser import installed
 from tests.console_lab import ENOUGH_S, PROGRAM, Link, consoles, events_of, only_run, short_bench, wait_for
-from tests.synthetic_runs import write_sweep
+from tests.synthetic_runs import PRESSURE, poll, start_of, write_sweep
 
 pytestmark = pytest.mark.long
 PATIENT_MS = 1000.0 * ENOUGH_S
@@ -261,6 +261,50 @@ def test_a_report_is_read_within_the_page_without_its_scripts_and_the_key_of_sto
     page.keyboard.press("s")
     has(page, "#stop-told", "No run is being written")
     assert page.title() != "scripted"
+
+
+def test_a_refused_start_is_told_each_time_and_taken_back_by_a_start_that_runs(tmp_path, start_console, window):
+    logs, bench = tmp_path / "logs", short_bench(tmp_path, "[1.25, 1.35]", dwell_s=600.0)
+    text = bench.read_text()
+    page = window(start_console(bench, logs).address)
+    bench.write_text("title = 1\n")  # the console has read it; what it starts will not
+    start_from(page)
+    has(page, "#refused", "The sweep did not begin: ")
+    assert "Usage" not in page.inner_text("#refused")
+    page.click("#refused-seen")
+    start_from(page)
+    page.wait_for_selector("#refused", state="visible")  # the same words once more
+    bench.write_text(text)
+    page.wait_for_function("() => !document.querySelector('#start').disabled")
+    page.click("#start")
+    page.fill("[name=relative_humidity]", "3")
+    page.click("#start-now")
+    assert page.is_visible("#start-dialog")  # no such humidity
+    page.fill("[name=relative_humidity]", "0.4")
+    page.click("#start-now")
+    has(page, "#word", "dwell")
+    assert page.is_hidden("#refused")
+    page.keyboard.press("s")
+    has(page, "#word", "stopped")
+    assert "being started" not in page.inner_text("#explanation")
+    assert page.locator("#alarms li").count() == 1
+    assert page.locator(".figure.past").count() == 4
+    assert "PAST RUN" in page.inner_text("#run-name")
+
+
+def test_an_import_is_shown_when_it_is_asked_for_and_not_played_again(tmp_path, start_console, window):
+    logs = tmp_path / "logs"
+    with RunWriter.create(logs, start_of("import")) as writer:
+        writer.exchange(poll("gauge", {PRESSURE: 1.5}, 1_000_000_000))
+        writer.end("finished")
+    page = window(start_console(short_bench(tmp_path), logs).address)
+    page.wait_for_selector("#runs tr")
+    assert page.inner_text("#word").lower() == "idle"
+    assert page.is_hidden("#figures")
+    assert page.locator("text=Replay").count() == 0
+    page.click("#runs >> text=Show")
+    has(page, "#word", "imported")
+    assert "imported file" in page.inner_text(".figure.past")
 
 
 def test_it_fits_a_phone_and_big_figures_are_big(tmp_path, start_console, window):

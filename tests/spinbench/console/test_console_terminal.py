@@ -73,6 +73,25 @@ def test_it_shows_figures_the_running_step_and_alarms_and_q_ends_it(tmp_path):
         assert process.wait(60.0) == 0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("piped", ["stdin", "stdout"])
+def test_without_a_terminal_it_is_refused_in_a_line(tmp_path, piped):
+    ours, theirs = pty.openpty()
+    pipes = {"stdin": subprocess.DEVNULL} if piped == "stdin" else {"stdout": subprocess.DEVNULL}
+    command = [*PROGRAM, "console", short_bench(tmp_path), "--terminal", "--logs", tmp_path / "logs"]
+    streams = {"stdin": theirs, "stdout": theirs, "stderr": subprocess.PIPE} | pipes
+    process = subprocess.Popen(command, **streams, text=True)
+    try:
+        _, said = process.communicate(timeout=ENOUGH_S)
+    finally:
+        process.kill()
+        os.close(ours)
+        os.close(theirs)
+    assert process.returncode == 2
+    assert said.startswith("spinbench: --terminal needs a terminal")
+    assert said.count("\n") == 1
+
+
 @pytest.mark.long
 def test_s_stops_a_sweep_and_the_terminal_says_delivered(tmp_path):
     logs, bench = tmp_path / "logs", short_bench(tmp_path, "[1.25, 1.35]", dwell_s=600.0)
