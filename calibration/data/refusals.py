@@ -67,8 +67,9 @@ def refuse_unusable(recording: Recording) -> None:
 
 
 def refuse_mistaken_gauge(recording: Recording) -> None:
-    """Refuse plateaus whose speeds grow with pressure as the motor's do once the gauge's pressures are taken for
-    absolute ones, or the reverse, and as no motor's do otherwise.
+    """Refuse gauge pressures that are named absolute, or the reverse: the speeds tell.
+
+    They grow with pressure as no motor's do, and as this motor's do with the other kind of pressure.
 
     Raises
     ------

@@ -244,7 +244,7 @@ def _search(
         clock("look farther")
         search.singles(first.found, detection.u, FARTHER)
         search.also(asked)
-        # With runs in time another explanation may lie far off, where the linear test do not reach.
+        # With runs in time another explanation may lie far off, where the linear test does not reach.
         in_time = first.comparison.in_time
         elsewhere = min(1.0, TESTS * evidence_p(first.comparison, search.modes)) if in_time else 1.0
         if elsewhere < MISMATCH_P:

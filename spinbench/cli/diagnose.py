@@ -17,6 +17,7 @@ from spinbench.cli.options import (
     JsonOption,
     LogsOption,
     PerRecordingOption,
+    RecordingsArgument,
     SeedOption,
     WithoutOption,
     WithParentsOption,
@@ -28,12 +29,6 @@ from spinbench.earlier import RECORDINGS, made_of, read_earlier
 if TYPE_CHECKING:
     from rig.recording import Recording
 
-RecordingsArgument = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="RECORDING...", help="Folders of recordings, or names of runs; several of one motor are taken together."
-    ),
-]
 OutOption = Annotated[
     Path | None,
     typer.Option("-o", "--out", metavar="DIR", help="Write report.html, .png and diagnosis.json there."),

@@ -20,6 +20,7 @@ from spinbench.cli.options import (
     LogsOption,
     MaxStepsOption,
     PerRecordingOption,
+    RecordingsArgument,
     SeedOption,
     SetOption,
     SteadyOnlyOption,
@@ -37,12 +38,6 @@ if TYPE_CHECKING:
     from calibration.systems.several.sharing import Sharing
     from rig.recording import Recording
 
-RecordingsArgument = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="RECORDING...", help="Folders of recordings, or names of runs; several must be of one motor."
-    ),
-]
 OutOption = Annotated[
     Path | None,
     typer.Option(

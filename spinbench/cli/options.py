@@ -9,6 +9,12 @@ import typer
 
 LOGS = Path("logs")  # of the folder that the program is started in: runs are data, not part of the program
 
+RecordingsArgument = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RECORDING...", help="Folders of recordings, or names of runs; several must be of one motor."
+    ),
+]
 MotorOption = Annotated[str, typer.Option("--motor", metavar="NAME|FILE", help="A motor in configs/motors, or a file.")]
 SetOption = Annotated[
     list[str] | None,

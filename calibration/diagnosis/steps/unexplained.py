@@ -25,7 +25,7 @@ class Unexplained:
     why : str
         The verdict's reason, with what else speaks against the base model.
     nuisances : tuple of ndarray or None
-        Mean and covariance of the nuisances beside the correction [-].
+        The nuisances and their sd beside the correction [-].
     """
 
     why: str

@@ -197,8 +197,10 @@ def test_the_probability_of_a_set_is_told_as_what_it_is_of(leak):
 
 def test_beside_a_base_model_that_is_not_excluded_the_probability_is_of_the_set_alone(leak):
     verdict = dataclasses.replace(leak.verdict, kind="confounded", alternatives=((),))
-    said = words_of(dataclasses.replace(leak, verdict=verdict))
-    assert "probability that the first of these sets is there is 0." in said
+    listed = dataclasses.replace(leak, verdict=verdict)
+    told = as_json(listed)["set_probability"]
+    assert f"probability that the first of these sets is there is {told:.3f}, by how often" in words_of(listed)
+    assert "(0.990 among all that were weighed)" in words_of(listed)
 
 
 def test_a_run_that_a_diagnosis_uses_is_said_to_be_left_out_by_a_fit_of_plateaus_alone(tmp_path):

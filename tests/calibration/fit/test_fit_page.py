@@ -19,6 +19,7 @@ from calibration.report import style
 from calibration.report.fit import numbers as fit_numbers
 from calibration.report.fit import page as fit_page
 from calibration.report.fit import words as fit_words
+from calibration.report.origin import origins
 from calibration.unknowns.effects import sampled
 from calibration.unknowns.priors import off
 from model.effects import effects
@@ -183,6 +184,14 @@ def test_a_hostile_file_name_is_escaped(page):
 def test_the_page_says_where_the_recording_comes_from(page):
     (line,) = re.findall(r'<p class="origin">(.*?)</p>', page)
     assert line == ("Taken 2026-04-01; motor no. &lt;i&gt;A-17; note: &lt;/p&gt;&lt;script&gt;alert(1)&lt;/script&gt;")
+
+
+def test_a_simulated_bench_is_called_one(found):
+    (one,) = found.recordings
+    gauge = dataclasses.replace(one.channels["pressure_bar_abs"], calibrated="none (simulated)")
+    virtual = dataclasses.replace(one, channels={**one.channels, "pressure_bar_abs": gauge})
+    assert origins([virtual])[0].startswith("readings of a simulated bench; taken ")
+    assert origins([one])[0].startswith("taken ")
 
 
 def test_the_page_needs_nothing_from_outside(page):
