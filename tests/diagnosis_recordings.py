@@ -197,3 +197,21 @@ def _listed(folder: Path, entry: str) -> Recording:
     sweep_file = '{ file = "sweep.csv", kind = "steady" }'
     (folder / "recording.toml").write_text(text.replace(sweep_file, f"{sweep_file}, {entry}"), encoding="utf-8")
     return read_recording(folder)
+
+
+def polled(folder: Path, file: str, every: int, late_s: float, seed: int) -> Recording:
+    """A run as a tachometer shows it that is asked: each of its readings is the mean of `every` rows, and comes late."""
+    rng = np.random.default_rng(seed)
+    header, *lines = (folder / file).read_text(encoding="utf-8").splitlines()
+    rows = np.array([line.split(",") for line in lines], dtype=float)
+    asked = rows[every - 1 :: every].copy()
+    asked[:, 3] = rows[: every * len(asked), 3].reshape(-1, every).mean(axis=1)
+    step_s = float(asked[1, 0] - asked[0, 0])
+    asked[:, 0] += np.minimum(rng.exponential(late_s, len(asked)), 0.9 * step_s)
+    written = [f"{t:.4f},{int(opened)},{bar:.3f},{rpm:.1f}" for t, opened, bar, rpm in asked]
+    (folder / file).write_text("\n".join([header, *written]) + "\n", encoding="utf-8")
+    text = (folder / "recording.toml").read_text(encoding="utf-8")
+    if "window_s" not in text:
+        text = text.replace("[channels.speed_rpm]\n", f"[channels.speed_rpm]\nwindow_s = {step_s:.4g}\n")
+        (folder / "recording.toml").write_text(text, encoding="utf-8")
+    return read_recording(folder)

@@ -149,6 +149,8 @@ def run_of(file: RecordingFile, recording: Recording) -> RunInTime:
     row, scale = np.flatnonzero(sampled) + 1, np.full(time.size, file.noise_scale)
     if window is None:
         time, begin, speed, row, scale = _by_pulses(time, begin, speed, row, scale)
+    elif tachometer.noise_sd:
+        scale = np.hypot(scale, _asked_late(time, speed, tachometer) / tachometer.noise_sd)
     used = _useful(speed, time, begin, valve, from_rest)
     over = float(time[used][-1]) if used.any() else -np.inf
     line = _line(clock, pressure, valve, noise, over)
@@ -275,6 +277,18 @@ def scatter(time: np.ndarray) -> float:
     """
     second = np.diff(time, n=2)
     return float(np.median(np.abs(second))) / (NORMAL_MEDIAN * math.sqrt(6.0)) if second.size else 0.0
+
+
+def _asked_late(time: np.ndarray, speed: np.ndarray, tachometer: Channel) -> np.ndarray:
+    """By how much late answers put readings off where the speed changes: one standard deviation of each [rpm].
+
+    A mean since the reading before is as late as it is long, and not off; one over a window of the instrument's own is.
+    """
+    around = np.clip(np.arange(time.size)[:, None] + np.array([-2, 2]), 0, time.size - 1)
+    changed = np.abs(np.diff(speed[around], axis=1)[:, 0]) * RPM
+    noise = math.hypot(tachometer.noise_sd, tachometer.resolution / math.sqrt(12.0))
+    span_s = np.maximum(np.diff(time[around], axis=1)[:, 0], 1e-3)
+    return scatter(time) * np.where(changed > 4.0 * noise, changed, 0.0) / span_s
 
 
 def _line(time: np.ndarray, pressure: np.ndarray, valve: Sequence[Supply], noise: float, over: float) -> Line:

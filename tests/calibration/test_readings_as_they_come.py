@@ -31,7 +31,7 @@ from calibration.systems.radial_piston.predict.supply import line_unknowns
 from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
 from spinbench.cli.progress import sampling
-from tests.diagnosis_recordings import add_spin_up, sweep
+from tests.diagnosis_recordings import add_spin_up, polled, sweep
 from tests.rig_recordings import axis, with_force
 from tests.spinbench.test_cli import refused
 
@@ -572,6 +572,31 @@ def test_the_moments_of_readings_scatter_as_much_as_answers_were_late():
     assert scatter(np.cumsum(np.linspace(0.05, 0.2, 200))) < READ_LATE_S  # asked for ever more rarely, but evenly
     assert scatter(even + 0.02 * rng.standard_normal(200)) == pytest.approx(0.02, rel=0.2)
     assert scatter(even[:2]) == 0.0
+
+
+@pytest.mark.parametrize(("late_s", "is_window"), [(0.0, True), (0.006, True), (0.006, False)])
+def test_a_speed_over_a_window_counts_for_less_where_it_changes_and_answers_were_late(
+    tmp_path: Path, late_s: float, is_window: bool
+) -> None:
+    """A mean since the reading before is told late over its own time, and stays as good as it was."""
+    sweep(tmp_path, 1, {})
+    add_spin_up(tmp_path, 1, {})
+    recording = polled(tmp_path, "spin_up.csv", 4, late_s, 1)
+    if not is_window:
+        text = (tmp_path / "recording.toml").read_text(encoding="utf-8")
+        (tmp_path / "recording.toml").write_text(text.replace("window_s = 0.02\n", ""), encoding="utf-8")
+        recording = read_recording(tmp_path)
+    (run,) = blocks_of(recording).runs
+    declared = recording.files[1].noise_scale
+    if not (late_s and is_window):
+        assert np.all(run.noise_scale <= declared)
+        return
+    slope = np.abs(np.gradient(run.speed * RPM, 0.02))
+    off = scatter(run.time) * slope / recording.channels["speed_rpm"].noise_sd
+    rising = slope > 0.2 * slope.max()
+    assert np.all(run.noise_scale[rising] > 0.3 * off[rising])
+    assert np.max(run.noise_scale) > 5.0 * declared
+    assert np.median(run.noise_scale[-5:]) == pytest.approx(declared, rel=0.3)  # at its speed nothing is lost
 
 
 @pytest.mark.long
