@@ -200,7 +200,7 @@ def _listed(folder: Path, entry: str) -> Recording:
 
 
 def polled(folder: Path, file: str, every: int, late_s: float, seed: int) -> Recording:
-    """A run as a tachometer shows it that is asked: each of its readings is the mean of `every` rows, and comes late."""
+    """A run as a tachometer shows it that is asked: readings are means of `every` rows, and come late."""
     rng = np.random.default_rng(seed)
     header, *lines = (folder / file).read_text(encoding="utf-8").splitlines()
     rows = np.array([line.split(",") for line in lines], dtype=float)

@@ -31,7 +31,7 @@ from calibration.systems.radial_piston.predict.supply import line_unknowns
 from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
 from spinbench.cli.progress import sampling
-from tests.diagnosis_recordings import add_spin_up, polled, sweep
+from tests.diagnosis_recordings import add_coast_down, add_spin_up, polled, sweep
 from tests.rig_recordings import axis, with_force
 from tests.spinbench.test_cli import refused
 
@@ -597,6 +597,16 @@ def test_a_speed_over_a_window_counts_for_less_where_it_changes_and_answers_were
     assert np.all(run.noise_scale[rising] > 0.3 * off[rising])
     assert np.max(run.noise_scale) > 5.0 * declared
     assert np.median(run.noise_scale[-5:]) == pytest.approx(declared, rel=0.3)  # at its speed nothing is lost
+
+
+@pytest.mark.long
+def test_nothing_is_named_for_the_moments_of_a_tachometer_that_answered_late(tmp_path: Path) -> None:
+    """Some 6 ms, while the motor gains 5000 rpm a second."""
+    sweep(tmp_path, 5, {})
+    add_spin_up(tmp_path, 5, {})
+    add_coast_down(tmp_path, 5, {}, samples=72)
+    polled(tmp_path, "spin_up.csv", 4, 0.006, 5)
+    assert diagnose(polled(tmp_path, "coast_down.csv", 4, 0.006, 105), 1).verdict.kind == "consistent"
 
 
 @pytest.mark.long
