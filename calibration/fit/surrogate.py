@@ -25,6 +25,7 @@ PENALTY = 1e-3  # on each coefficient, of a coordinate with unit spread
 FARTHEST = 9.0  # spreads from the mode; farther out polynomials go anywhere
 NODES = np.linspace(-5.0, 5.0, 41)  # prior sds of a noise scale about the mode's
 FORMS = np.array([-4.0, -1.5, 0.0, 1.5, 4.0])  # the same, where the misfit is expanded
+LEFT_OUT = 0.01  # of twice a nat: what directions that are left out may add at a typical point
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,8 @@ class _AlongNoise:
     ----------
     form : ndarray, shape (p, p)
         The misfit as a quadratic form of `Surrogate.terms` at the mode's noise.
-    changes : list of ndarray, each of shape (FORMS.size to the number of scales, p, p)
-        What the form changes by with the noise scales of each recording, at all combinations of `FORMS`.
+    changes : list of _Changes
+        What the form changes by with the noise scales of each recording.
     tables : ndarray, shape (NODES.size, k)
         Minus the log likelihood at the mode along each scale, at `NODES`, less that at the mode's noise, and less half
         of what the form there changes by [-].
@@ -45,6 +46,26 @@ class _AlongNoise:
     form: np.ndarray
     changes: list[np.ndarray]
     tables: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Changes:
+    """Quadratic forms of `Surrogate.terms`, in the few directions in which they are not 0.
+
+    Attributes
+    ----------
+    basis : ndarray, shape (p, r)
+        The directions.
+    forms : ndarray, shape (FORMS.size to the number of scales, r, r)
+        At all combinations of `FORMS`, the last scale running fastest.
+    """
+
+    basis: np.ndarray
+    forms: np.ndarray
+
+    def added_to(self, misfit: np.ndarray, terms: np.ndarray, shares: np.ndarray) -> None:
+        """Add the forms' values, each by its share."""
+        _add_changes(terms @ self.basis, shares, self.forms, misfit)
 
 
 class Surrogate:
@@ -66,7 +87,7 @@ class Surrogate:
         terms = self.terms(points)
         gram = terms.T @ terms + PENALTY * np.eye(terms.shape[1])
         coefficients = np.linalg.solve(gram, terms.T @ (readings - target.raw))
-        self._along = self._expanded(coefficients)
+        self._along = self._expanded(coefficients, np.linalg.cholesky(gram / len(terms)))
 
     def coordinates(self, z: np.ndarray) -> np.ndarray:
         """Straight steps from the mode in units of its spread, shape (n_points, n_shared); ``z`` as `log_prob` [-]."""
@@ -101,8 +122,8 @@ class Surrogate:
         at_noise_of_mode = np.maximum(_squared(terms, self._along.form), 0.0)
         misfit = at_noise_of_mode.copy()
         normalisation = np.zeros(len(z))
-        for scales, forms in zip(target.scales_of, self._along.changes, strict=True):
-            _add_changes(terms, _shares(change[:, scales], target.spread[scales]), forms, misfit)
+        for scales, changes in zip(target.scales_of, self._along.changes, strict=True):
+            changes.added_to(misfit, terms, _shares(change[:, scales], target.spread[scales]))
         for k in range(target.spread.size):
             normalisation += np.interp(change[:, k], NODES, self._along.tables[:, k])
         # No misfit falls faster than the square of the scale that grows most, nor grows faster.
@@ -117,7 +138,7 @@ class Surrogate:
         found[near] = log_prob
         return found
 
-    def _expanded(self, coefficients: np.ndarray) -> _AlongNoise:
+    def _expanded(self, coefficients: np.ndarray, typical: np.ndarray) -> _AlongNoise:
         form = self._form(self.target.mode.u, coefficients)
         target, changes = self.target, []
         tables = np.column_stack([self._at_mode(k) for k in range(target.spread.size)])
@@ -126,11 +147,11 @@ class Surrogate:
         for scales in target.scales_of:
             steps = itertools.product(FORMS, repeat=scales.size)
             forms = np.array([self._form(self._noise(scales, np.array(one)), coefficients) - form for one in steps])
-            changes.append(forms)
+            changes.append(_in_few_directions(forms, typical))
             for place, k in enumerate(scales):
                 along, at_mode = np.zeros((NODES.size, scales.size)), np.zeros(NODES.size)
                 along[:, place] = NODES
-                _add_changes(alone, _shares(along, target.spread[scales]), forms, at_mode)
+                changes[-1].added_to(at_mode, alone, _shares(along, target.spread[scales]))
                 tables[:, k] -= 0.5 * at_mode
         return _AlongNoise(form, changes, tables)
 
@@ -173,6 +194,17 @@ class Surrogate:
 
 def _squared(terms: np.ndarray, form: np.ndarray) -> np.ndarray:
     return ((terms @ form) * terms).sum(axis=1)
+
+
+def _in_few_directions(forms: np.ndarray, typical: np.ndarray) -> _Changes:
+    """Forms in the directions that matter where terms are as typical: ``typical`` is the root of their mean square."""
+    F = typical.T @ forms @ typical
+    directions = np.linalg.eigh(np.sum(F @ F, axis=0))[1][:, ::-1]
+    F = directions.T @ F @ directions
+    squares = np.cumsum(np.cumsum(F**2, axis=1), axis=2)[:, np.arange(len(typical)), np.arange(len(typical))]
+    rest = np.sqrt(np.maximum(squares[:, -1:] - squares, 0.0)).max(axis=0)
+    most = 1 + int(np.argmax(rest < LEFT_OUT))
+    return _Changes(np.linalg.solve(typical.T, directions[:, :most]), np.ascontiguousarray(F[:, :most, :most]))
 
 
 def _fastest(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
