@@ -1,4 +1,4 @@
-"""Packages that only some commands need, and the extra of spinbench that installs each."""
+"""Packages that only some commands and results need, and the extra of spinbench that installs each."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import importlib.util
 
 # Package: its extra, and what it is for.
 EXTRAS = {
+    "arviz": ("notebook", "an InferenceData"),
     "cryptography": ("seal", "a seal"),
     "distributed": ("cluster", "a Dask scheduler"),
     "pyarrow": ("formats", "a table as Parquet"),
+    "xarray": ("notebook", "an xarray Dataset"),
 }
 
 
 class MissingPackageError(ImportError):
-    """A command needs a package that is not installed."""
+    """What is asked for needs a package that is not installed."""
 
 
 def need(package: str) -> None:

@@ -87,6 +87,7 @@ SLOW = {
     "test_diagnosis_law": 13,
     "test_demonstrations": 13,
     "test_trend": 12,
+    "test_python_door": 12,
     "test_exchange_fuzz": 10,
     "test_recording": 12,
     "test_drift": 12,

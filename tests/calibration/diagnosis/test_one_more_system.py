@@ -21,7 +21,7 @@ from rig.recording import Recording, read_recording
 TEXT = (Path(__file__).resolve().parents[3] / "CONTRIBUTING.md").read_text(encoding="utf-8")
 SECTION = TEXT.partition("## Add a kind of system")[2].partition("\n## ")[0]
 SYSTEM, TABLE = re.findall(r"```python\n(.*?)```", SECTION, re.DOTALL)
-AS_IN_THE_SCHEMA = "from typing import Literal\n\nfrom rig.recording.schema import Positive, _Friction\n\n\n"
+AS_IN_THE_SCHEMA = "from typing import Literal\n\nfrom rig.recording.schema import Positive, MotorTable\n\n\n"
 R, T, AMBIENT, VOLUME, AREA = 287.05, 293.15, 101_325.0, 0.05, 4e-6
 
 
