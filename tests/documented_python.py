@@ -17,7 +17,7 @@ from typing import Any
 from tests.documented_commands import ROOT, not_in
 
 CELL = re.compile(r"^```python\n(.*?)^```\n(?:\n^```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL)
-PAGES = ("docs/python.md",)
+PAGES = ("docs/python.md", "docs/tutorials/own-machine.md")
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def run(cells: Iterable[Cell]) -> list[str]:
         tree, said = ast.parse(cell.code), io.StringIO()
         last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
         with contextlib.redirect_stdout(said):
-            exec(compile(tree, cell.place, "exec"), names)  # noqa: S102  # a page of this repository
+            exec(compile(tree, cell.place, "exec", dont_inherit=True), names)  # noqa: S102  # a page of this repository
             if isinstance(last, ast.Expr):
                 value = eval(ast.unparse(last.value), names)  # noqa: S307
                 print("" if value is None else value)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Literal
 
 import numpy as np
 import pytest
 
 import spinbench as sb
+from calibration.systems.machines.system import systems
 from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.rig_recordings import rotor
 from tests.synthetic_runs import write_sweep
@@ -214,6 +216,29 @@ def test_a_diagnosis_of_the_motor_draws_its_picture():
     assert found.plot()._repr_png_().startswith(PNG)
     with pytest.raises(sb.RecordingError, match="there are published_sweep"):
         found.plot("june")
+
+
+def machine(kind: str) -> type:
+    return type("Mine", (), {"kind": kind})
+
+
+def table(kind: str) -> type[sb.MotorTable]:
+    return type("MineTable", (sb.MotorTable,), {"__annotations__": {"kind": Literal[kind]}, "__module__": __name__})
+
+
+@pytest.mark.parametrize(
+    ("system", "keys", "words"),
+    [
+        ("free_rotor", "free_rotor", "the kind 'free_rotor' comes with the program"),
+        ("radial_piston", "radial_piston", "comes with the program"),
+        ("tank", "vessel", 'MineTable: expected kind: Literal["tank"]'),
+    ],
+)
+def test_a_machine_that_cannot_be_added_is_told(system, keys, words):
+    with pytest.raises(sb.RecordingError) as told:
+        sb.add_system(machine(system), table(keys))
+    assert words in str(told.value)
+    assert set(systems()) == {"free_rotor", "driven_axis", "displacement_machine"}
 
 
 @pytest.mark.long

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import spinbench
+from calibration.systems.machines.system import systems
+from rig.recording import schema
 from tests.documented_commands import ROOT
 from tests.documented_python import PAGES, cells_of, run
 from tests.synthetic_runs import write_sweep
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with a run in its logs."""
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A folder with a run in its logs; machines that a page adds are gone after it."""
     write_sweep(tmp_path / "logs")
     (tmp_path / "out").mkdir()
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(schema, "_OTHER_RIGS", dict(schema._OTHER_RIGS))
+    yield
+    systems.cache_clear()
 
 
 @pytest.mark.usefixtures("here")
