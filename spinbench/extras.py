@@ -18,13 +18,17 @@ class MissingPackageError(ImportError):
     """What is asked for needs a package that is not installed."""
 
 
+def has(package: str) -> bool:
+    """Whether a package is there."""
+    try:
+        return importlib.util.find_spec(package) is not None
+    except ImportError:
+        return False
+
+
 def need(package: str) -> None:
     """See that a package is there, before the work that needs it begins."""
-    try:
-        found = importlib.util.find_spec(package)
-    except ImportError:
-        found = None
-    if found is None:
+    if not has(package):
         extra, purpose = EXTRAS[package]
         raise MissingPackageError(
             f"{purpose} needs the package {package}, which is not installed; "

@@ -29,6 +29,7 @@ from spinbench.cli.options import (
     WithParentsOption,
 )
 from spinbench.cli.show import check_places, deliver, remark
+from spinbench.extras import has
 from spinbench.progress import sampling
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from calibration.fit.whole import WholeFit
     from rig.recording import Recording
 
+NETCDF = "posterior.nc"
 OutOption = Annotated[
     Path | None,
     typer.Option(
@@ -138,6 +140,14 @@ def _keep_posterior(found: Fit | WholeFit, out: Path) -> None:
     files.write_files(out, {"posterior.json": files.json_bytes(as_json(found))})
 
 
+def _keep_draws(found: Fit | WholeFit, out: Path) -> None:
+    """The draws as ArviZ opens them, where it is installed."""
+    if has("arviz"):
+        from spinbench.api.arviz_data import write_netcdf
+
+        write_netcdf(found, out / NETCDF)
+
+
 def _show(
     found: Fit | WholeFit, variants: list[tuple[str, Posterior]], out: Path | None, json_file: Path | None
 ) -> None:
@@ -152,6 +162,7 @@ def _show(
     if out is not None:
         report = fit_page.report(found, variants) if isinstance(found, Fit) else whole_page.report(found, variants)
         files.write_files(out, {"posterior.json": encoded} | report)
+        _keep_draws(found, out)
     for words in fit_words.headline(found):
         print(words, file=sys.stderr)
     deliver(encoded, [fit_page.table(found)], json_file)
