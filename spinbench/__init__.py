@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what a type checker sees; the same names as in ROOMS
     from calibration.data.joined import together as together
-    from calibration.data.left_out import without as without
     from calibration.diagnosis.changes import compare as compare
     from calibration.fit.sampling import Settings as Settings
     from calibration.fit_quality import judge as judge
@@ -40,6 +39,7 @@ if TYPE_CHECKING:  # what a type checker sees; the same names as in ROOMS
     from spinbench.api.fitting import fit as fit
     from spinbench.api.opened import Opened as Opened
     from spinbench.api.opened import open as open
+    from spinbench.api.opened import without as without
     from spinbench.api.simulating import simulate as simulate
     from spinbench.cli import main as main
     from spinbench.published import published_sweep as published_sweep
@@ -51,6 +51,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOMS = {
     # a run or a recording, and what it tells
     "open": "spinbench.api.opened",
+    "without": "spinbench.api.opened",
     "simulate": "spinbench.api.simulating",
     "fit": "spinbench.api.fitting",
     "diagnose": "spinbench.api.diagnosing",
@@ -78,7 +79,6 @@ ROOMS = {
     "judge": "calibration.fit_quality",
     "Settings": "calibration.fit.sampling",
     "together": "calibration.data.joined",
-    "without": "calibration.data.left_out",
     "compare": "calibration.diagnosis.changes",
     # a machine of one's own
     "System": "calibration.systems.machines.system",

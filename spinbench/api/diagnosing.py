@@ -11,7 +11,7 @@ from calibration.diagnosis.document import as_json
 from calibration.diagnosis.result import Diagnosis, of_each_recording
 from rig.recording import Recording, RecordingError
 from spinbench.api.frames import as_html
-from spinbench.api.opened import Data, opened_all
+from spinbench.api.opened import Data, listed, opened_all
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -155,18 +155,18 @@ def diagnose(
     seed: int = 1,
     *,
     hold_out: Data | Recording | None = None,
-    per_recording: Sequence[str] = (),
+    per_recording: str | Sequence[str] = (),
     workers: int = 1,
 ) -> DiagnosisResult:
     """Say whether the model explains a recording, or several of one motor, and which physics is missing if not.
 
     Parameters
     ----------
-    data : Opened, Recording, str, Path, or a sequence of these
+    data : Opened, Recording, str, Path, or a list of these
         A path is opened as `open` does.
     hold_out : Opened, Recording, str or Path, optional
         A recording that is kept back, and predicted at the end.
-    per_recording : sequence of str
+    per_recording : str or sequence of str
         Ids of effects whose sizes are each recording's own.
     workers : int
         Processes; the result is the same. A script that asks for more than one needs ``if __name__ == "__main__"`` [-].
@@ -185,11 +185,18 @@ def diagnose(
     from spinbench.readings import refuse_twice
 
     parts, notes = opened_all(data)
-    unseen, more = (None, []) if hold_out is None else opened_all(hold_out)
-    refuse_twice(parts, unseen[0] if unseen else None)
-    sharing = own_of_each(per_recording, len(parts))
+    unseen, more = (None, []) if hold_out is None else _one(hold_out)
+    refuse_twice(parts, unseen)
+    sharing = own_of_each(listed(per_recording), len(parts))
     given = as_given(parts, apart=bool(sharing.own))
     with diagnosing() as tell:
         read = given[0] if len(given) == 1 else given
-        found = look(read, seed, tell, unseen[0] if unseen else None, workers, [], sharing)
+        found = look(read, seed, tell, unseen, workers, [], sharing)
     return DiagnosisResult(found, tuple(dict.fromkeys([*notes, *more])))
+
+
+def _one(hold_out: Data | Recording) -> tuple[Recording, list[str]]:
+    found, notes = opened_all(hold_out)
+    if len(found) > 1:
+        raise RecordingError(f"hold_out: {len(found)} recordings are given, and one is predicted; name one")
+    return found[0], notes

@@ -252,8 +252,8 @@ def fit(
     settings: Settings | None = None,
     *,
     values: Values | None = None,
-    effects: Sequence[str] = (),
-    per_recording: Sequence[str] = (),
+    effects: str | Sequence[str] = (),
+    per_recording: str | Sequence[str] = (),
     steady_only: bool = False,
     channels: tuple[str, ...] | None = None,
     chain_folder: str | Path | None = None,
@@ -262,15 +262,15 @@ def fit(
 
     Parameters
     ----------
-    data : Opened, Recording, str, Path, or a sequence of these
+    data : Opened, Recording, str, Path, or a list of these
         A path is opened as `open` does.
     settings : Settings, optional
         Seed and length; what is usual if left out.
     values : mapping, optional
         Parameters and readings of the motor that are changed.
-    effects : sequence of str
+    effects : str or sequence of str
         Ids of effects that the model holds; their sizes become unknowns.
-    per_recording : sequence of str
+    per_recording : str or sequence of str
         Those of them whose sizes are each recording's own.
     channels : tuple of str, optional
         ``("pressure", "speed")`` leaves the flow out.
@@ -289,11 +289,12 @@ def fit(
         When nothing in the prior explains the readings.
     """
     from calibration.fit.sampling import Settings
-    from spinbench.api.opened import opened_all
+    from spinbench.api.opened import listed, opened_all
     from spinbench.api.simulating import assignments_of
 
     recordings, notes = opened_all(data)
     chosen = settings or Settings(effective_samples=0, most_steps=0)
+    effects, per_recording = listed(effects), listed(per_recording)
     parts, asked = prepared(recordings, chosen, assignments_of(values), channels, effects, steady_only, per_recording)
     found = fitted(parts, asked, None if chain_folder is None else Path(chain_folder))
-    return FitResult(found, tuple(dict.fromkeys(notes)))
+    return FitResult(found, tuple(notes))

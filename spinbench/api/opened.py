@@ -139,17 +139,50 @@ def opened_all(data: Data | Recording | Sequence[Data | Recording]) -> tuple[lis
     ------
     RecordingError
         When one cannot be read, or stands twice.
+    TypeError
+        For what is no recording.
     """
     from rig.recording import Recording, RecordingError
 
-    several = [data] if isinstance(data, Opened | str | Path | Recording) else list(data)
+    several = list(data) if isinstance(data, list | tuple) else [data]
     if not several:
         raise RecordingError("no recording is given; name one or more")
     found: list[Recording] = []
     notes: list[str] = []
     for one in several:
         given = open(one) if isinstance(one, str | Path) else one
+        if not isinstance(given, Opened | Recording):
+            raise TypeError(f"a {type(given).__name__} is no recording; give a path, what `open` gives, or a Recording")
         found.append(given.recording if isinstance(given, Opened) else given)
         notes += given.notes if isinstance(given, Opened) else given.warnings
     readings.refuse_twice(found)
-    return found, notes
+    return found, list(dict.fromkeys(notes))
+
+
+def without(
+    data: Data | Recording | Sequence[Data | Recording], left_out: str | Sequence[str]
+) -> Recording | list[Recording]:
+    """Recordings without what is left out of them; every result says what was.
+
+    Parameters
+    ----------
+    data : Opened, Recording, str, Path, or a list of these
+        A path is opened as `open` does. Of a list comes a list.
+    left_out : str or sequence of str
+        ``FILE``, ``FILE:ROWS`` (``sweep.csv:3,7-9``, 1 the first under the header) or levels (``sweep.csv:2.0bar``). Of
+        several recordings as ``NAME/FILE``.
+
+    Raises
+    ------
+    RecordingError
+        When there is no such file, row or level.
+    """
+    from calibration.data import left_out as leaving
+
+    kept = leaving.without(opened_all(data)[0], listed(left_out))
+    return kept if isinstance(data, list | tuple) else kept[0]
+
+
+def listed(given: str | Sequence[str]) -> list[str]:
+    """One text or several, as a list."""
+    return [given] if isinstance(given, str) else list(given)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
 
     from model.motor import Motor
@@ -37,7 +38,7 @@ def assignments_of(values: Values | None) -> list[str]:
 
 
 def simulate(
-    pressure_bar_abs: float | Iterable[float],
+    pressure_bar_abs: float | Sequence[float] | np.ndarray | pd.Series,
     motor: str | Path | Motor = "ptm3600",
     *,
     values: Values | None = None,
@@ -48,7 +49,7 @@ def simulate(
 
     Parameters
     ----------
-    pressure_bar_abs : float or iterable of float
+    pressure_bar_abs : float or array of float
         Absolute inlet pressure [bar]; one for a run in time.
     motor : str, Path or Motor
         A name in configs/motors, a file, or one that was read.
@@ -70,6 +71,7 @@ def simulate(
     OperatingPointError
         For a pressure that the model does not reach.
     """
+    import numpy as np
     import pandas as pd
 
     from configs.units import BAR, RPM
@@ -78,8 +80,9 @@ def simulate(
     from spinbench.api import frames
 
     chosen = motor_of(motor, assignments_of(values))
-    given = [pressure_bar_abs] if isinstance(pressure_bar_abs, int | float) else pressure_bar_abs
-    pressures = [float(bar) * BAR for bar in given]
+    pressures = [float(bar) * BAR for bar in np.ravel(pressure_bar_abs)]
+    if not pressures:
+        raise OperatingPointError("no pressure is given; name one or more, absolute, in bar")
     if transient is None:
         points = operating_points(chosen, pressures)
         return frames.with_units(pd.DataFrame([vars(one) for one in points]), motor=chosen.name)

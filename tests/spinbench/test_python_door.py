@@ -121,6 +121,7 @@ def test_a_run_in_time_is_a_table_by_time():
     ("wrong", "words"),
     [
         ({"pressure_bar_abs": 20.0}, "pressure 20 bar is outside"),
+        ({"pressure_bar_abs": []}, "no pressure is given"),
         ({"pressure_bar_abs": [1.6, 2.0], "transient": "spin-up"}, "one pressure"),
         ({"pressure_bar_abs": 2.0, "transient": "spinup"}, "expected 'spin-up' or 'coast-down'"),
         ({"pressure_bar_abs": 2.0, "values": {"f_overal": 0.06}}, "did you mean 'f_overall'"),
@@ -196,6 +197,32 @@ def test_a_recording_that_is_given_twice_is_refused():
             call(["published_sweep", sb.published_sweep()])
         with pytest.raises(sb.RecordingError, match="no recording is given"):
             call([])
+        with pytest.raises(TypeError, match="a dict is no recording; give a path"):
+            call({})
+
+
+def test_what_is_held_out_is_one_recording(put_recording):
+    one, two = (put_recording(("sweep.csv", "steady", CENSORED), name=name) for name in ("one", "two"))
+    (two / "sweep.csv").write_text(CENSORED.replace("44.0", "45.0"), encoding="utf-8")
+    with pytest.raises(sb.RecordingError, match="2 recordings are given, and one is predicted"):
+        sb.diagnose("published_sweep", hold_out=[one, two])
+    with pytest.raises(sb.RecordingError, match="is to be held out and diagnosed"):
+        sb.diagnose("published_sweep", hold_out=sb.published_sweep())
+
+
+def test_readings_are_left_out_and_it_is_said():
+    kept = sb.without("published_sweep", "sweep.csv:7")
+    assert np.isnan(kept.files[0].columns["flow_l_min"].values[6])
+    found = sb.diagnose(kept)
+    assert found.verdict == "consistent"
+    assert any("sweep.csv:7: left out" in words for words in found.remarks)
+    (same,) = sb.without(["published_sweep"], ["sweep.csv:7"])
+    assert same.sha256 == kept.sha256
+
+
+def test_one_effect_may_be_given_as_a_text():
+    with pytest.raises(ValueError, match="windgage"):
+        sb.fit("published_sweep", effects="windgage")
 
 
 def test_a_diagnosis_says_what_is_missing_with_its_size():
