@@ -12,9 +12,11 @@ import pytest
 import spinbench as sb
 from calibration.systems.machines.system import systems
 from tests.diagnosis_recordings import add_coast_down, sweep
+from tests.documented_python import cells_of
 from tests.rig_recordings import rotor
 from tests.synthetic_runs import write_sweep
 
+RECORD = "def record(folder: str, leak: float) -> None"
 PNG = b"\x89PNG"
 CENSORED = "pressure_bar_abs,flow_l_min,speed_rpm,seal\n1.60,44.0,232.3,old\n1.80,54.0,313.8,old\n2.00,>70,394.8,new\n"
 
@@ -298,3 +300,12 @@ def test_a_type_checker_sees_what_the_names_are(tmp_path):
     for words in ("DataFrame", "spinbench.api.opened.Opened", "calibration.systems.machines.system.System"):
         assert words in told.stdout
     assert "Any" not in told.stdout
+
+
+@pytest.mark.long
+def test_a_type_checker_takes_the_machine_of_the_tutorial_for_a_system(tmp_path):
+    script = tmp_path / "script.py"
+    code = "\n".join(cell.code for cell in cells_of("docs/tutorials/own-machine.md"))
+    script.write_text(code.replace("def record(folder, leak)", RECORD), encoding="utf-8")
+    told = subprocess.run([sys.executable, "-m", "mypy", str(script)], capture_output=True, text=True, timeout=600)
+    assert told.stdout == "Success: no issues found in 1 source file\n"

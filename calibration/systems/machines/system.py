@@ -7,7 +7,7 @@ import importlib
 import math
 import pkgutil
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Protocol, get_args
+from typing import Any, Protocol, get_args
 
 import numpy as np
 
@@ -41,17 +41,23 @@ class System(Protocol):
         Rows used of each file that was looked at, of `table.rows_used`.
     """
 
-    kind: ClassVar[str]
-    balances: ClassVar[tuple[tuple[str, str, str], ...]]
     readings: list[Readings]
     flats: list[Flat]
     unknowns: list[Unknown]
     sizes: Sizes
-    weight: float | None
     timed: bool
     files: list[dict[str, Any]]
 
     def __init__(self, table: MachineTable) -> None: ...
+
+    @property
+    def kind(self) -> str: ...
+
+    @property
+    def balances(self) -> tuple[tuple[str, str, str], ...]: ...
+
+    @property
+    def weight(self) -> float | None: ...
 
     def could_show(self) -> list[str]:
         """Those of its effects that this recording could show."""
@@ -116,16 +122,14 @@ def add_system(system: type[System], table: type[MotorTable]) -> None:
     RecordingError
         When the kind comes with the program, or the two are not of the same kind.
     """
-    known = systems().get(system.kind)
-    if system.kind == "radial_piston" or (known and known.__module__.startswith(f"{__package__}.")):
-        raise RecordingError(f"{system.__name__}: the kind '{system.kind}' comes with the program; take another name")
-    field = table.model_fields.get("kind")
-    if field is None or get_args(field.annotation) != (system.kind,):
-        raise RecordingError(
-            f'{table.__name__}: expected kind: Literal["{system.kind}"], the kind of {system.__name__}'
-        )
-    add_motor_table(system.kind, table)
-    systems()[system.kind] = system
+    field, name = table.model_fields.get("kind"), getattr(system, "kind", None)
+    known = systems().get(str(name))
+    if name == "radial_piston" or (known and known.__module__.startswith(f"{__package__}.")):
+        raise RecordingError(f"{system.__name__}: the kind '{name}' comes with the program; take another name")
+    if field is None or get_args(field.annotation) != (name,):
+        raise RecordingError(f'{table.__name__}: expected kind: Literal["{name}"], as {system.__name__} has it')
+    add_motor_table(str(name), table)
+    systems()[str(name)] = system
 
 
 def has_system(recording: Recording) -> bool:
