@@ -1,4 +1,4 @@
-"""Packages that only some commands need, and the extra of spinbench that installs each."""
+"""Packages that only some commands and results need, and the extra of spinbench that installs each."""
 
 from __future__ import annotations
 
@@ -6,23 +6,29 @@ import importlib.util
 
 # Package: its extra, and what it is for.
 EXTRAS = {
+    "arviz": ("notebook", "an InferenceData"),
     "cryptography": ("seal", "a seal"),
     "distributed": ("cluster", "a Dask scheduler"),
     "pyarrow": ("formats", "a table as Parquet"),
+    "xarray": ("notebook", "an xarray Dataset"),
 }
 
 
 class MissingPackageError(ImportError):
-    """A command needs a package that is not installed."""
+    """What is asked for needs a package that is not installed."""
+
+
+def has(package: str) -> bool:
+    """Whether a package is there."""
+    try:
+        return importlib.util.find_spec(package) is not None
+    except ImportError:
+        return False
 
 
 def need(package: str) -> None:
     """See that a package is there, before the work that needs it begins."""
-    try:
-        found = importlib.util.find_spec(package)
-    except ImportError:
-        found = None
-    if found is None:
+    if not has(package):
         extra, purpose = EXTRAS[package]
         raise MissingPackageError(
             f"{purpose} needs the package {package}, which is not installed; "

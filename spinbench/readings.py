@@ -145,6 +145,27 @@ def _place_of(parent: str, child: Path, logs: Path) -> Path:
     )
 
 
+def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) -> None:
+    """Refuse readings that are given twice, whatever their path: they would count twice, or be predicted once seen."""
+    from rig.recording import RecordingError
+
+    def is_same(one: Recording, other: Recording) -> bool:
+        return one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256)
+
+    for i, one in enumerate(parts):
+        if unseen is not None and is_same(one, unseen):
+            also = "" if one.folder == unseen.folder else f", as {one.folder}"
+            raise RecordingError(
+                f"{unseen.folder} is to be held out and diagnosed{also}: name a run that is not among the others"
+            )
+        for other in parts[:i]:
+            if is_same(one, other):
+                these = one.folder if one.folder == other.folder else f"{one.folder}, which is {other.folder} or a copy"
+                raise RecordingError(
+                    f"a recording is given twice: {these}; its readings would count twice, so name it once"
+                )
+
+
 def so_far(folder: Path) -> Recording:
     """The plateaus of a run that is being written; the check beside a sweep calls it in its own process."""
     from rig.exchange.export import recording_of

@@ -23,7 +23,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("README.md", "CONTRIBUTING.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")))
+DOCS = (page.relative_to(ROOT) for folder in ("docs", "docs/tutorials") for page in (ROOT / folder).glob("*.md"))
+PAGES = ("README.md", "CONTRIBUTING.md", *sorted(page.as_posix() for page in DOCS))
 PUBLIC_DATA = Path(os.environ.get("SPINBENCH_RECORDINGS", ROOT.parent / "shared" / "recordings"))
 KINDS = {
     "long": "the campaign runs it",

@@ -52,6 +52,20 @@ _RC: Any = {
 }
 
 
+def _picture(**layout: Any) -> Figure:
+    """An empty figure that shows itself in a notebook, without pyplot."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    class Picture(Figure):
+        def _repr_png_(self) -> bytes:
+            return png(self)
+
+    figure = Picture(**layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
 @contextlib.contextmanager
 def drawing(
     rows: int = 1, columns: int = 1, height_in: float = HEIGHT_IN, **layout: Any
@@ -71,12 +85,9 @@ def drawing(
         Its panels.
     """
     import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     with matplotlib.rc_context(_RC):
-        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = _picture(figsize=(WIDTH_IN, height_in), layout="constrained")
         yield figure, figure.subplots(rows, columns, **layout)
 
 

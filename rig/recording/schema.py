@@ -137,7 +137,7 @@ class RecordingTable(Strict):
         return text
 
 
-class _Friction(Strict):
+class MotorTable(Strict):
     """The viscous coefficient of an inline motor and its prior; flat and positive when left out."""
 
     name: str = ""
@@ -145,20 +145,20 @@ class _Friction(Strict):
     viscous_friction_sd: Positive | None = None
 
     @model_validator(mode="after")
-    def _a_prior_needs_its_mean(self) -> _Friction:
+    def _a_prior_needs_its_mean(self) -> MotorTable:
         if self.viscous_friction is None and self.viscous_friction_sd is not None:
             raise ValueError("viscous_friction_sd is given without viscous_friction; give both, or neither")
         return self
 
 
-class FreeRotor(_Friction):
+class FreeRotor(MotorTable):
     """A rotor that nothing drives."""
 
     kind: Literal["free_rotor"]
     inertia_kg_m2: Positive
 
 
-class DrivenAxis(_Friction):
+class DrivenAxis(MotorTable):
     """A shaft with a measured torque, or a slide with a measured force."""
 
     kind: Literal["driven_axis"]
@@ -172,7 +172,7 @@ class DrivenAxis(_Friction):
         return self
 
 
-class DisplacementMachine(_Friction):
+class DisplacementMachine(MotorTable):
     """A machine that turns a volume each revolution."""
 
     kind: Literal["displacement_machine"]
@@ -185,6 +185,11 @@ _OTHER_RIGS: dict[str, type[Strict]] = {
     "driven_axis": DrivenAxis,
     "displacement_machine": DisplacementMachine,
 }
+
+
+def add_motor_table(kind: str, table: type[MotorTable]) -> None:
+    """Have recordings read whose motor table is of a further kind, until this process ends."""
+    _OTHER_RIGS[kind] = table
 
 
 def check_motor(motor: str | dict[str, Any], place: str, mistakes: Mistakes) -> None:

@@ -5,7 +5,6 @@ What is slow to import is imported inside the commands, so that `spinbench --hel
     model, fit, diagnose, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
     options     arguments and options that several of them share
     show        tables, JSON, files and remarks
-    progress    what a person sees meanwhile
     errors      exit codes, and mistakes told in words
 """
 

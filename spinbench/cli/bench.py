@@ -20,8 +20,8 @@ from spinbench.cli.options import (
     SealKeyOption,
     SealOption,
 )
-from spinbench.cli.progress import waiting
 from spinbench.cli.show import on_terminal
+from spinbench.progress import waiting
 
 
 def doctor(

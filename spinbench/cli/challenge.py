@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spinbench.cli.options import JsonOption, SchedulerOption, WorkersOption
-from spinbench.cli.progress import bars
 from spinbench.cli.show import check_places, deliver, on_terminal, remark
 from spinbench.extras import need
+from spinbench.progress import bars
 
 if TYPE_CHECKING:
     from calibration.challenge.record.opening import Scored

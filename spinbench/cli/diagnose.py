@@ -22,9 +22,9 @@ from spinbench.cli.options import (
     WithoutOption,
     WithParentsOption,
 )
-from spinbench.cli.progress import diagnosing
-from spinbench.cli.show import check_places, deliver, refuse_twice, remark
+from spinbench.cli.show import check_places, deliver, remark
 from spinbench.earlier import RECORDINGS, made_of, read_earlier
+from spinbench.progress import diagnosing
 
 if TYPE_CHECKING:
     from rig.recording import Recording
@@ -89,7 +89,7 @@ def diagnose(
     new = readings.all_named(recording, logs, parents)
     parts = [*(earlier.recordings if earlier else []), *new]
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
-    refuse_twice(parts, unseen)
+    readings.refuse_twice(parts, unseen)
     promise = earlier.promise(new) if earlier else None
     if earlier and promise is None:
         remark(f"nothing given now is a test that {resume} asks for, so nothing was promised of it")
@@ -148,7 +148,7 @@ def compare(
 
     check_places(out, json_file)
     parts = [readings.read(readings.folder_named(named, logs)) for named in (before, after)]
-    refuse_twice(parts)
+    readings.refuse_twice(parts)
     parts = without(parts, left_out or [])
     remark(*(warning for part in parts for warning in part.warnings))
     dates = [date_of(part) for part in parts]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from spinbench import readings
+from spinbench.api.fitting import Asked, fitted, prepared
 from spinbench.cli.errors import MODEL_DOES_NOT_FIT, kept_when_interrupted
 from spinbench.cli.options import (
     LOGS,
@@ -27,17 +28,17 @@ from spinbench.cli.options import (
     WithoutOption,
     WithParentsOption,
 )
-from spinbench.cli.progress import sampling, waiting
-from spinbench.cli.show import check_places, deliver, refuse_twice, remark
+from spinbench.cli.show import check_places, deliver, remark
+from spinbench.extras import has
+from spinbench.progress import sampling
 
 if TYPE_CHECKING:
     from calibration.fit.fit import Fit
     from calibration.fit.posterior import Posterior
-    from calibration.fit.sampling import Settings
     from calibration.fit.whole import WholeFit
-    from calibration.systems.several.sharing import Sharing
     from rig.recording import Recording
 
+NETCDF = "posterior.nc"
 OutOption = Annotated[
     Path | None,
     typer.Option(
@@ -58,18 +59,6 @@ GaugeSpanOption = Annotated[
 EffectsOption = Annotated[
     str, typer.Option(metavar="ID,ID", help="Effects to add to the model; their sizes become unknowns.")
 ]
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What is to be fitted, and how."""
-
-    settings: Settings
-    assignments: list[str]
-    channels: tuple[str, ...]
-    effects: list[str]
-    steady_only: bool
-    sharing: Sharing
 
 
 def _kept(out: Path | None) -> str:
@@ -102,86 +91,29 @@ def fit(
     """Fit f_overall, and what it depends on, to recordings of one motor; exit code 3 if the sampler does not converge,
     5 if the model does not explain the readings.
     """
-    from calibration.data.joined import as_given, without_runs
     from calibration.data.left_out import without
     from calibration.fit import fit as fits
     from calibration.fit.sampling import Settings
-    from calibration.systems.several.sharing import own_of_each
-    from calibration.unknowns.priors import CHANNELS
 
     check_places(out, json_file)
     parts = readings.all_named(recording, logs, parents)
-    refuse_twice(parts)
+    readings.refuse_twice(parts)
     parts = without(parts, left_out or [])
     remark(*(words for part in parts for words in part.warnings))
-    if steady_only and len(parts) > 1:
-        parts = [without_runs(one) for one in parts if any(file.kind == "steady" for file in one.files)] or parts[:1]
-    held = [name.strip() for name in effects.split(",") if name.strip()]
-    sharing = own_of_each(per_recording or [], len(parts), held)
-    read = parts if steady_only and len(parts) == 1 else as_given(parts, apart=bool(sharing.own))
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
-    channels = ("pressure", "speed") if speed_only else CHANNELS
-    asked = Asked(settings, assignments or [], channels, held, steady_only, sharing)
-    planned = fits.variants(read, channels, compare, gauge_span_bar)
-    found = _fitted(read, asked, out)
+    channels = ("pressure", "speed") if speed_only else None
+    workers = min(2, os.cpu_count() or 1)
+    read, asked = prepared(
+        parts, settings, assignments or [], channels, effects.split(","), steady_only, per_recording or [], workers
+    )
+    planned = fits.variants(read, asked.channels, compare, gauge_span_bar)
+    found = fitted(read, asked, out / "chain" if out else None)
     if out is not None and planned:  # one of them may not converge
         _keep_posterior(found, out)
     variants = [_variant(asked, *variant) for variant in planned]
     _show(found, variants, out, json_file)
     if found.quality is not None and not found.quality.model_fits:
         raise typer.Exit(MODEL_DOES_NOT_FIT)
-
-
-def _fitted(read: Sequence[Recording], asked: Asked, out: Path | None) -> Fit | WholeFit:
-    """The fit, with whether its model explains the readings."""
-    return _fitted_whole(read, asked, out) if _is_whole(read, asked) else _fitted_steady(read[0], asked, out)
-
-
-def _is_whole(read: Sequence[Recording], asked: Asked) -> bool:
-    """Whether there is more to fit than the plateaus of one recording."""
-    return len(read) > 1 or (not asked.steady_only and any(file.kind == "transient" for file in read[0].files))
-
-
-def _fitted_steady(read: Recording, asked: Asked, out: Path | None) -> Fit:
-    from calibration import fit_quality
-    from calibration.fit import fit as fits
-    from calibration.fit.sampling import STEADY
-
-    settings = asked.settings.within(STEADY)
-    with waiting("does the model explain the readings?") as tell:
-        quality = fit_quality.judge(read, settings.seed, asked.assignments, asked.channels, asked.effects, tell)
-    chain = out / "chain" if out else None
-    try:
-        with sampling("fit") as progress:
-            found = fits.fit(read, settings, asked.assignments, asked.channels, chain, progress, asked.effects)
-    except fits.NotConvergedError as error:
-        if not quality.model_fits:
-            error.add_note(f"nor does the model explain the readings: {quality.why}")
-        raise
-    return replace(found, quality=quality)
-
-
-def _fitted_whole(read: Sequence[Recording], asked: Asked, out: Path | None) -> WholeFit:
-    from calibration import fit_quality
-    from calibration.fit import whole
-    from calibration.fit.fit import NotConvergedError
-    from calibration.fit.peak import NoPeakError
-    from calibration.fit.sampling import WHOLE
-
-    settings, workers = asked.settings.within(WHOLE), min(2, os.cpu_count() or 1)
-    with waiting("does the model explain the readings?") as tell:
-        used, start, quality = fit_quality.judge_whole(
-            read, settings.seed, asked.assignments, asked.channels, asked.effects, tell, workers, asked.sharing
-        )
-    chain = out / "chain" if out else None
-    try:
-        with sampling("fit") as progress:
-            found = whole.fit(used, start.comparison, start.base, settings, chain, progress, workers)
-    except (NotConvergedError, NoPeakError) as error:
-        if not quality.model_fits:
-            error.add_note(f"nor does the model explain the readings: {quality.why}")
-        raise
-    return replace(found, quality=quality)
 
 
 def _variant(asked: Asked, name: str, changed: Sequence[Recording], channels: tuple[str, ...]) -> tuple[str, Posterior]:
@@ -193,8 +125,8 @@ def _variant(asked: Asked, name: str, changed: Sequence[Recording], channels: tu
     held = with_effects.seen(asked.effects, channels)
     sharing = replace(asked.sharing, own=asked.sharing.own & set(held))
     again = replace(asked, channels=channels, effects=held, sharing=sharing)
-    if _is_whole(changed, asked):
-        return name, _fitted_whole(changed, again, None).posterior
+    if asked.is_whole(changed):
+        return name, fitted(changed, again).posterior
     settings = fits.brief(asked.settings.within(STEADY))
     with sampling(name) as progress:
         found = fits.fit(changed[0], settings, asked.assignments, channels, None, progress, again.effects)
@@ -206,6 +138,14 @@ def _keep_posterior(found: Fit | WholeFit, out: Path) -> None:
     from rig.recording import files
 
     files.write_files(out, {"posterior.json": files.json_bytes(as_json(found))})
+
+
+def _keep_draws(found: Fit | WholeFit, out: Path) -> None:
+    """The draws as ArviZ opens them, where it is installed."""
+    if has("arviz"):
+        from spinbench.api.arviz_data import write_netcdf
+
+        write_netcdf(found, out / NETCDF)
 
 
 def _show(
@@ -222,6 +162,7 @@ def _show(
     if out is not None:
         report = fit_page.report(found, variants) if isinstance(found, Fit) else whole_page.report(found, variants)
         files.write_files(out, {"posterior.json": encoded} | report)
+        _keep_draws(found, out)
     for words in fit_words.headline(found):
         print(words, file=sys.stderr)
     deliver(encoded, [fit_page.table(found)], json_file)

@@ -20,9 +20,9 @@ from spinbench.cli.options import (
     SteadyOnlyOption,
     WorkersOption,
 )
-from spinbench.cli.progress import bars
 from spinbench.cli.show import on_terminal, remark
 from spinbench.extras import need
+from spinbench.progress import bars
 
 ManyArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")

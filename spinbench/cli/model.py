@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from spinbench.api.simulating import motor_of
 from spinbench.cli.options import JsonOption, MotorOption, SetOption
-from spinbench.cli.progress import waiting
 from spinbench.cli.show import deliver, remark
+from spinbench.progress import waiting
 
 if TYPE_CHECKING:
     from model.motor import Motor
@@ -44,7 +45,7 @@ def simulate(
     """Simulate the motor: an operating point, a sweep of the pressure, a spin-up or a coast-down."""
     if transient is not None and to is not None:
         raise typer.BadParameter("a run in time has one pressure: leave out --to or --transient")
-    chosen = _motor(motor, assignments)
+    chosen = motor_of(motor, assignments or [])
     if transient is not None:
         _simulate_transient(chosen, transient, pressure_bar_abs, duration_s, json_file, out)
     else:
@@ -112,7 +113,7 @@ def sensitivity(
     from model.operation.sensitivity import sensitivities
     from rig.recording import files
 
-    chosen = _motor(motor, assignments)
+    chosen = motor_of(motor, assignments or [])
     with waiting(SOLVING):
         ranking = sensitivities(chosen, [bar * BAR for bar in pressure_bar_abs])
     tables = [simulation.sensitivity_table(bar, ranking, i) for i, bar in enumerate(pressure_bar_abs)]
@@ -142,11 +143,3 @@ def reproduce(
     files.write_files(out, reproduction.report(found, motor["port_lap"].value))
     files.write_file(place, text)
     print(f"{place}: the article's results beside ours; figures, tables and JSON in {out}")
-
-
-def _motor(name: str, assignments: list[str] | None) -> Motor:
-    """The motor that the options name, with what --set changes."""
-    from model.motor import read_motor, set_values
-
-    is_file = name.endswith(".toml") or "/" in name or "\\" in name
-    return set_values(read_motor(Path(name) if is_file else name), assignments or [])

@@ -10,8 +10,8 @@ import typer
 
 from spinbench.cli.errors import RUN_FAILED
 from spinbench.cli.options import LOGS, LogsOption, RunArgument
-from spinbench.cli.progress import counting
 from spinbench.cli.show import on_terminal, remark
+from spinbench.progress import counting
 from spinbench.readings import run_named
 
 if TYPE_CHECKING:

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rig.recording import Recording
 
 WIDTH, WIDTH_OF_FIGURES = 140, 120  # of a table in a pipe, where no column is cut
 
@@ -51,24 +47,3 @@ def takes_output(data: bytes, json_file: Path | None) -> bool:
     if json_file is not None:
         files.write_file(json_file, data)
     return False
-
-
-def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) -> None:
-    """Refuse readings that are given twice, whatever their path: they would count twice, or be predicted once seen."""
-    from rig.recording import RecordingError
-
-    def is_same(one: Recording, other: Recording) -> bool:
-        return one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256)
-
-    for i, one in enumerate(parts):
-        if unseen is not None and is_same(one, unseen):
-            also = "" if one.folder == unseen.folder else f", as {one.folder}"
-            raise RecordingError(
-                f"{unseen.folder} is to be held out and diagnosed{also}: name a run that is not among the others"
-            )
-        for other in parts[:i]:
-            if is_same(one, other):
-                these = one.folder if one.folder == other.folder else f"{one.folder}, which is {other.folder} or a copy"
-                raise RecordingError(
-                    f"a recording is given twice: {these}; its readings would count twice, so name it once"
-                )

@@ -30,7 +30,7 @@ from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.systems.radial_piston.predict.supply import line_unknowns
 from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
-from spinbench.cli.progress import sampling
+from spinbench.progress import sampling
 from tests.diagnosis_recordings import add_coast_down, add_spin_up, polled, sweep
 from tests.rig_recordings import axis, with_force
 from tests.spinbench.test_cli import refused

@@ -11,7 +11,7 @@ import pytest
 from tests.rig.runlog.test_runlog_import import COLUMNS, HEAD
 from tests.synthetic_runs import write_sweep
 
-EXTRAS = ("asammdf", "cryptography", "distributed", "dask", "h5py", "nptdms", "pyarrow")
+EXTRAS = ("arviz", "asammdf", "cryptography", "distributed", "dask", "h5netcdf", "h5py", "nptdms", "pyarrow", "xarray")
 WITHOUT = """
 import sys
 class Absent:
@@ -107,3 +107,13 @@ def test_a_run_is_listed_and_exported_without_any_of_them_as_with_them(logs, tmp
         assert done.returncode == 0, done.stderr
     for file in (tmp_path / "with").iterdir():
         assert (tmp_path / "without" / file.name).read_bytes() == file.read_bytes()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("absent", "kept"), [("arviz", False), ("nothing", True)])
+def test_a_fit_keeps_its_draws_for_arviz_where_that_is_installed(tmp_path, absent, kept):
+    done = without(absent, "fit", "published_sweep", "-o", "out", "--effective-samples", "200", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "posterior.json").exists()
+    assert (tmp_path / "out" / "posterior.nc").exists() == kept
+    assert "Warning" not in done.stderr

@@ -1,7 +1,9 @@
 """spinbench from Python: its names lead to functions of the rooms, and importing it costs nothing."""
 
+import ast
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +21,13 @@ def test_a_public_name_is_something_to_call_that_says_what_it_is(name):
     assert callable(found)
     assert found.__doc__
     assert name in dir(spinbench)
+
+
+def test_a_type_checker_is_told_of_the_same_names():
+    tree = ast.parse(Path(spinbench.__file__).read_text(encoding="utf-8"))
+    (told,) = [one for one in tree.body if isinstance(one, ast.If)]
+    names = {alias.asname: line.module for line in told.body for alias in line.names}
+    assert names == spinbench.ROOMS
 
 
 def test_another_name_is_an_attribute_error():

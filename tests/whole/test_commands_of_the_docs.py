@@ -40,6 +40,15 @@ def test_the_commands_of_a_page_give_what_the_page_says(tmp_path: Path, page: st
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("page", [page for page in PAGES if "/tutorials/" in page and commands_of(page, text_of(page))])
+def test_a_tutorial_runs_from_its_first_command_to_its_last(tmp_path: Path, page: str) -> None:
+    copy = tmp_path / "copy"
+    fresh_copy(copy, kernels=True)
+    wrong = run_page([command for command in COMMANDS if command.page == page], copy, longest_s=600.0)
+    assert not wrong, "\n".join(wrong)
+
+
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command not in QUICK], ids=str)
 def test_a_command_that_does_not_run_here_says_why(command: Command) -> None:
     assert command.kinds <= set(KINDS)
@@ -50,7 +59,7 @@ def test_all_but_these_run_somewhere() -> None:
     assert {command.text for command in COMMANDS if command.kinds & {"hardware", "person", "network", "yours"}} == {
         "make setup",
         "python3 -m venv ~/spinbench",
-        '~/spinbench/bin/pip install ".[cluster,formats,mdf,seal]"',
+        '~/spinbench/bin/pip install ".[cluster,formats,mdf,notebook,seal]"',
         "spinbench doctor configs/benches/lab.toml",
         "spinbench sweep configs/benches/lab.toml",
         "spinbench sweep configs/benches/manual.toml",

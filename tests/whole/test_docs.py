@@ -25,6 +25,14 @@ def text_of(page):
     return page.read_text(encoding="utf-8")
 
 
+def is_utf8(file):
+    try:
+        file.read_bytes().decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
 def links():
     for page in PAGES:
         for target in LINK.findall(text_of(page)):
@@ -51,6 +59,12 @@ def test_a_relative_link_leads_to_a_file_and_a_heading_in_it(page, target):
     there = page.parent / file if file else page
     assert there.exists()
     assert not heading or heading in anchors(there)
+
+
+@pytest.mark.parametrize("page", sorted(ROOT.glob("docs/tutorials/*.md")), ids=lambda page: page.name)
+def test_a_file_that_a_tutorial_shows_is_the_one_beside_it(page):
+    beside = {text_of(file) for ending in ("toml", "csv") for file in page.parent.glob(f"*.{ending}") if is_utf8(file)}
+    assert {body for language, body in FENCE.findall(text_of(page)) if language in ("toml", "csv")} <= beside
 
 
 def test_the_index_links_every_page():

@@ -21,6 +21,7 @@ from model.layout import L_MIN, RPM
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 BEFORE, AFTER = style.COLOURS[1], style.COLOURS[0]
 MARKERS = ((1.0, "^", "▲", "up"), (-1.0, "v", "▼", "down"), (0.0, "s", "■", "direction not noted"))
@@ -116,7 +117,7 @@ def ranked(found: Diagnosis) -> bytes:
 
 def essentials(
     found: Diagnosis, models: Sequence[Model], curves: Sequence[Curve], intervals: Sequence[Interval], sentence: str
-) -> bytes:
+) -> Figure:
     """One picture of the whole: the verdict, the place, the sets, f_overall.
 
     Parameters
@@ -159,7 +160,7 @@ def essentials(
                 after = f"; open: {models[0].name}, filled: {models[1].name}" if len(models) > 1 else ""
                 panels[0].set_title(f"{markers_in_words(found)}{after}"[:110], fontsize=8)
         figure.suptitle("\n".join(words), x=0.01, ha="left", fontsize=9.5, fontweight="bold", parse_math=False)
-        return style.png(figure)
+        return figure
 
 
 def markers_in_words(found: Diagnosis) -> str:

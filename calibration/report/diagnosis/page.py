@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from calibration.data.runs_in_time import few_used
 from calibration.diagnosis.document import NOTHING
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.misread import MISREAD
-from calibration.report import along_dates
+from calibration.report import along_dates, style
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
 from calibration.report.fit.words import LEAST_P, figure, probability, rounded
@@ -22,6 +22,9 @@ from calibration.report.sets_in_words import in_a_row, title, titles
 from calibration.report.units import FAMILIAR, on_an_axis
 from model.effects import effects
 from model.effects.effect import EffectParameter
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 JSON = "diagnosis.json"
 CERTAIN = 1e6  # odds that are told no further
@@ -52,8 +55,15 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     pictures = {name: inline(one) for name, one in figures.items()}
     return {
         HTML: page(filled | {"figures": pictures, "models": [one.name for one in models]}),
-        PNG: draw.essentials(found, models, curves, intervals, filled["verdict"]),
+        PNG: style.png(draw.essentials(found, models, curves, intervals, filled["verdict"])),
     }
+
+
+def picture(found: Diagnosis, document: Mapping[str, Any]) -> Figure:
+    """The one picture of a diagnosis."""
+    said = words.sentence(document, sets.at_top(found, found.verdict.chosen), _excluded(found, document))
+    intervals = sets.frictions(found, document)
+    return draw.essentials(found, numbers.models(found), numbers.curves(found), intervals, said)
 
 
 def page(filled: Mapping[str, Any]) -> bytes:

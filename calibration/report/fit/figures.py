@@ -17,6 +17,7 @@ from calibration.unknowns.priors import OfEffect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 RIDGES = ("port_lap", "roller_friction", "pressure_offset", "ambient_pressure")  # and the effects' own unknowns
 BANDS = ((0, 4, "#CFE3F1", "90 %"), (1, 3, "#8FBFDF", "68 %"))  # indices into numbers.LEVELS
@@ -64,7 +65,7 @@ def forest(posterior: Posterior, variants: Variants) -> bytes:
         return style.png(figure)
 
 
-def essentials(found: Fit, shown: list[Channel], suspects: list[Suspect], variants: Variants, sentence: str) -> bytes:
+def essentials(found: Fit, shown: list[Channel], suspects: list[Suspect], variants: Variants, sentence: str) -> Figure:
     """One picture of the whole: the fit, its residuals, f_overall, and what it hangs on.
 
     Parameters
@@ -91,7 +92,7 @@ def essentials(found: Fit, shown: list[Channel], suspects: list[Suspect], varian
         else:
             _ridge_panel(last, found.posterior, numbers.trade_offs(found.posterior)[0][0].name)
         figure.suptitle(sentence, x=0.01, ha="left", fontsize=10.5, fontweight="bold", parse_math=False)
-        return style.png(figure)
+        return figure
 
 
 def _fit_panels(axes: Any, found: Fit, shown: list[Channel], suspects: list[Suspect]) -> None:

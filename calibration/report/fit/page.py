@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Estimate, Posterior
+from calibration.report import style
 from calibration.report.fit import figures as fit_figures
 from calibration.report.fit import numbers
 from calibration.report.fit import words as fit_words
@@ -18,6 +19,7 @@ from model.motor import Motor
 from rig.recording import Recording
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.table import Table
 
 TITLE_WIDTH = 68  # letters that fit over the picture
@@ -43,8 +45,14 @@ def report(found: Fit, variants: Variants) -> dict[str, bytes]:
         figures["forest"] = fit_figures.forest(posterior, variants)
     return {
         HTML: page(context(found, variants, suspects) | {"figures": {k: inline(v) for k, v in figures.items()}}),
-        PNG: fit_figures.essentials(found, shown, suspects, variants, sentence),
+        PNG: style.png(fit_figures.essentials(found, shown, suspects, variants, sentence)),
     }
+
+
+def picture(found: Fit) -> Figure:
+    """The one picture of a fit that is compared with no other."""
+    shown, suspects = numbers.channels(found), numbers.suspects(found)
+    return fit_figures.essentials(found, shown, suspects, [], on_the_picture(found))
 
 
 def on_the_picture(found: AnyFit) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from configs.units import BAR
 from model.effects import effects
 from model.layout import L_MIN, RPM
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 CHANNELS = (("speed", SPEED, RPM, "rpm"), ("flow", FLOW, L_MIN, "L/min"))
 MARKS = ("o", "s", "^", "D", "v", "P")
 MEAN_APART, SD_APART = 0.2, 0.1  # of a posterior's sd, from which Laplace's approximation is said to be off
@@ -31,7 +34,7 @@ NORMAL = 20_000  # draws of Laplace's normal law, for an unknown that is no stra
 def report(found: WholeFit, variants: page.Variants) -> dict[str, bytes]:
     """Files of the report by name: ``report.html``, ``report.png``."""
     pictures = {
-        "fit": plateaus(found),
+        "fit": style.png(plateaus(found)),
         "density": fit_figures.density(found.posterior),
         "ridge": fit_figures.ridge(found.posterior),
     }
@@ -43,7 +46,7 @@ def report(found: WholeFit, variants: page.Variants) -> dict[str, bytes]:
     return {HTML: page.page(filled), PNG: pictures["fit"]}
 
 
-def plateaus(found: WholeFit) -> bytes:
+def plateaus(found: WholeFit) -> Figure:
     """Speed and flow of the plateaus against pressure, with what new readings would be, and the residuals."""
     with style.drawing(2, 2, height_in=4.7, sharex=True, squeeze=False, height_ratios=(3, 2)) as (figure, axes):
         for column, (name, kind, factor, unit) in enumerate(CHANNELS):
@@ -61,7 +64,7 @@ def plateaus(found: WholeFit) -> bytes:
             axes[1, column].axhline(0.0, color=style.COLOURS[0], linewidth=1.0)
         axes[0, 0].legend(loc="upper left", fontsize=7.5)
         figure.suptitle(page.on_the_picture(found), x=0.01, ha="left", fontsize=10, fontweight="bold", parse_math=False)
-        return style.png(figure)
+        return figure
 
 
 def run_in_time(found: WholeFit, part: Comparison, at: np.ndarray, i: int) -> bytes:

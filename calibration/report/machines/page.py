@@ -7,6 +7,7 @@ from typing import Any
 
 from calibration.data.runs_in_time import few_used
 from calibration.diagnosis.result import Diagnosis
+from calibration.report import style
 from calibration.report.fit.words import probability
 from calibration.report.machines import words
 from calibration.report.machines.picture import picture
@@ -20,7 +21,7 @@ MOST = 12  # rows of a table
 
 def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     """Files of the report by name: ``report.html``, ``report.png``."""
-    drawn = picture(found)
+    drawn = style.png(picture(found))
     return {HTML: render("rig_diagnosis.html.j2", context(found, document) | {"picture": inline(drawn)}), PNG: drawn}
 
 

@@ -15,13 +15,14 @@ from model.layout import L_MIN, RPM
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 BINS = 8  # pieces of the speed, each way
 FEWEST = 60  # readings from which on means over pieces of the speed are drawn
 
 
-def picture(found: Diagnosis) -> bytes:
-    """PNG of it."""
+def picture(found: Diagnosis) -> Figure:
+    """The residuals, a row a channel."""
     chosen = found.verdict.chosen
     parts = [("without any effect", found.base)]
     if chosen is not None:
@@ -40,7 +41,7 @@ def picture(found: Diagnosis) -> bytes:
         for axes in grid[-1]:
             axes.set_xlabel(_along(found)[1])
             axes.locator_params(axis="x", nbins=5)
-        return style.png(figure)
+        return figure
 
 
 def _label(found: Diagnosis, channel: str) -> str:

@@ -7,7 +7,7 @@ import importlib
 import math
 import pkgutil
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol, get_args
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from calibration.systems.machines.table import MachineTable
 from calibration.unknowns.priors import Unknown
 from model.effects.laws import Chosen
 from model.rigs.state import Sizes
-from rig.recording import Recording
+from rig.recording import Recording, RecordingError
+from rig.recording.schema import MotorTable, add_motor_table
 
 FOLDS = 6
 Simulate = Callable[[Mapping[str, float], Chosen], tuple[np.ndarray, np.ndarray]]  # readings and their sd [SI]
@@ -40,17 +41,23 @@ class System(Protocol):
         Rows used of each file that was looked at, of `table.rows_used`.
     """
 
-    kind: ClassVar[str]
-    balances: ClassVar[tuple[tuple[str, str, str], ...]]
     readings: list[Readings]
     flats: list[Flat]
     unknowns: list[Unknown]
     sizes: Sizes
-    weight: float | None
     timed: bool
     files: list[dict[str, Any]]
 
     def __init__(self, table: MachineTable) -> None: ...
+
+    @property
+    def kind(self) -> str: ...
+
+    @property
+    def balances(self) -> tuple[tuple[str, str, str], ...]: ...
+
+    @property
+    def weight(self) -> float | None: ...
 
     def could_show(self) -> list[str]:
         """Those of its effects that this recording could show."""
@@ -100,6 +107,29 @@ def systems() -> dict[str, type[System]]:
     modules = (importlib.import_module(f"{room.__name__}.{one.name}") for one in pkgutil.iter_modules(room.__path__))
     found = [module.SYSTEM for module in modules if hasattr(module, "SYSTEM")]
     return {one.kind: one for one in found}
+
+
+def add_system(system: type[System], table: type[MotorTable]) -> None:
+    """Have a further kind of machine diagnosed, until this process ends; one that was added before is replaced.
+
+    Parameters
+    ----------
+    table : type of MotorTable
+        The keys of its ``[motor]`` in recording.toml.
+
+    Raises
+    ------
+    RecordingError
+        When the kind comes with the program, or the two are not of the same kind.
+    """
+    field, name = table.model_fields.get("kind"), getattr(system, "kind", None)
+    known = systems().get(str(name))
+    if name == "radial_piston" or (known and known.__module__.startswith(f"{__package__}.")):
+        raise RecordingError(f"{system.__name__}: the kind '{name}' comes with the program; take another name")
+    if field is None or get_args(field.annotation) != (name,):
+        raise RecordingError(f'{table.__name__}: expected kind: Literal["{name}"], as {system.__name__} has it')
+    add_motor_table(str(name), table)
+    systems()[str(name)] = system
 
 
 def has_system(recording: Recording) -> bool:

@@ -1,9 +1,8 @@
-"""A kind of machine is one file and its motor table: the example of CONTRIBUTING, as it stands there."""
+"""A kind of machine is one file and its motor table: the example of the tutorial, as it stands there."""
 
 from __future__ import annotations
 
 import importlib
-import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,22 +16,21 @@ from calibration.diagnosis import as_json, diagnose
 from calibration.report.machines import page
 from calibration.systems.machines.system import systems
 from rig.recording import Recording, read_recording
+from tests.documented_python import cells_of
 
-TEXT = (Path(__file__).resolve().parents[3] / "CONTRIBUTING.md").read_text(encoding="utf-8")
-SECTION = TEXT.partition("## Add a kind of system")[2].partition("\n## ")[0]
-SYSTEM, TABLE = re.findall(r"```python\n(.*?)```", SECTION, re.DOTALL)
-AS_IN_THE_SCHEMA = "from typing import Literal\n\nfrom rig.recording.schema import Positive, _Friction\n\n\n"
+PAGE = "docs/tutorials/own-machine.md"
+TABLE, SYSTEM = (next(c.code for c in cells_of(PAGE) if f"class {name}" in c.code) for name in ("TankTable", "Tank:"))
 R, T, AMBIENT, VOLUME, AREA = 287.05, 293.15, 101_325.0, 0.05, 4e-6
 
 
 @pytest.fixture
 def one_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The tool with a tank in it."""
-    (tmp_path / "tank.py").write_text(SYSTEM, encoding="utf-8")
+    (tmp_path / "tank.py").write_text(f"{SYSTEM}\n\nSYSTEM = Tank\n", encoding="utf-8")
     monkeypatch.setattr(room, "__path__", [*room.__path__, str(tmp_path)])
-    (tmp_path / "tank_table.py").write_text(AS_IN_THE_SCHEMA + TABLE, encoding="utf-8")
+    (tmp_path / "tank_table.py").write_text(TABLE, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(schema._OTHER_RIGS, "tank", importlib.import_module("tank_table").Tank)
+    monkeypatch.setitem(schema._OTHER_RIGS, "tank", importlib.import_module("tank_table").TankTable)
     systems.cache_clear()
     yield
     systems.cache_clear()

@@ -17,6 +17,7 @@ import pytest
 import tests.rig_recordings as rigs
 from calibration.diagnosis import as_json, diagnose
 from calibration.likelihood.descent import find
+from calibration.report import style
 from calibration.report.machines.page import report
 from calibration.report.machines.picture import picture
 from calibration.report.machines.words import sentence, table
@@ -153,7 +154,7 @@ def test_words_and_table_say_what_the_document_says(dry: dict[str, Any]) -> None
 
 
 def test_the_picture_is_a_png(dry_axis: Recording) -> None:
-    assert picture(diagnose(dry_axis, 1)).startswith(b"\x89PNG")
+    assert style.png(picture(diagnose(dry_axis, 1))).startswith(b"\x89PNG")
 
 
 def test_a_once_per_turn_torque_is_not_asked_for_where_samples_are_turns_apart() -> None:

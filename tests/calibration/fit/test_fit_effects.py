@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import arviz
 import numpy as np
 import pytest
 from scipy.stats import johnsonsu, norm
@@ -83,7 +84,9 @@ def test_the_command_takes_a_list_of_effects_and_writes_the_report(fitted, tmp_p
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert asked == [["coulomb_friction", "leakage"]]
-    assert {place.name for place in tmp_path.iterdir()} == {"posterior.json", "report.html", "report.png"}
+    written = {"posterior.json", "posterior.nc", "report.html", "report.png"}
+    assert {place.name for place in tmp_path.iterdir()} == written
+    assert "coulomb_friction.torque_nm" in arviz.from_netcdf(tmp_path / "posterior.nc").posterior
     page = (tmp_path / "report.html").read_text()
     assert "The model holds, beyond the article" in page
     assert "coulomb_friction.torque_nm" in page

@@ -1,0 +1,83 @@
+"""A fit's draws as xarray and ArviZ take them, and as a netCDF file."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.fit.fit import Fit
+from calibration.fit.whole import WholeFit
+from calibration.unknowns.priors import Unknown, draw, values_of
+from spinbench.extras import need
+
+if TYPE_CHECKING:
+    import xarray
+    from arviz import InferenceData
+
+PRIOR_DRAWS = 2000
+
+
+def draws(found: Fit | WholeFit) -> xarray.Dataset:
+    """The chain: ``chain`` is an ensemble, and along ``draw`` its walkers follow each other.
+
+    So R-hat is between what is independent, and neighbours are correlated as the walkers' own steps are.
+    """
+    samples = found.posterior.chain.samples
+    ensembles, steps, walkers, count = samples.shape
+    by_walker = samples.transpose(0, 2, 1, 3).reshape(ensembles, walkers * steps, count)
+    return _dataset(found, [one.unknown for one in found.posterior.estimates[:count]], by_walker)
+
+
+def inference_data(found: Fit | WholeFit) -> InferenceData:
+    """Posterior and prior. What is a recording's own and was integrated out is not in the chain, and so not here."""
+    need("arviz")
+    with warnings.catch_warnings():  # of what a later version will have changed
+        warnings.simplefilter("ignore", FutureWarning)
+        import arviz
+
+    posterior = draws(found)
+    unknowns = [one.unknown for one in found.posterior.estimates[: len(posterior.data_vars)]]
+    prior = draw(unknowns, np.random.default_rng(found.settings.seed), PRIOR_DRAWS)
+    return arviz.InferenceData(posterior=posterior, prior=_dataset(found, unknowns, prior[None]))
+
+
+def write_netcdf(found: Fit | WholeFit, path: Path) -> Path:
+    """Write both groups to a file; what stands there is replaced, once the new one is whole."""
+    data = inference_data(found)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        data.to_netcdf(str(part), engine="h5netcdf")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _dataset(found: Fit | WholeFit, unknowns: Sequence[Unknown], z: np.ndarray) -> xarray.Dataset:
+    """Standard normal numbers, shape (n_chains, n_draws, n_unknowns), as values with their units."""
+    need("xarray")
+    import xarray
+
+    values = values_of(unknowns, z.reshape(-1, len(unknowns))).reshape(z.shape)
+    quality = found.quality
+    attrs = {
+        "inference_library": "spinbench, emcee",
+        "recordings": "; ".join(str(one.folder) for one in found.recordings),
+        "sha256": "; ".join(one.sha256 for one in found.recordings),
+        "motor": found.motor.name,
+        "seed": found.settings.seed,
+    }
+    if quality is not None:
+        attrs |= {"fit_quality_p_value": quality.p_value, "model_fits": str(quality.model_fits).lower()}
+    variables = {
+        one.name.replace("/", "_"): (("chain", "draw"), values[..., i], {"units": one.unit, "prior": one.why})
+        for i, one in enumerate(unknowns)
+    }
+    coordinates = {"chain": np.arange(z.shape[0]), "draw": np.arange(z.shape[1])}
+    return xarray.Dataset(variables, coordinates, attrs)

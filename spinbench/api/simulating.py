@@ -1,0 +1,95 @@
+"""The model alone: operating points and runs in time as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+
+    from model.motor import Motor
+
+Values = Mapping[str, float | str | bool]
+
+
+def motor_of(motor: str | Path | Motor, assignments: Iterable[str] = ()) -> Motor:
+    """A motor by its name in configs/motors or by its file, with what ``NAME=VALUE`` changes.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such motor, or a value is none of its own.
+    """
+    from model.motor import read_motor, set_values
+
+    if isinstance(motor, str | Path):
+        text = str(motor)
+        is_file = isinstance(motor, Path) or text.endswith(".toml") or "/" in text or "\\" in text
+        motor = read_motor(Path(text) if is_file else text)
+    return set_values(motor, list(assignments))
+
+
+def assignments_of(values: Values | None) -> list[str]:
+    """Changed values of a motor as the command line takes them, ``NAME=VALUE``."""
+    return [f"{name}={str(one).lower() if isinstance(one, bool) else one}" for name, one in (values or {}).items()]
+
+
+def simulate(
+    pressure_bar_abs: float | Sequence[float] | np.ndarray | pd.Series,
+    motor: str | Path | Motor = "ptm3600",
+    *,
+    values: Values | None = None,
+    transient: Literal["spin-up", "coast-down"] | None = None,
+    duration_s: float = 0.6,
+) -> pd.DataFrame:
+    """What a motor does without load: a row for each pressure, or for each moment of a run in time.
+
+    Parameters
+    ----------
+    pressure_bar_abs : float or array of float
+        Absolute inlet pressure [bar]; one for a run in time.
+    motor : str, Path or Motor
+        A name in configs/motors, a file, or one that was read.
+    values : mapping, optional
+        Parameters and readings that are changed, such as ``{"f_overall": 0.0633}``.
+    duration_s : float
+        Length of a run in time [s].
+
+    Returns
+    -------
+    DataFrame
+        Columns with units: see `model.operation.performance.OperatingPoint`; of a run in time ``time_s``,
+        ``speed_rpm`` and ``angle_rad``.
+
+    Raises
+    ------
+    ConfigError
+        For a motor or a value that there is not.
+    OperatingPointError
+        For a pressure that the model does not reach.
+    """
+    import numpy as np
+    import pandas as pd
+
+    from configs.units import BAR, RPM
+    from model.operation.performance import OperatingPointError, operating_points
+    from model.operation.runs import coast_down, spin_up
+    from spinbench.api import frames
+
+    chosen = motor_of(motor, assignments_of(values))
+    pressures = [float(bar) * BAR for bar in np.ravel(pressure_bar_abs)]
+    if not pressures:
+        raise OperatingPointError("no pressure is given; name one or more, absolute, in bar")
+    if transient is None:
+        points = operating_points(chosen, pressures)
+        return frames.with_units(pd.DataFrame([vars(one) for one in points]), motor=chosen.name)
+    if transient not in ("spin-up", "coast-down"):
+        raise OperatingPointError(f"transient '{transient}': expected 'spin-up' or 'coast-down'")
+    if len(pressures) != 1 or not duration_s > 0.0:
+        raise OperatingPointError("a run in time has one pressure and a duration above 0")
+    run = (spin_up if transient == "spin-up" else coast_down)(chosen, pressures[0], duration_s)
+    columns = {"time_s": run.time_s, "speed_rpm": run.speed_rad_s * RPM, "angle_rad": run.angle_rad}
+    return frames.with_units(pd.DataFrame(columns), motor=chosen.name, transient=transient)
