@@ -22,6 +22,7 @@ from rig.bench.bench import FOLDER
 
 PROGRAM = [sys.executable, "-m", "spinbench"]
 ENOUGH_S = 180.0
+PATIENT_MS = 1000.0 * ENOUGH_S
 RATE = 4.0  # of the bench's clock: no faster, for other work keeps the machine busy
 
 
@@ -164,3 +165,25 @@ def events_of(folder: Path) -> list[dict[str, Any]]:
     path = folder / "events.jsonl"
     lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.exists() else []
     return [json.loads(line) for line in lines]
+
+
+def has(page: Any, selector: str, text: str) -> None:
+    """Wait until an element says something."""
+    page.wait_for_function(
+        "([selector, text]) => document.querySelector(selector).textContent.includes(text)", arg=[selector, text]
+    )
+
+
+def start_from(page: Any) -> None:
+    """Take control and start a sweep, with the keyboard alone."""
+    page.keyboard.press("t")
+    has(page, "#control-told", "This window controls")
+    page.wait_for_function("() => !document.querySelector('#start').disabled")
+    page.focus("#start")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#start-dialog", state="visible")
+    assert "bar abs" in page.inner_text("#planned")  # what is planned is shown before it starts
+    page.keyboard.type("Novák")
+    page.wait_for_function("() => !document.querySelector('#start-now').disabled")
+    page.focus("#start-now")
+    page.keyboard.press("Enter")

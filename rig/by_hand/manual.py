@@ -28,6 +28,7 @@ from rig.sweep.hooks import Hooks
 from rig.sweep.orders import ABORTED, FINISHED, INTERLOCK, OPERATOR
 from rig.sweep.runner import Outcome, PlateauSink
 
+CLOSED = "Is it closed, and the line vented?"
 MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
 
 
@@ -264,7 +265,7 @@ class ManualSweep:
         more = "; undo: the last plateau again" if may_undo else ""
         while True:
             try:
-                answer = self.person.ask(f"  Is it closed, and the line vented? (Enter for yes{more}) ")
+                answer = self.person.ask(f"  {CLOSED} (Enter for yes{more}) ")
             except (EndedError, StoppedError):
                 self._event("unvented", text="nobody has said that the valve is closed")
                 return False

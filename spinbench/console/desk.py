@@ -13,9 +13,13 @@ from rig.runlog import RunError
 from rig.runlog.folder import END, START, is_locked
 from rig.runlog.reader import BEING_WRITTEN, read_end, read_start, state_of
 from rig.runlog.tail import Tail
+from rig.sweep.capture import level_of
 from spinbench.console import stopping
 from spinbench.console.access import Kept, RefusedError, reports_of
 from spinbench.console.facts import facts
+from spinbench.console.planned import kinds_of
+from spinbench.console.queue import Queue
+from spinbench.console.recommended import recommended
 from spinbench.console.stopping import Stopping
 from spinbench.console.sweeps import RANGES, Sweeps
 from spinbench.console.words import is_imported
@@ -77,6 +81,7 @@ class Desk:
         self.bench, self.logs = bench, logs
         self.kept = Kept(logs)
         self.sweeps = Sweeps(path, bench, logs, options)
+        self.queue = Queue(bench, self.sweeps, self.kept.queue, self.kept.keep_queue)
         self.showing: Showing | None = None
         self.unreadable = ""
         self.windows: dict[str, int] = {}
@@ -99,6 +104,7 @@ class Desk:
             if self.showing is not None:
                 self.showing.follow()
             self._follow_stops()
+            self.queue.follow()
             self.unreadable = ""
         except (RunError, OSError) as error:
             self.unreadable = str(error)
@@ -130,13 +136,14 @@ class Desk:
     def stop(self, by: str) -> dict[str, Any]:
         """STOP, for every run that is being written here."""
         by = by[:NAME] or "a window"
+        self.queue.hold(f"STOP was pressed by {by}.")
         runs = stopping.being_written(self.logs)
         self._followers.clear()
         self._stops = [Stopping.of(run, by) for run in runs]
         if runs:
             self._told = None
         elif self.sweeps.starting and not self.sweeps.stop():
-            text = "The sweep that was being started is told to end; the regulator has not been raised."
+            text = "The run that was being started is told to end; the regulator has not been raised."
             self._told = {"word": "DELIVERED", "text": text, "run": "", "by": by}
         else:
             self._told = stopping.nothing_to_stop(self.logs) | {"by": by}
@@ -180,17 +187,22 @@ class Desk:
                 "name": self.bench.name,
                 "title": self.bench.file.title,
                 "by_hand": self.bench.file.roles.regulator is None,
+                "kinds": kinds_of(self.bench),
                 "levels": sweep.levels_bar_abs,
                 "order": sweep.order,
                 "repeats": sweep.repeats,
                 "ranges": RANGES,
                 "captures": list(sweep.captures),
+                "capture_level": level_of(self.bench),
+                "added_inertia": self.bench.file.added_inertia_kg_m2,
                 "highest_speed_rpm": self.bench.file.safety.highest_speed_rpm,
                 "highest_pressure_bar_abs": self.bench.file.safety.highest_pressure_bar_abs,
             },
             "logs": str(self.logs),
             "windows": len(self.windows),
             "controller": None if controller is None else controller["name"],
+            "queue": self.queue.told(),
+            "entries": None if self.sweeps.entries is None else self.sweeps.entries.told(),
             "controls": controller is not None and controller["window"] == window,
             "controller_is_there": controller is not None and controller["window"] in self.windows,
             "stop": self.stop_told(),
@@ -205,7 +217,8 @@ class Desk:
 
     def runs(self) -> list[dict[str, Any]]:
         """The runs in the logs folder, newest first, with their reports."""
-        return [_row(folder) for folder in self._folders()[:SHOWN_RUNS]]
+        folders = self._folders()[:SHOWN_RUNS]
+        return [_row(folder) | {"tests": recommended(self.logs, folder.name, self.bench)} for folder in folders]
 
 
 def _row(folder: Path) -> dict[str, Any]:
