@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.bench import FOLDER
+from rig.runlog import Run, read_run
 
 PROGRAM = [sys.executable, "-m", "spinbench"]
 ENOUGH_S = 180.0
@@ -187,3 +188,11 @@ def start_from(page: Any) -> None:
     page.wait_for_function("() => !document.querySelector('#start-now').disabled")
     page.focus("#start-now")
     page.keyboard.press("Enter")
+
+
+def ends(logs: Path) -> Run:
+    """The one run of a logs folder, once it is sealed."""
+    folder = only_run(logs)
+    assert folder is not None
+    wait_for(lambda: (folder / "end.json").exists(), "the run sealed")
+    return read_run(folder)

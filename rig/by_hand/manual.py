@@ -22,7 +22,7 @@ from rig.plateaus.plan import UP, Step, stepping_stone
 from rig.plateaus.plateau import Mean, Plateau, mean_of
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
-from rig.runlog.schema import ZERO, ZERO_TAKEN_BACK
+from rig.runlog.schema import ADDED, ZERO, ZERO_TAKEN_BACK
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.orders import ABORTED, FINISHED, INTERLOCK, OPERATOR
@@ -104,7 +104,8 @@ class ManualSweep:
             self.person.say(f"  measuring {stone:g} bar abs first: {verdict.text}")
             self.steps.appendleft(step)
             step = Step(stone, UP, 1)
-        self._event("state", state="level", level_bar_abs=step.level_bar_abs, direction=step.direction)
+        added = {} if step in self.course.steps else {ADDED: True}
+        self._event("state", state="level", level_bar_abs=step.level_bar_abs, direction=step.direction, **added)
         try:
             self._take(step)
         except JumpedError as jump:

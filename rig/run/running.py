@@ -293,7 +293,8 @@ class _Run:
                 [round(level, 4), round(one.lower99_rpm, 1), round(one.mean_rpm, 1), round(one.upper99_rpm, 1)]
                 for level, one in zip(levels, band, strict=True)
             ]
-            self._note(EXPECTED, plateaus=len(points), f_overall={"mean": mean, "sd": sd}, band=speeds)
+            turning = sum(point.speed_rad_s > 0.0 for point in points)
+            self._note(EXPECTED, plateaus=turning, f_overall={"mean": mean, "sd": sd}, band=speeds)
 
         return note
 

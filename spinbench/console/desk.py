@@ -236,10 +236,9 @@ def _row(folder: Path) -> dict[str, Any]:
             "imported": False,
         }
     outcome = state_of(end, locked)
-    by = f" by the {end.stopped_by}" if end is not None and end.stopped_by else ""
     plateaus = "" if end is None else end.counts.get("plateaus", "")
     return row | {
-        "outcome": outcome + by,
+        "outcome": outcome,
         "kind": start.kind,
         "bench": start.bench,
         "plateaus": plateaus,

@@ -50,12 +50,13 @@ class Entries:
         os.close(handle)
         size, asks, lines = self._heard()
         kind = self._kind(lines[-1])
+        said, question = self._shown(lines, kind)
         named = {READINGS: list(self.channels), PRESSURE: [self._pressure]}.get(kind, [])
         return {
             "asks": asks,
             "kind": kind,
-            "said": lines[:-1],
-            "question": lines[-1].strip(),
+            "said": said,
+            "question": question,
             "answered": size == self._answered,
             "fields": [self._field(name) for name in named],
             "commands": COMMANDS if self.channels else {},
@@ -90,6 +91,15 @@ class Entries:
             finally:
                 os.close(handle)
 
+    def _shown(self, lines: list[str], kind: str) -> tuple[list[str], str]:
+        """What was said, and what is asked: the fields are named beside them, and are not told again."""
+        prompt = example(self.channels) if self.channels else "\n"
+        said = [line.replace(f"{prompt}:", "") for line in lines]
+        said = [line.strip() for line in said if line.strip() and not line.strip().startswith(WAIT)]
+        if kind == READINGS and lines[-1].strip().startswith(WAIT):
+            return said, lines[-1].strip()
+        return said[:-1][-SHOWN_LINES:], said[-1] if said else ""
+
     def _line(self, fields: Mapping[str, Any], kind: str) -> str:
         """What is typed for fields, checked as the run checks it."""
         typed = {name: str(fields.get(name, "")).strip() or NOT_READ for name in self.channels}
@@ -109,7 +119,13 @@ class Entries:
         channel = self.channels[name]
         quantity = name.partition("_")[0]
         of = {"abs": " abs", "gauge": " gauge"}.get(name.rpartition("_")[2], "")
-        return {"name": name, "label": quantity, "unit": channel.unit + of, "low": channel.lowest, "high": channel.highest}
+        return {
+            "name": name,
+            "label": quantity,
+            "unit": channel.unit + of,
+            "low": channel.lowest,
+            "high": channel.highest,
+        }
 
     def _kind(self, question: str) -> str:
         if self.channels and (example(self.channels) in question or question.strip().startswith(WAIT)):
@@ -127,7 +143,7 @@ class Entries:
                 said = stream.read(MOST_SAID)
         except OSError:
             return 0, 0, [""]
-        lines = said.rstrip(b"\n").decode("utf-8", "replace").split("\n")[-SHOWN_LINES - 1 :]
+        lines = said.rstrip(b"\n").decode("utf-8", "replace").split("\n")[-3 * SHOWN_LINES :]
         begins = size - len(said) + said.rstrip(b"\n").rfind(b"\n") + 1
         return size, begins, lines
 

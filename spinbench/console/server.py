@@ -36,7 +36,8 @@ ADDRESS, PORT, USUAL_PORTS = "127.0.0.1", 8642, 10
 TICK_S = 0.2
 MOST_STREAMS = 32
 MOST_BODY_BYTES = 20_000
-STATIC = dict.fromkeys(("console.js", "charts.js", "starts.js", "entries.js"), "text/javascript") | {"console.css": "text/css"}
+SCRIPTS = ("console.js", "charts.js", "starts.js", "entries.js")
+STATIC = dict.fromkeys(SCRIPTS, "text/javascript") | {"console.css": "text/css"}
 Change = Callable[[Desk, dict[str, Any]], Any]
 
 

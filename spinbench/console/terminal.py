@@ -98,8 +98,10 @@ def _course(course: dict[str, Any], word: str) -> Text:
     for step in course["steps"]:
         way = {"up": "↑", "down": "↓"}.get(step["direction"], "")
         running = step["status"] == "running"
+        added = " added" if step["added"] else ""
         text.append(
-            f"{STEP_MARKS[step['status']]} {step['level']:.2f}{way}", style="reverse" if running else "not bold"
+            f"{STEP_MARKS[step['status']]} {step['level']:.2f}{way}{added}",
+            style="reverse" if running else "not bold",
         )
         text.append("  ", style="not bold")
     done = sum(step["status"] == "done" for step in course["steps"])

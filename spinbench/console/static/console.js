@@ -131,7 +131,7 @@ function drawHead(run) {
   const state = held.state, name = run ? run.name : "no run yet";
   const live = run && run.live && !run.replay;
   put($("word"), state ? state.word : held.console.starting ? "starting" : "idle");
-  $("badge").className = `badge ${["failed", "tripped", "killed", "aborted"].includes(state && state.word) ? "alert" : live ? "live" : ""}`;
+  $("badge").className = `badge ${["failed", "tripped", "killed"].includes(state && state.word) ? "alert" : live ? "live" : ""}`;
   const about = run && run.replay ? `REPLAY ×${run.replay} of ` : run && !run.live ? "PAST RUN " : "";
   put($("run-name"), `${about}${name}${run && run.simulated ? " (virtual bench)" : ""}`);
   document.title = `${state ? state.word : "idle"} · spinbench`;
@@ -215,14 +215,14 @@ function drawPictureAndCheck() {
   $("picture").setAttribute("aria-label", `speed over pressure: ${picture.points.length} plateaus; ${check.text}`);
   put($("picture-key"), `○ rising leg, □ falling leg, struck through: not settled. Band: what the guard holds for possible, 1 to 99 %.${besideName ? ` ◇ ${besideName}, laid beside.` : ""}`);
   const f = picture.f_overall;
-  put($("friction"), f ? `f_overall so far: ${f.mean.toFixed(4)} ± ${f.sd.toFixed(4)} N m s, as the guard has it after ${picture.plateaus} plateaus. spinbench fit says it better once the run has ended.` : "");
+  put($("friction"), f ? `f_overall so far: ${f.mean.toFixed(4)} ± ${f.sd.toFixed(4)} N m s, as the guard has it after ${picture.plateaus} plateau${picture.plateaus === 1 ? "" : "s"} with the rotor turning. spinbench fit says it better once the run has ended.` : "");
 }
 
 function drawSteps() {
   const { steps, captures, still_s } = held.steps, marks = { done: "✓ ", running: "▶ ", "left out": "✕ ", "to come": "" };
   const arrows = { up: "↑", down: "↓" };
   fill($("steps"), [
-    ...steps.map(s => { const li = make("li", `${marks[s.status]}${s.level.toFixed(2)} bar ${arrows[s.direction] || ""}`, s.status.replace(" ", "-")); if (s.status === "running") li.setAttribute("aria-current", "step"); li.title = s.status; return li; }),
+    ...steps.map(s => { const li = make("li", `${marks[s.status]}${s.level.toFixed(2)} bar ${arrows[s.direction] || ""}${s.added ? " added" : ""}`, s.status.replace(" ", "-")); if (s.status === "running") li.setAttribute("aria-current", "step"); li.title = s.status; return li; }),
     ...captures.map(c => make("li", `${marks[c.status]}${c.kind} at ${c.level.toFixed(2)} bar`, c.status))]);
   const done = steps.filter(s => s.status === "done").length;
   put($("course-left"), steps.length ? `${done} of ${steps.length} plateaus${still_s === null ? "" : `, about ${still_s < 90 ? `${still_s} s` : `${Math.round(still_s / 60)} min`} still`}` : "");

@@ -47,7 +47,7 @@ function openDialog(title, queue) {
   for (const control of $("what").querySelectorAll("input, select")) control.disabled = queue;
   for (const [name, [low, high]] of Object.entries(b.ranges)) Object.assign(field("entries", name), { type: "number", step: "any", min: low, max: high, placeholder: `${low} to ${high}` });
   put($("start-warning"), `An empty entry is left to the bench file${b.by_hand ? ", or asked for. You set the valve, and enter what the dials show:" : ". The regulator will be raised:"} is the guard in place, and the relief valve set?`);
-  put($("start-now"), b.by_hand ? "Start: it will be asked for" : "Start: the line will be under pressure");
+  put($("start-now"), b.by_hand ? "Start: each reading will be asked for" : "Start: the line will be under pressure");
   $("report-dialog").close();
   $("start-dialog").show();
   field("entries", "operator").focus();

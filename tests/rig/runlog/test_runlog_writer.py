@@ -165,7 +165,7 @@ def test_a_closed_run_takes_nothing_more(tmp_path):
         with pytest.raises(RunError, match="closed already"):
             writer.end("finished")
     run = read_run(writer.folder)
-    assert (run.state, run.end.reason) == ("aborted", "stopped by the operator")
+    assert (run.state, run.end.reason) == ("stopped", "stopped by the operator")
 
 
 def test_a_run_that_is_being_written_is_shown_as_that_and_readable(tmp_path):

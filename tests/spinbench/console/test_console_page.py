@@ -8,13 +8,14 @@ import time
 
 import pytest
 
-from rig.runlog import RunWriter, read_run
+from rig.runlog import RunWriter
 from rig.runlog.folder import writer_of
 from tests.console_lab import (
     ENOUGH_S,
     PATIENT_MS,
     PROGRAM,
     Link,
+    ends,
     events_of,
     has,
     only_run,
@@ -25,12 +26,6 @@ from tests.console_lab import (
 from tests.synthetic_runs import PRESSURE, poll, start_of, write_sweep
 
 pytestmark = pytest.mark.long
-
-
-def ends(logs):
-    folder = only_run(logs)
-    wait_for(lambda: (folder / "end.json").exists(), "the run sealed")
-    return read_run(folder)
 
 
 def wall_s(run, event):

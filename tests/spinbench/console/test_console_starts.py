@@ -196,6 +196,7 @@ def test_the_queue_is_edited_and_kept_and_never_goes_on_by_itself_after_a_restar
         again.queue.start({}, [7])
 
 
+@pytest.mark.slow
 def test_over_http_the_one_in_control_alone_starts_and_plans_and_refusals_say_why(tmp_path):
     logs = tmp_path / "logs"
     put_diagnosis(logs, write_sweep(logs))
@@ -247,8 +248,7 @@ def test_the_recommended_test_is_started_from_its_report_and_stopped_like_a_swee
     page.keyboard.press("s")
     has(page, "#stop-told", "STOP DELIVERED")
     has(page, "#word", "stopped")
-    folder = next(one for one in logs.glob("*_plateaus"))
-    run = read_run(folder)
+    run = read_run(next(logs.glob("*_plateaus")))
     assert (run.start.parent, run.end.stopped_by, run.end.vented) == (parent.name, "operator", True)
 
 
