@@ -8,6 +8,7 @@ import importlib.util
 EXTRAS = {
     "cryptography": ("seal", "a seal"),
     "distributed": ("cluster", "a Dask scheduler"),
+    "paho": ("mqtt", "live data over MQTT"),
     "pyarrow": ("formats", "a table as Parquet"),
 }
 

@@ -57,8 +57,8 @@ def short_bench(folder: Path, levels: str = "[1.25, 1.35]", dwell_s: float = 3.0
 class Console:
     """The command as a process. `address`: of the page, with the token."""
 
-    def __init__(self, bench: Path, logs: Path, port: int = 0) -> None:
-        command = [*PROGRAM, "console", str(bench), "--logs", str(logs), "--port", str(port)]
+    def __init__(self, bench: Path, logs: Path, port: int = 0, *more: str) -> None:
+        command = [*PROGRAM, "console", str(bench), "--logs", str(logs), "--port", str(port), *more]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
         assert self._process.stdout is not None
         said = self._process.stdout.readline()

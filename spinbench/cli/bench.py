@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -90,6 +91,9 @@ def console(
         ),
     ] = None,
     rate: RateOption = None,
+    mqtt: Annotated[
+        str, typer.Option(metavar="HOST[:PORT]", help="Publish the newest readings and the state there, read only.")
+    ] = "",
 ) -> None:
     """Watch the bench in the browser, and start and stop sweeps there; Ctrl-C ends the console and no sweep."""
     from rig.bench.bench import bench_path, read_bench
@@ -97,11 +101,18 @@ def console(
 
     place = Path(bench_path(bench))
     desk = Desk(place, read_bench(place), logs, () if rate is None else (f"--rate={rate:g}",))
-    if terminal:
-        from spinbench.console.terminal import watch
+    with contextlib.ExitStack() as ends:
+        if mqtt:
+            from spinbench.console.mqtt import Mqtt
 
-        watch(desk)
-        return
-    from spinbench.console.server import serve
+            desk.mqtt = Mqtt(mqtt, desk.bench.name)
+            ends.callback(desk.mqtt.close)
+        if terminal:
+            from spinbench.console.terminal import watch
 
-    serve(desk, port, lambda address: print(f"open {address}\nCtrl-C ends the console; a sweep goes on", flush=True))
+            watch(desk)
+            return
+        from spinbench.console.server import serve
+
+        told = "Ctrl-C ends the console; a run goes on"
+        serve(desk, port, lambda address: print(f"open {address}\n{told}", flush=True))

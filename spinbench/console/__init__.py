@@ -13,5 +13,6 @@ queue        runs that are planned one after the other
 access       who may ask for what: hosts, origins, tokens, files
 desk         what all windows share: the run, who controls, what was acknowledged
 server       the page and its events
+mqtt         the same facts for others, read only
 terminal     the same facts in the terminal
 """

@@ -41,6 +41,10 @@ REPORT_POLICY = (
 )
 
 
+class ConsoleError(Exception):
+    """The console cannot be served, or shown, or heard. The text says why and what to do."""
+
+
 class RefusedError(Exception):
     """A request that is refused: its HTTP status, and why in words."""
 

@@ -16,7 +16,8 @@ from rig.runlog.tail import Tail
 from rig.sweep.capture import level_of
 from spinbench.console import stopping
 from spinbench.console.access import Kept, RefusedError, reports_of
-from spinbench.console.facts import facts
+from spinbench.console.facts import facts, readings
+from spinbench.console.mqtt import Mqtt
 from spinbench.console.planned import kinds_of
 from spinbench.console.queue import Queue
 from spinbench.console.recommended import recommended
@@ -67,6 +68,11 @@ class Showing:
             figure |= {"mark": "past", "quality": f"replayed: {figure['quality']}"}
         return found
 
+    def readings(self) -> dict[str, dict[str, Any]]:
+        """The newest reading of each role, as numbers."""
+        with self._lock:
+            return readings(self.tail)
+
     def answered(self, one: Stopping) -> None:
         """See whether the run's log answers a STOP."""
         with self._lock:
@@ -83,6 +89,7 @@ class Desk:
         self.sweeps = Sweeps(path, bench, logs, options)
         self.queue = Queue(bench, self.sweeps, self.kept.queue, self.kept.keep_queue)
         self.showing: Showing | None = None
+        self.mqtt: Mqtt | None = None
         self.unreadable = ""
         self.windows: dict[str, int] = {}
         self.controller: dict[str, str] | None = None
@@ -105,11 +112,18 @@ class Desk:
                 self.showing.follow()
             self._follow_stops()
             self.queue.follow()
+            if self.mqtt is not None:
+                self.mqtt.publish(self._live)
             self.unreadable = ""
         except (RunError, OSError) as error:
             self.unreadable = str(error)
         except Exception as error:  # whatever it is: the windows are told, and STOP goes on
             self.unreadable = f"the run cannot be followed: {type(error).__name__}: {error}"
+
+    def _live(self) -> dict[str, Any] | None:
+        """What is published of the run."""
+        showing = self.showing
+        return None if showing is None else self.facts(showing, 1.0) | {"readings": showing.readings()}
 
     def _latest(self) -> Path | None:
         """The run that is being written, or the newest one of a bench: an import says nothing of the bench here."""

@@ -187,6 +187,20 @@ def _figure(tail: Tail, role: str, now_s: float, silent_s: float) -> dict[str, A
     return {"role": role, "text": text, "unit": _unit(role, shown), "mark": mark, "quality": words}
 
 
+def readings(tail: Tail) -> dict[str, dict[str, Any]]:
+    """The newest reading of each role: value, unit, censoring, quality and time on the bench's clock [s]."""
+    return {
+        role: {
+            "value": shown.value,
+            "unit": _unit(role, shown),
+            "censored": shown.censored,
+            "quality": str(shown.quality),
+            "time_s": round(shown.time_s, 3),
+        }
+        for role, shown in tail.newest.items()
+    }
+
+
 def _unit(role: str, shown: Shown) -> str:
     if role == "pressure":
         return "bar gauge" if shown.channel.endswith("_gauge") else "bar abs"

@@ -24,6 +24,7 @@ from spinbench.console.access import (
     PAGE_POLICY,
     REPORT_POLICY,
     TOKEN_HEADER,
+    ConsoleError,
     RefusedError,
     file_within,
     refuse_strangers,
@@ -39,10 +40,6 @@ MOST_BODY_BYTES = 20_000
 SCRIPTS = ("console.js", "charts.js", "starts.js", "entries.js")
 STATIC = dict.fromkeys(SCRIPTS, "text/javascript") | {"console.css": "text/css"}
 Change = Callable[[Desk, dict[str, Any]], Any]
-
-
-class ConsoleError(Exception):
-    """The console cannot be served. The text says why and what to do."""
 
 
 class _Guarded:

@@ -17,6 +17,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from spinbench.console.access import ConsoleError
 from spinbench.console.desk import Desk
 
 TICK_S = 0.25
@@ -33,8 +34,6 @@ def watch(desk: Desk) -> None:
     Raises ConsoleError where keys cannot be typed, or nothing can be shown.
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        from spinbench.console.server import ConsoleError
-
         raise ConsoleError("--terminal needs a terminal for keys and for what is shown; without one leave it out")
     screen = Console()
     with _keys() as key, Live(console=screen, screen=True, auto_refresh=False) as live:

@@ -11,7 +11,7 @@ import pytest
 from tests.rig.runlog.test_runlog_import import COLUMNS, HEAD
 from tests.synthetic_runs import write_sweep
 
-EXTRAS = ("asammdf", "cryptography", "distributed", "dask", "h5py", "nptdms", "pyarrow")
+EXTRAS = ("asammdf", "cryptography", "distributed", "dask", "h5py", "nptdms", "paho", "pyarrow")
 WITHOUT = """
 import sys
 class Absent:
