@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 import time
@@ -23,7 +24,7 @@ from spinbench.console.queue import Queue
 from spinbench.console.recommended import recommended
 from spinbench.console.stopping import Stopping
 from spinbench.console.sweeps import RANGES, Sweeps
-from spinbench.console.words import is_imported
+from spinbench.console.words import CLOSE_SUPPLY, is_imported
 
 LOOK_FOR_RUNS_S = 0.5
 SHOWN_RUNS = 200
@@ -157,8 +158,10 @@ class Desk:
         if runs:
             self._told = None
         elif self.sweeps.starting and not self.sweeps.stop():
-            text = "The run that was being started is told to end; the regulator has not been raised."
-            self._told = {"word": "DELIVERED", "text": text, "run": "", "by": by}
+            by_hand = self.bench.file.roles.regulator is None
+            valve = f"A person has the valve. {CLOSE_SUPPLY}" if by_hand else "The regulator has not been raised."
+            text = f"The run that was being started is told to end. {valve}"
+            self._told = {"word": "NOT DELIVERED" if by_hand else "DELIVERED", "text": text, "run": "", "by": by}
         else:
             self._told = stopping.nothing_to_stop(self.logs) | {"by": by}
         return self.stop_told() or {}
@@ -216,7 +219,7 @@ class Desk:
             "windows": len(self.windows),
             "controller": None if controller is None else controller["name"],
             "queue": self.queue.told(),
-            "entries": None if self.sweeps.entries is None else self.sweeps.entries.told(),
+            "entries": self._asked(),
             "controls": controller is not None and controller["window"] == window,
             "controller_is_there": controller is not None and controller["window"] in self.windows,
             "stop": self.stop_told(),
@@ -228,6 +231,16 @@ class Desk:
             "latest": self.showing.tail.folder.name if self.showing is not None else None,
             "latest_state": self.showing.tail.state if self.showing is not None else "",
         }
+
+    def _asked(self) -> dict[str, Any] | None:
+        """What a run by hand asks now; None where none does, and where it was sealed after the last answer."""
+        entries, showing = self.sweeps.entries, self.showing
+        told = None if entries is None else entries.told()
+        if told is not None and showing is not None and showing.tail.end is not None and entries is not None:
+            with contextlib.suppress(OSError):
+                sealed_s = (showing.tail.folder / END).stat().st_mtime
+                return None if sealed_s > entries.pipe.stat().st_mtime else told
+        return told
 
     def runs(self) -> list[dict[str, Any]]:
         """The runs in the logs folder, newest first, with their reports."""

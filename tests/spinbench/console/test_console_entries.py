@@ -4,6 +4,7 @@ import json
 import os
 import re
 import select
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -12,10 +13,12 @@ from rig.bench.bench import FOLDER, read_bench
 from rig.by_hand.manual import CLOSED
 from rig.by_hand.prompter import PRESSURE_NOW
 from rig.instruments.manual import example
-from rig.runlog import read_run
+from rig.runlog import RunWriter, read_run
 from spinbench.console.access import RefusedError
+from spinbench.console.desk import Desk
 from spinbench.console.entries import SAID, Entries, typed_into
 from tests.console_lab import consoles, ends, has, only_run, short_bench, wait_for
+from tests.synthetic_runs import start_of
 
 READINGS = {"pressure_bar_abs": "1.24", "flow_l_min": "<10", "speed_rpm": "78"}
 
@@ -97,6 +100,24 @@ def test_an_answer_to_another_question_is_refused_and_lines_are_single(run):
     with pytest.raises(RefusedError, match="one line"):
         run.entries.enter({"asks": run.entries.told()["asks"], "text": "y\nstop"})
     assert run.reads() is None
+
+
+def test_nothing_is_asked_once_the_run_is_sealed_but_the_next_one_asks_before_its_run_is_there(tmp_path):
+    path, logs = hand_bench(tmp_path), tmp_path / "logs"
+    desk = Desk(path, read_bench(path), logs)
+    entries = desk.sweeps.entries
+    for _ in range(2):
+        with typed_into(entries):
+            (logs / SAID).write_text("Relative humidity [%]: ")
+            assert desk.console("w")["entries"]["question"] == "Relative humidity [%]:"
+            entries.enter({"asks": 0, "text": "50"})
+            time.sleep(0.05)  # the file system's clock may be no finer
+            with RunWriter.create(logs, start_of("manual")) as writer:
+                writer.end("finished", vented=True)
+            wait_for(lambda: desk.follow() or desk.showing.tail.folder == writer.folder, "the run")
+            wait_for(lambda: desk.follow() or desk.showing.tail.end, "its end")
+            assert desk.console("w")["entries"] is None
+        time.sleep(0.05)
 
 
 def test_a_countdown_still_takes_the_readings(run):
