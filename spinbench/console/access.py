@@ -87,7 +87,7 @@ class Kept:
         self.acknowledged: dict[str, list[int]] = seen if isinstance(seen, dict) else {}
         queue = held.get("queue")
         self.queue: list[Any] = queue if isinstance(queue, list) else []
-        self._write()
+        self._write(token=self.token)
 
     @property
     def stop_token(self) -> str:
@@ -97,12 +97,12 @@ class Kept:
     def acknowledge(self, run: str, alarm: int) -> None:
         """A person has seen an alarm."""
         self.acknowledged[run] = sorted({*self.acknowledged.get(run, []), alarm})
-        self._write()
+        self._write(acknowledged=self.acknowledged)
 
     def keep_queue(self, planned: list[Any]) -> None:
         """The runs that are planned have changed."""
         self.queue = planned
-        self._write()
+        self._write(queue=planned)
 
     def refuse_without_token(self, given: str, stop: bool = False) -> None:
         """Refuse a change without the token; STOP takes its own too."""
@@ -119,13 +119,15 @@ class Kept:
             return {}
         return found if isinstance(found, dict) else {}
 
-    def _write(self) -> None:
+    def _write(self, **changed: Any) -> None:
+        """Write what has changed; another console of this folder may have changed the rest."""
         with self._lock:
             self._path.parent.mkdir(parents=True, exist_ok=True)
+            kept = self._read() | changed
             new = self._path.with_suffix(".new")
             handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
             with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                json.dump({"token": self.token, "acknowledged": self.acknowledged, "queue": self.queue}, stream)
+                json.dump(kept, stream)
             new.replace(self._path)
 
 

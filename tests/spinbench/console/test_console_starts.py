@@ -201,6 +201,11 @@ def test_the_queue_is_edited_and_kept_and_never_goes_on_by_itself_after_a_restar
     again = Desk(desk.sweeps.path, desk.bench, desk.logs)
     told = again.queue.told()
     assert ([one["kind"] for one in told["waiting"]], told["going"]) == (["sweep", "zero"], False)
+    desk.kept.acknowledge("a_run", 1)
+    again.queue.change("add", {"planned": {"kind": "zero"}})
+    desk.kept.acknowledge("a_run", 2)  # two consoles of one folder: neither undoes what the other keeps
+    kept = Desk(desk.sweeps.path, desk.bench, desk.logs)
+    assert (len(kept.queue.told()["waiting"]), kept.kept.acknowledged) == (3, {"a_run": [1, 2]})
     with pytest.raises(RefusedError, match="has changed since it was shown"):
         again.queue.start({}, [7])
 
