@@ -294,7 +294,8 @@ class _Run:
                 for level, one in zip(levels, band, strict=True)
             ]
             turning = sum(point.speed_rad_s > 0.0 for point in points)
-            self._note(EXPECTED, plateaus=turning, f_overall={"mean": mean, "sd": sd}, band=speeds)
+            friction = {"mean": mean, "sd": sd}
+            self._note(EXPECTED, plateaus=len(points), turning=turning, f_overall=friction, band=speeds)
 
         return note
 

@@ -249,12 +249,13 @@ def point_of(row: PlateauRow, room_bar: float) -> list[Any] | None:
 def _picture(tail: Tail) -> dict[str, Any]:
     room = tail.start.ambient.pressure_bar_abs or 0.0
     expected = tail.details(EXPECTED)
+    turning = expected.get("turning", expected.get("plateaus", 0))  # older runs count all
     points = [point_of(row, room) for row in tail.plateaus]
     return {
         "points": [point for point in points if point is not None],
         "band": expected.get("band", []),
-        "f_overall": expected.get("f_overall") if expected.get("plateaus") else None,
-        "plateaus": expected.get("plateaus", 0),
+        "f_overall": expected.get("f_overall") if turning else None,
+        "turning": turning,
         "limit_rpm": tail.start.safety.get("highest_speed_rpm"),
     }
 

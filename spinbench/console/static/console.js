@@ -215,7 +215,7 @@ function drawPictureAndCheck() {
   $("picture").setAttribute("aria-label", `speed over pressure: ${picture.points.length} plateaus; ${check.text}`);
   put($("picture-key"), `○ rising leg, □ falling leg, struck through: not settled. Band: what the guard holds for possible, 1 to 99 %.${besideName ? ` ◇ ${besideName}, laid beside.` : ""}`);
   const f = picture.f_overall;
-  put($("friction"), f ? `f_overall so far: ${f.mean.toFixed(4)} ± ${f.sd.toFixed(4)} N m s, as the guard has it after ${picture.plateaus} plateau${picture.plateaus === 1 ? "" : "s"} with the rotor turning. spinbench fit says it better once the run has ended.` : "");
+  put($("friction"), f ? `f_overall so far: ${f.mean.toFixed(4)} ± ${f.sd.toFixed(4)} N m s, as the guard has it after ${picture.turning} plateau${picture.turning === 1 ? "" : "s"} with the rotor turning. spinbench fit says it better once the run has ended.` : "");
 }
 
 function drawSteps() {

@@ -141,9 +141,9 @@ def test_a_level_that_is_measured_on_the_way_has_a_chip_of_its_own(writer):
 
 def test_f_overall_is_shown_once_a_plateau_with_a_turning_rotor_has_told_of_it(writer):
     told = {"f_overall": {"mean": 0.06, "sd": 0.01}, "band": []}
-    writer.event("expected", 1 * S, plateaus=0, **told)
+    writer.event("expected", 1 * S, plateaus=1, turning=0, **told)
     assert shown(writer.folder)["picture"]["f_overall"] is None
-    writer.event("expected", 2 * S, plateaus=1, **told)
+    writer.event("expected", 2 * S, plateaus=2, turning=1, **told)
     assert shown(writer.folder)["picture"]["f_overall"] == told["f_overall"]
 
 
