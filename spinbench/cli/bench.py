@@ -100,13 +100,14 @@ def console(
     from spinbench.console.desk import Desk
 
     place = Path(bench_path(bench))
-    desk = Desk(place, read_bench(place), logs, () if rate is None else (f"--rate={rate:g}",))
+    read, published = read_bench(place), None
     with contextlib.ExitStack() as ends:
         if mqtt:
             from spinbench.console.mqtt import Mqtt
 
-            desk.mqtt = Mqtt(mqtt, desk.bench.name)
-            ends.callback(desk.mqtt.close)
+            published = Mqtt(mqtt, read.name)
+            ends.callback(published.close)
+        desk = Desk(place, read, logs, () if rate is None else (f"--rate={rate:g}",), published)
         if terminal:
             from spinbench.console.terminal import watch
 

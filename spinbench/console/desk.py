@@ -83,14 +83,15 @@ class Showing:
 class Desk:
     """The console's own state. `follow` is called several times a second, from one thread."""
 
-    def __init__(self, path: Path, bench: Bench, logs: Path, options: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, path: Path, bench: Bench, logs: Path, options: tuple[str, ...] = (), mqtt: Mqtt | None = None
+    ) -> None:
         logs.mkdir(parents=True, exist_ok=True)
-        self.bench, self.logs = bench, logs
+        self.bench, self.logs, self.mqtt = bench, logs, mqtt
         self.kept = Kept(logs)
         self.sweeps = Sweeps(path, bench, logs, options)
         self.queue = Queue(bench, self.sweeps, self.kept.queue, self.kept.keep_queue)
         self.showing: Showing | None = None
-        self.mqtt: Mqtt | None = None
         self.unreadable = ""
         self.windows: dict[str, int] = {}
         self.controller: dict[str, str] | None = None

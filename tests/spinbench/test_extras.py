@@ -65,6 +65,7 @@ def test_no_module_needs_them_to_be_imported():
         ("distributed", "cluster", "challenge score campaign --scheduler tcp://localhost:1"),
         ("distributed", "cluster", "many diagnose recording -o out --scheduler tcp://localhost:1"),
         ("distributed", "cluster", "many fit recording -o out --scheduler tcp://localhost:1"),
+        ("paho", "mqtt", "console virtual --mqtt localhost"),
         ("pyarrow", "formats", "challenge run campaign"),
         ("pyarrow", "formats", "many diagnose recording -o out"),
         ("pyarrow", "formats", "many fit recording -o out"),

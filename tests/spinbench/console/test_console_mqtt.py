@@ -106,3 +106,4 @@ def test_a_broker_that_does_not_answer_is_told_in_a_line_before_anything_is_serv
         assert done.returncode == 2
         assert done.stderr.startswith("spinbench: --mqtt ")
         assert told in done.stderr
+    assert not (tmp_path / "logs").exists()
