@@ -9,6 +9,7 @@ EXTRAS = {
     "arviz": ("notebook", "an InferenceData"),
     "cryptography": ("seal", "a seal"),
     "distributed": ("cluster", "a Dask scheduler"),
+    "paho": ("mqtt", "live data over MQTT"),
     "pyarrow": ("formats", "a table as Parquet"),
     "xarray": ("notebook", "an xarray Dataset"),
 }

@@ -109,7 +109,9 @@ SLOW = {
 LIVE = {
     "test_chain",
     "test_concealed_bench",
+    "test_console_entries",
     "test_console_page",
+    "test_console_starts",
     "test_console_terminal",
     "test_kills",
     "test_live_check",

@@ -19,9 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.bench import FOLDER
+from rig.runlog import Run, read_run
 
 PROGRAM = [sys.executable, "-m", "spinbench"]
 ENOUGH_S = 180.0
+PATIENT_MS = 1000.0 * ENOUGH_S
 RATE = 4.0  # of the bench's clock: no faster, for other work keeps the machine busy
 
 
@@ -55,8 +57,8 @@ def short_bench(folder: Path, levels: str = "[1.25, 1.35]", dwell_s: float = 3.0
 class Console:
     """The command as a process. `address`: of the page, with the token."""
 
-    def __init__(self, bench: Path, logs: Path, port: int = 0) -> None:
-        command = [*PROGRAM, "console", str(bench), "--logs", str(logs), "--port", str(port)]
+    def __init__(self, bench: Path, logs: Path, port: int = 0, *more: str) -> None:
+        command = [*PROGRAM, "console", str(bench), "--logs", str(logs), "--port", str(port), *more]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
         assert self._process.stdout is not None
         said = self._process.stdout.readline()
@@ -164,3 +166,33 @@ def events_of(folder: Path) -> list[dict[str, Any]]:
     path = folder / "events.jsonl"
     lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.exists() else []
     return [json.loads(line) for line in lines]
+
+
+def has(page: Any, selector: str, text: str) -> None:
+    """Wait until an element says something."""
+    page.wait_for_function(
+        "([selector, text]) => document.querySelector(selector).textContent.includes(text)", arg=[selector, text]
+    )
+
+
+def start_from(page: Any) -> None:
+    """Take control and start a sweep, with the keyboard alone."""
+    page.keyboard.press("t")
+    has(page, "#control-told", "This window controls")
+    page.wait_for_function("() => !document.querySelector('#start').disabled")
+    page.focus("#start")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#start-dialog", state="visible")
+    assert "bar abs" in page.inner_text("#planned")  # what is planned is shown before it starts
+    page.keyboard.type("Novák")
+    page.wait_for_function("() => !document.querySelector('#start-now').disabled")
+    page.focus("#start-now")
+    page.keyboard.press("Enter")
+
+
+def ends(logs: Path) -> Run:
+    """The one run of a logs folder, once it is sealed."""
+    folder = only_run(logs)
+    assert folder is not None
+    wait_for(lambda: (folder / "end.json").exists(), "the run sealed")
+    return read_run(folder)

@@ -16,6 +16,7 @@ from rig.sweep.ambient import Ambient
 
 MOST_CHARACTERS = 200
 MOST_BUFFER = 65_536
+WAIT = "wait:"
 MOST_MARKS = 10  # of a countdown
 LOOK_REAL_S = 0.2  # how often a wait looks whether the operator has asked to stop
 
@@ -113,7 +114,7 @@ class Conversation:
         end_ns = self.clock.now_ns() + int(seconds * NS)
         mark_ns = max(1, math.ceil(seconds / MOST_MARKS)) * NS
         next_ns = int(seconds * NS)
-        self.show("  wait:")
+        self.show(f"  {WAIT}")
         while (left_ns := end_ns - self.clock.now_ns()) > 0 and not self._is_typed():
             self._look_for_stop()
             if left_ns <= next_ns:

@@ -22,12 +22,13 @@ from rig.plateaus.plan import UP, Step, stepping_stone
 from rig.plateaus.plateau import Mean, Plateau, mean_of
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
-from rig.runlog.schema import ZERO, ZERO_TAKEN_BACK
+from rig.runlog.schema import ADDED, ZERO, ZERO_TAKEN_BACK
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.orders import ABORTED, FINISHED, INTERLOCK, OPERATOR
 from rig.sweep.runner import Outcome, PlateauSink
 
+CLOSED = "Is it closed, and the line vented?"
 MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
 
 
@@ -103,7 +104,8 @@ class ManualSweep:
             self.person.say(f"  measuring {stone:g} bar abs first: {verdict.text}")
             self.steps.appendleft(step)
             step = Step(stone, UP, 1)
-        self._event("state", state="level", level_bar_abs=step.level_bar_abs, direction=step.direction)
+        added = {} if step in self.course.steps else {ADDED: True}
+        self._event("state", state="level", level_bar_abs=step.level_bar_abs, direction=step.direction, **added)
         try:
             self._take(step)
         except JumpedError as jump:
@@ -264,7 +266,7 @@ class ManualSweep:
         more = "; undo: the last plateau again" if may_undo else ""
         while True:
             try:
-                answer = self.person.ask(f"  Is it closed, and the line vented? (Enter for yes{more}) ")
+                answer = self.person.ask(f"  {CLOSED} (Enter for yes{more}) ")
             except (EndedError, StoppedError):
                 self._event("unvented", text="nobody has said that the valve is closed")
                 return False

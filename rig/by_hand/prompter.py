@@ -18,6 +18,7 @@ from rig.sweep.orders import Trip
 from rig.sweep.runner import BenchView
 
 COMMAND_REAL_S = 5.0
+PRESSURE_NOW = "pressure now?"
 RECORDED_REAL_S = 2.0  # in which a reading is in the log
 
 
@@ -100,7 +101,7 @@ class Prompter:
         """The pressure read again, to see whether it has drifted."""
         doubted = ""
         while True:
-            typed = self._asked("  pressure now? (Enter when it was not read) ")
+            typed = self._asked(f"  {PRESSURE_NOW} (Enter when it was not read) ")
             if not typed.text:
                 return None
             words = [typed.text if name == self.pressure else "-" for name in self.typed]

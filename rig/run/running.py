@@ -293,7 +293,9 @@ class _Run:
                 [round(level, 4), round(one.lower99_rpm, 1), round(one.mean_rpm, 1), round(one.upper99_rpm, 1)]
                 for level, one in zip(levels, band, strict=True)
             ]
-            self._note(EXPECTED, plateaus=len(points), f_overall={"mean": mean, "sd": sd}, band=speeds)
+            turning = sum(point.speed_rad_s > 0.0 for point in points)
+            friction = {"mean": mean, "sd": sd}
+            self._note(EXPECTED, plateaus=len(points), turning=turning, f_overall=friction, band=speeds)
 
         return note
 

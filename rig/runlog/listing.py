@@ -163,7 +163,7 @@ def _end_lines(run: Run) -> list[str]:
             "end        a program writes it now" if run.state == BEING_WRITTEN else f"end        {killed}",
         ]
     end = run.end
-    lines.append(f"end        {_text(end.utc_end)} UTC, {end.outcome}{f': {_text(end.reason)}' if end.reason else ''}")
+    lines.append(f"end        {_text(end.utc_end)} UTC, {run.state}{f': {_text(end.reason)}' if end.reason else ''}")
     if end.vented is not None:
         lines.append(f"line       {'vented' if end.vented else 'NOT known to be vented'}")
     return lines

@@ -33,7 +33,7 @@ from rig.runlog.folder import (
 from rig.runlog.lines import torn_bytes, whole_lines
 from rig.runlog.plateaus import PlateauRow
 from rig.runlog.samples import read_samples, reading_of
-from rig.runlog.schema import EndRecord, EventLine, StartRecord, WireLine, parse
+from rig.runlog.schema import EndRecord, EventLine, StartRecord, WireLine, ending, parse
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -170,7 +170,7 @@ def read_run(folder: Path) -> Run:
 
 def state_of(end: EndRecord | None, locked: bool) -> str:
     """How a run stands, in words that are shown."""
-    return str(end.outcome) if end is not None else BEING_WRITTEN if locked else KILLED
+    return ending(end.outcome, end.stopped_by) if end is not None else BEING_WRITTEN if locked else KILLED
 
 
 def read_start(folder: Path) -> StartRecord:

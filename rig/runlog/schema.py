@@ -18,9 +18,19 @@ FORMAT = "run/1"
 MAX_SHOWN = 20  # mistakes
 # Events that an export looks for.
 ZERO, CAPTURE, ZERO_TAKEN_BACK, ROOM = "zero", "capture end", "zero taken back", "room"
+ADDED = "added"  # of a state: its level is none of the course's, and is measured on the way to one that is
 COURSE, EXPECTED = "course", "expected"  # what is to be taken, and what the guard holds for possible
 Kind = Literal["sweep", "coast-down", "spin-up", "zero", "plateaus", "manual", "import", "replay"]
 Outcome = Literal["finished", "aborted", "failed"]
+
+
+def ending(outcome: str, stopped_by: str | None) -> str:
+    """How a run ended, in the word that people are shown: finished, stopped, tripped or failed."""
+    if outcome != "aborted":
+        return outcome
+    return "tripped" if stopped_by == "interlock" else "stopped"
+
+
 Text = Annotated[str, Field(max_length=20_000)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e12)]
 Seconds = Annotated[float, Field(ge=-1e10, le=1e10)]

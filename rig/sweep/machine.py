@@ -16,6 +16,7 @@ from configs.units import BAR
 from rig.plateaus.plan import SAME_BAR, UP, Step, stepping_stone
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
+from rig.runlog.schema import ADDED, ending
 from rig.sweep import judge
 from rig.sweep.capturing import MOMENT_UNKNOWN, CaptureTask, Capturing
 from rig.sweep.course import ENDED, Course, State
@@ -132,7 +133,11 @@ class SweepMachine:
         if self._capturing is not None:
             orders += self._capturing.cut_short(now_ns)
             self._capturing = None
-        return [*orders, Say(f"{outcome}: {reason}", warning=True), *self._enter(State.VENT, now_ns, reason=reason)]
+        return [
+            *orders,
+            Say(f"{ending(outcome, by)}: {reason}", warning=True),
+            *self._enter(State.VENT, now_ns, reason=reason),
+        ]
 
     def _finish(self, now_ns: int, view: View) -> list[Order]:
         outcome, reason, by = self._ending or (FINISHED, "", None)
@@ -201,7 +206,7 @@ class SweepMachine:
             return []
         self._tasks.appendleft(task)
         self._task = Step(stone, UP, 1)
-        self._notes.append("added on the guard's account")
+        self._notes.append(f"{ADDED} on the guard's account")
         self._targets = deque([stone])
         return [Say(f"measuring {stone:g} bar abs first: {verdict.text}"), *self._start_ramp(now_ns)]
 
@@ -219,7 +224,8 @@ class SweepMachine:
 
     def _start_ramp(self, now_ns: int) -> list[Order]:
         target = self._targets[0]
-        orders = self._enter(State.RAMP, now_ns, target_bar_abs=target)
+        is_added = isinstance(self._task, Step) and self._task not in self.course.steps
+        orders = self._enter(State.RAMP, now_ns, target_bar_abs=target, **({ADDED: True} if is_added else {}))
         if self.course.by_hand:
             side = "from below" if target >= self._set_bar else "from above"
             gauge = target - self.course.ambient_bar

@@ -18,7 +18,7 @@ from rig.plateaus.plan import Step, SweepError
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS, Reading
 from rig.runlog import columns_of
-from rig.runlog.schema import CAPTURE, ZERO
+from rig.runlog.schema import CAPTURE, ZERO, ending
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks
 from rig.sweep.machine import SweepMachine
@@ -279,7 +279,7 @@ def _captured(order: CaptureEnd, rates: dict[str, float], seconds: float) -> str
 
 def _words(order: Entered) -> str:
     target = order.details.get("target_bar_abs")
-    return f"{order.state} {target:g} bar abs" if isinstance(target, float) else order.state
+    return f"{order.state} {target:g} bar abs" if isinstance(target, float) else ending(order.state, None)
 
 
 def set_points(bench: Bench, ambient_bar: float) -> Callable[[float], float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -90,18 +91,29 @@ def console(
         ),
     ] = None,
     rate: RateOption = None,
+    mqtt: Annotated[
+        str, typer.Option(metavar="HOST[:PORT]", help="Publish the newest readings and the state there, read only.")
+    ] = "",
 ) -> None:
     """Watch the bench in the browser, and start and stop sweeps there; Ctrl-C ends the console and no sweep."""
     from rig.bench.bench import bench_path, read_bench
     from spinbench.console.desk import Desk
 
     place = Path(bench_path(bench))
-    desk = Desk(place, read_bench(place), logs, () if rate is None else (f"--rate={rate:g}",))
-    if terminal:
-        from spinbench.console.terminal import watch
+    read, published = read_bench(place), None
+    with contextlib.ExitStack() as ends:
+        if mqtt:
+            from spinbench.console.mqtt import Mqtt
 
-        watch(desk)
-        return
-    from spinbench.console.server import serve
+            published = Mqtt(mqtt, read.name)
+            ends.callback(published.close)
+        desk = Desk(place, read, logs, () if rate is None else (f"--rate={rate:g}",), published)
+        if terminal:
+            from spinbench.console.terminal import watch
 
-    serve(desk, port, lambda address: print(f"open {address}\nCtrl-C ends the console; a sweep goes on", flush=True))
+            watch(desk)
+            return
+        from spinbench.console.server import serve
+
+        told = "Ctrl-C ends the console; a run goes on"
+        serve(desk, port, lambda address: print(f"open {address}\n{told}", flush=True))

@@ -37,7 +37,7 @@ EXIT_CODES = {
     "rig.plateaus.plan.SweepError": UNUSABLE_INPUT,
     "rig.virtual.launch.VirtualBenchError": UNUSABLE_INPUT,
     "model.operation.performance.NotSettledError": NOT_CONVERGED,
-    "spinbench.console.server.ConsoleError": UNUSABLE_INPUT,
+    "spinbench.console.access.ConsoleError": UNUSABLE_INPUT,
     "spinbench.extras.MissingPackageError": UNUSABLE_INPUT,
 }
 

@@ -170,6 +170,7 @@ def _take(
     from rig.bench.bench import bench_path, read_bench
     from rig.run.running import UNVENTED, take
     from rig.run.terminal import Terminal, somebody_is_there
+    from rig.runlog.schema import ending
 
     place = bench_path(path)
     bench = read_bench(place)
@@ -184,7 +185,8 @@ def _take(
         if check:
             wanted = replace(wanted, beside=lambda folder, note: Beside(folder, readings.so_far, note, say))
         folder, outcome = take(place, given, course, wanted)
-    print(f"{folder}: {outcome.outcome}{f', {outcome.reason}' if outcome.reason else ''}")
+    word = ending(outcome.outcome, outcome.stopped_by)
+    print(f"{folder}: {word}{f', {outcome.reason}' if outcome.reason else ''}")
     if not outcome.vented:
         remark(UNVENTED)
     if outcome.outcome != "finished":

@@ -8,6 +8,7 @@ import json
 import os
 import re
 import secrets
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,10 @@ PAGE_POLICY = (
 REPORT_POLICY = (
     "sandbox allow-same-origin; default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'self'"
 )
+
+
+class ConsoleError(Exception):
+    """The console cannot be served, or shown, or heard. The text says why and what to do."""
 
 
 class RefusedError(Exception):
@@ -71,16 +76,18 @@ def refuse_strangers(method: str, headers: Mapping[str, str]) -> None:
 
 
 class Kept:
-    """What a console keeps in the logs folder from one start to the next, for its user's eyes: token, alarms seen."""
+    """What a console keeps in the logs folder for its next start and its user's eyes: token, alarms seen, queue."""
 
     def __init__(self, logs: Path) -> None:
-        self._path = logs / KEPT
+        self._path, self._lock = logs / KEPT, threading.Lock()
         held = self._read()
         token = held.get("token")
         self.token = token if isinstance(token, str) and len(token) >= 32 else secrets.token_urlsafe(32)
         seen = held.get("acknowledged")
         self.acknowledged: dict[str, list[int]] = seen if isinstance(seen, dict) else {}
-        self._write()
+        queue = held.get("queue")
+        self.queue: list[Any] = queue if isinstance(queue, list) else []
+        self._write(token=self.token)
 
     @property
     def stop_token(self) -> str:
@@ -90,7 +97,12 @@ class Kept:
     def acknowledge(self, run: str, alarm: int) -> None:
         """A person has seen an alarm."""
         self.acknowledged[run] = sorted({*self.acknowledged.get(run, []), alarm})
-        self._write()
+        self._write(acknowledged=self.acknowledged)
+
+    def keep_queue(self, planned: list[Any]) -> None:
+        """The runs that are planned have changed."""
+        self.queue = planned
+        self._write(queue=planned)
 
     def refuse_without_token(self, given: str, stop: bool = False) -> None:
         """Refuse a change without the token; STOP takes its own too."""
@@ -107,19 +119,27 @@ class Kept:
             return {}
         return found if isinstance(found, dict) else {}
 
-    def _write(self) -> None:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        new = self._path.with_suffix(".new")
-        handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            json.dump({"token": self.token, "acknowledged": self.acknowledged}, stream)
-        new.replace(self._path)
+    def _write(self, **changed: Any) -> None:
+        """Write what has changed; another console of this folder may have changed the rest."""
+        with self._lock:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            kept = self._read() | changed
+            new = self._path.with_suffix(".new")
+            handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                json.dump(kept, stream)
+            new.replace(self._path)
+
+
+def is_plain(name: str) -> bool:
+    """Whether a name can be that of a run: no path, no hidden file."""
+    return bool(_NAME.fullmatch(name))
 
 
 def run_folder(logs: Path, name: str) -> Path:
     """The folder of a run within the logs folder; links are refused."""
     folder = logs / name
-    if not _NAME.fullmatch(name) or folder.is_symlink() or not (folder / START).is_file():
+    if not is_plain(name) or folder.is_symlink() or not (folder / START).is_file():
         raise RefusedError(404, "there is no such run in the logs folder")
     return folder
 
@@ -132,7 +152,7 @@ def file_within(logs: Path, wanted: str) -> tuple[Path, str]:
     parts = Path(wanted).parts
     kind = SERVED.get(Path(wanted).suffix.lower())
     path = logs.joinpath(*parts)
-    plain = bool(parts) and all(_NAME.fullmatch(part) for part in parts)
+    plain = bool(parts) and all(map(is_plain, parts))
     if not plain or kind is None or not path.is_file() or path.stat().st_size > MOST_BYTES:
         raise RefusedError(404, "there is no such report in the logs folder")
     if not path.resolve().is_relative_to(logs.resolve()):

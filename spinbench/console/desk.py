@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 import time
@@ -13,12 +14,17 @@ from rig.runlog import RunError
 from rig.runlog.folder import END, START, is_locked
 from rig.runlog.reader import BEING_WRITTEN, read_end, read_start, state_of
 from rig.runlog.tail import Tail
+from rig.sweep.capture import level_of
 from spinbench.console import stopping
 from spinbench.console.access import Kept, RefusedError, reports_of
-from spinbench.console.facts import facts
+from spinbench.console.facts import facts, readings
+from spinbench.console.mqtt import Mqtt
+from spinbench.console.planned import kinds_of
+from spinbench.console.queue import Queue
+from spinbench.console.recommended import recommended
 from spinbench.console.stopping import Stopping
 from spinbench.console.sweeps import RANGES, Sweeps
-from spinbench.console.words import is_imported
+from spinbench.console.words import CLOSE_SUPPLY, is_imported
 
 LOOK_FOR_RUNS_S = 0.5
 SHOWN_RUNS = 200
@@ -63,6 +69,11 @@ class Showing:
             figure |= {"mark": "past", "quality": f"replayed: {figure['quality']}"}
         return found
 
+    def readings(self) -> dict[str, dict[str, Any]]:
+        """The newest reading of each role, as numbers."""
+        with self._lock:
+            return readings(self.tail)
+
     def answered(self, one: Stopping) -> None:
         """See whether the run's log answers a STOP."""
         with self._lock:
@@ -72,11 +83,14 @@ class Showing:
 class Desk:
     """The console's own state. `follow` is called several times a second, from one thread."""
 
-    def __init__(self, path: Path, bench: Bench, logs: Path, options: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, path: Path, bench: Bench, logs: Path, options: tuple[str, ...] = (), mqtt: Mqtt | None = None
+    ) -> None:
         logs.mkdir(parents=True, exist_ok=True)
-        self.bench, self.logs = bench, logs
+        self.bench, self.logs, self.mqtt = bench, logs, mqtt
         self.kept = Kept(logs)
         self.sweeps = Sweeps(path, bench, logs, options)
+        self.queue = Queue(bench, self.sweeps, self.kept.queue, self.kept.keep_queue)
         self.showing: Showing | None = None
         self.unreadable = ""
         self.windows: dict[str, int] = {}
@@ -99,11 +113,19 @@ class Desk:
             if self.showing is not None:
                 self.showing.follow()
             self._follow_stops()
+            self.queue.follow()
+            if self.mqtt is not None:
+                self.mqtt.publish(self._live)
             self.unreadable = ""
         except (RunError, OSError) as error:
             self.unreadable = str(error)
         except Exception as error:  # whatever it is: the windows are told, and STOP goes on
             self.unreadable = f"the run cannot be followed: {type(error).__name__}: {error}"
+
+    def _live(self) -> dict[str, Any] | None:
+        """What is published of the run."""
+        showing = self.showing
+        return None if showing is None else self.facts(showing, 1.0) | {"readings": showing.readings()}
 
     def _latest(self) -> Path | None:
         """The run that is being written, or the newest one of a bench: an import says nothing of the bench here."""
@@ -130,14 +152,17 @@ class Desk:
     def stop(self, by: str) -> dict[str, Any]:
         """STOP, for every run that is being written here."""
         by = by[:NAME] or "a window"
+        self.queue.hold(f"STOP was pressed by {by}.")
         runs = stopping.being_written(self.logs)
         self._followers.clear()
         self._stops = [Stopping.of(run, by) for run in runs]
         if runs:
             self._told = None
         elif self.sweeps.starting and not self.sweeps.stop():
-            text = "The sweep that was being started is told to end; the regulator has not been raised."
-            self._told = {"word": "DELIVERED", "text": text, "run": "", "by": by}
+            by_hand = self.bench.file.roles.regulator is None
+            valve = f"A person has the valve. {CLOSE_SUPPLY}" if by_hand else "The regulator has not been raised."
+            text = f"The run that was being started is told to end. {valve}"
+            self._told = {"word": "NOT DELIVERED" if by_hand else "DELIVERED", "text": text, "run": "", "by": by}
         else:
             self._told = stopping.nothing_to_stop(self.logs) | {"by": by}
         return self.stop_told() or {}
@@ -180,17 +205,22 @@ class Desk:
                 "name": self.bench.name,
                 "title": self.bench.file.title,
                 "by_hand": self.bench.file.roles.regulator is None,
+                "kinds": kinds_of(self.bench),
                 "levels": sweep.levels_bar_abs,
                 "order": sweep.order,
                 "repeats": sweep.repeats,
                 "ranges": RANGES,
                 "captures": list(sweep.captures),
+                "capture_level": level_of(self.bench),
+                "added_inertia": self.bench.file.added_inertia_kg_m2,
                 "highest_speed_rpm": self.bench.file.safety.highest_speed_rpm,
                 "highest_pressure_bar_abs": self.bench.file.safety.highest_pressure_bar_abs,
             },
             "logs": str(self.logs),
             "windows": len(self.windows),
             "controller": None if controller is None else controller["name"],
+            "queue": self.queue.told(),
+            "entries": self._asked(),
             "controls": controller is not None and controller["window"] == window,
             "controller_is_there": controller is not None and controller["window"] in self.windows,
             "stop": self.stop_told(),
@@ -203,9 +233,20 @@ class Desk:
             "latest_state": self.showing.tail.state if self.showing is not None else "",
         }
 
+    def _asked(self) -> dict[str, Any] | None:
+        """What a run by hand asks now; None where none does, and where it was sealed after the last answer."""
+        entries, showing = self.sweeps.entries, self.showing
+        told = None if entries is None else entries.told()
+        if told is not None and showing is not None and showing.tail.end is not None and entries is not None:
+            with contextlib.suppress(OSError):
+                sealed_s = (showing.tail.folder / END).stat().st_mtime
+                return None if sealed_s > entries.pipe.stat().st_mtime else told
+        return told
+
     def runs(self) -> list[dict[str, Any]]:
         """The runs in the logs folder, newest first, with their reports."""
-        return [_row(folder) for folder in self._folders()[:SHOWN_RUNS]]
+        folders = self._folders()[:SHOWN_RUNS]
+        return [_row(folder) | {"tests": recommended(self.logs, folder.name, self.bench)} for folder in folders]
 
 
 def _row(folder: Path) -> dict[str, Any]:
@@ -223,10 +264,9 @@ def _row(folder: Path) -> dict[str, Any]:
             "imported": False,
         }
     outcome = state_of(end, locked)
-    by = f" by the {end.stopped_by}" if end is not None and end.stopped_by else ""
     plateaus = "" if end is None else end.counts.get("plateaus", "")
     return row | {
-        "outcome": outcome + by,
+        "outcome": outcome,
         "kind": start.kind,
         "bench": start.bench,
         "plateaus": plateaus,

@@ -9,9 +9,9 @@ from typing import Any
 from rig.readings import Quality
 from rig.runlog.plateaus import PRESSURES, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN
-from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, EventLine
+from rig.runlog.schema import ADDED, CAPTURE, COURSE, EXPECTED, EventLine
 from rig.runlog.tail import CHECK, STATE, Shown, Tail
-from spinbench.console.words import after_the_end, badge_of, guidance_for, is_imported
+from spinbench.console.words import after_the_end, badge_of, guidance_for, is_imported, state_word
 
 CHECKED = ("sweep", "manual")  # kinds of runs that are held against the model while they go on
 CHARTED = ("pressure", "flow", "speed")
@@ -115,20 +115,20 @@ def _state(tail: Tail, now_s: float) -> dict[str, Any]:
 
 
 def _steps(tail: Tail, now_s: float) -> dict[str, Any]:
-    """The course, each step done, running, to come or left out; and how long still [s]."""
+    """The course, each step done, running, to come or left out, and what was added to it; how long still [s]."""
     course = tail.details(COURSE)
-    wanted = [tuple(step) for step in course.get("steps", [])]
+    wanted: list[tuple[Any, ...]] = [tuple(step) for step in course.get("steps", [])]
     taken = [(row.level_bar_abs, row.direction, row.repeat) for row in tail.plateaus]
     gone = {tuple(one) for event in tail.alarms for one in event.details.get("left_out", []) if isinstance(one, list)}
-    steps, is_next = [], tail.state == BEING_WRITTEN
-    is_capturing = tail.details(STATE).get("state") == "capture"
-    for level, direction, repeat in wanted:
-        status = (
-            "done" if (level, direction, repeat) in taken else "left out" if (level, direction, repeat) in gone else ""
-        )
-        if not status and is_next and not is_capturing:
+    steps, is_next = [], tail.state == BEING_WRITTEN and tail.details(STATE).get("state") != "capture"
+    for step in _with_added(wanted, taken, _added_now(tail)):
+        status = "done" if step in taken else "left out" if step in gone else ""
+        if not status and is_next:
             status, is_next = "running", False
-        steps.append({"level": level, "direction": direction, "status": status or "to come"})
+        level, direction, _ = step
+        steps.append(
+            {"level": level, "direction": direction, "status": status or "to come", "added": step not in wanted}
+        )
     left = sum(step["status"] in ("running", "to come") for step in steps)
     lengths = [b.end_s - a.end_s for a, b in zip(tail.plateaus[:-1], tail.plateaus[1:], strict=True)]
     each = statistics.median(lengths) if lengths else None
@@ -143,6 +143,31 @@ def _steps(tail: Tail, now_s: float) -> dict[str, Any]:
     return {"steps": steps, "captures": captures, "still_s": None if still is None else round(still)}
 
 
+def _added_now(tail: Tail) -> float | None:
+    """The level that is gone to now, where it is none of the course's [bar abs]."""
+    ways = ("ramp", "level")
+    last = next((one for one in reversed(tail.events) if one.event == STATE and one.details.get("state") in ways), None)
+    if last is None or not last.details.get(ADDED) or any(row.end_s > last.time_s for row in tail.plateaus):
+        return None
+    level = last.details.get("target_bar_abs", last.details.get("level_bar_abs"))
+    return float(level) if isinstance(level, int | float) else None
+
+
+def _with_added(
+    wanted: list[tuple[Any, ...]], taken: list[tuple[Any, ...]], now_bar: float | None
+) -> list[tuple[Any, ...]]:
+    """The course with each level that was added where it was taken, and that which is gone to now."""
+    steps = list(wanted)
+    for i, step in enumerate(taken):
+        if step not in wanted:
+            before = next((one for one in steps if one in taken[i + 1 :] or one not in taken), None)
+            steps.insert(len(steps) if before is None else steps.index(before), step)
+    if now_bar is not None:
+        at = next((i for i, one in enumerate(steps) if one not in taken), len(steps))
+        steps.insert(at, (now_bar, "up", 1))
+    return steps
+
+
 def _figure(tail: Tail, role: str, now_s: float, silent_s: float) -> dict[str, Any]:
     shown = tail.newest.get(role)
     if shown is None:
@@ -151,12 +176,29 @@ def _figure(tail: Tail, role: str, now_s: float, silent_s: float) -> dict[str, A
     mark, words = _quality(shown)
     if past := _past(tail):
         mark, words = "past", past
+    elif shown.quality == Quality.MANUAL:
+        words = f"typed {age_s:.0f} s ago" if shown.usable else "not read"
+        mark = mark if shown.usable else "none"
     elif age_s > STALE_S:
         mark, words = "old", f"old: {age_s:.0f} s"
     digits = DIGITS.get(shown.unit.split()[0] if shown.unit else "", 2)
     sign = {-1: "<" if shown.value else "", 1: ">"}.get(shown.censored, "")
     text = "–" if shown.value is None else f"{sign}{shown.value:.{digits}f}"
     return {"role": role, "text": text, "unit": _unit(role, shown), "mark": mark, "quality": words}
+
+
+def readings(tail: Tail) -> dict[str, dict[str, Any]]:
+    """The newest reading of each role: value, unit, censoring, quality and time on the bench's clock [s]."""
+    return {
+        role: {
+            "value": shown.value,
+            "unit": _unit(role, shown),
+            "censored": shown.censored,
+            "quality": str(shown.quality),
+            "time_s": round(shown.time_s, 3),
+        }
+        for role, shown in tail.newest.items()
+    }
 
 
 def _unit(role: str, shown: Shown) -> str:
@@ -207,12 +249,13 @@ def point_of(row: PlateauRow, room_bar: float) -> list[Any] | None:
 def _picture(tail: Tail) -> dict[str, Any]:
     room = tail.start.ambient.pressure_bar_abs or 0.0
     expected = tail.details(EXPECTED)
+    turning = expected.get("turning", expected.get("plateaus", 0))  # older runs count all
     points = [point_of(row, room) for row in tail.plateaus]
     return {
         "points": [point for point in points if point is not None],
         "band": expected.get("band", []),
-        "f_overall": expected.get("f_overall"),
-        "plateaus": expected.get("plateaus", 0),
+        "f_overall": expected.get("f_overall") if turning else None,
+        "turning": turning,
         "limit_rpm": tail.start.safety.get("highest_speed_rpm"),
     }
 
@@ -248,6 +291,7 @@ def said(event: EventLine) -> str:
     for key, value in event.details.items():
         if isinstance(value, str | int | float):
             words = f"{value:.6g}" if isinstance(value, float) else str(value)
+            words = state_word(event.details) if event.event == key == STATE else words
             parts.append(words if key == event.event else f"{key} {words}")
     return ", ".join(parts)[:TEXT]
 
@@ -260,7 +304,8 @@ def _alarms(tail: Tail, acknowledged: Collection[int], bench: str) -> list[dict[
     ]
     end = after_the_end(tail, bench)
     if end is not None:
-        told = [one for one in alarms if tail.end and one["text"] == f"{tail.end.outcome}: {tail.end.reason}"[:TEXT]]
+        words = {tail.end.outcome, tail.state} if tail.end else set()
+        told = [one for one in alarms if tail.end and one["text"] in {f"{w}: {tail.end.reason}"[:TEXT] for w in words}]
         alarms = [one for one in alarms if one not in told]
         is_new = not told or (tail.end is not None and tail.end.vented is False)
         alarms.append(

@@ -24,23 +24,22 @@ from spinbench.console.access import (
     PAGE_POLICY,
     REPORT_POLICY,
     TOKEN_HEADER,
+    ConsoleError,
     RefusedError,
     file_within,
     refuse_strangers,
     run_folder,
 )
 from spinbench.console.desk import Desk, Showing, as_text
+from spinbench.console.planned import SWEEP, planned_of
 
 ADDRESS, PORT, USUAL_PORTS = "127.0.0.1", 8642, 10
 TICK_S = 0.2
 MOST_STREAMS = 32
 MOST_BODY_BYTES = 20_000
-STATIC = {"console.js": "text/javascript", "charts.js": "text/javascript", "console.css": "text/css"}
+SCRIPTS = ("console.js", "charts.js", "starts.js", "entries.js")
+STATIC = dict.fromkeys(SCRIPTS, "text/javascript") | {"console.css": "text/css"}
 Change = Callable[[Desk, dict[str, Any]], Any]
-
-
-class ConsoleError(Exception):
-    """The console cannot be served. The text says why and what to do."""
 
 
 class _Guarded:
@@ -209,10 +208,35 @@ def _control(desk: Desk, asked: dict[str, Any]) -> Any:
 
 def _start(desk: Desk, asked: dict[str, Any]) -> Any:
     desk.refuse_without_control(str(asked.get("window", "")))
+    planned = asked.get("planned")
+    if planned is not None and not isinstance(planned, dict):
+        raise RefusedError(400, "what is to be started is missing")
+    answers = _answers(asked)
+    if desk.queue.going:
+        raise RefusedError(409, "the queue goes on: hold it first, or add the run to it")
+    desk.sweeps.start(planned_of(planned or {"kind": SWEEP}, desk.bench), answers)
+
+
+def _queue(desk: Desk, asked: dict[str, Any]) -> Any:
+    desk.refuse_without_control(str(asked.get("window", "")))
+    if asked.get("do") == "start":
+        desk.queue.start(_answers(asked), asked.get("expected"))
+    else:
+        desk.queue.change(str(asked.get("do", "")), asked)
+
+
+def _enter(desk: Desk, asked: dict[str, Any]) -> Any:
+    desk.refuse_without_control(str(asked.get("window", "")))
+    if desk.sweeps.entries is None:
+        raise RefusedError(409, "no person reads this bench's instruments")
+    desk.sweeps.entries.enter(asked)
+
+
+def _answers(asked: dict[str, Any]) -> dict[str, str]:
     answers = asked.get("answers", {})
     if not isinstance(answers, dict):
-        raise RefusedError(400, "the entries of a sweep are missing")
-    desk.sweeps.start({str(name): str(text) for name, text in answers.items()})
+        raise RefusedError(400, "the entries of a run are missing")
+    return {str(name): str(text) for name, text in answers.items()}
 
 
 def _acknowledge(desk: Desk, asked: dict[str, Any]) -> Any:
@@ -223,7 +247,14 @@ def _acknowledge(desk: Desk, asked: dict[str, Any]) -> Any:
     desk.kept.acknowledge(run_folder(desk.logs, run).name, alarm)
 
 
-CHANGES: dict[str, Change] = {"stop": _stop, "control": _control, "start": _start, "acknowledge": _acknowledge}
+CHANGES: dict[str, Change] = {
+    "stop": _stop,
+    "control": _control,
+    "start": _start,
+    "queue": _queue,
+    "enter": _enter,
+    "acknowledge": _acknowledge,
+}
 
 
 def _changing(desk: Desk, name: str, change: Change) -> Callable[[Request], Awaitable[Response]]:

@@ -1,4 +1,4 @@
-"""The sweep that a console starts: a process of its own, in a session of its own, that outlives the console."""
+"""The sweep or capture that a console starts: a process of its own, in a session of its own, that outlives it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.bench import Bench
+from rig.runlog import RunError
+from rig.runlog.reader import read_end, read_start
 from rig.sweep.ambient import FIGURES
 from spinbench.console.access import RefusedError
+from spinbench.console.entries import SAID, Entries, typed_into
+from spinbench.console.planned import Planned, bench_words
 from spinbench.console.stopping import ask_to_stop, being_written, runs_of_benches
 
-SAID = ".console-sweep.txt"  # in the logs folder: what the sweep that was started last has said
 MOST_SAID, MOST_TEXT = 4000, 500
 OPTIONS = (
     "operator",
     "motor_serial",
-    "note",
     "lubrication",
     "minutes_running",
     "ambient_pressure_bar_abs",
@@ -47,13 +49,14 @@ def sentence(said: str) -> str:
 
 
 class Sweeps:
-    """Starts a sweep, and knows of it until its run is there or it has ended.
+    """Starts a sweep or a capture, and knows of it until its run is there or it has ended.
 
-    `options`: of `spinbench sweep`, given to every sweep.
+    `options`: of `spinbench sweep` and `capture`, given to each.
     """
 
     def __init__(self, path: Path, bench: Bench, logs: Path, options: tuple[str, ...] = ()) -> None:
         self.path, self.bench, self.logs, self.options = path, bench, logs, options
+        self.entries = Entries(bench, logs) if bench.file.roles.regulator is None else None
         self._process: subprocess.Popen[bytes] | None = None
         self._starts = 0
         self._before: set[Path] = set()
@@ -73,31 +76,31 @@ class Sweeps:
                 self._has_run = not self._before.issuperset(runs_of_benches(self.logs))
             return self.running and not self._has_run
 
-    def start(self, answers: Mapping[str, str]) -> None:
-        """Start a sweep.
+    def start(self, planned: Planned, answers: Mapping[str, str]) -> None:
+        """Start it.
 
         `answers`: by `OPTIONS`; an empty one is left out.
         Raises RefusedError where it cannot be.
         """
-        if self.bench.file.roles.regulator is None:
-            raise RefusedError(
-                409, "a person sets this bench's valve: start spinbench sweep in a terminal, this page follows it"
-            )
         unknown = sorted(set(answers) - set(OPTIONS))
         if unknown or any(len(str(text)) > MOST_TEXT for text in answers.values()):
-            raise RefusedError(400, f"not an entry of a sweep, or too long: {', '.join(unknown)}")
-        words = [f"--{name.replace('_', '-')}={text}" for name, text in answers.items() if str(text).strip()]
-        command = [sys.executable, "-m", "spinbench", "sweep", str(self.path), f"--logs={self.logs}"]
+            raise RefusedError(400, f"not an entry of a run, or too long: {', '.join(unknown)}")
+        given = {**answers, "note": planned.note}
+        words = [f"--{name.replace('_', '-')}={text}" for name, text in given.items() if str(text).strip()]
+        command = [sys.executable, "-m", "spinbench", *bench_words(self.path, planned, self.logs)]
         with self._lock:
             if self.running or being_written(self.logs):
                 raise RefusedError(409, "a run is going on in this logs folder; wait for its end, or stop it")
+            if self.entries is not None and self.entries.told() is not None:
+                raise RefusedError(409, "a run by hand waits for its next answer: answer it, or stop it")
             self._process = None  # what the start before said is no longer true of anything
             self._starts += 1
             self._before, self._has_run = set(runs_of_benches(self.logs)), False
-            with (self.logs / SAID).open("wb") as said:
+            (self.logs / SAID).write_bytes(b"")
+            with (self.logs / SAID).open("ab") as said, typed_into(self.entries) as typed:
                 self._process = subprocess.Popen(
                     [*command, *self.options, *words],
-                    stdin=subprocess.DEVNULL,
+                    stdin=typed,
                     stdout=said,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
@@ -121,3 +124,30 @@ class Sweeps:
             said = (self.logs / SAID).read_bytes()[-MOST_SAID:].decode("utf-8", "replace").strip()
             said = sentence(said) or f"the sweep ended with exit code {self._process.returncode} and said nothing"
             return {"start": self._starts, "text": said}
+
+    def why_not_well(self) -> str:
+        """Why the run that was started last has not ended well; empty where it finished and its line is vented."""
+        with self._lock:
+            if failed := self.failed():
+                return f"The run before did not begin, or failed: {failed['text']}."
+            try:
+                new = self._new()
+                end = None if new is None else read_end(new)
+            except RunError as error:
+                return f"The run before cannot be read: {error}."
+            if new is None or end is None:
+                return f"{'The run before' if new is None else new.name} was not sealed."
+            if end.outcome != "finished":
+                return f"{new.name} did not finish: {end.reason}."
+            return "" if end.vented else f"After {new.name} the line is NOT known to be without pressure."
+
+    def minutes_running(self) -> float:
+        """How long the motor has run today at the end of the run that was started last [min]."""
+        new = self._new()
+        start, end = (None, None) if new is None else (read_start(new), read_end(new))
+        if start is None or end is None or start.minutes_running is None:
+            return 0.0
+        return start.minutes_running + (end.wall_s or 0.0) * start.clock.rate / 60.0
+
+    def _new(self) -> Path | None:
+        return next((run for run in runs_of_benches(self.logs) if run not in self._before), None)

@@ -17,6 +17,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from spinbench.console.access import ConsoleError
 from spinbench.console.desk import Desk
 
 TICK_S = 0.25
@@ -33,8 +34,6 @@ def watch(desk: Desk) -> None:
     Raises ConsoleError where keys cannot be typed, or nothing can be shown.
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        from spinbench.console.server import ConsoleError
-
         raise ConsoleError("--terminal needs a terminal for keys and for what is shown; without one leave it out")
     screen = Console()
     with _keys() as key, Live(console=screen, screen=True, auto_refresh=False) as live:
@@ -98,8 +97,10 @@ def _course(course: dict[str, Any], word: str) -> Text:
     for step in course["steps"]:
         way = {"up": "↑", "down": "↓"}.get(step["direction"], "")
         running = step["status"] == "running"
+        added = " added" if step["added"] else ""
         text.append(
-            f"{STEP_MARKS[step['status']]} {step['level']:.2f}{way}", style="reverse" if running else "not bold"
+            f"{STEP_MARKS[step['status']]} {step['level']:.2f}{way}{added}",
+            style="reverse" if running else "not bold",
         )
         text.append("  ", style="not bold")
     done = sum(step["status"] == "done" for step in course["steps"])

@@ -26,7 +26,7 @@ STATES = {
     "vent": ("The regulator is at zero and the line empties.", "the gauge to show the room's pressure"),
     "level": ("A person sets the valve and reads the instruments.", "what the person types"),
     "done": ("The course is done.", "the run to be sealed"),
-    "aborted": ("The run was stopped.", "the run to be sealed"),
+    "stopping": ("The run was stopped.", "the run to be sealed"),
     "failed": ("Something of the bench does not work.", "the run to be sealed"),
 }
 STARTING = ("starting", "The instruments are identified and the failsafes set.", "the bench")
@@ -70,13 +70,19 @@ def badge_of(tail: Tail, now_s: float) -> Badge:
     event = tail.latest.get(STATE)
     if event is None:
         return Badge(*STARTING)
-    state = str(event.details.get("state", ""))
+    state = state_word(event.details)
     explanation, waits_for = STATES.get(state, ("", ""))
     length_s, at_most = _length(tail, state, event.details)
     if length_s is None:
         return Badge(state, explanation, waits_for)
     still_s = max(event.time_s + length_s - now_s, 0.0)
     return Badge(state, explanation, waits_for, still_s, length_s, at_most)
+
+
+def state_word(details: dict[str, Any]) -> str:
+    """A state of the log in the word that people are shown."""
+    state = str(details.get("state", ""))
+    return "stopping" if state == "aborted" else state
 
 
 def _length(tail: Tail, state: str, details: dict[str, Any]) -> tuple[float | None, bool]:
@@ -118,7 +124,7 @@ def _ended(tail: Tail) -> Badge:
         return Badge("stopped", "A person stopped it.")
     if end.stopped_by == "interlock":
         return Badge("tripped", f"An interlock stopped it: {end.reason}.")
-    return Badge("aborted", f"It was stopped: {end.reason}.")
+    return Badge("stopped", f"It was stopped: {end.reason}.")
 
 
 def guidance_for(kind: str, tail: Tail) -> str:

@@ -123,7 +123,7 @@ def test_a_finished_run_tells_what_was_planned_and_what_the_guard_expected(finis
     (course,) = [event.details for event in run.events if event.event == "course"]
     assert course["steps"] == [[LOW, "up", 1], [HIGH, "up", 1]]
     told = [event.details for event in run.events if event.event == "expected"]
-    assert [one["plateaus"] for one in told] == [0, 1, 2]
+    assert [(one["plateaus"], one["turning"]) for one in told] == [(0, 0), (1, 0), (2, 1)]
     assert 0.0 < told[-1]["f_overall"]["sd"] < told[0]["f_overall"]["sd"]
     pressures = [level for level, *_ in told[-1]["band"]]
     assert pressures == sorted(pressures)

@@ -11,7 +11,9 @@ import pytest
 from tests.rig.runlog.test_runlog_import import COLUMNS, HEAD
 from tests.synthetic_runs import write_sweep
 
-EXTRAS = ("arviz", "asammdf", "cryptography", "distributed", "dask", "h5netcdf", "h5py", "nptdms", "pyarrow", "xarray")
+EXTRAS = (
+    "arviz", "asammdf", "cryptography", "distributed", "dask", "h5netcdf", "h5py", "nptdms", "paho", "pyarrow", "xarray",
+)  # fmt: skip
 WITHOUT = """
 import sys
 class Absent:
@@ -65,6 +67,7 @@ def test_no_module_needs_them_to_be_imported():
         ("distributed", "cluster", "challenge score campaign --scheduler tcp://localhost:1"),
         ("distributed", "cluster", "many diagnose recording -o out --scheduler tcp://localhost:1"),
         ("distributed", "cluster", "many fit recording -o out --scheduler tcp://localhost:1"),
+        ("paho", "mqtt", "console virtual --mqtt localhost"),
         ("pyarrow", "formats", "challenge run campaign"),
         ("pyarrow", "formats", "many diagnose recording -o out"),
         ("pyarrow", "formats", "many fit recording -o out"),

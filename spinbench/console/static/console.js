@@ -3,7 +3,6 @@
 const LOST_MS = 1500, RETRY_MS = 700, STOP_MS = 2000, TOLD_MS = 6000;
 const SPANS = [[60, "1 min"], [600, "10 min"], [0, "whole run"]];
 const MARKS = { good: "✓", unsure: "?", bad: "✕", old: "⚠", none: "–", past: "–" };
-const ENTRIES = { operator: "operator", motor_serial: "motor's number", note: "note", lubrication: "lubrication", minutes_running: "running today, min", ambient_pressure_bar_abs: "room's pressure, bar abs", ambient_temperature_c: "room's temperature, °C", relative_humidity: "relative humidity, 0 to 1" };
 const CLOSE = "Close the supply by hand now, and use the bench's own shut-off.";
 const $ = id => document.getElementById(id);
 const held = {};          // the parts as the server said them last
@@ -121,7 +120,7 @@ function draw() {
   stopToken = held.console.stop_token;
   const run = held.run;
   document.body.classList.toggle("no-run", !run);
-  drawHead(run); drawBar(); showStop();
+  drawHead(run); drawBar(); drawQueue(); drawByHand(run); showStop();
   if (run) { drawFigures(); drawCharts(); drawPictureAndCheck(); drawSteps(); drawEvents(); drawSetting(run); }
   drawAlarms(run);
   const key = `${held.console.latest} ${held.console.latest_state}`;
@@ -132,11 +131,11 @@ function drawHead(run) {
   const state = held.state, name = run ? run.name : "no run yet";
   const live = run && run.live && !run.replay;
   put($("word"), state ? state.word : held.console.starting ? "starting" : "idle");
-  $("badge").className = `badge ${["failed", "tripped", "killed", "aborted"].includes(state && state.word) ? "alert" : live ? "live" : ""}`;
+  $("badge").className = `badge ${["failed", "tripped", "killed"].includes(state && state.word) ? "alert" : live ? "live" : ""}`;
   const about = run && run.replay ? `REPLAY ×${run.replay} of ` : run && !run.live ? "PAST RUN " : "";
   put($("run-name"), `${about}${name}${run && run.simulated ? " (virtual bench)" : ""}`);
   document.title = `${state ? state.word : "idle"} · spinbench`;
-  put($("explanation"), held.console.unreadable || (held.console.starting && !live ? "A sweep is being started." : state ? state.explanation : "Start a sweep here, or in a terminal: this page follows it."));
+  put($("explanation"), held.console.unreadable || (held.console.starting && !live ? "A run is being started." : state ? state.explanation : "Start a run here, or in a terminal: this page follows it."));
   if (!state || state.still_s === null) { put($("still"), ""); put($("waits"), state && state.waits_for ? `Waits for ${state.waits_for}.` : ""); return; }
   put($("still"), `${state.at_most ? "at most " : ""}${state.still_s.toFixed(0)} s still`);
   put($("waits"), `Waits for ${state.waits_for}: ${state.at_most ? "at most " : ""}${state.still_s.toFixed(0)} of ${state.of_s.toFixed(0)} s still.`);
@@ -147,7 +146,8 @@ function drawBar() {
   const who = c.controls ? "This window controls" : c.controller ? `${c.controller} controls${c.controller_is_there ? "" : " (it is closed)"}; this window watches` : "Nobody controls; this window watches";
   put($("control-told"), `${who} · ${many} · this is ${windowName}`);
   $("take").disabled = c.controls;
-  $("start").disabled = !c.controls || c.running || (held.run && held.run.live && !held.run.replay);
+  $("start").disabled = !c.controls;
+  $("start-now").disabled = c.queue.going || c.running || (held.run && held.run.live && !held.run.replay);
   $("back").hidden = !shown.run;
   put($("back"), c.latest_state === "being written" ? "A RUN GOES ON: back to it" : "Back to the newest run");
   drawStartRefused(c.start_failed);
@@ -159,7 +159,7 @@ function drawStartRefused(failed) {
   if (failed && failed.start === failedStart) return;
   if (failedText && $("refused").querySelector("span").textContent === failedText) $("refused").hidden = true;
   failedStart = failed ? failed.start : 0;
-  failedText = failed ? `The sweep did not begin: ${failed.text}` : "";
+  failedText = failed ? `The run did not begin: ${failed.text}` : "";
   if (failed) refuse(failedText);
 }
 
@@ -215,14 +215,14 @@ function drawPictureAndCheck() {
   $("picture").setAttribute("aria-label", `speed over pressure: ${picture.points.length} plateaus; ${check.text}`);
   put($("picture-key"), `○ rising leg, □ falling leg, struck through: not settled. Band: what the guard holds for possible, 1 to 99 %.${besideName ? ` ◇ ${besideName}, laid beside.` : ""}`);
   const f = picture.f_overall;
-  put($("friction"), f ? `f_overall so far: ${f.mean.toFixed(4)} ± ${f.sd.toFixed(4)} N m s, as the guard has it after ${picture.plateaus} plateaus. spinbench fit says it better once the run has ended.` : "");
+  put($("friction"), f ? `f_overall so far: ${f.mean.toFixed(4)} ± ${f.sd.toFixed(4)} N m s, as the guard has it after ${picture.turning} plateau${picture.turning === 1 ? "" : "s"} with the rotor turning. spinbench fit says it better once the run has ended.` : "");
 }
 
 function drawSteps() {
   const { steps, captures, still_s } = held.steps, marks = { done: "✓ ", running: "▶ ", "left out": "✕ ", "to come": "" };
   const arrows = { up: "↑", down: "↓" };
   fill($("steps"), [
-    ...steps.map(s => { const li = make("li", `${marks[s.status]}${s.level.toFixed(2)} bar ${arrows[s.direction] || ""}`, s.status.replace(" ", "-")); if (s.status === "running") li.setAttribute("aria-current", "step"); li.title = s.status; return li; }),
+    ...steps.map(s => { const li = make("li", `${marks[s.status]}${s.level.toFixed(2)} bar ${arrows[s.direction] || ""}${s.added ? " added" : ""}`, s.status.replace(" ", "-")); if (s.status === "running") li.setAttribute("aria-current", "step"); li.title = s.status; return li; }),
     ...captures.map(c => make("li", `${marks[c.status]}${c.kind} at ${c.level.toFixed(2)} bar`, c.status))]);
   const done = steps.filter(s => s.status === "done").length;
   put($("course-left"), steps.length ? `${done} of ${steps.length} plateaus${still_s === null ? "" : `, about ${still_s < 90 ? `${still_s} s` : `${Math.round(still_s / 60)} min`} still`}` : "");
@@ -268,7 +268,8 @@ async function list() {
   fill($("runs"), rows.map(row => {
     const tr = document.createElement("tr"), reports = make("td"), shows = make("td");
     const add = (to, text, label, act) => { const b = make("button", text); b.setAttribute("aria-label", label); b.onclick = act; to.append(b); };
-    for (const path of row.reports) add(reports, path.split("/").slice(2).join("/"), `report ${path}`, () => openReport(path));
+    for (const path of row.reports) add(reports, path.split("/").slice(2).join("/"), `report ${path}`, () => openReport(path, row.tests));
+    reports.append(...row.tests.filter(test => test.planned).slice(0, 3).map(testButton));
     add(shows, "Show", `show ${row.name}`, () => show(row.name, 0));
     if (!row.imported) add(shows, "Replay ×10", `replay ${row.name}`, () => show(row.name, 10));
     add(shows, besideName === row.name ? "Take away" : "Lay beside", `lay ${row.name} beside`, () => layBeside(row.name));
@@ -286,34 +287,19 @@ async function layBeside(name) {
   }
   dirty = true; list();
 }
-function openReport(path) { $("report").src = `/files/${path.split("/").map(encodeURIComponent).join("/")}`; $("report-dialog").show(); }
+function openReport(path, tests) {
+  fill($("report-tests"), tests.filter(test => path.startsWith(`${test.report}/`)).map(test => test.planned ? testButton(test) : make("span", `${test.test}: ${test.why_not}. `)));
+  $("report").src = `/files/${path.split("/").map(encodeURIComponent).join("/")}`; $("report-dialog").show();
+}
 
 // ---- controls
 
-function openStart() {
-  const b = held.console.bench;
-  if (b.by_hand) { refuse("A person sets this bench's valve: start spinbench sweep in a terminal, this page follows it."); return; }
-  pairs($("planned"), { bench: `${b.name}: ${b.title}`, levels: `${b.levels.join(", ")} bar abs, ${b.order}${b.repeats > 1 ? `, ${b.repeats} times` : ""}`, captures: b.captures.join(", ") || "none", limits: `${b.highest_speed_rpm} rpm, ${b.highest_pressure_bar_abs} bar abs`, "kept in": held.console.logs });
-  for (const [name, [low, high]] of Object.entries(b.ranges)) Object.assign($("entries").querySelector(`[name=${name}]`), { type: "number", step: "any", min: low, max: high, placeholder: `${low} to ${high}` });
-  $("start-dialog").show();
-  $("start-dialog").querySelector("input").focus();
-}
-$("entries").append(...Object.entries(ENTRIES).map(([name, words]) => { const label = make("label"), input = document.createElement("input"); input.name = name; input.maxLength = 500; input.value = name === "operator" ? recalled("operator", "") : ""; label.append(make("span", words), input); return label; }));
-$("start-dialog").addEventListener("close", () => {
-  if ($("start-dialog").returnValue !== "start") return;
-  const answers = Object.fromEntries([...$("entries").querySelectorAll("input")].map(i => [i.name, i.value.trim()]));
-  keep("operator", answers.operator);
-  shown = { run: "", replay: 0 }; connect();
-  $("refused").hidden = true;
-  change("start", { answers }, "The sweep is being started.");
-  $("start-dialog").returnValue = "";
-});
 $("stop").onclick = stop;
 $("stop-seen").onclick = () => { const told = localStop || held.console.stop; dismissed = told ? `${told.word} ${told.text}` : ""; showStop(); };
 $("refused-seen").onclick = () => { $("refused").hidden = true; };
 $("take").onclick = () => change("control", {}, "This window controls.");
-$("start").onclick = openStart;
 $("back").onclick = () => show("", 0);
+$("look").onclick = list;
 function setBig(is) { document.body.classList.toggle("big", is); $("big").setAttribute("aria-pressed", is); keep("big", is); dirty = true; }
 $("big").onclick = () => setBig(!document.body.classList.contains("big"));
 setBig(recalled("big", "false") === "true");
@@ -328,7 +314,7 @@ press();
 
 function pressed(event) {
   if (event.key === "F8") { event.preventDefault(); stop(); return; }
-  if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input, textarea, select")) return;
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input:not([type=file]), textarea, select")) return;
   const key = event.key.toLowerCase();
   if (key === "s") stop();
   else if (lost) return;
@@ -339,5 +325,4 @@ document.addEventListener("keydown", pressed, true);
 $("report").addEventListener("load", () => $("report").contentDocument?.addEventListener("keydown", pressed, true));
 window.addEventListener("resize", () => { dirty = true; });
 
-connect();
-draw();
+document.addEventListener("DOMContentLoaded", () => { connect(); draw(); }); // once every script is there

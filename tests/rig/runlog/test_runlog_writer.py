@@ -165,7 +165,15 @@ def test_a_closed_run_takes_nothing_more(tmp_path):
         with pytest.raises(RunError, match="closed already"):
             writer.end("finished")
     run = read_run(writer.folder)
-    assert (run.state, run.end.reason) == ("aborted", "stopped by the operator")
+    assert (run.state, run.end.reason) == ("stopped", "stopped by the operator")
+
+
+def test_a_run_that_an_interlock_ended_is_told_as_tripped_and_one_of_a_person_as_stopped(tmp_path):
+    for by, word in (("interlock", "tripped"), ("operator", "stopped"), (None, "stopped")):
+        with RunWriter.create(tmp_path / word / str(by), start_of()) as writer:
+            writer.end("aborted", "why", vented=True, stopped_by=by)
+        run = read_run(writer.folder)
+        assert (run.state, run.end.outcome) == (word, "aborted")  # the file's own word stays
 
 
 def test_a_run_that_is_being_written_is_shown_as_that_and_readable(tmp_path):

@@ -9,9 +9,12 @@ from rig.bench.bench import bench_path, read_bench
 from rig.runlog import RunWriter
 from spinbench.console import sweeps
 from spinbench.console.desk import Desk, Showing
+from spinbench.console.planned import Planned
 from spinbench.next_steps import next_steps
 from tests.console_lab import short_bench, wait_for
 from tests.synthetic_runs import start_of, write_sweep
+
+SWEEP = Planned("sweep")
 
 
 @pytest.fixture
@@ -22,7 +25,7 @@ def desk(tmp_path):
 
 def refused(desk):
     """Start what cannot begin; what is told of it."""
-    desk.sweeps.start({"minutes_running": "soon"})
+    desk.sweeps.start(SWEEP, {"minutes_running": "soon"})
     return wait_for(lambda: desk.console("w")["start_failed"], "the refusal of a start")
 
 
@@ -53,7 +56,7 @@ def test_a_refusal_belongs_to_one_start_and_the_next_one_takes_it_back(desk, hel
     assert first["text"] == again["text"]
     assert first["start"] != again["start"]  # the page tells it once more
     told = held_starts(desk.sweeps.failed)
-    desk.sweeps.start({})
+    desk.sweeps.start(SWEEP, {})
     assert told == [None]  # while it begins
     assert desk.console("w")["start_failed"] is None
 
@@ -68,7 +71,7 @@ def test_a_refusal_is_not_told_of_a_run_that_another_program_writes(desk):
 
 def test_a_sweep_is_being_started_until_its_run_is_there_and_not_again_after_its_end(desk, held_starts):
     held_starts()
-    desk.sweeps.start({})
+    desk.sweeps.start(SWEEP, {})
     assert desk.console("w")["starting"]
     with RunWriter.create(desk.logs, start_of()) as writer:
         writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
@@ -78,7 +81,7 @@ def test_a_sweep_is_being_started_until_its_run_is_there_and_not_again_after_its
 
 def test_stop_after_the_end_of_a_run_does_not_say_that_the_regulator_was_never_raised(desk, held_starts):
     held_starts()
-    desk.sweeps.start({})
+    desk.sweeps.start(SWEEP, {})
     with RunWriter.create(desk.logs, start_of()) as writer:
         writer.end("finished", vented=True)
     assert desk.stop("a test")["word"] == "NOT DELIVERED"
@@ -123,7 +126,7 @@ def test_a_refusal_is_a_sentence_without_the_usage_of_the_command(desk):
     assert text.startswith("Invalid value for '--minutes-running': ")
     assert not set("│╭─╰\n") & set(text)
     assert "Usage" not in text
-    desk.sweeps.start({"relative_humidity": "3"})
+    desk.sweeps.start(SWEEP, {"relative_humidity": "3"})
     told = wait_for(lambda: desk.console("w")["start_failed"], "the refusal of a start")["text"]
     assert told == "--relative-humidity 3: expected 0 to 1"
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from rig.readings import Quality
 from rig.runlog import RunWriter
 from rig.runlog.tail import Tail
 from spinbench.console.facts import facts
@@ -42,7 +43,7 @@ def test_a_dwell_says_how_long_still_and_a_settling_at_most(writer):
         (("aborted", "stopped by the operator", {"vented": True, "stopped_by": "operator"}), "stopped"),
         (("aborted", "speed 700 rpm", {"vented": True, "stopped_by": "interlock"}), "tripped"),
         (("failed", "no reading", {"vented": False}), "failed"),
-        (("aborted", "as it was before this key", {}), "aborted"),
+        (("aborted", "as it was before this key", {}), "stopped"),
         (None, "killed"),
     ],
 )
@@ -120,6 +121,45 @@ def test_the_running_step_is_marked_and_one_left_out_too(writer):
     found = shown(writer.folder)
     assert [step["status"] for step in found["steps"]["steps"]] == ["done", "running", "left out"]
     assert [alarm["text"] for alarm in found["alarms"]] == ["too fast"]
+
+
+def test_a_level_that_is_measured_on_the_way_has_a_chip_of_its_own(writer):
+    def statuses():
+        return [(s["level"], s["status"], s["added"]) for s in shown(writer.folder)["steps"]["steps"]]
+
+    writer.event("course", 0, steps=[[1.5, "up", 1], [1.7, "up", 1]], captures=[])
+    writer.event("state", 1 * S, state="ramp", target_bar_abs=1.2, added=True)
+    writer.event("state", 2 * S, state="settle")
+    assert statuses() == [(1.2, "running", True), (1.5, "to come", False), (1.7, "to come", False)]
+    writer.plateau({"n": 1, "level_bar_abs": 1.2, "direction": "up", "repeat": 1, "start_s": 3.0, "end_s": 5.0})
+    writer.event("state", 5 * S, state="ramp", target_bar_abs=1.5)
+    assert statuses() == [(1.2, "done", True), (1.5, "running", False), (1.7, "to come", False)]
+    writer.plateau({"n": 2, "level_bar_abs": 1.5, "direction": "up", "repeat": 1, "start_s": 6.0, "end_s": 8.0})
+    writer.plateau({"n": 3, "level_bar_abs": 1.6, "direction": "up", "repeat": 1, "start_s": 9.0, "end_s": 10.0})
+    assert statuses() == [(1.2, "done", True), (1.5, "done", False), (1.6, "done", True), (1.7, "running", False)]
+
+
+def test_f_overall_is_shown_once_a_plateau_with_a_turning_rotor_has_told_of_it(writer):
+    told = {"f_overall": {"mean": 0.06, "sd": 0.01}, "band": []}
+    writer.event("expected", 1 * S, plateaus=1, turning=0, **told)
+    assert shown(writer.folder)["picture"]["f_overall"] is None
+    writer.event("expected", 2 * S, plateaus=2, turning=1, **told)
+    assert shown(writer.folder)["picture"]["f_overall"] == told["f_overall"]
+
+
+def test_one_word_is_used_for_a_run_that_was_stopped(writer):
+    writer.event("state", 1 * S, state="aborted")
+    found = shown(writer.folder)
+    assert (found["state"]["word"], found["events"][-1]["text"]) == ("stopping", "stopping")
+    assert "aborted" not in str(found)
+
+
+def test_a_typed_reading_is_not_old_and_one_that_was_left_out_is_no_fault(writer):
+    writer.exchange(poll("gauge", {PRESSURE: 1.5}, 1 * S, quality=Quality.MANUAL))
+    writer.exchange(poll("tach", {SPEED: None}, 1 * S, quality=Quality.MANUAL))
+    pressure, _, speed, _ = shown(writer.folder, 31.0)["figures"]
+    assert (pressure["mark"], pressure["quality"]) == ("good", "typed 30 s ago")
+    assert (speed["mark"], speed["quality"]) == ("none", "not read")
 
 
 def test_the_lamp_says_what_the_check_beside_the_sweep_found(writer):

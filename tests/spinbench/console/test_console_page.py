@@ -8,79 +8,24 @@ import time
 
 import pytest
 
-from rig.runlog import RunWriter, read_run
+from rig.runlog import RunWriter
 from rig.runlog.folder import writer_of
-from tests.browser import installed
-from tests.console_lab import ENOUGH_S, PROGRAM, Link, consoles, events_of, only_run, short_bench, wait_for
+from tests.console_lab import (
+    ENOUGH_S,
+    PATIENT_MS,
+    PROGRAM,
+    Link,
+    ends,
+    events_of,
+    has,
+    only_run,
+    short_bench,
+    start_from,
+    wait_for,
+)
 from tests.synthetic_runs import PRESSURE, poll, start_of, write_sweep
 
 pytestmark = pytest.mark.long
-PATIENT_MS = 1000.0 * ENOUGH_S
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    path = installed()
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with api.sync_playwright() as made:
-        browser = made.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-@pytest.fixture
-def start_console():
-    with consoles() as start:
-        yield start
-
-
-@pytest.fixture
-def window(chromium):
-    """Opens windows, each with a storage of its own as another person's has; a page's own errors fail the test."""
-    errors, contexts = [], []
-
-    def opened(address):
-        context = chromium.new_context(viewport={"width": 1200, "height": 1000})
-        contexts.append(context)
-        page = context.new_page()
-        page.set_default_timeout(PATIENT_MS)
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda said: errors.append(said.text) if "Content Security Policy" in said.text else None)
-        page.goto(address)
-        page.wait_for_selector("body:not(.is-lost)")
-        return page
-
-    yield opened
-    for context in contexts:
-        context.close()
-    assert errors == []
-
-
-def has(page, selector, text):
-    """Wait until an element says something."""
-    page.wait_for_function(
-        "([selector, text]) => document.querySelector(selector).textContent.includes(text)", arg=[selector, text]
-    )
-
-
-def start_from(page):
-    """Take control and start a sweep, with the keyboard alone."""
-    page.keyboard.press("t")
-    has(page, "#control-told", "This window controls")
-    page.wait_for_function("() => !document.querySelector('#start').disabled")
-    page.focus("#start")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("#start-dialog", state="visible")
-    assert "bar abs" in page.inner_text("#planned")  # what is planned is shown before it starts
-    page.keyboard.type("Novák")
-    page.focus("#start-now")
-    page.keyboard.press("Enter")
-
-
-def ends(logs):
-    folder = only_run(logs)
-    wait_for(lambda: (folder / "end.json").exists(), "the run sealed")
-    return read_run(folder)
 
 
 def wall_s(run, event):
@@ -267,7 +212,7 @@ def test_a_refused_start_is_told_each_time_and_taken_back_by_a_start_that_runs(t
     page = window(start_console(bench, logs).address)
     bench.write_text("title = 1\n")  # the console has read it; what it starts will not
     start_from(page)
-    has(page, "#refused", "The sweep did not begin: ")
+    has(page, "#refused", "The run did not begin: ")
     assert "Usage" not in page.inner_text("#refused")
     page.click("#refused-seen")
     start_from(page)
