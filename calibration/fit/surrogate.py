@@ -44,7 +44,7 @@ class _AlongNoise:
     """
 
     form: np.ndarray
-    changes: list[np.ndarray]
+    changes: list[_Changes]
     tables: np.ndarray
 
 

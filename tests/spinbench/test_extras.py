@@ -11,9 +11,8 @@ import pytest
 from tests.rig.runlog.test_runlog_import import COLUMNS, HEAD
 from tests.synthetic_runs import write_sweep
 
-EXTRAS = (
-    "arviz", "asammdf", "cryptography", "distributed", "dask", "h5netcdf", "h5py", "nptdms", "paho", "pyarrow", "xarray",
-)  # fmt: skip
+OF_FILES = ("asammdf", "h5netcdf", "h5py", "nptdms", "pyarrow")
+EXTRAS = (*OF_FILES, "arviz", "cryptography", "distributed", "dask", "paho", "xarray")
 WITHOUT = """
 import sys
 class Absent:
