@@ -30,9 +30,11 @@ def base_of(comparison: Comparison) -> Mode:
     """
     begun = _by_plateaus(comparison)
     base = find(comparison, (), begun)
-    misread = _standing_out(comparison, base)
+    standing_out = _standing_out(comparison, base)
+    count = np.count_nonzero(standing_out, axis=0)
+    misread: np.ndarray = count > 0
     if misread.any():
-        comparison.noise.leave_alone(misread)
+        comparison.noise.leave_alone(misread, count == 1)
     if comparison.problem.blocks.runs:
         comparison.see_pulses(base.z)
         return find(comparison, (), base, None) if misread.any() else find(comparison, (), base)
@@ -55,9 +57,9 @@ def _by_plateaus(comparison: Comparison) -> Mode | None:
 
 
 def _standing_out(comparison: Comparison, mode: Mode) -> np.ndarray:
-    """Plateaus of which a reading is far off while those before and after are not, shape (n,)."""
+    """Flows, then speeds, of plateaus that are far off while those before and after are not, shape (2, n)."""
     n = comparison.n
     sd = np.linalg.norm(comparison.whitener(mode.prediction, mode.u).plateaus, axis=1)
     far = np.abs(np.nan_to_num(comparison.read - comparison.raw(mode.prediction))[: 2 * n] / sd).reshape(2, n)
     beside = np.pad(far, ((0, 0), (1, 1)))
-    return np.any((far > OFF) & (far > 2.0 * np.maximum(beside[:, :-2], beside[:, 2:])), axis=0)
+    return (far > OFF) & (far > 2.0 * np.maximum(beside[:, :-2], beside[:, 2:]))

@@ -119,7 +119,7 @@ class Noise:
         self.rounding = np.array([problem.resolution[c] for c in CHANNELS]) ** 2 / 12.0
         lines = [run.line.sd for run in problem.blocks.runs]
         self.beside = np.concatenate([problem.blocks.vented.sd, problem.blocks.standing.sd, *lines])
-        self.row_scale = plateaus.noise_scale
+        self.row_scale, self.parted = plateaus.noise_scale, np.zeros(self.n, dtype=bool)
         files = np.array([list(dict.fromkeys(plateaus.file)).index(file) for file in plateaus.file], dtype=int)
         between = np.abs(plateaus.row[:, None] - plateaus.row[None, :])
         self.apart = np.where(files[:, None] == files[None, :], between, -1)
@@ -153,14 +153,17 @@ class Noise:
         i = int(np.argmax(u[SCALES]))
         return (CHANNELS[i], math.exp(u[i])) if u[i] > LOUDEST * NOISE_SD else None
 
-    def leave_alone(self, rows: np.ndarray) -> None:
+    def leave_alone(self, rows: np.ndarray, in_one: np.ndarray) -> None:
         """Take the noise of some plateaus for their own: of a misread row its neighbours know nothing.
 
         Parameters
         ----------
         rows : ndarray of bool, shape (n,)
             The plateaus.
+        in_one : ndarray of bool, shape (n,)
+            Those of which one reading is misread: of it the other knows nothing either.
         """
+        self.parted = self.parted | in_one
         apart = (rows[:, None] | rows) & ~np.eye(self.n, dtype=bool)
         self.apart = np.where(apart, -1, self.apart)
         self._last_alike = None
@@ -286,8 +289,11 @@ class Noise:
         p, q, w = self.rounding
         rest = np.diag(np.where(known, np.concatenate([q + p * a * a, w + p * b * b]), 1.0))
         rows = np.arange(n)
-        rest[rows, n + rows] = rest[n + rows, rows] = np.where(known[:n] & known[n:], p * a * b, 0.0)
-        return np.tile(self._alike(u), (2, 2)), factor, rest
+        together = known[:n] & known[n:] & ~self.parted
+        rest[rows, n + rows] = rest[n + rows, rows] = np.where(together, p * a * b, 0.0)
+        alike, parted = np.tile(self._alike(u), (2, 2)), np.flatnonzero(self.parted)
+        alike[parted, n + parted] = alike[n + parted, parted] = 0.0
+        return alike, factor, rest
 
     def _of_plateaus(
         self,

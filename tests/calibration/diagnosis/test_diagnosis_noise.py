@@ -144,10 +144,16 @@ def test_a_misread_row_says_nothing_of_its_neighbours(sweep_mode):
     off[comparison.n + 6] = 1.0
     beside = [n + 5, n + 7]
     assert np.abs(comparison.whitener(mode.prediction, u)(off))[beside].max() > 0.0
-    comparison.noise.leave_alone(np.arange(n) == 6)
+    comparison.noise.leave_alone(np.arange(n) == 6, np.zeros(n, dtype=bool))
     alone = np.abs(comparison.whitener(mode.prediction, u)(off))
     assert alone[n + 6] > 0.0
     assert np.all(alone[beside] == 0.0)
+    off = np.zeros(comparison.read.size)
+    off[6] = 1e-3
+    assert abs(comparison.whitener(mode.prediction, u)(off)[n + 6]) > 0.1
+    comparison.noise.leave_alone(np.arange(n) == 6, np.arange(n) == 6)
+    found = comparison.whitener(mode.prediction, u)(off)
+    assert found[6] != 0.0 and found[n + 6] == 0.0
 
 
 def test_correlated_noise_is_evidence_for_itself():

@@ -92,6 +92,18 @@ def test_a_misread_row_is_named_with_its_place(tmp_path: Path) -> None:
     assert found["f_overall_after"]["sd"] > found["f_overall_before"]["sd"]
 
 
+def test_of_a_flow_that_is_misread_the_speed_beside_it_is_not_accused(tmp_path: Path) -> None:
+    sweep(tmp_path, 1, {})
+    lines = (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()
+    cells = lines[11].split(",")
+    cells[3] = str(float(cells[3]) + 30.0)
+    lines[11] = ",".join(cells)
+    (tmp_path / "sweep.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    found = as_json(diagnose(read_recording(tmp_path), 1))
+    assert (found["verdict"], [e["id"] for e in found["effects"]]) == ("named", ["bad_reading"])
+    assert [(row["row"], row["channel"]) for row in found["suspect_rows"]] == [(11, "flow")]
+
+
 @pytest.mark.long
 def test_a_misread_row_is_named_beside_an_effect(tmp_path: Path) -> None:
     found = as_json(diagnose(sweep(tmp_path, 6, {"leakage": {"conductance_kg_s_pa2": LEAK}}, bad_row=7), 1))
