@@ -35,6 +35,11 @@ class _Group(TyperGroup):
     def get_params(self, ctx: Any) -> list[Any]:
         return _without_type_of_switches(super().get_params(ctx))
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Commands with what they do, whole."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, one.get_short_help_str(limit=1000)) for name, one in self.commands.items()])
+
 
 def _without_type_of_switches(parameters: list[Any]) -> list[Any]:
     for parameter in parameters:
@@ -49,6 +54,7 @@ app = typer.Typer(
     invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # its boxes cut the names of options on a narrow terminal
 )
 runs_app = typer.Typer(
     cls=_Group, help="The runs that were logged: list, show, verify, repair, export, import.", no_args_is_help=True

@@ -90,9 +90,8 @@ def planned(comparison: Comparison) -> list[Planned]:
     """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest."""
     bench = _Bench(comparison)
     top = min(bench.top, bench.allowed())
-    low = min(bench.low, top)
-    middle, more = bench.settable(0.5 * (low + top)), bench.settable(bench.higher())
-    low, highest = bench.settable(low), bench.settable(top)
+    bottom = min(bench.low, top)
+    low, middle, highest, more = map(bench.settable, (bottom, 0.5 * (bottom + top), top, bench.higher()))
     found = []
     if bench.columns["speed"]:
         found += [
@@ -103,10 +102,10 @@ def planned(comparison: Comparison) -> list[Planned]:
         in_time = bench.run(middle.read_bar, False, 1.0 + FLYWHEEL)
         found.append(bench.plan(heavy, in_time, "coast-down", middle, FLYWHEEL))
         found.append(bench.plan(f"spin-up to {highest.words}", bench.run(highest.read_bar, True), "spin-up", highest))
-    is_higher = more.read_bar >= LEAST_HIGHER * top
+    steady = [more, low, middle] if more.read_bar >= LEAST_HIGHER * top else [low, middle]
     found += [
         bench.plan(f"ten plateaus at {level.words}", bench.steady(level.ten), "plateaus", level)
-        for level in (*([more] if is_higher else []), low, middle)
+        for level in steady
     ]
     warm = bench.steady(middle.ten, AN_HOUR_S)
     found.append(bench.plan(f"ten plateaus at {middle.words}, after an hour's running", warm))
