@@ -104,8 +104,7 @@ def planned(comparison: Comparison) -> list[Planned]:
         found.append(bench.plan(f"spin-up to {highest.words}", bench.run(highest.read_bar, True), "spin-up", highest))
     steady = [more, low, middle] if more.read_bar >= LEAST_HIGHER * top else [low, middle]
     found += [
-        bench.plan(f"ten plateaus at {level.words}", bench.steady(level.ten), "plateaus", level)
-        for level in steady
+        bench.plan(f"ten plateaus at {level.words}", bench.steady(level.ten), "plateaus", level) for level in steady
     ]
     warm = bench.steady(middle.ten, AN_HOUR_S)
     found.append(bench.plan(f"ten plateaus at {middle.words}, after an hour's running", warm))
