@@ -3,6 +3,7 @@
 import dataclasses
 import html
 import io
+import itertools
 import re
 import shlex
 import shutil
@@ -142,7 +143,7 @@ def test_the_pictures_show_the_pairs_that_the_text_names_and_their_ticks_stand_a
     for panel in panels:
         boxes = [one.get_window_extent() for one in panel.get_xticklabels() if one.get_text()]
         inside = sorted((box.x0, box.x1) for box in boxes)
-        assert all(one[1] < other[0] for one, other in zip(inside, inside[1:], strict=False)), panel.get_xlabel()
+        assert all(one[1] < other[0] for one, other in itertools.pairwise(inside)), panel.get_xlabel()
 
 
 def test_the_page_counts_rows_as_the_document_does(found, page):
