@@ -92,7 +92,9 @@ def diagnose(
     refuse_twice(parts, unseen)
     promise = earlier.promise(new) if earlier else None
     if earlier and promise is None:
-        remark(f"nothing given now is a test that {resume} asks for, so nothing was promised of it")
+        remark(
+            f"nothing given now is a test that {resume} asks for, so nothing was promised of it", *earlier.why_not(new)
+        )
     parts = without(parts, left_out or [])
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
     sharing = own_of_each(per_recording or [], len(parts))
