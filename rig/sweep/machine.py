@@ -302,12 +302,12 @@ class SweepMachine:
             return orders
         over, self._capturing = self._capturing, None
         self._made |= not over.lost
-        return [*orders, *(self._lose(over, now_ns) if over.lost else self._enter(State.NEXT, now_ns))]
+        return [*orders, *(self._lose(over, now_ns, view) if over.lost else self._enter(State.NEXT, now_ns))]
 
-    def _lose(self, over: Capturing, now_ns: int) -> list[Order]:
-        """Take a capture that cannot be used once more; the second time go on without it."""
+    def _lose(self, over: Capturing, now_ns: int, view: View) -> list[Order]:
+        """Take a capture that cannot be used once more; the second time, or with nothing read, go on without it."""
         task, what = over.task, f"the {over.task.kind} cannot be used: {over.lost}"
-        is_first = task not in self._lost
+        is_first = task not in self._lost and not judge.not_reading(view)
         if is_first:
             self._lost.append(task)
             self._tasks.appendleft(task)

@@ -312,7 +312,7 @@ def test_a_capture_whose_gauge_falls_silent_ends_with_4_and_says_what_is_missing
     text, ports = serving
     path, logs = tmp_path / "hardware.toml", tmp_path / "logs"
     path.write_text(text)
-    words = [*PROGRAM, "capture", path, "--kind", "coast-down", "--level-bar-abs", str(LOW), "--logs", logs, *DAY]
+    words = [*PROGRAM, "capture", path, "--kind", "coast-down", "--level-bar-abs", "1.8", "--logs", logs, *DAY]
     with subprocess.Popen([*map(str, words)], stdin=subprocess.DEVNULL, stdout=-1, stderr=-1, text=True) as process:
         wait_for(logs.exists, "a run")
         folder = wait_for(lambda: next(logs.iterdir(), None), "a run")
