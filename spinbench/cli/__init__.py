@@ -23,10 +23,13 @@ from spinbench.cli.show import remark
 
 
 class _Command(TyperCommand):
-    """A command whose help shows no `<bool>` beside a switch."""
+    """A command whose help shows no `<bool>` beside a switch, and no boxes: they cut names on a narrow terminal."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _without_type_of_switches(super().get_params(ctx))
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        super(TyperCommand, self).format_help(ctx, formatter)
 
 
 class _Group(TyperGroup):
@@ -34,6 +37,9 @@ class _Group(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _without_type_of_switches(super().get_params(ctx))
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        super(TyperGroup, self).format_help(ctx, formatter)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Commands with what they do, whole."""
@@ -54,7 +60,6 @@ app = typer.Typer(
     invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # its boxes cut the names of options on a narrow terminal
 )
 runs_app = typer.Typer(
     cls=_Group, help="The runs that were logged: list, show, verify, repair, export, import.", no_args_is_help=True
