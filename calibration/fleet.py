@@ -163,7 +163,7 @@ def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
     from calibration.diagnosis import as_json, diagnose
 
     recording, seed = read(Path(argument["folder"])), argument["seed"]
-    return {"date": as_text(date_of(recording)), "diagnosis": as_json(diagnose(recording, seed=seed))}
+    return _origin(recording) | {"diagnosis": as_json(diagnose(recording, seed=seed))}
 
 
 def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
@@ -180,4 +180,8 @@ def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
     else:
         used, start, quality = fit_quality.judge_whole(as_given([recording]), settings.seed)
         found = whole.fit(used, start.comparison, start.base, settings.within(WHOLE))
-    return {"date": as_text(date_of(recording)), "posterior": as_json(replace(found, quality=quality))}
+    return _origin(recording) | {"posterior": as_json(replace(found, quality=quality))}
+
+
+def _origin(recording: Recording) -> dict[str, Any]:
+    return {"date": as_text(date_of(recording)), "motor_serial": recording.origin.get("motor_serial")}

@@ -51,7 +51,20 @@ def is_recording(folder: Path) -> bool:
     return (folder / "recording.toml").is_file() or (folder / START).is_file()
 
 
-def read(path: Path) -> Recording:
+def is_swept(folder: Path) -> bool:
+    """Whether a recording or run is one of levels, as a sweep is; what cannot be read is left to who reads it."""
+    from rig.runlog.folder import START, RunError
+    from rig.runlog.reader import read_start
+
+    if not (folder / START).is_file():
+        return True
+    try:
+        return read_start(folder).kind in ("sweep", "manual", "import")
+    except RunError:
+        return True
+
+
+def read(path: Path, quiet: bool = False) -> Recording:
     """A recording: a recording/1 folder, or what a run's plateaus and captures amount to, with remarks on it."""
     from rig.recording import read_recording
     from rig.runlog.folder import START
@@ -62,7 +75,7 @@ def read(path: Path) -> Recording:
     from rig.runlog import read_run
 
     exported = recording_of(read_run(path))
-    for words in exported.notes:
+    for words in exported.notes if not quiet else ():
         print(f"spinbench: {words}", file=sys.stderr)
     return exported.recording
 
