@@ -14,6 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import configs
 from calibration.data.dates import as_text, date_of
 from calibration.data.joined import as_given
 from calibration.work import many_table
@@ -131,6 +132,8 @@ def item_of(folder: Path, options: dict[str, Any]) -> Item:
             contents.update(
                 f"{path.relative_to(folder)} {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode()
             )
+    for motors in configs.places("motors", folder)[1:]:  # a motor that the recording may name
+        contents.update(b"".join(path.read_bytes() for path in sorted(motors.glob("*.toml"))))
     mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{imported_sha256(__name__)}"
     name = f"{slug}-{hashlib.sha256(place.encode()).hexdigest()[:8]}"
     return Item(name, {"folder": place, **options}, mark)

@@ -58,7 +58,7 @@ def turns(recording: Recording, file: RecordingFile) -> bool:
     clock, opened = file.columns.get("time_s"), file.columns.get("supply_open")
     is_shut = opened is not None and opened.values[-1] < 0.5
     is_at_rest = not np.any(above[:AT_END]) and not np.any(above[-AT_END:])
-    if clock is None or is_shut or not is_at_rest or not isinstance(recording.motor, str):
+    if clock is None or is_shut or not is_at_rest or not recording.is_of_radial_piston:
         return True
     at = clock.values[np.isfinite(column.values)]
     passed_s = np.diff(at, prepend=at[0])

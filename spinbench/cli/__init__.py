@@ -2,7 +2,7 @@
 
 What is slow to import is imported inside the commands, so that `spinbench --help` answers at once.
 
-    model, fit, diagnose, trend, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
+    model, fit, diagnose, trend, init, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
     options     arguments and options that several of them share
     show        tables, JSON, files and remarks
     progress    what a person sees meanwhile
@@ -17,7 +17,21 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from spinbench.cli import bench, challenge, concealing, diagnose, fit, many, model, replay, runs, sheet, sweep, trend
+from spinbench.cli import (
+    bench,
+    challenge,
+    concealing,
+    diagnose,
+    fit,
+    init,
+    many,
+    model,
+    replay,
+    runs,
+    sheet,
+    sweep,
+    trend,
+)
 from spinbench.cli.errors import exit_code, in_words
 from spinbench.cli.show import remark
 
@@ -84,6 +98,7 @@ for command in (
     diagnose.compare,
     trend.trend,
     model.reproduce,
+    init.init,
     sweep.sweep,
     sweep.capture,
     bench.console,
