@@ -70,7 +70,9 @@ def read(path: Path, quiet: bool = False) -> Recording:
     from rig.runlog.folder import START
 
     if not (path / START).exists():
-        return read_recording(path)
+        recording = read_recording(path)
+        _check_written_out(recording)
+        return recording
     from rig.exchange.export import recording_of
     from rig.runlog import read_run
 
@@ -78,6 +80,21 @@ def read(path: Path, quiet: bool = False) -> Recording:
     for words in exported.notes if not quiet else ():
         print(f"spinbench: {words}", file=sys.stderr)
     return exported.recording
+
+
+def _check_written_out(recording: Recording) -> None:
+    """Refuse a radial piston motor that is written out in a recording with mistakes; each with its place."""
+    from configs import ConfigError
+    from model.motor import read_motor
+    from rig.recording import RecordingError
+
+    if isinstance(recording.motor, str) or not recording.is_of_radial_piston:
+        return
+    try:
+        read_motor(recording.motor)
+    except ConfigError as error:
+        lines = (f"{recording.folder}/recording.toml: {line}" for line in str(error).splitlines())
+        raise RecordingError("\n".join(lines)) from None
 
 
 def all_named(named: Sequence[Path], logs: Path, parents: bool = False) -> list[Recording]:
