@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import bdtrc
 
-from calibration.data.refusals import refuse_unusable
+from calibration.data.refusals import refuse_another_kind, refuse_unusable
 from calibration.diagnosis.diagnose import CERTAIN_P
 from calibration.diagnosis.mismatch import Detected, detect_mismatch, fit_base, test_base
 from calibration.diagnosis.steps.detect import MISMATCH_P, detect
@@ -30,7 +30,7 @@ from calibration.work.step_clock import Tell
 from calibration.work.threads import threads
 from configs.units import BAR, ZERO_C
 from model.motor import Motor, read_motor, set_values
-from rig.recording import Ambient, Column, Recording, RecordingError, RecordingFile
+from rig.recording import Ambient, Column, Recording, RecordingFile
 
 MOST_PLACES = 2  # that are told
 MOST_BAD = 0.25  # share of a channel's readings that may be taken for bad: more are no exceptions
@@ -117,7 +117,7 @@ def judge_whole(
         For an effect that there is not, or that none of them could show.
     """
     used = [_used(one, channels, assignments) for one in recordings]
-    motor = set_values(read_motor(str(used[-1].motor)), list(assignments)) if assignments else None
+    motor = set_values(read_motor(used[-1].motor), list(assignments)) if assignments else None
     comparison, base = fit_base(used[0] if len(used) == 1 else used, tell, workers, motor, sharing)
     refuse_effects(effects, {effect.id for effect in comparison.problem.effects_that_could()})
     tell("test")
@@ -141,11 +141,7 @@ def judge_whole(
 
 def _used(one: Recording, channels: Sequence[str], assignments: Sequence[str]) -> Recording:
     """A recording as a fit to everything uses it, in the ambient that a motor changed by hand has there."""
-    if not isinstance(one.motor, str):
-        raise RecordingError(
-            f"{one.folder}/recording.toml: an inline motor of kind {one.motor.get('kind')!r} cannot be fitted yet; "
-            "name a radial piston motor of configs/motors"
-        )
+    refuse_another_kind(one)
     refuse_unusable(one)
     used = as_fitted(one, channels, in_time=True)
     if not assignments:

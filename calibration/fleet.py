@@ -14,6 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import configs
 from calibration.data.dates import as_text, date_of
 from calibration.data.joined import as_given
 from calibration.work import many_table
@@ -131,6 +132,8 @@ def item_of(folder: Path, options: dict[str, Any]) -> Item:
             contents.update(
                 f"{path.relative_to(folder)} {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode()
             )
+    for motors in configs.places("motors", folder)[1:]:  # a motor that the recording may name
+        contents.update(b"".join(path.read_bytes() for path in sorted(motors.glob("*.toml"))))
     mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{imported_sha256(__name__)}"
     name = f"{slug}-{hashlib.sha256(place.encode()).hexdigest()[:8]}"
     return Item(name, {"folder": place, **options}, mark)
@@ -163,7 +166,7 @@ def _diagnose_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
     from calibration.diagnosis import as_json, diagnose
 
     recording, seed = read(Path(argument["folder"])), argument["seed"]
-    return {"date": as_text(date_of(recording)), "diagnosis": as_json(diagnose(recording, seed=seed))}
+    return _origin(recording) | {"diagnosis": as_json(diagnose(recording, seed=seed))}
 
 
 def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
@@ -180,4 +183,8 @@ def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
     else:
         used, start, quality = fit_quality.judge_whole(as_given([recording]), settings.seed)
         found = whole.fit(used, start.comparison, start.base, settings.within(WHOLE))
-    return {"date": as_text(date_of(recording)), "posterior": as_json(replace(found, quality=quality))}
+    return _origin(recording) | {"posterior": as_json(replace(found, quality=quality))}
+
+
+def _origin(recording: Recording) -> dict[str, Any]:
+    return {"date": as_text(date_of(recording)), "motor_serial": recording.origin.get("motor_serial")}

@@ -7,6 +7,7 @@ with its place, and all the mistakes of a file are reported at once. Nothing is 
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +16,8 @@ import pydantic
 
 FOLDER = Path(__file__).resolve().parent
 MAX_TOML_BYTES = 1_000_000
+PROJECT = "spinbench.toml"  # its folder is a project: it has folders of its own of what is kept here
+_NAME = re.compile(r"[A-Za-z0-9_.\-]{1,80}")
 
 Schema = TypeVar("Schema", bound=pydantic.BaseModel)
 
@@ -27,6 +30,49 @@ class Strict(pydantic.BaseModel):
     """Base of every schema: no unknown keys, no silent conversion, no change after reading."""
 
     model_config = pydantic.ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def places(kind: str, near: Path | None = None) -> list[Path]:
+    """Folders in which files of a kind are looked for, the first before the others.
+
+    Beside the file or in the folder that names them, in the project that it is in, in the project that the program was
+    started in, and here.
+
+    `kind`: ``motors``, ``benches``, ``instruments`` or ``imports``.
+    `near`: the folder of the file that names them.
+    """
+    beside = [] if near is None else [near, near / kind]
+    projects = [project for start in (near, Path.cwd()) if start is not None and (project := project_of(start))]
+    return list(dict.fromkeys([*beside, *(project / kind for project in projects), FOLDER / kind]))
+
+
+def project_of(folder: Path) -> Path | None:
+    """The project that a folder is in: the nearest folder upwards with a spinbench.toml; None where there is none."""
+    there = folder.absolute()
+    return next((one for one in (there, *there.parents) if (one / PROJECT).is_file()), None)
+
+
+def find(kind: str, name: str, near: Path | None = None) -> Path | None:
+    """The file that a name stands for, or a path that is relative to `near`; None where there is none.
+
+    A file beside what names it counts where it is of that kind. Links are passed over.
+    """
+    if name.endswith(".toml") or "/" in name:
+        path = (near or Path.cwd()) / name
+        return path if path.is_file() else None
+    if not _NAME.fullmatch(name):
+        return None
+    candidates = (place / f"{name}.toml" for place in places(kind, near))
+    return next((one for one in candidates if one.is_file() and not one.is_symlink() and _is_of(kind, one)), None)
+
+
+def _is_of(kind: str, path: Path) -> bool:
+    """Whether a file is of a kind; one that cannot be read is told of by who reads it."""
+    try:
+        said = str(read_toml(path).get("format", ""))
+    except ConfigError:
+        return True
+    return path.parent.name == kind or said.startswith({"benches": "bench/"}.get(kind, f"{kind.removesuffix('s')}/"))
 
 
 def read_toml(path: Path) -> dict[str, Any]:

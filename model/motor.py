@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pydantic
@@ -207,20 +207,22 @@ class Motor(Strict):
         return configs.validate(Motor, data, f"motor {self.name}")
 
 
-def read_motor(path: Path | str) -> Motor:
-    """Read a motor file.
+def read_motor(path: Path | str | Mapping[str, Any]) -> Motor:
+    """Read a motor file, or take what stands in one.
 
     Raises ConfigError: every mistake of the file in one line each, with its place.
 
     Parameters
     ----------
-    path : Path or str
-        A TOML file, or the name of one in configs/motors.
+    path : Path, str or mapping
+        A TOML file, the name of one in the project or in configs/motors, or its content.
     """
+    if isinstance(path, Mapping):
+        return configs.validate(Motor, dict(path), f"motor {str(path.get('name', 'without a name'))[:60]}")
     if isinstance(path, str):
         if not re.fullmatch(r"[A-Za-z0-9_\-]{1,40}", path):
             raise ConfigError(f"motor '{path[:60]}': a motor is named by letters, digits, '-' and '_' alone")
-        path = MOTORS / f"{path}.toml"
+        path = configs.find("motors", path) or MOTORS / f"{path}.toml"
     return configs.validate(Motor, configs.read_toml(path), str(path))
 
 

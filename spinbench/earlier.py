@@ -13,6 +13,7 @@ from spinbench import readings
 
 if TYPE_CHECKING:
     from calibration.diagnosis.next_test.promised import Promise
+    from calibration.likelihood.expected import Capture
     from rig.recording import Recording
 
 RECORDINGS, FOLDER, SHA256, WITHOUT = "recordings", "folder", "sha256", "without"
@@ -44,18 +45,28 @@ class Earlier:
     def promise(self, taken: Sequence[Recording]) -> Promise | None:
         """What it promised of new recordings; None where they hold no test that it asked for."""
         from calibration.diagnosis.next_test.promised import Rival, asked_for
-        from calibration.likelihood.expected import Capture
 
-        tests = [
-            (one["test"], one["information_nats"], Capture(**one["capture"]))
-            for one in self.document["next_tests"]
-            if one.get("capture")
-        ]
         rivals = {
             tuple(one["effects"]): Rival(one["log_evidence"], one.get("probability", 1.0))
             for one in self.document.get("rivals", [])
         }
-        return asked_for(tests, rivals, taken)
+        return asked_for(self._tests(), rivals, taken)
+
+    def why_not(self, taken: Sequence[Recording]) -> list[str]:
+        """Why new recordings hold no test that it asked for, a sentence each."""
+        from calibration.diagnosis.next_test.promised import why_not
+
+        return [why_not([capture for _, _, capture in self._tests()], one) for one in taken]
+
+    def _tests(self) -> list[tuple[str, float, Capture]]:
+        """Each test that a bench takes by itself: its words, the nats promised [-], and what is to be taken."""
+        from calibration.likelihood.expected import Capture
+
+        return [
+            (one["test"], one["information_nats"], Capture(**one["capture"]))
+            for one in self.document["next_tests"]
+            if one.get("capture")
+        ]
 
 
 def read_earlier(out: Path) -> Earlier:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rig.runlog import StartRecord
 
 Step = tuple[str, str]  # what for, and the command
 
@@ -33,14 +38,23 @@ def next_steps(logs: Path) -> tuple[str, list[Step]]:
         return said, [watch, show]
     if state == KILLED:
         return said, [("seal it", "spinbench runs repair last"), show]
+    return said, [*after(start, state, "last"), watch]
+
+
+def after(start: StartRecord, state: str, run: str) -> list[Step]:
+    """What can be done with a run that has ended, the likeliest first; `run`: as a command names it."""
+    run = shlex.quote(run)
+    show = ("read what happened in it", f"spinbench runs show {run}")
     if state != "finished":
-        again = ("take the levels that are left", f"spinbench sweep {start.bench} --continue last")
-        return said, [show, *([again] if start.kind == "sweep" else []), watch]
-    diagnose = ("ask whether the model explains it", "spinbench diagnose last -o out/diagnosis")
-    if start.kind not in ("sweep", "manual"):
-        diagnose = ("ask whether the model explains it", "spinbench diagnose last --with-parents -o out/diagnosis")
-    fit = ("find f_overall and how sure it is", "spinbench fit last -o out/fit")
-    return said, [diagnose, fit, ("see that its bytes give the same readings", "spinbench replay last"), show, watch]
+        again = ("take the levels that are left", f"spinbench sweep {shlex.quote(start.bench)} --continue {run}")
+        return [show, *([again] if start.kind == "sweep" else [])]
+    parents = "" if start.kind in ("sweep", "manual") else " --with-parents"
+    return [
+        ("ask whether the model explains it", f"spinbench diagnose {run}{parents} -o out/diagnosis"),
+        ("find f_overall and how sure it is", f"spinbench fit {run} -o out/fit"),
+        ("see that its bytes give the same readings", f"spinbench replay {run}"),
+        show,
+    ]
 
 
 def _is_empty(logs: Path) -> bool:

@@ -51,20 +51,50 @@ def is_recording(folder: Path) -> bool:
     return (folder / "recording.toml").is_file() or (folder / START).is_file()
 
 
-def read(path: Path) -> Recording:
+def is_swept(folder: Path) -> bool:
+    """Whether a recording or run is one of levels, as a sweep is; what cannot be read is left to who reads it."""
+    from rig.runlog.folder import START, RunError
+    from rig.runlog.reader import read_start
+
+    if not (folder / START).is_file():
+        return True
+    try:
+        return read_start(folder).kind in ("sweep", "manual", "import")
+    except RunError:
+        return True
+
+
+def read(path: Path, quiet: bool = False) -> Recording:
     """A recording: a recording/1 folder, or what a run's plateaus and captures amount to, with remarks on it."""
     from rig.recording import read_recording
     from rig.runlog.folder import START
 
     if not (path / START).exists():
-        return read_recording(path)
+        recording = read_recording(path)
+        _check_written_out(recording)
+        return recording
     from rig.exchange.export import recording_of
     from rig.runlog import read_run
 
     exported = recording_of(read_run(path))
-    for words in exported.notes:
+    for words in exported.notes if not quiet else ():
         print(f"spinbench: {words}", file=sys.stderr)
     return exported.recording
+
+
+def _check_written_out(recording: Recording) -> None:
+    """Refuse a radial piston motor that is written out in a recording with mistakes; each with its place."""
+    from configs import ConfigError
+    from model.motor import read_motor
+    from rig.recording import RecordingError
+
+    if isinstance(recording.motor, str) or not recording.is_of_radial_piston:
+        return
+    try:
+        read_motor(recording.motor)
+    except ConfigError as error:
+        lines = (f"{recording.folder}/recording.toml: {line}" for line in str(error).splitlines())
+        raise RecordingError("\n".join(lines)) from None
 
 
 def all_named(named: Sequence[Path], logs: Path, parents: bool = False) -> list[Recording]:

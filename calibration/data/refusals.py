@@ -45,6 +45,25 @@ MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
 SHAPE_WRONG, SHAPE_RIGHT = 0.1, 0.03  # relative distances of speeds from the motor's curve, see `_shape_misfit`
 
 
+def refuse_another_kind(recording: Recording) -> None:
+    """Refuse the machines that are no radial piston motors: they can be diagnosed, and not fitted.
+
+    Raises
+    ------
+    RecordingError
+        Names the kind.
+    """
+    if not recording.is_of_radial_piston:
+        raise RecordingError(
+            f"{recording.folder}/recording.toml: an inline motor of kind {_kind_of(recording)!r} cannot be fitted yet; "
+            "name a radial piston motor, or write one out"
+        )
+
+
+def _kind_of(recording: Recording) -> str:
+    return "" if isinstance(recording.motor, str) else str(recording.motor.get("kind"))
+
+
 def refuse_unusable(recording: Recording) -> None:
     """Refuse what nothing can be said of, for fit and diagnosis alike.
 
@@ -76,7 +95,7 @@ def refuse_mistaken_gauge(recording: Recording) -> None:
     RecordingError
         Names the column that it looks like.
     """
-    if not isinstance(recording.motor, str):
+    if not recording.is_of_radial_piston:
         return
     motor = at_ambient(read_motor(recording.motor), recording)
     P_a = motor.si("ambient_pressure") / BAR
@@ -121,7 +140,7 @@ def refuse_mixed_units(recording: Recording) -> None:
     RecordingError
         When the plateaus' flow over speed is three times what the displacement allows, or a third of it, at the median.
     """
-    if not isinstance(recording.motor, str):
+    if not recording.is_of_radial_piston:
         return
     ratios, files = [], []
     for file in recording.files:
@@ -157,7 +176,7 @@ def refuse_wrong_supply(recording: Recording) -> None:
         When the speed falls by a fifth of its highest while the supply is said or taken to be open, or rises by as much
         while it is closed.
     """
-    if not isinstance(recording.motor, str):
+    if not recording.is_of_radial_piston:
         return
     for file in recording.files:
         time, read = file.columns.get("time_s"), file.columns.get("speed_rpm")
@@ -254,7 +273,7 @@ def refuse_starved(recording: Recording) -> None:
     RecordingError
         When this is so in more than half of the steady rows at which the rotor turns.
     """
-    if not isinstance(recording.motor, str):
+    if not recording.is_of_radial_piston:
         return
     P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / BAR
     turning, starved = 0, []
@@ -285,7 +304,7 @@ def refuse_out_of_range(recording: Recording) -> None:
     RecordingError
         Names the first such row.
     """
-    if not isinstance(recording.motor, str):
+    if not recording.is_of_radial_piston:
         return
     P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / BAR
     low, high = PRESSURE_LIMITS_BAR
@@ -314,7 +333,7 @@ def refuse_at_rest(recording: Recording) -> None:
     RecordingError
         When this is so. Rows in which no speed was read say nothing either way.
     """
-    if not isinstance(recording.motor, str):
+    if not recording.is_of_radial_piston:
         return
     files = [file for file in recording.files if "speed_rpm" in file.columns]
     files = [file for file in files if np.isfinite(file.columns["speed_rpm"].values).any()]

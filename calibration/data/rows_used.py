@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from calibration.data.blocks import Blocks
     from calibration.data.measurement import Measurement, Rows
 
+FEW_ROWS = 0.9  # a share of a file's rows that are used, below which it is told
+MOST_FILES = 6  # that are told one by one
 NOT_IN_A_FIT = "runs in time do not enter a fit to the plateaus alone"
 NEVER_TURNS = "the rotor did not break away: it stands though the supply is open, and has not made a whole turn"
 OUTSIDE = "outside the part of the run that is compared, or without a speed"
@@ -45,6 +47,24 @@ def by_diagnosis(recording: Recording, blocks: Blocks) -> list[dict[str, Any]]:
             there = _held(file) & _has_pressure(file) & np.isfinite(flow.values) & (flow.censor == 0)
             used.setdefault(file.file, set()).update((np.flatnonzero(there) + 1).tolist())
     return _files(recording, used, OUTSIDE)
+
+
+def few_used(files: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A warning for each file of which less than nine tenths of the rows are used."""
+    return [
+        f"{_of(one)} are used; not used: {one['why']}" for one in files if one["rows_used"] < FEW_ROWS * one["rows"]
+    ]
+
+
+def in_words(files: Sequence[Mapping[str, Any]]) -> str:
+    """What a fit or a diagnosis rests on, by its `files`."""
+    said = [_of(one) for one in files if one["rows_used"]]
+    rest = len(said) - MOST_FILES
+    return f"{'; '.join(said[:MOST_FILES])}{f'; and {rest} files more' if rest > 0 else ''}"
+
+
+def _of(one: Mapping[str, Any]) -> str:
+    return f"{one['file']}: {one['rows_used']} of {one['rows']} rows"
 
 
 def _files(recording: Recording, used: Mapping[str, set[int]], in_time: str) -> list[dict[str, Any]]:

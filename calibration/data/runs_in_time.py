@@ -8,9 +8,8 @@ value where a log was cut, and is compared with nothing.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import bdtrc, stdtr
@@ -22,7 +21,6 @@ STANDS = 3.0  # sds of noise, or digits, up to which a speed read is that of a r
 AT_END = 3  # readings that tell whether a rotor stands at either end of a run
 TURNS = 0.1  # share of a run's highest speed above which a rotor is well on its way, and cannot stand a row later
 ALIKE = 0.5  # share of the faster neighbour's speed that the slower one has, on both sides of zeros that are bad
-FEW_ROWS = 0.9  # share of a file's rows; with fewer used, a warning names the others
 LEAST_WINDOW = 4  # rows on each side of a release that is looked for in the speeds
 LEVEL = 0.3  # of the fall after a release: what falls more slowly than this before it is driven
 NEAR_TOP = 0.9  # of the highest speed before it, which a rotor still has at its release
@@ -60,7 +58,7 @@ def turns(recording: Recording, file: RecordingFile) -> bool:
     clock, opened = file.columns.get("time_s"), file.columns.get("supply_open")
     is_shut = opened is not None and opened.values[-1] < 0.5
     is_at_rest = not np.any(above[:AT_END]) and not np.any(above[-AT_END:])
-    if clock is None or is_shut or not is_at_rest or not isinstance(recording.motor, str):
+    if clock is None or is_shut or not is_at_rest or not recording.is_of_radial_piston:
         return True
     at = clock.values[np.isfinite(column.values)]
     passed_s = np.diff(at, prepend=at[0])
@@ -281,12 +279,3 @@ def rows_in_words(mask: np.ndarray) -> str:
     rest = int(sum(span.size for span in spans[MOST_SPANS:]))
     more = f" and {rest} more" if rest else ""
     return f"row{'s' * (rows.size > 1)} {', '.join(words[:MOST_SPANS])}{more}"
-
-
-def few_used(files: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A warning for each file of which less than nine tenths of the rows are used."""
-    return [
-        f"{one['file']}: {one['rows_used']} of {one['rows']} rows are used; not used: {one['why']}"
-        for one in files
-        if one["rows_used"] < FEW_ROWS * one["rows"]
-    ]

@@ -103,4 +103,6 @@ def _machine(recording: Recording) -> str:
     motor = recording.motor
     if isinstance(motor, str):
         return f"the motor {motor}"
+    if recording.is_of_radial_piston:
+        return f"the motor {motor.get('name')}"
     return f"a {motor.get('kind')}{' that slides' if 'mass_kg' in motor else ''}"

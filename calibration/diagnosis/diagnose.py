@@ -109,7 +109,7 @@ def diagnose(
         refuse_another(several[0], hold_out)
         refuse_unusable(hold_out)
         (hold_out,) = _one_each(several, hold_out)
-    of_the_motor = isinstance(several[0].motor, str)
+    of_the_motor = several[0].is_of_radial_piston
     in_time = of_the_motor and any(file.kind == "transient" for one in several for file in one.files)
     with SideBySide(workers if in_time else 1) as side_by_side:
         rng, clock = np.random.default_rng(seed), StepClock(tell)

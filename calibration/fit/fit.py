@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.data import measurement
 from calibration.data.measurement import Measurement
-from calibration.data.refusals import refuse_unusable
+from calibration.data.refusals import refuse_another_kind, refuse_unusable
 from calibration.fit import posterior, proposed, sampling
 from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
 from calibration.fit.sampling import Progress, Settings
@@ -144,11 +144,7 @@ def prepare(
     EffectsError
         For an effect that there is not, or that a fit cannot hold.
     """
-    if not isinstance(recording.motor, str):
-        raise RecordingError(
-            f"{recording.folder}/recording.toml: an inline motor of kind {recording.motor.get('kind')!r} cannot be "
-            "fitted yet; name a radial piston motor of configs/motors"
-        )
+    refuse_another_kind(recording)
     motor = set_values(priors.at_ambient(read_motor(recording.motor), recording), list(assignments))
     measured = measurement.gather(recording, channels)
     refuse_unusable(

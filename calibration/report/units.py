@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
+from typing import Any
 
 from model.layout import L_MIN, RPM
 
 FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
+CERTAIN = 1e6  # odds that are told no further
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of a power of ten
 
 
@@ -29,3 +33,18 @@ def on_an_axis(unit: str, name: str) -> tuple[float, str]:
     """The factor on figures of one quantity, large and small, and their unit as a person uses it."""
     factor, _, familiar = for_people(1.0, 0.0, unit, name)
     return factor, familiar
+
+
+def nats_in_words(nats: float) -> str:
+    """What a test tells between explanations, as a person is told it: each nat multiplies the odds by e."""
+    odds = math.exp(min(abs(nats), 99.0))
+    rounded = float(f"{odds:.2g}")
+    shown = "over a million" if odds > CERTAIN else f"{rounded:.0f}" if rounded >= 10.0 else f"{rounded:g}"
+    return f"{nats:.1f} nats: odds of {shown} to 1".replace("-", "−") + " against it" * (nats < 0.0)
+
+
+def how_taken(test: Mapping[str, Any]) -> str:
+    """The command that takes a test of `next_tests`, or why there is none."""
+    if test.get("command"):
+        return str(test["command"])
+    return f"no command: it needs {test['needs']}" if test.get("needs") else "no command: take it by hand"

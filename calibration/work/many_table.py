@@ -16,6 +16,7 @@ TEXT, NUMBER, WHOLE, FLAG, SET, SETS = "text", "number", "whole", "flag", "set",
 DIAGNOSIS_COLUMNS = {
     "name": TEXT,
     "date": TEXT,
+    "motor_serial": TEXT,
     "verdict": TEXT,
     "error": TEXT,
     "seconds": NUMBER,
@@ -31,6 +32,7 @@ DIAGNOSIS_COLUMNS = {
 FIT_FIRST = {
     "name": TEXT,
     "date": TEXT,
+    "motor_serial": TEXT,
     "error": TEXT,
     "seconds": NUMBER,
     "p_value": NUMBER,
@@ -38,6 +40,7 @@ FIT_FIRST = {
     "rhat_max": NUMBER,
     "ess_min": NUMBER,
 }
+OF_THE_RECORDING = ("date", "motor_serial")  # of the recording's origin, kept beside what it was found to say
 MOST_TEXT = 500
 NOT_IN_CSV = "diagnosis"  # the whole document, for programs
 
@@ -48,7 +51,7 @@ def diagnosis_row(result: Result) -> dict[str, Any]:
     found = (result.value or {}).get("diagnosis")
     if found is None:
         return made | {"verdict": "failed"}
-    made["date"] = (result.value or {}).get("date")
+    made |= {key: (result.value or {}).get(key) for key in OF_THE_RECORDING}
     place = found["located"][0] if found["located"] else {}
     held_out = (found.get("improvement") or {}).get("held_out") or {}
     made |= {
@@ -73,7 +76,7 @@ def fit_row(result: Result) -> dict[str, Any]:
     found = (result.value or {}).get("posterior")
     if found is None:
         return made
-    made["date"] = (result.value or {}).get("date")
+    made |= {key: (result.value or {}).get(key) for key in OF_THE_RECORDING}
     made |= {key: found["fit_quality"][key] for key in ("p_value", "model_fits")}
     made |= {key: found["convergence"][key] for key in ("rhat_max", "ess_min")}
     for name, one in found["parameters"].items():

@@ -26,6 +26,8 @@ class Line:
         Root of chi-squared over the degrees of freedom; 1 where it is as the uncertainties say [-].
     scatter_p : float
         How often the scatter would be as large, were the uncertainties right and independent [-].
+    change_p : float
+        How often figures of one constant would slope, or lie apart, as much as these [-].
     """
 
     slope: float
@@ -34,6 +36,7 @@ class Line:
     value_sd: np.ndarray
     scatter: float
     scatter_p: float
+    change_p: float = 1.0
 
     @property
     def is_scattered(self) -> bool:
@@ -62,6 +65,9 @@ def line_through(at: Sequence[float], mean: Sequence[float], sd: Sequence[float]
     chi_squared = float(np.sum(((y - value) / s) ** 2))
     p = float(chdtrc(free, chi_squared)) if free else 1.0
     scatter = float(np.sqrt(chi_squared / free)) if free else 1.0
+    constant = float(np.sum(((y - np.average(y, weights=s**-2)) / s) ** 2))
+    apart, sloped = float(chdtrc(x.size - 1, constant)), float(chdtrc(1, max(constant - chi_squared, 0.0)))
+    change_p = min(2.0 * min(apart, sloped), 1.0) if free else apart
     grown = scatter if p < LARGER_P else 1.0
     value_sd = grown * s * np.sqrt(np.einsum("ij,jk,ik->i", X, covariance, X))
-    return Line(float(b), grown * float(np.sqrt(covariance[1, 1])), value, value_sd, scatter, p)
+    return Line(float(b), grown * float(np.sqrt(covariance[1, 1])), value, value_sd, scatter, p, change_p)

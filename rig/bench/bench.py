@@ -63,7 +63,7 @@ class LineTable(Strict):
 class DeviceTable(Strict):
     """One instrument on a line."""
 
-    instrument: str  # a file in configs/instruments, or beside the bench file, without its ending
+    instrument: str  # a file beside the bench file, in the project or in configs/instruments, without its ending
     line: str
     unit_id: Annotated[int, pydantic.Field(ge=0, le=255)] | None = None  # Modbus
     address: str = ""  # other protocols, such as Alicat's letter
@@ -166,6 +166,12 @@ class Bench:
     instruments: dict[str, InstrumentFile]
     sources: dict[str, bytes]
 
+    @property
+    def motor(self) -> str | dict[str, Any]:
+        """The motor by its shipped name; in full where its file stands beside the bench's, or in the project."""
+        source = self.sources.get(motor_source(self.file.motor))
+        return self.file.motor if source is None else configs.parse_toml(source, motor_source(self.file.motor))
+
     def build(self, device: str) -> Instrument:
         """The driver of a device."""
         settings = self.instruments[device]
@@ -208,10 +214,13 @@ def read_bench(path: Path) -> Bench:
     devices = data.get("devices")
     tables = devices.values() if isinstance(devices, dict) else ()
     for name in {table.get("instrument") for table in tables if isinstance(table, dict)}:
-        places = (INSTRUMENTS / f"{name}.toml", path.parent / f"{name}.toml") if isinstance(name, str) else ()
-        found = next((place for place in places if place.is_file()), None)
+        found = configs.find("instruments", name, path.parent) if isinstance(name, str) else None
         if found is not None:
             sources[instrument_source(str(name))] = configs.read_source(found)
+    motor = data.get("motor")
+    found = configs.find("motors", motor, path.parent) if isinstance(motor, str) else None
+    if found is not None and found.parent != configs.FOLDER / "motors":
+        sources[motor_source(str(motor))] = configs.read_source(found)
     bench = bench_of(path.stem, sources, str(path))
     _refuse_unreferenced_flow(bench, str(path))
     return bench
@@ -230,9 +239,16 @@ def _refuse_unreferenced_flow(bench: Bench, place: str) -> None:
 
 
 def bench_path(path: Path) -> Path:
-    """The bench file that a person means: a path, or the name of one in configs/benches."""
+    """The bench file that a person means: a path, or the name of one in the project or in configs/benches."""
     path = Path(path)
-    return FOLDER / f"{path.name}.toml" if not path.suffix and not path.is_file() else path
+    if path.suffix or path.is_file():
+        return path
+    return configs.find("benches", path.name) or FOLDER / f"{path.name}.toml"
+
+
+def motor_source(motor: str) -> str:
+    """The key of a motor's file among the sources of a bench."""
+    return f"motors/{motor}.toml"
 
 
 def instrument_source(instrument: str) -> str:
@@ -257,7 +273,7 @@ def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
             known = sorted(found.stem for found in INSTRUMENTS.glob("*.toml"))
             mistakes.append(
                 f"devices.{device}.instrument: there is no '{table.instrument}' in configs/instruments "
-                f"({', '.join(known)}), nor '{table.instrument}.toml' beside the bench file"
+                f"({', '.join(known)}), nor '{table.instrument}.toml' beside the bench file or in the project"
             )
             continue
         try:

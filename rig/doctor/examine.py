@@ -21,6 +21,9 @@ from rig.lines.modbus import RefusedError
 from rig.readings import Quality
 
 POLLS = 30
+# How an answer begins that is of another service than an instrument's, and what that is.
+SERVICES = {b"HTTP/": "web pages (HTTP)", b"<!DOCTYPE": "web pages", b"<html": "web pages", b"SSH-": "a shell (SSH)"}
+SERVICES |= {b"220 ": "files or mail (FTP, SMTP)", b"RFB ": "a screen (VNC)"}
 
 
 def examine(
@@ -83,7 +86,9 @@ class _Examination:
         try:
             found += self._of_devices(line, table, devices)
         except LostError as error:
-            found.append(Finding(Level.FAULT, where, printable(str(error)), "plug it in again; try another cable"))
+            other = _service(_heard(line), table)
+            fix = "check power, cable and address" if table.kind == "tcp" else "plug it in again; try another cable"
+            found.append(Finding(Level.FAULT, where, other or printable(str(error)), _WRONG_PORT if other else fix))
         finally:
             line.close()
         return found
@@ -91,7 +96,7 @@ class _Examination:
     def _of_devices(self, line: Line, table: LineTable, devices: list[str]) -> list[Finding]:
         found: list[Finding] = []
         taken: dict[str, tuple[float, float]] = {}
-        silent: dict[str, tuple[LineError, bool]] = {}
+        silent: dict[str, tuple[LineError, bytes]] = {}
         for device in devices:
             driver = self.bench.build(device)
             line.take_events()
@@ -105,7 +110,7 @@ class _Examination:
             except (RefusedError, InstrumentError) as error:
                 found.append(_refusal(device, error))
             except LineError as error:
-                silent[device] = (error, any(event.kind == "rx" for event in line.take_events()))
+                silent[device] = (error, _heard(line))
             else:
                 findings, cost_s = self._measured(line, device, driver, identity)
                 found += findings + of_orders(line, device, driver)
@@ -127,13 +132,16 @@ class _Examination:
         found = measure.of_device(device, identity, latency, of_device.period_s, timeout_s, settings.update_s)
         return found, latency.p50_s if latency.failures < latency.polls else None
 
-    def _of_silent(self, table: LineTable, silent: dict[str, tuple[LineError, bool]], anyone: bool) -> list[Finding]:
+    def _of_silent(self, table: LineTable, silent: dict[str, tuple[LineError, bytes]], anyone: bool) -> list[Finding]:
         """Devices that gave no answer: a wrong setting when the whole line is dumb, else address or power."""
         found = []
-        for device, (error, garbage) in silent.items():
-            said = f"bytes come, but no answer: {error}" if garbage else f"nobody answers: {error}"
+        if other := _service(b"".join(heard for _, heard in silent.values()), table):
+            return [Finding(Level.FAULT, device, other, _WRONG_PORT) for device in silent]
+        for device, (error, heard) in silent.items():
+            said = f"bytes come, but no answer: {error}" if heard else f"nobody answers: {error}"
             name, unit = self.bench.file.devices[device].line, self.bench.file.devices[device].unit_id
-            fix, sure = "check power, cable (A and B swapped?) and the address", False
+            swapped = "" if table.kind == "tcp" else " (A and B swapped?)"
+            fix, sure = f"check power, cable{swapped} and the address", False
             has_others = unit is not None if table.kind == "tcp" else table.kind == "serial" and table.paced
             if has_others and not anyone:
                 numbers = error.quality is Quality.STALE and table.transaction_numbers == "checked"
@@ -152,6 +160,23 @@ class _Examination:
                 fix += "; a scan of a few addresses finds a wrong unit_id"
             found.append(Finding(Level.FAULT, device, printable(said), fix))
         return found
+
+
+_WRONG_PORT = "check host and tcp_port of the line; Modbus TCP is at 502 by custom"
+
+
+def _heard(line: Line) -> bytes:
+    """What came over a line since its events were taken last."""
+    return b"".join(event.data for event in line.take_events() if event.kind == "rx")
+
+
+def _service(heard: bytes, table: LineTable) -> str:
+    """Which other service answers at a socket, in words; empty where none is known by its answer."""
+    kind = next((kind for begin, kind in SERVICES.items() if heard.lower().startswith(begin.lower())), "")
+    if not kind or table.kind != "tcp":
+        return ""
+    first = printable(heard.splitlines()[0].decode("ascii", "replace"))[:60]
+    return f"{table.host}, port {table.tcp_port}, answers “{first}”: it serves {kind}, and no instrument"
 
 
 def _identified(line: Line, driver: Instrument) -> str:

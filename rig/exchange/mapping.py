@@ -10,7 +10,7 @@ import pydantic
 from pydantic import Field
 
 from configs import FOLDER as CONFIGS
-from configs import Strict, read_toml, validate
+from configs import Strict, find, read_toml, validate
 from rig.exchange.binary.columns import WAVEFORM_TIME
 from rig.exchange.units import unit_of
 from rig.recording.columns import MEASURED, NAMES, nearest
@@ -167,7 +167,7 @@ def read_mapping(path: Path) -> Mapping:
     """
     path = Path(path)
     if not path.suffix and not path.is_file():
-        path = FOLDER / f"{path.name}.toml"
+        path = find("imports", path.name) or FOLDER / f"{path.name}.toml"
     file = validate(MappingFile, read_toml(path), str(path))
     mistakes = [f"{path}: {mistake}" for name, table in file.columns.items() for mistake in _mistakes(name, table)]
     if not file.files and file.kind is None:

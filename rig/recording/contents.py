@@ -187,3 +187,8 @@ class Recording:
     sha256: str = ""
     supply: SupplyFigures = SupplyFigures()
     origin: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_of_radial_piston(self) -> bool:
+        """Whether its motor is a radial piston motor, named or written out in it."""
+        return isinstance(self.motor, str) or self.motor.get("kind") == "radial_piston"

@@ -6,6 +6,7 @@ import codecs
 import contextlib
 import hashlib
 import itertools
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from rig.recording.schema import (
     check_channels,
     check_motor,
     default_warnings,
+    motor_of,
     supply_of,
 )
 from rig.recording.table import EXTRA_BYTES, Plan, Table, read_table
@@ -57,7 +59,7 @@ def read_recording(path: Path) -> Recording:
         raise RecordingError(f"{path}: a recording is a folder with {TOML}; give the folder, or that file")
     table, data = _read_toml(toml)
     mistakes = Mistakes()
-    check_motor(table.motor, str(toml), mistakes)
+    check_motor(table.motor, folder, str(toml), mistakes)
     check_channels(table.channels, str(toml), mistakes)
     places = _places(folder, table.files, str(toml), mistakes)
     channels = {name: channel_of(name, figures) for name, figures in table.channels.items() if name in MEASURED}
@@ -73,7 +75,10 @@ def read_recording(path: Path) -> Recording:
     _check_used(table, tables, str(toml), mistakes)
     _check_clock(table, tables, str(toml), mistakes)
     mistakes.raise_any()
-    return _assembled(folder, table, [found for found in tables if found is not None], digest.hexdigest())
+    motor = motor_of(table.motor, folder)
+    if motor != table.motor:  # what is found is another where the project's motor is
+        digest.update(json.dumps(motor, sort_keys=True, default=str).encode())
+    return _assembled(folder, table, motor, [found for found in tables if found is not None], digest.hexdigest())
 
 
 def _read_toml(toml: Path) -> tuple[RecordingTable, bytes]:
@@ -198,7 +203,9 @@ def _when(entry: FileTable, found: Table) -> np.ndarray:
     return entry.start_s + np.sort(time[np.isfinite(time)])
 
 
-def _assembled(folder: Path, table: RecordingTable, tables: list[Table], sha256: str) -> Recording:
+def _assembled(
+    folder: Path, table: RecordingTable, motor: str | dict[str, Any], tables: list[Table], sha256: str
+) -> Recording:
     """The recording out of its parts, with the warnings."""
     columns = {name for found in tables for name in found.columns}
     channels = {name: channel_of(name, table.channels.get(name)) for name in MEASURED if name in columns}
@@ -223,7 +230,7 @@ def _assembled(folder: Path, table: RecordingTable, tables: list[Table], sha256:
         )
     return Recording(
         folder=folder,
-        motor=table.motor,
+        motor=motor,
         ambient=ambient_of(table.ambient),
         channels=channels,
         files=tuple(files),

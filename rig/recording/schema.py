@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+import configs
 from configs import FOLDER, ConfigError, Strict, validate
 from rig.recording.columns import FIGURES, MEASURED, NAMES, NUMERIC, nearest, other_spelling
 from rig.recording.contents import Ambient, Channel, Kind, SupplyFigures
@@ -192,13 +194,19 @@ def add_motor_table(kind: str, table: type[MotorTable]) -> None:
     _OTHER_RIGS[kind] = table
 
 
-def check_motor(motor: str | dict[str, Any], place: str, mistakes: Mistakes) -> None:
+def motor_of(motor: str | dict[str, Any], folder: Path) -> str | dict[str, Any]:
+    """A motor by its shipped name or in full: one of a project is written out, so that nothing else has to find it."""
+    path = configs.find("motors", motor, folder) if isinstance(motor, str) else None
+    return motor if path is None or path.parent == FOLDER / "motors" else configs.read_toml(path)
+
+
+def check_motor(motor: str | dict[str, Any], folder: Path, place: str, mistakes: Mistakes) -> None:
     """Check a motor's name, or its inline table as far as it is known here.
 
     A radial piston motor's table is the business of the motor's own reader.
     """
     if isinstance(motor, str):
-        _check_motor_name(motor, place, mistakes)
+        _check_motor_name(motor, folder, place, mistakes)
         return
     kind = motor.get("kind")
     known = ("radial_piston", *_OTHER_RIGS)
@@ -213,16 +221,15 @@ def check_motor(motor: str | dict[str, Any], place: str, mistakes: Mistakes) -> 
                 mistakes.add(place, shown(line.removeprefix(f"{place}: "), 300))
 
 
-def _check_motor_name(name: str, place: str, mistakes: Mistakes) -> None:
-    folder = FOLDER / "motors"
-    known = sorted(path.stem for path in folder.glob("*.toml"))
-    path = folder / f"{name}.toml"
+def _check_motor_name(name: str, folder: Path, place: str, mistakes: Mistakes) -> None:
+    known = sorted({path.stem for one in configs.places("motors", folder)[1:] for path in one.glob("*.toml")})
+    path = FOLDER / "motors" / f"{name}.toml"
     if not _NAME.fullmatch(name):
         what = "is not a name; a motor is a file in configs/motors, named without folder and .toml"
     elif path.is_symlink():
         what = "is a symbolic link in configs/motors, which is refused; put the file itself there"
-    elif not path.is_file():
-        what = "is not in configs/motors"
+    elif configs.find("motors", name, folder) is None:
+        what = "is not in configs/motors, nor in the project"
     else:
         return
     mistakes.add(place, f"motor '{shown(name)}' {what} (known: {', '.join(known) or 'none'})")

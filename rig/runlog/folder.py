@@ -19,6 +19,7 @@ START, SAMPLES, EVENTS = "start.json", "samples.csv", "events.jsonl"
 WIRE, PLATEAUS, END, LOCK = "wire.jsonl", "plateaus.csv", "end.json", ".lock"
 APPENDED = (SAMPLES, EVENTS, WIRE, PLATEAUS)
 WATCHDOG = "watchdog.jsonl"  # what the watchdog did, by itself; not there in every run
+PAGE = "report.html"  # of a run that has ended, by whoever took it; no part of what is sealed
 HASHED = (START, *APPENDED, WATCHDOG)
 MAX_RECORD_BYTES = 32_000_000  # of start.json and end.json
 MAX_FILE_BYTES = 4_000_000_000

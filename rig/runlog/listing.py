@@ -100,7 +100,11 @@ def _start_lines(run: Run) -> list[str]:
         "temperature not noted" if ambient.temperature_c is None else f"{ambient.temperature_c:.1f} degC",
         "humidity not noted" if ambient.relative_humidity is None else f"{100.0 * ambient.relative_humidity:.0f} % RH",
     ]
-    motor = start.motor if isinstance(start.motor, str) else str(start.motor.get("kind", "a motor given in full"))
+    motor = (
+        start.motor
+        if isinstance(start.motor, str)
+        else str(start.motor.get("name") or start.motor.get("kind", "a motor given in full"))
+    )
     number = f" no. {_text(start.motor_serial)}" if start.motor_serial else ""
     lines = [
         f"{shown(run.name, 100)}: {start.kind} on bench {_text(start.bench)}{', simulated' if start.simulated else ''}",

@@ -77,7 +77,7 @@ def start_record(
         "note": clean(circumstances.note),
         "simulated": simulated,
         "parent": circumstances.parent,
-        "motor": file.motor,
+        "motor": bench.motor,
         "motor_serial": clean(file.motor_serial if circumstances.motor_serial is None else circumstances.motor_serial),
         "lubrication": file.lubrication if circumstances.lubrication is None else circumstances.lubrication,
         "added_inertia_kg_m2": file.added_inertia_kg_m2,

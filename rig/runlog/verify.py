@@ -15,6 +15,7 @@ from rig.runlog.folder import (
     END,
     HASHED,
     LOCK,
+    PAGE,
     SAMPLES,
     START,
     WIRE,
@@ -77,7 +78,7 @@ def _differs(text: str, sha256: str) -> bool:
 
 def _strangers(folder: Path) -> list[str]:
     """Files that no run holds."""
-    known = {*HASHED, END, LOCK}
+    known = {*HASHED, END, LOCK, PAGE}
     return [
         f"{entry.name}: this file is no part of a run"
         for entry in sorted(folder.iterdir() if folder.is_dir() else ())

@@ -36,7 +36,7 @@ class Capturing:
 
     def __init__(self, task: CaptureTask, ambient_bar: float, now_ns: int, by_hand: bool = False) -> None:
         self.task = task
-        self.over = self.lost = False  # lost: what was recorded cannot be used
+        self.over, self.lost = False, ""  # lost: why what was recorded cannot be used
         self._ambient_bar, self._by_hand = ambient_bar, by_hand
         self._since_ns = now_ns
         self._start_ns: int | None = None
@@ -62,21 +62,22 @@ class Capturing:
             return []
         if view.set_ns is not None and view.set_ns > self._event_ns and not self._moved:
             if view.set_again:
-                self.over = self.lost = True
+                self.over, self.lost = True, MOMENT_UNKNOWN
                 end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns, left_out=MOMENT_UNKNOWN)
                 return [SetPressure(VENTED), end]
             self._event_ns, self._moved = view.set_ns, True  # the line was busy when the order was given
         passed_s = (now_ns - self._event_ns) / NS
         if passed_s < self.duration_s:
             return []
-        end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns)
+        lost = judge.not_read(view, self._event_ns, now_ns)
+        end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns, left_out=lost)
         if self.task.kind == "spin-up":
-            self.over = True
+            self.over, self.lost = True, lost
             return [SetPressure(VENTED), end]
         unquiet = judge.not_at_rest(view, self._ambient_bar)
         if unquiet and passed_s < max(LONGEST_S, self.duration_s):
             return []  # the line is still emptying, or the rotor still runs out: that belongs to the coast-down
-        self.over = True
+        self.over, self.lost = True, lost
         left = [Say(f"the coast-down ends after {passed_s:.0f} s, not at rest: {unquiet}", warning=True)]
         return [*(left if unquiet else []), end]
 
@@ -100,7 +101,7 @@ class Capturing:
             if unquiet and now_ns - self._since_ns < REST_TIMEOUT_S * NS:
                 return []
             if unquiet:
-                self.over = True
-                return [Say(f"spin-up left out: {unquiet}", warning=True)]
+                self.over, self.lost = True, unquiet
+                return []
         self._start_ns = now_ns
         return [CaptureStart(self.task.kind, self.task.level_bar_abs)]

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rig.bench.bench import Bench
 from rig.plateaus.plan import Step
@@ -84,11 +85,15 @@ def refuse_another_motor(run: Run, bench: Bench, motor_serial: str | None = None
         When the motors, or the serial numbers of both, differ.
     """
     serial = bench.file.motor_serial if motor_serial is None else motor_serial
-    motors = [(run.start.motor, run.start.motor_serial), (bench.file.motor, serial)]
+    motors = [(run.start.motor, run.start.motor_serial), (bench.motor, serial)]
     named = all(number for _, number in motors)
-    theirs, ours = (f"the motor {motor}{f' no. {number}' * named}" for motor, number in motors)
+    theirs, ours = (f"the motor {_name_of(motor)}{f' no. {number}' * named}" for motor, number in motors)
     if theirs != ours:
         raise RunError(f"{run.name} is of {shown(theirs, 200)}, not of {shown(ours, 200)}, which is on the bench now")
+
+
+def _name_of(motor: str | dict[str, Any]) -> str:
+    return motor if isinstance(motor, str) else str(motor.get("name"))
 
 
 def _plateaus(run: Run) -> list[Plateau]:

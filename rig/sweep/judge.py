@@ -65,6 +65,17 @@ def not_reading(view: View) -> str:
     return ""
 
 
+def not_read(view: View, start_ns: int, end_ns: int) -> str:
+    """Which of pressure and speed has no usable reading between two times, and why; empty when both have."""
+    for role in ("pressure", "speed"):
+        if view.window(role, start_ns, end_ns).time_s.size:
+            continue
+        reading = view.last(role)
+        last = "" if reading is None else f" ({reading.name}; its last reading: {reading.quality})"
+        return f"there is no reading of the {role}{last}"
+    return ""
+
+
 def not_settled(view: View, table: SweepTable, since_ns: int, now_ns: int) -> str:
     """Why pressure or speed has not settled; empty when both have.
 

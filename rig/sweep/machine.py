@@ -18,7 +18,7 @@ from rig.plateaus.plateau import Plateau
 from rig.readings import NS
 from rig.runlog.schema import ADDED, ending
 from rig.sweep import judge
-from rig.sweep.capturing import MOMENT_UNKNOWN, CaptureTask, Capturing
+from rig.sweep.capturing import CaptureTask, Capturing
 from rig.sweep.course import ENDED, Course, State
 from rig.sweep.orders import (
     ABORTED,
@@ -67,6 +67,7 @@ class SweepMachine:
         self._quiet_ns: int | None = None  # since when the line is vented and the rotor at rest
         self._settled, self._notes = True, list[str]()
         self._made = False  # whether anything of the course was taken, what led to it apart
+        self._lacking = ""  # why what was taken last cannot be used
         self._capturing: Capturing | None = None
         self._lost: list[CaptureTask] = []
         self._zero = "start"
@@ -168,12 +169,18 @@ class SweepMachine:
         means = {name: judge.mean(view, name, self._quiet_ns, end_ns) for name in self.course.zero_channels}
         vented = judge.is_vented(view, self.course.ambient_bar)
         orders: list[Order] = [Zero(self._zero, self._quiet_ns, end_ns, means, vented)]
-        if self._zero == "end" or not (self._tasks or "end" in self.course.zeros):
+        alone = not (self._tasks or "end" in self.course.zeros)
+        lacking = judge.not_read(view, self._quiet_ns, end_ns) if alone else ""
+        if lacking:
+            return [*orders, *self.fail(now_ns, f"the zero cannot be used: {lacking}")]
+        if self._zero == "end" or alone:
             return [*orders, *self._finish(now_ns, view)]
         return [*orders, *self._enter(State.NEXT, now_ns)]
 
     def _in_next(self, now_ns: int, view: View) -> list[Order]:
         self._task = None
+        if not self._tasks and self._lacking and not self._made:
+            return self.fail(now_ns, self._lacking)
         if not self._tasks:
             return [*self._release(), *self._enter(State.VENT, now_ns)]
         task = self._tasks.popleft()
@@ -280,7 +287,9 @@ class SweepMachine:
         number = len(self.plateaus) + 1
         taken = Plateau(number, self._task, self._entered_ns, end_ns, self._settled, means, "; ".join(notes))
         self.plateaus.append(taken)
-        self._made |= self._task in self.course.steps
+        lacking = judge.not_read(view, self._entered_ns, end_ns)
+        self._lacking = f"no plateau can be used: {lacking}" if lacking else self._lacking
+        self._made |= self._task in self.course.steps and not lacking
         return [Record(taken), *self._enter(State.NEXT, now_ns)]
 
     def _is_over(self, end_ns: int, now_ns: int, view: View, channels: Iterable[str]) -> bool:
@@ -299,12 +308,12 @@ class SweepMachine:
             return orders
         over, self._capturing = self._capturing, None
         self._made |= not over.lost
-        return [*orders, *(self._lose(over.task, now_ns) if over.lost else self._enter(State.NEXT, now_ns))]
+        return [*orders, *(self._lose(over, now_ns, view) if over.lost else self._enter(State.NEXT, now_ns))]
 
-    def _lose(self, task: CaptureTask, now_ns: int) -> list[Order]:
-        """Take a capture that cannot be used once more; the second time go on without it."""
-        what = f"the {task.kind} cannot be used: {MOMENT_UNKNOWN}"
-        is_first = task not in self._lost
+    def _lose(self, over: Capturing, now_ns: int, view: View) -> list[Order]:
+        """Take a capture that cannot be used once more; the second time, or with nothing read, go on without it."""
+        task, what = over.task, f"the {over.task.kind} cannot be used: {over.lost}"
+        is_first = task not in self._lost and not judge.not_reading(view)
         if is_first:
             self._lost.append(task)
             self._tasks.appendleft(task)

@@ -201,7 +201,7 @@ def motor_in_room(bench: Bench) -> Motor:
         room["ambient_temperature"] = room["inlet_temperature"] = ambient.temperature_c + ZERO_C
     if ambient.relative_humidity is not None:
         room["relative_humidity"] = ambient.relative_humidity
-    return read_motor(bench.file.motor).with_values(room)
+    return read_motor(bench.motor).with_values(room)
 
 
 def _plant(bench: Bench) -> Plant:

@@ -2,7 +2,7 @@
 
 What is slow to import is imported inside the commands, so that `spinbench --help` answers at once.
 
-    model, fit, diagnose, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
+    model, fit, diagnose, trend, init, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
     options     arguments and options that several of them share
     show        tables, JSON, files and remarks
     errors      exit codes, and mistakes told in words
@@ -16,16 +16,33 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from spinbench.cli import bench, challenge, concealing, diagnose, fit, many, model, replay, runs, sheet, sweep
+from spinbench.cli import (
+    bench,
+    challenge,
+    concealing,
+    diagnose,
+    fit,
+    init,
+    many,
+    model,
+    replay,
+    runs,
+    sheet,
+    sweep,
+    trend,
+)
 from spinbench.cli.errors import exit_code, in_words
 from spinbench.cli.show import remark
 
 
 class _Command(TyperCommand):
-    """A command whose help shows no `<bool>` beside a switch."""
+    """A command whose help shows no `<bool>` beside a switch, and no boxes: they cut names on a narrow terminal."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _without_type_of_switches(super().get_params(ctx))
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        super(TyperCommand, self).format_help(ctx, formatter)
 
 
 class _Group(TyperGroup):
@@ -33,6 +50,14 @@ class _Group(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _without_type_of_switches(super().get_params(ctx))
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        super(TyperGroup, self).format_help(ctx, formatter)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Commands with what they do, whole."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, one.get_short_help_str(limit=1000)) for name, one in self.commands.items()])
 
 
 def _without_type_of_switches(parameters: list[Any]) -> list[Any]:
@@ -70,7 +95,9 @@ for command in (
     fit.fit,
     diagnose.diagnose,
     diagnose.compare,
+    trend.trend,
     model.reproduce,
+    init.init,
     sweep.sweep,
     sweep.capture,
     bench.console,

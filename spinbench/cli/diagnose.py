@@ -92,7 +92,9 @@ def diagnose(
     readings.refuse_twice(parts, unseen)
     promise = earlier.promise(new) if earlier else None
     if earlier and promise is None:
-        remark(f"nothing given now is a test that {resume} asks for, so nothing was promised of it")
+        remark(
+            f"nothing given now is a test that {resume} asks for, so nothing was promised of it", *earlier.why_not(new)
+        )
     parts = without(parts, left_out or [])
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
     sharing = own_of_each(per_recording or [], len(parts))
@@ -139,7 +141,7 @@ def compare(
     """Say what changed from one recording of a motor to another, or that nothing did; 0 whatever the answer."""
     from calibration.data.dates import date_of
     from calibration.data.left_out import without
-    from calibration.data.runs_in_time import few_used
+    from calibration.data.rows_used import few_used
     from calibration.diagnosis import changes
     from calibration.diagnosis.changes_document import as_json
     from calibration.report.comparison import page, words
@@ -198,7 +200,7 @@ def _told_by(found: Mapping[str, Any]) -> tuple[Any, Any, Any]:
 
 def _warn(found: Mapping[str, Any], diagnosis: Any) -> None:
     """Say of which files less than nine tenths of the rows were used, and what was too small to be seen."""
-    from calibration.data.runs_in_time import few_used
+    from calibration.data.rows_used import few_used
     from calibration.report.diagnosis import sets
 
     remark(*few_used(found.get("files", [])))

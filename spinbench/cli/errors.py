@@ -13,7 +13,7 @@ from spinbench.cli.show import remark
 
 Command = Callable[..., None]
 
-UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED, MODEL_DOES_NOT_FIT = 2, 3, 4, 5
+UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED, MODEL_DOES_NOT_FIT, CHANGED = 2, 3, 4, 5, 6
 INTERRUPTED = 130  # as a shell has it for what Ctrl-C ends
 # Errors that are told in words instead of with a traceback, by their class's full name (which needs no import), and
 # the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.

@@ -15,7 +15,9 @@ RecordingsArgument = Annotated[
         metavar="RECORDING...", help="Folders of recordings, or names of runs; several must be of one motor."
     ),
 ]
-MotorOption = Annotated[str, typer.Option("--motor", metavar="NAME|FILE", help="A motor in configs/motors, or a file.")]
+MotorOption = Annotated[
+    str, typer.Option("--motor", metavar="NAME|FILE", help="A motor of the project or in configs/motors, or a file.")
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter or a reading; may be given several times."),
@@ -63,7 +65,7 @@ SteadyOnlyOption = Annotated[
 
 # A bench, and the room that it stands in.
 BenchArgument = Annotated[
-    Path, typer.Argument(metavar="BENCH", help="A bench file, or the name of one in configs/benches.")
+    Path, typer.Argument(metavar="BENCH", help="A bench file, or the name of one in the project or in configs/benches.")
 ]
 RateOption = Annotated[
     float | None,

@@ -90,7 +90,7 @@ def _against_model(run: Run, out: Path | None) -> None:
 
     measured = channels_of(run)
     room = run.start.ambient
-    motor = in_room(read_motor(str(run.start.motor)), room.pressure_bar_abs, room.temperature_c, room.relative_humidity)
+    motor = in_room(read_motor(run.start.motor), room.pressure_bar_abs, room.temperature_c, room.relative_humidity)
     with counting("model", 1) as tell:
         simulated = drive(motor, measured.pressure_time_s, measured.pressure_pa, STEP_S)
         tell(1)

@@ -36,6 +36,7 @@ from spinbench.cli.options import (
     SealKeyOption,
     SealOption,
 )
+from spinbench.cli.progress import waiting
 from spinbench.cli.show import remark
 
 if TYPE_CHECKING:
@@ -75,6 +76,9 @@ def sweep(
     check: Annotated[
         bool, typer.Option("--check/--no-check", help="Hold the plateaus against the model while it runs, and warn.")
     ] = True,
+    page: Annotated[
+        bool, typer.Option("--page/--no-page", help="Write the run's page, report.html, into its folder at the end.")
+    ] = True,
     conceal: SealOption = None,
     conceal_seed: ConcealSeedOption = None,
     only: OnlyOption = "",
@@ -96,7 +100,7 @@ def sweep(
 
     server = server_of(conceal, conceal_seed, only, key)
     wanted = Wanted("sweep", logs, operator, motor_serial, note, parent.name if parent else None, wire, rate, server)
-    _take(bench, given, course, wanted, check)
+    _take(bench, given, course, wanted, check, page)
 
 
 def capture(
@@ -164,6 +168,7 @@ def _take(
     course: Callable[[Bench, Ambient], tuple[Course, list[str]]],
     wanted: Wanted,
     check: bool = False,
+    page: bool = False,
 ) -> None:
     """A run, under a bar where a regulator makes it; what came of it in a line."""
     from calibration.live_checks import Beside
@@ -189,10 +194,27 @@ def _take(
     print(f"{folder}: {word}{f', {outcome.reason}' if outcome.reason else ''}")
     if not outcome.vented:
         remark(UNVENTED)
+    if page:
+        _write_page(folder)
     if outcome.outcome != "finished":
         if wanted.kind == "sweep":
             print(f"go on with: {_continuing(path, folder, wanted, given, check)}")
         raise typer.Exit(RUN_FAILED)
+
+
+def _write_page(folder: Path) -> None:
+    """The run's page; the run is sealed and stays as it is, whatever becomes of it."""
+    from spinbench import run_page
+
+    try:
+        with waiting("the run's page is made; Ctrl-C leaves it out"):
+            where = run_page.write(folder)
+    except KeyboardInterrupt:
+        remark("the run's page was left out; the run is kept")
+    except Exception as error:  # the run is there and sealed: its end is not this page's
+        remark(f"the run's page could not be made ({type(error).__name__}: {error}); the run is kept")
+    else:
+        remark(f"the run's page is {where}")
 
 
 def _continuing(path: Path, folder: Path, wanted: Wanted, given: Given, check: bool) -> str:

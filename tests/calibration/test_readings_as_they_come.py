@@ -18,8 +18,9 @@ import pytest
 
 from calibration.data.blocks import Blocks, blocks_of
 from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply
+from calibration.data.rows_used import few_used
 from calibration.data.runs import READ_LATE_S, scatter
-from calibration.data.runs_in_time import coast_down, few_used, lone_zeros, release
+from calibration.data.runs_in_time import coast_down, lone_zeros, release
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json, finite
 from calibration.diagnosis.steps.verdict import judge

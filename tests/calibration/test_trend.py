@@ -11,9 +11,12 @@ import pytest
 
 import tests.diagnosis_recordings as recordings
 from calibration import fleet
-from calibration.report.comparison import trend
+from calibration.report.comparison import history, trend
 from calibration.work.trend import line_through
 from model.motor import Motor, read_motor
+from rig.recording import read_recording
+from rig.runlog import RunWriter
+from tests.synthetic_runs import start_of
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUE = read_motor("ptm3600")["f_overall"].value
@@ -93,6 +96,73 @@ def test_without_a_date_recordings_stand_in_the_order_given(tmp_path: Path) -> N
     names = [row["recording"] for row in csv.DictReader((tmp_path / "trend.csv").read_text().splitlines())]
     assert names == ["b", "a"]
     assert (tmp_path / "trend.png").read_bytes().startswith(b"\x89PNG")
+
+
+def of_a_motor(serial: str, *figures: float) -> list[dict]:
+    """Rows of the table of diagnoses, a month apart."""
+    return [
+        diagnosed(f"runs/{serial}{i}", f"2026-0{i}-01", one, None) | {"motor_serial": serial}
+        for i, one in enumerate(figures, start=1)
+    ]
+
+
+def test_each_motor_has_a_trend_of_its_own_and_an_alarm_where_it_changed() -> None:
+    rows = of_a_motor("A", 0.064, 0.068, 0.072) + of_a_motor("B", 0.080, 0.0805, 0.0798)
+    found = trend.trends(rows)
+    assert [(one.motor, len(one.figures)) for one in found] == [("A", 3), ("B", 3)]
+    (alarm,) = trend.alarms(found)
+    assert alarm.startswith("f_overall of motor no. A changed (p ")
+    assert alarm.endswith("0.0640 ± 0.0010 N m s in A1, 0.0720 ± 0.0010 N m s in A3.")
+    assert trend.alarms(trend.trends(of_a_motor("B", 0.080, 0.0805, 0.0798))) == []
+
+
+def test_a_jump_and_back_is_a_change_without_a_slope() -> None:
+    (alarm,) = trend.alarms(trend.trends(of_a_motor("A", 0.064, 0.072, 0.064, 0.0641)))
+    assert "changed" in alarm
+
+
+def test_alarms_of_what_does_not_change_are_as_rare_as_said() -> None:
+    rng, at, sd = np.random.default_rng(5), np.arange(5.0), np.full(5, 0.1)
+    p = [one.change_p for _ in range(4000) if (one := line_through(at, sd * rng.standard_normal(5), sd))]
+    assert np.mean(np.array(p) < 0.05) < 0.06
+    assert np.mean(np.array(p) < 0.05) > 0.03
+
+
+def test_the_page_shows_each_motor_with_its_sweeps_on_top_of_each_other(tmp_path: Path) -> None:
+    rows = of_a_motor("<i>A", 0.064, 0.072)
+    read = {}
+    for seed, row in enumerate(rows, start=3):
+        recordings.sweep(tmp_path / row["recording"], seed, {})
+        read[row["recording"]] = read_recording(tmp_path / row["recording"])
+    page = history.report(rows, read)["report.html"].decode()
+    assert page.count('src="data:image/png;base64,') == 2
+    assert "Motor no. &lt;i&gt;A" in page and "<i>" not in page
+    assert 'class="verdict">f_overall of motor no. &lt;i&gt;A changed' in page
+    alone = history.report(rows[:1], read)["report.html"].decode()
+    assert "Nothing can be compared" in alone and "data:image" not in alone
+
+
+@pytest.mark.long
+def test_trend_ends_with_6_where_a_motor_changed(tmp_path: Path, monkeypatch, spinbench_here) -> None:
+    for seed, (name, factor) in enumerate((("january", 1.0), ("may", 1.3)), start=3):
+        motor = read_motor("ptm3600")
+        worn = motor.with_values({"f_overall": factor * motor["f_overall"].value})
+        monkeypatch.setattr(recordings, "read_motor", lambda _, worn=worn: worn)
+        recordings.sweep(tmp_path / "runs" / name, seed, {})
+        recordings.every_second_row(tmp_path / "runs" / name)
+        with (tmp_path / "runs" / name / "recording.toml").open("a", encoding="utf-8") as file:
+            file.write(f'[origin]\ndate = "2026-0{seed}-01"\nmotor_serial = "A-17"\n')
+    monkeypatch.undo()
+    write_zero = RunWriter.create(tmp_path / "runs", start_of("zero"))
+    write_zero.end("finished")
+    done = spinbench_here("trend", "runs", "-o", "out", "--workers", 2, cwd=tmp_path)
+    assert done.returncode == 6, done.stderr
+    assert "ALARM: f_overall of motor no. A-17 changed" in done.stderr
+    assert "passed over: 1 runs that are no sweeps" in done.stderr
+    assert {"report.html", "trend.csv", "trend.png", "table.csv"} <= {one.name for one in (tmp_path / "out").iterdir()}
+    alone = spinbench_here("trend", "runs/may", "-o", "alone", "--workers", 1, cwd=tmp_path)
+    assert alone.returncode == 2
+    assert "no two recordings of one motor can be compared" in alone.stderr
 
 
 @pytest.mark.long

@@ -1,5 +1,6 @@
 """The doctor, culprit by culprit: real bytes over pseudo-terminals, real processes, files in place of /proc."""
 
+import contextlib
 import fcntl
 import os
 import pickle
@@ -292,6 +293,38 @@ def test_an_address_that_takes_no_connection_is_told(tmp_path, host):
     (tmp_path / "bench.toml").write_text(text)
     findings = examine(read_bench(tmp_path / "bench.toml"), host=host)
     assert f"127.0.0.1:{free} does not take a connection" in only(findings, "line bus", Level.FAULT).what
+
+
+@pytest.mark.parametrize("hangs_up", [False, True])
+def test_a_web_server_at_the_port_of_an_instrument_is_called_one(tmp_path, host, hangs_up):
+    text = BENCH.format(port="-", baud=19200, timeout_s=0.5, gauge=1, period_s=0.2)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        at = server.getsockname()[1]
+        text = text.replace('kind = "serial"\nport = "-"', f'kind = "tcp"\nhost = "127.0.0.1"\ntcp_port = {at}')
+        (tmp_path / "bench.toml").write_text(text)
+        kept = []
+
+        def serve():
+            while True:
+                try:
+                    connection, _ = server.accept()
+                except OSError:
+                    return
+                with contextlib.suppress(OSError):
+                    connection.recv(100)
+                    connection.sendall(b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\n\r\n<html></html>")
+                if hangs_up:
+                    connection.close()
+                kept.append(connection)
+
+        threading.Thread(target=serve, daemon=True).start()
+        found = [one for one in examine(read_bench(tmp_path / "bench.toml"), host=host) if one.level is Level.FAULT]
+        server.shutdown(socket.SHUT_RDWR)
+    assert found
+    for one in found:
+        assert f"127.0.0.1, port {at}, answers “HTTP/1.1 400 Bad Request”: it serves web pages" in one.what
+        assert "tcp_port" in one.fix
+        assert "swapped" not in one.fix
 
 
 @pytest.fixture

@@ -25,6 +25,7 @@ from rig.recording import read_recording
 from rig.run import running
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
+from rig.virtual.launch import ask
 
 PROGRAM = [sys.executable, "-m", "spinbench"]
 ENOUGH_S = 90.0
@@ -277,8 +278,8 @@ def test_the_command_that_a_stopped_sweep_prints_takes_what_is_missing_and_names
 
 
 @pytest.fixture(scope="module")
-def served(bench, tmp_path_factory):
-    """The text of a bench file whose ports are those of a virtual bench that another process serves."""
+def serving(bench, tmp_path_factory):
+    """The text of a bench file whose ports are those of a virtual bench that another process serves, and its ports."""
     state = tmp_path_factory.mktemp("served")
     process = subprocess.Popen(
         [*PROGRAM, "virtual", str(bench), "--state", str(state), "--rate", "1"],
@@ -287,15 +288,43 @@ def served(bench, tmp_path_factory):
     )
     try:
         wait_for((state / "ports.json").exists, "no ports")
-        lines = json.loads((state / "ports.json").read_text())["lines"]
+        ports = json.loads((state / "ports.json").read_text())
+        lines = ports["lines"]
         text = bench.read_text().partition("[virtual]")[0]
         for name in ("bus", "usb"):
             head, mark, tail = text.partition(f"[lines.{name}]")
             text = head + mark + tail.replace('port = "virtual"', f'port = "{lines[name]["port"]}"', 1)
-        yield text.replace('host = "virtual"', f'host = "127.0.0.1"\ntcp_port = {lines["net"]["tcp_port"]}')
+        yield text.replace('host = "virtual"', f'host = "127.0.0.1"\ntcp_port = {lines["net"]["tcp_port"]}'), ports
     finally:
         process.send_signal(signal.SIGINT)
         process.wait()
+
+
+@pytest.fixture
+def served(serving):
+    """The text alone."""
+    return serving[0]
+
+
+@pytest.mark.long
+def test_a_capture_whose_gauge_falls_silent_ends_with_4_and_says_what_is_missing(serving, tmp_path):
+    """In real time; the gauge falls silent as the capture begins, and stays so."""
+    text, ports = serving
+    path, logs = tmp_path / "hardware.toml", tmp_path / "logs"
+    path.write_text(text)
+    words = [*PROGRAM, "capture", path, "--kind", "coast-down", "--level-bar-abs", "1.8", "--logs", logs, *DAY]
+    with subprocess.Popen([*map(str, words)], stdin=subprocess.DEVNULL, stdout=-1, stderr=-1, text=True) as process:
+        wait_for(logs.exists, "a run")
+        folder = wait_for(lambda: next(logs.iterdir(), None), "a run")
+        wait_for(lambda: [one for one in event_lines(folder) if one["event"] == "capture start"], "a capture")
+        assert ask(ports, {"do": "fault", "kind": "dropped", "device": "gauge"})["ok"]
+        try:
+            printed, said = process.communicate(timeout=ENOUGH_S)
+        finally:
+            ask(ports, {"do": "clear"})
+    assert process.returncode == 4, said
+    assert "failed, the coast-down cannot be used: there is no reading of the pressure (gauge." in printed
+    assert read_run(folder).end.outcome == "failed"
 
 
 def refusal_of(text, tmp_path):
@@ -316,10 +345,10 @@ SILENT = {
 
 
 @pytest.fixture(scope="module", params=SILENT)
-def silent(request, served, tmp_path_factory):
+def silent(request, serving, tmp_path_factory):
     """What a sweep says of a device that does not answer, and the device's name."""
     right, wrong, device = SILENT[request.param]
-    lines = refusal_of(served.replace(right, wrong, 1), tmp_path_factory.mktemp("silent"))
+    lines = refusal_of(serving[0].replace(right, wrong, 1), tmp_path_factory.mktemp("silent"))
     (line,) = [line for line in lines if f" {device} (" in line]  # one a device; a wrong baud rate silences every one
     return line, device
 

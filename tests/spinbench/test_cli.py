@@ -239,6 +239,17 @@ def test_a_help_text_is_shown_as_it_is_written_and_switches_have_no_type(path, c
     assert "--help" in flat and "<bool>" not in flat
 
 
+@pytest.mark.parametrize(("path", "command"), list(commands_below(typer.main.get_command(app))), ids=str)
+def test_a_help_of_80_columns_cuts_no_name_and_no_sentence(path, command):
+    shown = CliRunner().invoke(app, [*path, "--help"], env={"COLUMNS": "80", "TERM": "dumb"}).stdout
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "…" not in shown
+    for option in (one for one in command.params if one.opts[0].startswith("-")):
+        assert {*option.opts, *option.secondary_opts} <= set(shown.replace(",", " ").split())
+    for name, below in getattr(command, "commands", {}).items():
+        assert f"{name} {' '.join(below.help.split()).partition('. ')[0].rstrip('.')}" in " ".join(shown.split())
+
+
 def test_the_list_of_runs_shows_names_whole_on_a_narrow_terminal(tmp_path):
     start = start_of(bench="bench_with_a_name_of_its_own")
     with RunWriter.create(tmp_path, start) as writer:

@@ -67,6 +67,7 @@ def test_all_but_these_run_somewhere() -> None:
         "spinbench diagnose --continue out/monday recordings/flywheel -o out/both",
         "spinbench diagnose recordings/monday recordings/friday -o out/both",
         "spinbench compare recordings/may recordings/june -o out/since",
+        "spinbench trend logs -o out/history",
     }
 
 

@@ -84,6 +84,30 @@ def asked_for(
     return Promise(BESIDE.join(words for words, _ in found), max(nats for _, nats in found), rivals)
 
 
+def in_words(capture: Capture) -> str:
+    """What is taken, in words."""
+    if capture.level_bar_abs is None:
+        return f"a {capture.kind}"
+    what = (
+        "plateaus at"
+        if capture.kind == "plateaus"
+        else f"a {capture.kind} {'to' if capture.kind == 'spin-up' else 'from'}"
+    )
+    added = capture.added_inertia_kg_m2
+    flywheel = f" with {added:.2g} kg m2 added" if added else ""
+    return f"{what} {capture.level_bar_abs:.2f} bar abs{flywheel}"
+
+
+def why_not(wanted: Sequence[Capture], taken: Recording) -> str:
+    """Why a recording is none of the tests that were asked for, in a sentence."""
+    held = [in_words(one) for one in captures_of(taken)]
+    unread = [file.file for file in taken.files if file.kind != "zero" and not _levels(file, 0.0).size]
+    has = " and ".join(held) or "no test by itself"
+    without = f"; {', '.join(unread)} has no reading of the pressure" if unread else ""
+    asked = ", or ".join(in_words(one) for one in wanted) or "nothing that a bench takes by itself"
+    return f"{taken.folder} holds {has}{without}. Asked for: {asked}"
+
+
 def captures_of(recording: Recording) -> list[Capture]:
     """What a recording holds, as it would be asked for: runs in time, a zero, plateaus mostly at one level."""
     room = recording.ambient.pressure_bar_abs or 0.0

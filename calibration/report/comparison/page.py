@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from calibration.data.dates import parsed
-from calibration.data.runs_in_time import few_used
+from calibration.data.rows_used import few_used
 from calibration.diagnosis.result import Diagnosis
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point

@@ -23,6 +23,7 @@ from model.effects import effects
 
 CSV, PNG = "trend.csv", "trend.png"
 F_OVERALL = "f_overall"
+ALARM_P = 0.01  # of all trends together, below which something changed
 # What a slope is told per, the longest that the recordings span at least twice.
 PERIODS = (
     ("a year", timedelta(days=365.25)),
@@ -57,6 +58,8 @@ class Trend:
     ----------
     effect : str
         Whose size it is; empty for f_overall.
+    motor : str
+        The serial number of the motor; empty where none is noted.
     per : str
         What the line's slope is per.
     """
@@ -67,6 +70,7 @@ class Trend:
     figures: Sequence[Figure]
     line: Line | None
     per: str
+    motor: str = ""
 
     @property
     def parameter(self) -> str:
@@ -75,20 +79,42 @@ class Trend:
 
 
 def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
-    """Of each quantity that two recordings at least tell of, f_overall first.
+    """Of each motor and quantity that two recordings at least tell of, f_overall first.
 
     Parameters
     ----------
     rows : sequence of mapping
         Of the table of fits or of diagnoses; what is not to be relied on is left out.
     """
-    found: dict[str, list[Figure]] = {"": []}
+    found: dict[tuple[str, str], list[Figure]] = {}
     for row in rows:
         if not is_reliable(row):
             continue
+        motor = str(row.get("motor_serial") or "")
         for effect, (mean, sd) in figures_of(row).items():
-            found.setdefault(effect, []).append(Figure(str(row["recording"]), parsed(row["date"]), mean, sd))
-    return [_trend(effect, figures) for effect, figures in found.items() if len(figures) > 1]
+            found.setdefault((motor, effect), []).append(Figure(str(row["recording"]), parsed(row["date"]), mean, sd))
+    ordered = sorted(found.items(), key=lambda one: (one[0][0], one[0][1] != ""))
+    return [_trend(motor, effect, figures) for (motor, effect), figures in ordered if len(figures) > 1]
+
+
+def alarms(found: Sequence[Trend]) -> list[str]:
+    """Each quantity that changed, with what it was and is, in a sentence; all trends are priced."""
+    return [
+        f"{one.title} changed ({p_in_words(one.line.change_p)}): {_first_and_last(one)}."
+        for one in found
+        if one.line is not None and one.line.change_p * len(found) < ALARM_P
+    ]
+
+
+def _first_and_last(trend: Trend) -> str:
+    """The oldest and the newest figure; by the order given where one has no date."""
+    dated = [one for one in trend.figures if one.taken is not None]
+    ordered = sorted(dated, key=lambda one: str(one.taken)) if len(dated) == len(trend.figures) else trend.figures
+    told = (
+        f"{quantity(one.mean, one.sd, trend.unit, trend.parameter)} in {one.recording.rpartition('/')[2]}"
+        for one in (ordered[0], ordered[-1])
+    )
+    return ", ".join(told)
 
 
 def is_reliable(row: Mapping[str, Any]) -> bool:
@@ -139,7 +165,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> bytes:
     told = [figures_of(row) for row in rows]
     names = {effect: f"{effect}.{effects()[effect].amplitude.name}" for one in told for effect in one if effect}
     names = {"": F_OVERALL} | names
-    columns = {"recording": many_table.TEXT, "date": many_table.TEXT, "reliable": many_table.FLAG}
+    columns = dict.fromkeys(("recording", "date", "motor_serial"), many_table.TEXT) | {"reliable": many_table.FLAG}
     columns |= {f"{name}_{key}": many_table.NUMBER for name in names.values() for key in ("mean", "sd")}
     made = []
     for row, one in zip(rows, told, strict=True):
@@ -148,7 +174,8 @@ def table(rows: Sequence[Mapping[str, Any]]) -> bytes:
             for effect, pair in one.items()
             for key, value in zip(("mean", "sd"), pair, strict=True)
         }
-        made.append({"recording": str(row["recording"]), "date": row["date"], "reliable": is_reliable(row)} | cells)
+        first = {"recording": str(row["recording"]), "date": row["date"], "motor_serial": row.get("motor_serial")}
+        made.append(first | {"reliable": is_reliable(row)} | cells)
     if all(row["date"] for row in made):
         made.sort(key=lambda row: str(as_text(parsed(row["date"]))))
     return many_table.as_csv(made, columns)
@@ -159,12 +186,13 @@ def picture(found: Sequence[Trend]) -> bytes:
     return along_dates.picture([_panel(one) for one in found])
 
 
-def _trend(effect: str, figures: Sequence[Figure]) -> Trend:
+def _trend(motor: str, effect: str, figures: Sequence[Figure]) -> Trend:
     title = f"{effects()[effect].title} ({effect})" if effect else F_OVERALL
+    title += f" of motor no. {motor}" if motor else ""
     unit = effects()[effect].amplitude.unit if effect else "N m s"
     at, per = _places(figures)
     line = line_through(at, [one.mean for one in figures], [one.sd for one in figures])
-    return Trend(effect, title, unit, figures, line, per)
+    return Trend(effect, title, unit, figures, line, per, motor)
 
 
 def _places(figures: Sequence[Figure]) -> tuple[list[float], str]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibration.data.dates import parsed
-from calibration.data.runs_in_time import few_used
-from calibration.diagnosis.document import NOTHING
+from calibration.data.rows_used import few_used, in_words
+from calibration.diagnosis.document import NOTHING, next_tests_as_json
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.misread import MISREAD
 from calibration.report import along_dates, style
@@ -19,7 +19,7 @@ from calibration.report.fit.words import LEAST_P, figure, probability, rounded
 from calibration.report.origin import origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row, title, titles
-from calibration.report.units import FAMILIAR, on_an_axis
+from calibration.report.units import FAMILIAR, how_taken, on_an_axis
 from model.effects import effects
 from model.effects.effect import EffectParameter
 
@@ -83,7 +83,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "verdict": words.sentence(document, sets.at_top(found, found.verdict.chosen), _excluded(found, document)),
         "certainty": _certainty(found, document),
         "rivals": _rivals(found, document),
-        "used": _used(found),
+        "used": in_words(found.comparison.rows_used()),
         "suspects": _suspect_table(document),
         "places": _place_table(document),
         "markers": draw.markers_in_words(found),
@@ -181,14 +181,6 @@ def _rivals(found: Diagnosis, document: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def _used(found: Diagnosis) -> str:
-    comparison = found.comparison
-    plateaus, runs = comparison.n, comparison.problem.blocks.runs
-    parts = [f"{plateaus} plateau{'s' * (plateaus != 1)}"] if plateaus else []
-    parts += [f"{size} samples of {run.file}" for run, size in zip(runs, comparison.sizes, strict=True)]
-    return " and ".join(parts)
-
-
 def _reference(found: Diagnosis) -> str:
     """The set that odds are of, in words."""
     if found.verdict.chosen is not None:
@@ -281,12 +273,12 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
     """Tests with what they would tell and the repeats that they take; those that need another instrument apart."""
     rows = tuple(
         (
-            f"{test.test}: {test.capture.command}" if test.capture else test.test,
+            f"{test.test}: {how_taken(told)}",
             in_a_row([names or (NOTHING,) for names in test.separates], "and"),
             f"{test.information_nats:.1f}",
             "never, between all of them" if test.repeats is None else str(test.repeats),
         )
-        for test in found.next_tests
+        for test, told in zip(found.next_tests, next_tests_as_json(found.next_tests), strict=True)
         if bool(test.needs) == apart
     )
     return Grid(("test", "tells apart", "nats", "repeats"), rows, 2)

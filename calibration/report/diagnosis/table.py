@@ -9,6 +9,7 @@ from calibration.diagnosis.steps.confirm import Predicted
 from calibration.report.diagnosis import words
 from calibration.report.render import findings
 from calibration.report.sets_in_words import titles
+from calibration.report.units import how_taken, nats_in_words
 from model.effects import effects
 
 if TYPE_CHECKING:
@@ -38,18 +39,17 @@ def table(found: Mapping[str, Any]) -> Table:
         if found[key]:
             rows.append((said, words.quantity(found[key]["mean"], found[key]["sd"], "N m s")))
     for one in found.get("promised", []):
-        told = f"promised {one['information_nats']:.1f} nats, gave {one['delivered_nats']:.1f}"
-        rows.append(("test taken", f"{one['test']}: {told}"))
+        promised, gave = (nats_in_words(one[key]) for key in ("information_nats", "delivered_nats"))
+        rows.append(("test taken", f"{one['test']}: promised {promised}; gave {gave}"))
     return findings([*rows, *tests(found)])
 
 
 def tests(found: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The tests that are asked for, each with its command where a bench can take it by itself."""
+    """The tests that are asked for, each with its command or why there is none."""
     rows = []
     for test in found["next_tests"][: words.MOST_ROWS]:
-        rows.append(("next test", f"{test['test']} ({test['information_nats']:.1f} nats)"))
-        if test["command"]:
-            rows.append(("", test["command"]))
+        rows.append(("next test", f"{test['test']} ({nats_in_words(test['information_nats'])})"))
+        rows.append(("", how_taken(test)))
     return rows
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +14,14 @@ from calibration.fit.posterior import Posterior, thinned
 from calibration.report import style
 from calibration.report.fit import numbers
 from calibration.report.fit.numbers import Channel, Suspect
-from calibration.unknowns.priors import OfEffect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-RIDGES = ("port_lap", "roller_friction", "pressure_offset", "ambient_pressure")  # and the effects' own unknowns
+LEAST_RIDGES = 2  # where no correlation is worth a word
+LONG_DECADES = 1.7  # from which only powers of ten have a label
+WIDE = 4.0  # from least to most, from which an axis is logarithmic
 BANDS = ((0, 4, "#CFE3F1", "90 %"), (1, 3, "#8FBFDF", "68 %"))  # indices into numbers.LEVELS
 ALARM = style.COLOURS[1]
 DOTS = 1500
@@ -44,9 +46,9 @@ def density(posterior: Posterior) -> bytes:
 
 
 def ridge(posterior: Posterior) -> bytes:
-    """f_overall against the unknowns that it may trade off with."""
-    unknowns = [estimate.unknown for estimate in posterior.estimates]
-    present = [one.name for one in unknowns if one.name in RIDGES or isinstance(one.of, OfEffect)]
+    """f_overall against the unknowns that it is correlated with most, as `words.hangs_on` names them; two at least."""
+    pairs = numbers.trade_offs(posterior)
+    present = [unknown.name for unknown, _ in numbers.strongest(pairs) or pairs[:LEAST_RIDGES]]
     with style.drawing(-(-len(present) // 2), 2, height_in=2.5 * -(-len(present) // 2), squeeze=False) as (
         figure,
         axes,
@@ -203,8 +205,8 @@ def _ridge_panel(panel: Axes, posterior: Posterior, name: str) -> None:
 
     other, target = posterior[name].unknown, posterior[numbers.TARGET].unknown
     x, y = numbers.samples(posterior, name), numbers.samples(posterior, numbers.TARGET)
-    by_factor = other.kind in ("lognormal", "loguniform")
     dots = thinned(np.column_stack([x, y]), DOTS)
+    by_factor = other.kind in ("lognormal", "loguniform") and np.ptp(np.log(dots[:, 0])) > math.log(WIDE)
     panel.plot(dots[:, 0], dots[:, 1], ".", color=style.FAINT, markersize=1.5, alpha=0.5)
     centre, height, found, levels = numbers.density_regions(np.log(x) if by_factor else x, y)
     panel.contour(
@@ -217,11 +219,13 @@ def _ridge_panel(panel: Axes, posterior: Posterior, name: str) -> None:
     )
     if by_factor:
         panel.set_xscale("log")
-        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        is_long = np.ptp(np.log10(dots[:, 0])) > LONG_DECADES
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0,) if is_long else (1.0, 3.0)))
         panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         panel.xaxis.set_minor_formatter(NullFormatter())
     else:
         panel.locator_params(axis="x", nbins=4)  # six digits a tick must not run into each other
+        panel.ticklabel_format(axis="x", style="sci", scilimits=(-4, 6))
     correlation = float(np.corrcoef(x, y)[0, 1])
     panel.set_title(f"correlation {correlation:+.2f}".replace("-", "−"), fontsize=8.5)
     style.name_axes(panel, (name, other.unit), (target.name, target.unit))

@@ -23,6 +23,7 @@ GRID_POINTS = 41
 NOISE_NODES = ndtri((np.arange(15) + 0.5) / 15.0)  # of a standard normal, equally probable: bands without raggedness
 TARGET = "f_overall"
 BINS = 48
+WEAK, MOST = 0.25, 4  # a correlation below it is not worth a word; how many are told
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,11 @@ def trade_offs(posterior: Posterior, name: str = TARGET) -> list[tuple[Unknown, 
         if estimate.unknown.name != name
     ]
     return sorted(others, key=lambda pair: -abs(pair[1]))
+
+
+def strongest(pairs: Sequence[tuple[Unknown, float]]) -> list[tuple[Unknown, float]]:
+    """Of pairs of unknown and correlation those that are worth a word and a picture, strongest first."""
+    return [(unknown, r) for unknown, r in pairs if abs(r) >= WEAK][:MOST]
 
 
 def samples(posterior: Posterior, name: str) -> np.ndarray:

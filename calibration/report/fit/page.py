@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING, Any
 
+from calibration.data.rows_used import by_fit, in_words
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Estimate, Posterior
 from calibration.report import style
@@ -90,7 +91,7 @@ def page(filled: dict[str, Any]) -> bytes:
 def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> dict[str, Any]:
     """The texts and tables of the page."""
     return common(found) | {
-        "used": _used(found),
+        "used": f"{in_words(by_fit(found.recording, found.measured))}; channels {', '.join(found.measured.channels)}",
         "remarks": fit_words.remarks(found, suspects),
         "suspects": _suspect_table(suspects),
         "variants": variant_table(found, variants),
@@ -126,13 +127,6 @@ def common(found: AnyFit) -> dict[str, Any]:
         "held": _held_table(found.posterior, found.motor),
         "sha256": " and ".join(one.sha256 for one in found.recordings if one.sha256),
     }
-
-
-def _used(found: Fit) -> str:
-    steady, zero = len(found.measured.steady), len(found.measured.zero)
-    words = f"{steady} plateau{'s' * (steady != 1)}"
-    words += f" and {zero} zero reading{'s' * (zero != 1)}" if zero else ""
-    return f"{words}; channels {', '.join(found.measured.channels)}"
 
 
 def _suspect_table(suspects: list[numbers.Suspect]) -> Grid:

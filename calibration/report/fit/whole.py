@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibration.data.rows_used import in_words
 from calibration.fit.whole import WholeFit, parts_of
 from calibration.report import along_dates, style
 from calibration.report.fit import figures as fit_figures
@@ -130,9 +131,8 @@ def _context(found: WholeFit, variants: page.Variants) -> dict[str, Any]:
         (one.file, one.channel, str(one.row), fit_words.probability(one.probability))
         for one in found.posterior.suspect_rows
     )
-    count = f"{found.rows} plateau{'s' * (found.rows != 1)}"
     return page.common(found) | {
-        "used": f"{count} and {len(runs)} run{'s' * (len(runs) != 1)} in time",
+        "used": in_words(found.comparison.rows_used()),
         "remarks": remarks(found),
         "suspects": Grid(("file", "column", "row", "probability of being bad"), rows, 2),
         "variants": page.variant_table(found, variants),

@@ -12,7 +12,7 @@ from calibration.data.measurement import OBSERVED
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior
 from calibration.fit.whole import WholeFit
-from calibration.report.fit.numbers import TARGET, UNITS, Suspect
+from calibration.report.fit.numbers import TARGET, UNITS, Suspect, strongest
 from calibration.unknowns.priors import Error, OfEffect, OfInstrument, Unknown, full_name
 from model.effects import effects
 
@@ -25,7 +25,6 @@ ERRORS = {
 }
 FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
 LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
-WEAK = 0.25  # a correlation below it is not worth a word
 
 AnyFit = Fit | WholeFit
 
@@ -152,7 +151,7 @@ def _with_effects(found: AnyFit) -> str:
 
 def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
     """What f_overall is correlated with, strongest first, in a sentence; ``pairs`` of unknown and correlation."""
-    strong = [(unknown, r) for unknown, r in pairs if abs(r) >= WEAK][:4]
+    strong = strongest(pairs)
     if not strong:
         return f"{TARGET} is correlated with no other unknown to speak of."
     words = [f"{called(unknown)} ({r:+.2f})".replace("-", "−") for unknown, r in strong]

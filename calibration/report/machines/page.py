@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from calibration.data.runs_in_time import few_used
+from calibration.data.rows_used import few_used
 from calibration.diagnosis.result import Diagnosis
 from calibration.report import style
 from calibration.report.fit.words import probability

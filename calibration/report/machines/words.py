@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibration.report.render import findings
 from calibration.report.sets_in_words import in_a_row, titles
+from calibration.report.units import nats_in_words
 from model.effects import effects
 from model.layout import L_MIN
 
@@ -62,7 +63,7 @@ def table(document: Mapping[str, Any]) -> Table:
         rows.append((f"held out, {document['improvement']['held_out']['scheme']}" if i == 0 else "", said))
     rows += friction_in_words(document)
     for test in document["next_tests"][:MOST_ROWS]:
-        rows.append(("next test", f"{test['test']} ({test['information_nats']:.1f} nats)"))
+        rows.append(("next test", f"{test['test']} ({nats_in_words(test['information_nats'])})"))
     return findings(rows)
 
 

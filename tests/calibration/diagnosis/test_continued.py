@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import tests.diagnosis_recordings as recordings
-from calibration.diagnosis.next_test.promised import Kept, Promise, Rival, captures_of, kept
+from calibration.diagnosis.next_test.promised import Kept, Promise, Rival, captures_of, kept, why_not
 from calibration.diagnosis.steps.candidate import Candidate
+from calibration.likelihood.expected import Capture
 from rig.recording import read_recording, write_recording
 from tests.calibration.diagnosis.test_several_recordings import FRICTION, on_another_day
 
@@ -92,6 +93,18 @@ def test_what_a_recording_holds_is_told_as_it_is_asked_for(asked):
     assert run.added_inertia_kg_m2 == pytest.approx(0.015, rel=0.05)
     sweep = captures_of(read_recording(asked / "swept"))
     assert [one.kind for one in sweep] == ["coast-down"]  # a sweep of many levels is none that is asked for
+
+
+def test_a_run_that_was_not_asked_for_is_told_with_what_it_holds_and_what_was_asked_for(asked):
+    flywheel = read_recording(asked / "flywheel")
+    wanted = [Capture("coast-down", 2.39), Capture("zero")]
+    said = why_not(wanted, flywheel)
+    assert "holds a coast-down from 1.70 bar abs with 0.015 kg m2 added. Asked for: a coast-down from 2.39 bar" in said
+    run = flywheel.files[0]
+    silent = run.columns["pressure_bar_abs"]
+    silent = replace(silent, values=np.full_like(silent.values, np.nan))
+    unread = replace(flywheel, files=(replace(run, columns={**run.columns, "pressure_bar_abs": silent}),))
+    assert f"holds no test by itself; {run.file} has no reading of the pressure. Asked for: " in why_not(wanted, unread)
 
 
 def test_what_a_test_gave_is_what_it_moved_the_odds_of_the_likelier_by():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -143,7 +144,7 @@ def test_the_bench_plans_runs_plateaus_a_reversed_sweep_and_a_zero(comparison):
         assert any(part in one for one in words), part
 
 
-@pytest.mark.parametrize(("fastest_rpm", "level"), [(300.0, "3.1 bar"), (495.0, "2.6 bar"), (560.0, "")])
+@pytest.mark.parametrize(("fastest_rpm", "level"), [(300.0, "3.11 bar abs"), (495.0, "2.6 bar abs"), (560.0, "")])
 def test_no_level_is_planned_at_which_the_motor_turns_faster_than_it_may(comparison, fastest_rpm, level):
     """The article's motor is made for 600 rpm; without load its speed goes with the pressure above the ambient."""
     other = copy.copy(comparison)
@@ -168,11 +169,22 @@ def test_no_level_is_planned_at_which_the_rotor_may_stand_on_another_day(compari
     other.problem.blocks = replace(comparison.problem.blocks, plateaus=replace(plateaus, speed=speed))
     words = [plan.words for plan in planned(other)]
     for group, is_planned in ((first, False), (second, True)):
-        low = f"ten plateaus at {np.mean(plateaus.pressure[group]) / 1e5:.2f} bar"
-        assert (low in words) is is_planned
-    assert f"ten plateaus at {np.mean(plateaus.pressure[first]) / 1e5:.2f} bar" in [
-        plan.words for plan in planned(comparison)
-    ]
+        assert (_ten_at(plateaus, group) in words) is is_planned
+    assert _ten_at(plateaus, first) in [plan.words for plan in planned(comparison)]
+
+
+def _ten_at(plateaus, group):
+    return f"ten plateaus at {math.floor(np.mean(plateaus.pressure[group]) / 1e3) / 100:g} bar abs"
+
+
+def test_a_test_s_words_its_command_and_its_model_have_one_level(comparison):
+    plans = [plan for plan in planned(comparison) if plan.capture and plan.capture.level_bar_abs]
+    assert {plan.capture.kind for plan in plans} == {"coast-down", "spin-up", "plateaus"}
+    for plan in plans:
+        said = re.search(r"(?:from|to|at) ([\d.]+) bar abs", plan.words)[1]
+        assert f"--level-bar-abs {said}" in plan.capture.command
+        shown = np.nanmax(plan.recording.files[1].columns["pressure_bar_abs"].values)
+        assert shown == pytest.approx(float(said), abs=1e-4)
 
 
 def test_a_flywheel_is_declared_in_the_planned_recording(comparison):

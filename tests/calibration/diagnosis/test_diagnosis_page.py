@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import html
 import io
 import json
 import math
@@ -21,6 +23,7 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from calibration.data.refusals import refuse_starved
+from calibration.data.rows_used import few_used
 from calibration.diagnosis import Diagnosis, as_json, diagnose, together
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.steps.confirm import Predicted
@@ -28,6 +31,7 @@ from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.verdict import Verdict
 from calibration.fit import fit
 from calibration.fit.sampling import Settings
+from calibration.likelihood.expected import Capture
 from calibration.report import sets_in_words
 from calibration.report.diagnosis import figures as diagnosis_figures
 from calibration.report.diagnosis import numbers
@@ -341,10 +345,36 @@ def test_a_confounded_page_sets_the_rivals_side_by_side_with_the_test_that_parts
     assert "Most likely “air that does no work (leakage)”; also possible: " in said
     assert "<p>Either “air that does no work (leakage)”: " in said
     assert "<p>Or " in said
-    assert re.search(r"<td>coast-down from 1\.8 bar</td>.*?2\.0</td><td class=\"n\">3</td>", said)
-    assert re.search(r"<td>spin-up to 2\.4 bar</td>.*?0\.4</td><td class=\"n\">never, between all of them</td>", said)
+    assert re.search(r"<td>coast-down from 1\.8 bar: no.*?</td>.*?2\.0</td><td class=\"n\">3</td>", said)
+    assert re.search(
+        r"<td>spin-up to 2\.4 bar: no.*?</td>.*?0\.4</td><td class=\"n\">never, between all of them</td>",
+        said,
+    )
     assert said.index("spin-up to 2.4 bar") < said.index("With another instrument:") < said.index("beside a reference")
     assert "Excluded" not in said
+
+
+def test_a_test_is_told_with_its_odds_and_its_command_or_why_there_is_none(leak):
+    told = confounded(leak)
+    taken = dataclasses.replace(told.next_tests[0], capture=Capture("coast-down", 1.8))
+    rows = diagnosis_table.tests(as_json(dataclasses.replace(told, next_tests=[taken, *told.next_tests[1:]])))
+    assert rows == [
+        ("next test", "coast-down from 1.8 bar (2.0 nats: odds of 7.4 to 1)"),
+        ("", "spinbench capture BENCH --kind coast-down --level-bar-abs 1.8"),
+        ("next test", "spin-up to 2.4 bar (0.4 nats: odds of 1.5 to 1)"),
+        ("", "no command: take it by hand"),
+        ("next test", "read the flow beside a reference (9.0 nats: odds of 8100 to 1)"),
+        ("", "no command: it needs a reference flow meter"),
+    ]
+
+
+def test_terminal_and_page_count_the_rows_used_alike(leak):
+    locked = [one | {"rows_used": 5, "why": "1 row: the rotor is held"} for one in leak.comparison.rows_used()]
+    few = dataclasses.replace(leak, comparison=copy.copy(leak.comparison))
+    few.comparison.rows_used = lambda: locked
+    said, document = html.unescape(words_of(few)), as_json(few)
+    assert f"Rows used: {HOSTILE}: 5 of {locked[0]['rows']} rows." in said
+    assert few_used(document["files"])[0].startswith(f"{HOSTILE}: 5 of {locked[0]['rows']} rows are used;")
 
 
 def test_an_unresolved_page_tells_the_place_and_the_law_and_warns_of_f_overall(leak):

@@ -1,7 +1,9 @@
 """The report of a fit: what it says, that it stands alone, and that no text from a file gets into its markup."""
 
 import dataclasses
+import html
 import io
+import itertools
 import re
 import shlex
 import shutil
@@ -12,10 +14,12 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from calibration.fit.document import as_json
 from calibration.fit.fit import Fit, fit
 from calibration.fit.posterior import FitQuality
 from calibration.fit.sampling import Settings
 from calibration.report import style
+from calibration.report.fit import figures as fit_figures
 from calibration.report.fit import numbers as fit_numbers
 from calibration.report.fit import page as fit_page
 from calibration.report.fit import words as fit_words
@@ -126,6 +130,25 @@ def test_the_page_says_what_f_overall_is_correlated_with(found, page):
     strongest, _ = fit_numbers.trade_offs(found.posterior)[0]
     assert strongest.name == "port_lap"
     assert "f_overall is correlated most with the port lap (−0." in page
+
+
+def test_the_pictures_show_the_pairs_that_the_text_names_and_their_ticks_stand_apart(found, monkeypatch):
+    monkeypatch.setattr(style, "png", lambda figure: figure)
+    drawn = fit_figures.ridge(found.posterior)
+    drawn.draw_without_rendering()
+    named = [unknown for unknown, _ in fit_numbers.strongest(fit_numbers.trade_offs(found.posterior))]
+    assert fit_words.hangs_on(fit_numbers.trade_offs(found.posterior)).count("(") == len(named) > 1
+    panels = [panel for panel in drawn.axes if panel.get_xlabel()]
+    assert [panel.get_xlabel().split(" ")[0] for panel in panels] == [one.name for one in named]
+    for panel in panels:
+        boxes = [one.get_window_extent() for one in panel.get_xticklabels() if one.get_text()]
+        inside = sorted((box.x0, box.x1) for box in boxes)
+        assert all(one[1] < other[0] for one, other in itertools.pairwise(inside)), panel.get_xlabel()
+
+
+def test_the_page_counts_rows_as_the_document_does(found, page):
+    told = as_json(found)["files"][0]
+    assert f"Rows used: {HOSTILE}: {told['rows_used']} of {told['rows']} rows; channels" in html.unescape(page)
 
 
 def test_the_suspect_reading_is_named_with_what_the_fit_expects(found, page):

@@ -105,6 +105,53 @@ def test_a_mean_does_not_wait_for_an_instrument_that_has_fallen_silent():
     assert plateau.means["speed"].n >= 40
 
 
+@pytest.mark.parametrize("kind", ["coast-down", "spin-up"])
+@pytest.mark.parametrize("role", ["pressure", "speed"])
+def test_a_run_whose_capture_has_no_reading_fails_with_what_is_missing(kind, role):
+    walk = Walk(steps=[], captures=[CaptureTask(kind, 1.6, 0.2)])
+    take = walk.take
+
+    def falls_silent(order):
+        take(order)
+        walk.lab.dead |= {role} if isinstance(order, orders.CaptureStart) else set()
+
+    walk.take = falls_silent
+    walk.go()
+    (end,) = walk.of(orders.CaptureEnd)
+    assert end.left_out.startswith(f"there is no reading of the {role}")
+    assert walk.finish.outcome == "failed"
+    assert walk.finish.reason.startswith(f"the {kind} cannot be used: there is no reading of the {role} (")
+    assert walk.finish.reason.endswith("its last reading: timeout)")
+    walk.assert_vented_last()
+
+
+def test_a_zero_alone_without_a_reading_of_the_gauge_fails():
+    class Dies(Lab):
+        def read(self, role, name, value, scatter):
+            self.dead = {"pressure"} if self.now_ns > NS // 10 else set()
+            super().read(role, name, value, scatter)
+            made = self.readings[role][-1]
+            self.readings[role][-1] = dataclasses.replace(made, time_ns=made.time_ns - NS // 100)
+
+    walk = Walk(steps=[], lab=Dies(), zeros=("start",)).go()
+    assert walk.finish.outcome == "failed"
+    assert walk.finish.reason.startswith("the zero cannot be used: there is no reading of the pressure")
+
+
+def test_a_spin_up_that_is_left_out_since_the_rotor_turns_is_no_finished_run():
+    class Turns(Lab):
+        turns = False
+
+        def read(self, role, name, value, scatter):
+            super().read(role, name, 30.0 if role == "speed" and self.turns else value, scatter)
+
+    walk = Walk(steps=[], captures=[CaptureTask("spin-up", 1.6, 0.2)], lab=Turns())
+    walk.when["capture"] = lambda lab: setattr(lab, "turns", True)
+    walk.go()
+    assert walk.finish.outcome == "failed"
+    assert "the spin-up cannot be used: the rotor still turns" in walk.finish.reason
+
+
 def test_a_sweep_goes_through_its_states_in_order(whole):
     one = ["ramp", "settle", "dwell", "next"]
     assert whole.states == ["zero", "next", *one * 6, "vent", "zero", "done"]
@@ -408,7 +455,6 @@ def test_a_spin_up_starts_from_rest_and_sets_the_pressure_in_one_step():
 
 def test_a_capture_that_is_stopped_is_closed_in_the_log():
     walk = Walk(steps=[], captures=CAPTURES)
-    walk.when["capture"] = lambda lab: None
     while not walk.of(orders.CaptureStart):
         walk.lab.step()
         for order in walk.machine.advance(walk.lab.now_ns, walk.lab):

@@ -39,6 +39,7 @@ PLATEAUS, PLATEAU_S = 10, 4.0  # one right after the other
 IN_TIME = ("coast-down", "spin-up")
 FLYWHEEL = 3.0  # times the rotor's inertia
 AN_HOUR_S = 3600.0
+SAME = 1e-6  # of a hundredth of a bar: 2.3 bar stays 2.3
 ANCHOR = "anchor.csv"  # one plateau, which a recording must have; it is not looked at
 
 
@@ -59,31 +60,54 @@ class Planned:
     capture: Capture | None = None
 
 
+@dataclass(frozen=True)
+class Level:
+    """A pressure that a test asks for, to the hundredth of a bar: the same in its words, its command and its model.
+
+    Attributes
+    ----------
+    bar_abs, read_bar : float
+        The pressure, and what the recording's gauge shows at it [bar].
+    """
+
+    bar_abs: float
+    read_bar: float
+    is_gauge: bool
+
+    @property
+    def words(self) -> str:
+        """As a person is told it."""
+        absolute = f"{self.bar_abs:g} bar abs"
+        return f"{absolute} ({self.read_bar:.2f} bar gauge)" if self.is_gauge else absolute
+
+    @property
+    def ten(self) -> np.ndarray:
+        """Of ten plateaus, as the gauge shows it [bar]."""
+        return np.full(PLATEAUS, self.read_bar)
+
+
 def planned(comparison: Comparison) -> list[Planned]:
     """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest."""
     bench = _Bench(comparison)
-    unit = "bar gauge" if bench.is_gauge else "bar"
     top = min(bench.top, bench.allowed())
-    low = min(bench.low, top)
-    middle = 0.5 * (low + top)
+    bottom = min(bench.low, top)
+    low, middle, highest, more = map(bench.settable, (bottom, 0.5 * (bottom + top), top, bench.higher()))
     found = []
     if bench.columns["speed"]:
         found += [
-            bench.plan(f"coast-down from {pressure:.1f} {unit}", bench.run(pressure, False), "coast-down", pressure)
-            for pressure in (middle, top)
+            bench.plan(f"coast-down from {level.words}", bench.run(level.read_bar, False), "coast-down", level)
+            for level in (middle, highest)
         ]
-        heavy = f"coast-down from {middle:.1f} {unit} with a flywheel of three times the inertia"
-        found.append(bench.plan(heavy, bench.run(middle, False, 1.0 + FLYWHEEL), "coast-down", middle, FLYWHEEL))
-        found.append(bench.plan(f"spin-up to {top:.1f} {unit}", bench.run(top, True), "spin-up", top))
-    more = bench.higher()
+        heavy = f"coast-down from {middle.words} with a flywheel of three times the inertia"
+        in_time = bench.run(middle.read_bar, False, 1.0 + FLYWHEEL)
+        found.append(bench.plan(heavy, in_time, "coast-down", middle, FLYWHEEL))
+        found.append(bench.plan(f"spin-up to {highest.words}", bench.run(highest.read_bar, True), "spin-up", highest))
+    steady = [more, low, middle] if more.read_bar >= LEAST_HIGHER * top else [low, middle]
     found += [
-        bench.plan(
-            f"ten plateaus at {level:{digits}} {unit}", bench.steady(np.full(PLATEAUS, level)), "plateaus", level
-        )
-        for level, digits in (*([(more, ".1f")] if more >= LEAST_HIGHER * top else []), (low, ".2f"), (middle, ".1f"))
+        bench.plan(f"ten plateaus at {level.words}", bench.steady(level.ten), "plateaus", level) for level in steady
     ]
-    warm = bench.steady(np.full(PLATEAUS, middle), AN_HOUR_S)
-    found.append(bench.plan(f"ten plateaus at {middle:.1f} {unit}, after an hour's running", warm))
+    warm = bench.steady(middle.ten, AN_HOUR_S)
+    found.append(bench.plan(f"ten plateaus at {middle.words}, after an hour's running", warm))
     steps = np.array([level for level in bench.levels if level <= top])
     if steps.size > 2:
         reversed_ = np.concatenate([steps[::-1], steps])
@@ -134,17 +158,21 @@ class _Bench:
         allowed = self.allowed()
         return min(HIGHER * self.top, allowed) if math.isfinite(allowed) else self.top
 
+    def settable(self, read_bar: float) -> Level:
+        """A level that is asked for, no higher than a pressure that the gauge shows [bar]."""
+        above = self.room if self.is_gauge else 0.0
+        bar_abs = math.floor(100.0 * (read_bar + above) + SAME) / 100.0
+        return Level(bar_abs, bar_abs - above, self.is_gauge)
+
     def plan(
-        self, words: str, file: RecordingFile, kind: str = "", pressure_bar: float | None = None, flywheel: float = 0.0
+        self, words: str, file: RecordingFile, kind: str = "", level: Level | None = None, flywheel: float = 0.0
     ) -> Planned:
-        """A test; ``kind`` as it is captured, ``pressure_bar`` as the gauge shows it, ``flywheel`` in rotors."""
+        """A test; ``kind`` as it is captured, ``flywheel`` in rotors."""
         anchor = replace(self.steady(np.array([self.top])), file=ANCHOR)
         added = self.seen.added_inertia_kg_m2 + flywheel * self.inertia
         added = float(f"{added:.2g}") if flywheel else added
-        level = None
-        if pressure_bar is not None:
-            level = math.floor(100.0 * (pressure_bar + (self.room if self.is_gauge else 0.0))) / 100.0
-        capture = Capture(kind, level, added if kind in IN_TIME else 0.0) if kind else None
+        bar_abs = None if level is None else level.bar_abs
+        capture = Capture(kind, bar_abs, added if kind in IN_TIME else 0.0) if kind else None
         return Planned(words, replace(self.seen, files=(anchor, file), added_inertia_kg_m2=added), capture)
 
     def steady(self, pressure: np.ndarray, start: float = 0.0) -> RecordingFile:

@@ -101,11 +101,9 @@ class Problem:
     def __init__(self, recording: Recording, motor: Motor | None = None, any_turn: bool = False) -> None:
         self.given: dict[tuple[str, str], float] = {}
         if motor is None:
-            if not isinstance(recording.motor, str):
-                raise RecordingError(
-                    "this recording's motor is written out in it; diagnose takes a motor of configs/motors"
-                )
-            motor = read_motor(str(recording.motor))
+            if not recording.is_of_radial_piston:
+                raise RecordingError(f"{recording.folder}: its motor is no radial piston motor")
+            motor = read_motor(recording.motor)
         self.motor = at_ambient(motor, recording)
         self.recording = recording
         self.blocks: Blocks = blocks_of(recording)

@@ -1,0 +1,60 @@
+"""The page of a history: what changed along the dates of many recordings, motor by motor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from calibration.report.comparison import overlay, trend
+from calibration.report.diagnosis.words import quantity
+from calibration.report.render import HTML, Grid, inline, render, versions
+from calibration.report.sets_in_words import titles
+from rig.recording import Recording
+
+
+def report(rows: Sequence[Mapping[str, Any]], recordings: Mapping[str, Recording]) -> dict[str, bytes]:
+    """Files of the page by name: ``report.html``.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Of the table of diagnoses.
+    recordings : mapping of str to Recording
+        Those that could be read, by their name in the table.
+    """
+    found = trend.trends(rows)
+    motors = [_of_motor(motor, found, rows, recordings) for motor in _motors(rows)]
+    filled = {"alarms": trend.alarms(found), "count": len(found), "motors": motors, "versions": versions()}
+    return {HTML: render("trend.html.j2", filled)}
+
+
+def _motors(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    return sorted({str(row.get("motor_serial") or "") for row in rows})
+
+
+def _of_motor(
+    motor: str, found: Sequence[trend.Trend], rows: Sequence[Mapping[str, Any]], recordings: Mapping[str, Recording]
+) -> dict[str, Any]:
+    mine = [row for row in rows if str(row.get("motor_serial") or "") == motor]
+    mine.sort(key=lambda row: str(row["date"] or ""))
+    trends = [one for one in found if one.motor == motor]
+    swept = [recordings[str(row["recording"])] for row in mine if str(row["recording"]) in recordings]
+    laid = overlay.picture(swept)
+    return {
+        "name": f"Motor no. {motor}" if motor else "Motor without a serial number",
+        "sentences": [trend.sentence(one) for one in trends],
+        "trend": inline(trend.picture(trends)) if trends else "",
+        "overlay": inline(laid) if laid else "",
+        "table": Grid(
+            ("recording", "date", "verdict", "effects", "f_overall, N m s"), tuple(_row(one) for one in mine), 4
+        ),
+    }
+
+
+def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
+    friction = trend.figures_of(row).get("") if not row["error"] else None
+    shown = "" if friction is None else quantity(*friction, "N m s").removesuffix(" N m s")
+    unsure = "" if trend.is_reliable(row) else ", not in the line"
+    effects = titles(row["effects"]) if row.get("effects") else ""
+    said = str(row["error"] or row["verdict"])[:200]
+    return str(row["recording"]), str(row["date"] or "not noted"), f"{said}{unsure}", effects, shown

@@ -1,0 +1,35 @@
+"""`init`: a project folder, with files to begin from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spinbench.cli.show import remark
+
+
+def init(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Where; made if it is missing. Nothing in it is overwritten.")
+    ] = Path(),
+) -> None:
+    """Make a project folder: your motor, bench, instruments, imports, notes and logs."""
+    from rig.recording.files import write_files
+    from rig.runlog.folder import RunError
+    from spinbench.project import files_of
+
+    files = files_of(folder.absolute().name)
+    there = [name for name in files if (folder / name).exists()]
+    if there:
+        raise RunError(f"{folder}: {', '.join(there)} exists already, and nothing is overwritten; name another folder")
+    for name in ("motors", "benches", "instruments", "imports", "logs"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        write_files((folder / name).parent, {Path(name).name: content})
+    print(folder / "spinbench.toml")
+    remark(
+        f"edit {folder / 'motors' / 'motor.toml'} and {folder / 'benches' / 'bench.toml'}; then, in {folder}: "
+        "spinbench doctor bench"
+    )
