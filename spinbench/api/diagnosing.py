@@ -64,7 +64,7 @@ class DiagnosisResult:
     @property
     def remarks(self) -> list[str]:
         """What else a person should know: files hardly used, and what would have been too small to be seen."""
-        from calibration.data.runs_in_time import few_used
+        from calibration.data.rows_used import few_used
         from calibration.report.diagnosis import sets
 
         blind = "" if self.document.get("rig") else sets.blind_in_words(self.found)

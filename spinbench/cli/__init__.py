@@ -2,7 +2,7 @@
 
 What is slow to import is imported inside the commands, so that `spinbench --help` answers at once.
 
-    model, fit, diagnose, trend, init, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
+    model, fit, diagnose, init, sweep, sheet, bench, concealing, replay, runs, challenge, many     the commands
     options     arguments and options that several of them share
     show        tables, JSON, files and remarks
     errors      exit codes, and mistakes told in words
@@ -29,7 +29,6 @@ from spinbench.cli import (
     runs,
     sheet,
     sweep,
-    trend,
 )
 from spinbench.cli.errors import exit_code, in_words
 from spinbench.cli.show import remark
@@ -71,7 +70,6 @@ app = typer.Typer(
     cls=_Group,
     help="Bench tool for a pneumatic radial piston motor: calibrates its dynamic model and says how sure it is.",
     invoke_without_command=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 runs_app = typer.Typer(
@@ -95,7 +93,7 @@ for command in (
     fit.fit,
     diagnose.diagnose,
     diagnose.compare,
-    trend.trend,
+    many.trend,
     model.reproduce,
     init.init,
     sweep.sweep,

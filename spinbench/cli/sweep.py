@@ -36,8 +36,8 @@ from spinbench.cli.options import (
     SealKeyOption,
     SealOption,
 )
-from spinbench.cli.progress import waiting
 from spinbench.cli.show import remark
+from spinbench.progress import waiting
 
 if TYPE_CHECKING:
     from rig.bench.bench import Bench

@@ -66,6 +66,15 @@ def test_version():
         assert "commit" not in told
 
 
+@pytest.mark.parametrize(("typed", "completed"), [("di", "diagnose"), ("runs ver", "verify"), ("fit --see", "--seed")])
+def test_tab_completes_commands_and_options(typed, completed, spinbench_here, monkeypatch, tmp_path):
+    words = ["spinbench", *typed.split()]
+    asked = {"_SPINBENCH_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
+    for name, value in asked.items():
+        monkeypatch.setenv(name, value)
+    assert spinbench_here(cwd=tmp_path).stdout.split() == [completed]
+
+
 def test_simulate_writes_simulation_1_with_the_steady_solvers_figures():
     result = run("simulate", "--pressure-bar-abs", "2.0", "--set", "f_overall=0.0633", "--json", "-")
     assert result.returncode == 0
