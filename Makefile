@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults docs-commands challenge record demonstration figures house lock \
+.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults conformance docs-commands challenge record demonstration figures house lock \
   clean clean-cache
 
 help:
@@ -31,6 +31,7 @@ help:
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
 	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
 	@echo "make faults  every fault of the menu on every kind of line: wrong values counted (minutes, resumable)"
+	@echo "make conformance   other people's Modbus clients against our virtual devices, libmodbus behind our drivers (a minute)"
 	@echo "make docs-commands   every command of README and docs as it stands there, on fresh copies (a campaign)"
 	@echo "make chain   from bytes to a verdict on benches of many kinds, and on benches that conceal something (hours)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
@@ -113,6 +114,10 @@ kills: $(STAMP)
 # Goes on where it was interrupted; POLLS=10000 takes so many a cell.
 faults: $(STAMP)
 	$(BIN)/python -m tests.faults -o $(OUT)/faults $(if $(POLLS),--polls $(POLLS))
+
+# Of other people's programs, those that are on the machine.
+conformance: $(STAMP)
+	$(BIN)/python -m tests.conformance
 
 # PAGES="README.md docs/replay.md" takes these pages; HOURS=1 also runs what takes hours.
 docs-commands: $(STAMP)
