@@ -275,7 +275,10 @@ def _faults(command: Command, folder: Path, before: dict[str, bytes]) -> list[st
 def _run_faults(run: Path, before: dict[str, bytes], changes: bool) -> list[str]:
     """A run that was there is as it was; one that is written has whole rows, and can be read as soon as it is begun."""
     if not (run / "start.json").exists():
-        return [] if not any(run.glob("*.csv")) else [f"{run.name}: rows without a start"]
+        headed = (
+            path.read_bytes().partition(b"\n")[2] for path in run.glob("*.csv")
+        )  # the start comes after the header
+        return [f"{run.name}: rows without a start"] if any(headed) else []
     samples = before.get(f"logs/{run.name}/samples.csv", b"")
     acknowledged = samples[: samples.rfind(b"\n") + 1]
     try:

@@ -425,7 +425,7 @@ def test_a_run_that_is_deleted_ends_within_the_next_seconds_and_not_with_the_swe
     with RunWriter.create(tmp_path, start_of(), sync_s=0.02) as writer:
         shutil.rmtree(writer.folder)
         until_s = time.monotonic() + 60.0
-        with pytest.raises(RunError, match=r"samples\.csv: was deleted or moved"):
+        with pytest.raises(RunError, match="was deleted or moved"):
             while time.monotonic() < until_s:
                 writer.exchange(poll("tach", {"speed_rpm": 1.0}, 1))
                 time.sleep(0.01)
