@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults conformance fuzz docs-commands challenge record demonstration figures house lock \
+.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures house lock \
   clean clean-cache
 
 help:
@@ -33,6 +33,7 @@ help:
 	@echo "make faults  every fault of the menu on every kind of line: wrong values counted (minutes, resumable)"
 	@echo "make conformance   other people's Modbus clients against our virtual devices, libmodbus behind our drivers (a minute)"
 	@echo "make fuzz    codecs and readers by atheris, guided by coverage; wants the package atheris (15 minutes, resumable)"
+	@echo "make soak    all kinds of lines at their full rate at once: rates, memory, wrong values (half an hour)"
 	@echo "make docs-commands   every command of README and docs as it stands there, on fresh copies (a campaign)"
 	@echo "make chain   from bytes to a verdict on benches of many kinds, and on benches that conceal something (hours)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
@@ -124,6 +125,10 @@ conformance: $(STAMP)
 # Goes on where it was interrupted, and counts on; MINUTES=60 takes so long, of all targets together.
 fuzz: $(STAMP)
 	$(ONE_THREAD) $(BIN)/python -m tests.fuzz -o $(OUT)/fuzz $(if $(MINUTES),--minutes $(MINUTES))
+
+# MINUTES=3 takes so long.
+soak: $(STAMP)
+	$(ONE_THREAD) $(BIN)/python -m tests.soak -o $(OUT)/soak $(if $(MINUTES),--minutes $(MINUTES))
 
 # PAGES="README.md docs/replay.md" takes these pages; HOURS=1 also runs what takes hours.
 docs-commands: $(STAMP)
