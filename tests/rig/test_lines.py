@@ -657,6 +657,7 @@ def test_a_device_that_takes_nothing_is_lost(monkeypatch):
 SLOW_WIRE = Timing(timeout_s=20.0, slowest_reply_s=20.0, quiet_s=0.005, byte_s=0.1)  # as slow as a busy machine
 
 
+@pytest.mark.slow
 def test_a_copy_of_an_answer_that_comes_while_the_next_question_goes_out_is_thrown_away(on_line):
     said = []
 
@@ -669,6 +670,7 @@ def test_a_copy_of_an_answer_that_comes_while_the_next_question_goes_out_is_thro
     assert len(said) == 2  # no question was asked again
 
 
+@pytest.mark.slow
 def test_an_answer_that_begins_before_the_question_is_out_is_thrown_away_however_late_it_ends(on_line):
     old, new = (rtu(bytes([1, 3, 20]) + bytes(range(first, first + 20))) for first in (0, 100))
     line = on_line(lambda request: [(0.0, old[:10]), (3.0, old[10:]), (3.3, new)], SLOW_WIRE)
@@ -677,6 +679,7 @@ def test_an_answer_that_begins_before_the_question_is_out_is_thrown_away_however
     assert reply.data == new
 
 
+@pytest.mark.slow
 def test_a_text_s_copy_that_follows_its_answer_is_drained_before_the_next_question(on_line):
     said = []
 

@@ -249,6 +249,12 @@ def test_a_wire_line_is_checked_when_it_is_reached(run_folder):
         next(read_run(run_folder).exchanges())
 
 
+def test_a_sealed_run_without_its_samples_is_refused(run_folder):
+    (run_folder / "samples.csv").unlink()
+    with pytest.raises(RunError, match=r"samples.csv: missing; the end record has the hash"):
+        read_run(run_folder)
+
+
 def test_a_line_of_the_wire_that_is_missing_is_told(run_folder):
     spoil(run_folder / "wire.jsonl", b'{"n":1,', b'{"n":2,')
     with pytest.raises(RunError, match=r"wire.jsonl, line 1: its number is 2"):
