@@ -197,9 +197,7 @@ class RunWriter:
             self._closing.set()
         if self._syncer.is_alive():  # what it puts on the disk may fail yet
             self._syncer.join()
-        if not self.folder.is_dir():
-            self.close()
-            raise RunError(f"{self.folder}: {GONE}")
+        self._refuse_if_gone()
         with self._guard, alone_in(self.folder):  # a watchdog may be writing its line
             self._sync()
             if self._failure and self._failure not in reason:
@@ -265,6 +263,11 @@ class RunWriter:
             raise RunError(self._failure) from None
         self._sizes[name] += len(data)
         self._unsynced.add(name)
+
+    def _refuse_if_gone(self) -> None:
+        if not self.folder.is_dir():
+            self.close()
+            raise RunError(f"{self.folder}: {GONE}")
 
     def _take_back(self, name: str) -> None:
         """Cut off a line that was written in part; where even that fails, a reader leaves the torn line out."""
