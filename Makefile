@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults docs-commands challenge record demonstration figures house lock \
+.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures house lock \
   clean clean-cache
 
 help:
@@ -29,8 +29,11 @@ help:
 	@echo "make quick   lint and the quick tests, within a minute: for the inner loop"
 	@echo "make setup   make $(VENV) with the command $(BIN)/spinbench"
 	@echo "make bench   speed, as ratios against stated peers (minutes)"
-	@echo "make kills   kill -9 at 50 random moments of a sweep: nothing lost, regulator at zero (a campaign)"
+	@echo "make kills   kill -9 at 200 random moments of every command that writes: nothing lost (an hour, resumable)"
 	@echo "make faults  every fault of the menu on every kind of line: wrong values counted (minutes, resumable)"
+	@echo "make conformance   other people's Modbus clients against our virtual devices, libmodbus behind our drivers (a minute)"
+	@echo "make fuzz    codecs and readers by atheris, guided by coverage; wants the package atheris (15 minutes, resumable)"
+	@echo "make soak    all kinds of lines at their full rate at once: rates, memory, wrong values (half an hour)"
 	@echo "make docs-commands   every command of README and docs as it stands there, on fresh copies (a campaign)"
 	@echo "make chain   from bytes to a verdict on benches of many kinds, and on benches that conceal something (hours)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
@@ -107,12 +110,25 @@ quick-tests: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python tests/bench/run.py --json $(OUT)/bench.json
 
+# Goes on where it was interrupted; SHARE=0.1 takes a tenth of the kills.
 kills: $(STAMP)
-	$(BIN)/python -m tests.kills --kills 50
+	$(ONE_THREAD) $(BIN)/python -m tests.kills -o $(OUT)/kills $(if $(SHARE),--share $(SHARE))
 
 # Goes on where it was interrupted; POLLS=10000 takes so many a cell.
 faults: $(STAMP)
 	$(BIN)/python -m tests.faults -o $(OUT)/faults $(if $(POLLS),--polls $(POLLS))
+
+# Of other people's programs, those that are on the machine.
+conformance: $(STAMP)
+	$(BIN)/python -m tests.conformance
+
+# Goes on where it was interrupted, and counts on; MINUTES=60 takes so long, of all targets together.
+fuzz: $(STAMP)
+	$(ONE_THREAD) $(BIN)/python -m tests.fuzz -o $(OUT)/fuzz $(if $(MINUTES),--minutes $(MINUTES))
+
+# MINUTES=3 takes so long.
+soak: $(STAMP)
+	$(ONE_THREAD) $(BIN)/python -m tests.soak -o $(OUT)/soak $(if $(MINUTES),--minutes $(MINUTES))
 
 # PAGES="README.md docs/replay.md" takes these pages; HOURS=1 also runs what takes hours.
 docs-commands: $(STAMP)

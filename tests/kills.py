@@ -1,7 +1,7 @@
-"""Kill -9 at random moments of a sweep on the virtual bench: is the run whole, and is the regulator at zero in time?
+"""Kill -9 at random moments of a sweep or a capture of the virtual bench: is the run whole, the regulator soon at zero?
 
-`make kills` runs 50; the tests run a few. Each kill is of a real controller process that sweeps a virtual bench of its
-own; the bench outlives it, and tells when its regulator was sent to zero.
+`make kills` runs 200 kills with those of `kills_of_commands`; the tests run a few. Each kill is of a real controller
+process on a virtual bench of its own; the bench outlives it, and tells when its regulator was sent to zero.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import psutil
 
 from rig.interlock.watchdog import START_S
+from rig.recording.files import write_file
 from rig.replay.replaying import replay
 from rig.runlog import read_run, repair, verify
 from rig.virtual.launch import ask
+from tests.kills_of_commands import of_a_command
 
 ROOT = Path(__file__).resolve().parents[1]
 CONTROLLER = """
@@ -31,11 +33,14 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from spinbench.cli import app
-app(["sweep", "virtual", "--logs", sys.argv[2], "--minutes-running", "0"])
+app([*sys.argv[3:], "--logs", sys.argv[2], "--minutes-running", "0"])
 """
+SWEEP, CAPTURE = "sweep virtual", "capture virtual --kind coast-down"
 WATCHDOG_S = 6.0  # one that was only being started has to read its files first
 LONGEST_S = 2.0  # real time from the kill to the regulator at zero
-MOMENTS_S = (0.0, 10.5)  # after the run's folder is there; a sweep takes some 12 s
+LONG_S = {SWEEP: 10.5, CAPTURE: 5.0}  # kills come within so long after the run's folder is there: it takes longer
+COUNTS = {SWEEP: 50, CAPTURE: 25, "replay": 20, "repair": 25, "export": 15, "export_samples": 10, "import": 15}
+COUNTS |= {"import_recording": 10, "fit": 10, "diagnose": 15, "challenge": 5}
 
 
 @dataclass(frozen=True)
@@ -84,8 +89,8 @@ class Kill:
         return "; ".join(words for words, good in checks.items() if not good)
 
 
-def kill_once(after_s: float) -> Kill:
-    """Start a sweep, kill it, and look at what is left.
+def kill_once(after_s: float, command: str = SWEEP) -> Kill:
+    """Start a sweep, or another command that drives the bench, kill it, and look at what is left.
 
     Parameters
     ----------
@@ -98,7 +103,7 @@ def kill_once(after_s: float) -> Kill:
         logs.mkdir()
         temporary.mkdir()
         controller = subprocess.Popen(
-            [sys.executable, "-c", CONTROLLER, str(ROOT), str(logs)],
+            [sys.executable, "-c", CONTROLLER, str(ROOT), str(logs), *command.split()],
             env=os.environ | {"TMPDIR": str(temporary)},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -179,28 +184,44 @@ def _wait_for(look):
     raise TimeoutError("the sweep did not start within a minute")
 
 
-def main() -> int:
-    """Kill as often as asked, tell each, and return the number of faults."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    draw = random.Random(options.seed)
-    faults = 0
-    slowest = 0.0
-    for i in range(options.kills):
-        kill = kill_once(draw.uniform(*MOMENTS_S))
+def of_the_bench(out: Path, command: str, kills: int, seed: int) -> tuple[int, int]:
+    """Kill what drives the bench so often; the numbers of kills and of faults."""
+    counted = faults = 0
+    draw = random.Random(f"{command} {seed}")
+    for i in range(kills):
+        after_s = draw.uniform(0.0, LONG_S[command])
+        path = out / f"{command.split()[0]}_{seed}_{i}.json"
+        if not path.exists():
+            write_file(path, json.dumps(asdict(kill_once(after_s, command))).encode())
+        kill = Kill(**json.loads(path.read_text(encoding="utf-8")))
+        counted += not kill.finished
         faults += bool(kill.fault)
-        slowest = max(slowest, kill.zero_after_s)
-        words = kill.fault or "nothing lost"
         print(
-            f"{i + 1}/{options.kills}: after {kill.after_s:.2f} s, {kill.rows_after} rows, at zero after "
-            f"{kill.zero_after_s:.2f} s{'' if kill.raised else ' (never raised)'}: {words}",
+            f"{command} {i + 1}/{kills}: after {kill.after_s:.2f} s, {kill.rows_after} rows, at zero after "
+            f"{kill.zero_after_s:.2f} s{'' if kill.raised else ' (never raised)'}: {kill.fault or 'nothing lost'}",
             flush=True,
         )
-    print(f"{options.kills} kills, {faults} faults; slowest to zero {slowest:.2f} s (seed {options.seed})")
-    return faults
+    return counted, faults
+
+
+def main() -> int:
+    """Kill as often as asked, going on where it was interrupted; print the counts; 1 where there was a fault."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("--share", type=float, default=1.0, help="of the 200 kills")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", choices=[name.split()[0] for name in COUNTS])
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for name, count in COUNTS.items():
+        if options.only in (None, name.split()[0]):
+            of = of_the_bench if name in LONG_S else of_a_command
+            rows.append((name.split()[0], *of(options.out, name, round(count * options.share), options.seed)))
+    print("\n".join(f"{name}: {kills} kills, {faults} faults" for name, kills, faults in rows))
+    print(f"{sum(row[1] for row in rows)} kills, {sum(row[2] for row in rows)} faults (seed {options.seed})")
+    return min(sum(row[2] for row in rows), 1)
 
 
 if __name__ == "__main__":
-    sys.exit(min(main(), 1))
+    sys.exit(main())

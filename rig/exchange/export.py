@@ -17,7 +17,7 @@ from rig.exchange.figures import Figures
 from rig.readings import NS
 from rig.recording import Ambient, Recording, RecordingFile, write_recording
 from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
-from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of, write_whole
+from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of
 from rig.runlog.phases import DERIVED_DEVICE, Phase, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN, Run
@@ -53,9 +53,8 @@ def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exporte
     """
     exported = recording_of(run, unsettled)
     Path(folder).parent.mkdir(parents=True, exist_ok=True)
-    write_recording(exported.recording, Path(folder))
     text = "\n".join([f"exported from the run {run.name}", *exported.notes]) + "\n"
-    write_whole(Path(folder) / NOTES, text.encode("utf-8"))
+    write_recording(exported.recording, Path(folder), {NOTES: text})
     return exported
 
 

@@ -21,7 +21,7 @@ from rig.recording import Ambient, Channel, Recording, RecordingError, Recording
 from rig.recording.columns import FIGURES, MEASURED
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
-from rig.runlog.folder import RunError, sha256_of, write_whole
+from rig.runlog.folder import RunError, sha256_of
 from rig.runlog.plateaus import PRESSURES, QUANTITIES
 from rig.runlog.rows import utc_text
 from rig.runlog.schema import CAPTURE, ZERO, AmbientRecord, ChannelRecord, ClockRecord, DeviceRecord, StartRecord
@@ -127,18 +127,17 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path, tell
         When what it gives is no recording.
     """
     parts = _converted(files, mapping, tell)
-    Path(folder).parent.mkdir(parents=True, exist_ok=True)
-    _write(parts, mapping, Path(folder))
     paths = sorted({path for path, _ in _entries(files, mapping)})
     lines = [mapping.file.title, f"source: {mapping.file.source}", f"licence: {mapping.file.licence}"]
     lines += [f"imported with {mapping.path.name} from {path.name}, SHA-256 {sha256_of(path)}" for path in paths]
     lines += [words for part in parts for words in part.notes]
-    write_whole(Path(folder) / NOTES, ("\n".join(lines) + "\n").encode("utf-8"))
+    Path(folder).parent.mkdir(parents=True, exist_ok=True)
+    _write(parts, mapping, Path(folder), "\n".join(lines) + "\n")
     return Path(folder)
 
 
-def _write(parts: Sequence[Converted], mapping: Mapping, folder: Path) -> None:
-    """Write the parts as a recording. Raises RecordingError with the places of the sources."""
+def _write(parts: Sequence[Converted], mapping: Mapping, folder: Path, notes: str = "") -> None:
+    """Write the parts as a recording, with notes. Raises RecordingError with the places of the sources."""
     columns = {name for part in parts for name in part.columns}
     ambient = Ambient(**mapping.file.ambient.model_dump())
     channels = {name: _channel(mapping, name) for name in MEASURED if name in columns}
@@ -150,8 +149,9 @@ def _write(parts: Sequence[Converted], mapping: Mapping, folder: Path) -> None:
         for name, part in zip(named, parts, strict=True)
     )
     origin = mapping.file.origin.model_dump(exclude_none=True)
+    recording = Recording(folder, mapping.file.motor, ambient, channels, recorded, origin=origin)
     try:
-        write_recording(Recording(folder, mapping.file.motor, ambient, channels, recorded, origin=origin), folder)
+        write_recording(recording, folder, {NOTES: notes})
     except RecordingError as error:
         raise RecordingError(_of_sources(str(error), folder, named, parts, mapping)) from None
 

@@ -124,6 +124,7 @@ def ask_text(line: Line, request: bytes, complete: Complete, timing: Timing, ech
         length = complete(buffer[begin:])
         return None if length is None else begin + length
 
+    line.look(timing.byte_s)
     reply = line.ask(request, after_echo, timing)
     if not reply.data.startswith(request):
         return reply

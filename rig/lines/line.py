@@ -3,8 +3,9 @@
 A late answer is the trap of every polled instrument: Modbus RTU frames do not say which question they answer, so a
 reply that comes after its timeout is taken for the answer to the next question, and is a good value of the wrong
 register. Here a question is asked only into silence: after every timeout and every damaged reply the line waits until
-the slowest reply could have come and the line is quiet, and throws away what came. A reply that is complete before its
-bytes could have crossed the wire is an old one, and is thrown away too. And the first answer after a timeout is only
+the slowest reply could have come and the line is quiet, and throws away what came. A reply that begins before the
+question is out, or is complete before its bytes could have crossed the wire, is an old one or a second copy: it is
+thrown away, and the line goes on waiting. And the first answer after a timeout is only
 believed when no second one follows: a reply that was even later than the slowest is followed by the real one. Two
 replies in a row that are later than a line was told to expect can still deceive it; so every device is read as one
 block, in which an old reply is old and never another quantity.
@@ -26,6 +27,10 @@ ECHOES = (
     "each question comes back before its answer, as from an RS-485 adapter that hears itself: write echo = true at "
     "this line in the bench file, so that no echo is taken for the answer to a set-point"
 )
+SOONEST = 0.85  # of the time that bytes take on the wire: crystals differ, and a device may send one stop bit less
+MOST_STRAY = 4  # bytes before an answer, as adapters make them, beside the question's echo
+SILENT_BYTES = 3.5  # between an answer and the next question, as Modbus RTU has it
+TOO_SOON = "sooner than its bytes can cross the wire: an old one"
 MOST_DRAIN_S = 2.0  # a line that never falls silent is a stream or a fault
 
 
@@ -60,6 +65,17 @@ class Reply:
 Complete = Callable[[bytes], int | None]
 
 
+def _is_old(request: bytes, answer: bytes, early: int, after_ns: int, byte_s: float) -> bool:
+    """Whether an answer came too soon to be one: more of it than stray bytes before the question was out, or its end.
+
+    `early`: how many of its bytes came before the question was out [-]. `after_ns`: from the question to its end [ns].
+    An echo comes while the question goes out.
+    """
+    if request in answer:
+        return after_ns < SOONEST * len(answer) * byte_s * NS
+    return early > MOST_STRAY or after_ns < SOONEST * (len(request) + len(answer)) * byte_s * NS
+
+
 class Line:
     """A port with the manners of question and answer; everything that crosses it is kept as events.
 
@@ -72,6 +88,7 @@ class Line:
         self.clock = clock
         self.timing = timing or Timing()
         self.transactions = 0  # questions since the line was opened: the transaction number of Modbus TCP
+        self.copies = False  # whether bytes followed an answer, as where a device answers twice
         self.echoes = False  # whether the last question that could tell came back before its answer
         self.asked_ns = 0  # when something was last sent, and when a wait for bytes last ended: the times of a failure
         self.heard_ns = 0
@@ -85,7 +102,7 @@ class Line:
     def open(self) -> None:
         """Open the port and forget what was; the line starts clean."""
         self.transactions = 0
-        self._dirty = self._doubtful = self.echoes = False
+        self._dirty = self._doubtful = self.echoes = self.copies = False
         try:
             self.port.open()
         except LostError as error:
@@ -122,7 +139,7 @@ class Line:
         `spoiled`: the same, asked when no more bytes came in time: what is damaged is worth telling.
         Returns the bytes up to the end of the first whole frame; what follows it in the same breath makes the line
         dirty and is drained before the next question. Raises NoReplyError when the time was up; BadReplyError when
-        what came cannot be an answer, or came too early to be one; LostError when the port failed.
+        what came cannot be an answer, or nothing but what came too early to be one; LostError when the port failed.
         """
         timing = timing or self.timing
         if self._dirty:
@@ -131,7 +148,8 @@ class Line:
         self._not_before_ns = request_ns + self._wait_ns(timing.slowest_reply_s)
         deadline_ns = request_ns + self._wait_ns(timing.timeout_s)
         self._dirty = True  # until the answer is in
-        buffer, reply_ns = b"", request_ns
+        out_ns = request_ns + int(SOONEST * len(request) * timing.byte_s * NS)
+        buffer, reply_ns, early, old = b"", request_ns, 0, ""
         while True:
             heard_ns, data = self._receive(deadline_ns)
             if not data:
@@ -139,22 +157,23 @@ class Line:
                 if length is not None:
                     break
                 self._doubtful = True
+                if old:
+                    raise BadReplyError(old, Quality.STALE)
                 raise NoReplyError(self._too_little(request, buffer, timing))
             reply_ns = heard_ns
             buffer += data
+            early = len(buffer) if heard_ns < out_ns else early
             length = complete(buffer)
+            while length is not None and _is_old(request, buffer[:length], early, reply_ns - request_ns, timing.byte_s):
+                old = f"line {self.name}: a reply {(reply_ns - request_ns) / 1e6:.2f} ms after the question, {TOO_SOON}"
+                buffer, early, self.copies = buffer[length:], max(early - length, 0), True
+                length = complete(buffer)
             if length is not None:
                 break
             if len(buffer) > MOST_REPLY_BYTES:
                 raise BadReplyError(f"line {self.name}: {len(buffer)} bytes without the end of a reply")
-        earliest_ns = request_ns + int((len(request) + length) * timing.byte_s * 0.5 * NS)
-        if reply_ns < earliest_ns:
-            raise BadReplyError(
-                f"line {self.name}: a reply {(reply_ns - request_ns) / 1e6:.2f} ms after the question, sooner than its "
-                "bytes can cross the wire: an old one",
-                Quality.STALE,
-            )
         self._dirty = len(buffer) > length
+        self.copies |= self._dirty
         if self._doubtful:
             self._expect_no_second(request_ns, timing)
         self._slowest_ns, self._not_before_ns = self._not_before_ns, reply_ns  # no other answer is due
@@ -179,12 +198,17 @@ class Line:
         self._dirty = True
         self._not_before_ns = max(self._not_before_ns, self._slowest_ns)
 
-    def look(self) -> None:
-        """See whether bytes are there before a question is asked: they answer none, and are drained first."""
-        time_ns, data = self._read(self.clock.now_ns())
+    def look(self, byte_s: float) -> None:
+        """See whether bytes come before a question is asked: they answer none, and are drained first.
+
+        `byte_s`: the wire is to be silent for `SILENT_BYTES` of so long [s] after what was heard last, since a copy of
+            an answer follows it at once; 0 to see what is there.
+        """
+        silent_ns = self.heard_ns + int(SILENT_BYTES * byte_s * NS)
+        time_ns, data = self._read(max(self.clock.now_ns(), silent_ns))
         if data:
             self._events.append(Event("rx", time_ns, data))
-            self._dirty = True
+            self._dirty = self.copies = True
 
     def renew(self) -> None:
         """Close and open the port, so that what is still on its way does not come. Raises LostError."""

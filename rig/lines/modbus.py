@@ -20,14 +20,13 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from rig.lines.line import ECHOES, Complete, Line, Reply, Timing
+from rig.lines.line import ECHOES, MOST_STRAY, Complete, Line, Reply, Timing
 from rig.lines.port import BadReplyError, NoReplyError
 from rig.readings import Quality
 
 READ_COILS, READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 1, 3, 4, 6, 16
 EXCEPTION_BIT = 0x80
 MOST_REGISTERS = 125
-MOST_STRAY = 4  # bytes before an answer, beside the question's echo
 MBAP_BYTES = 7  # transaction, protocol, length, unit
 EXCEPTIONS = {
     1: "illegal function",
@@ -265,7 +264,7 @@ def exchange(
     transaction = line.transactions & 0xFFFF
     is_rtu, any_number = framing == "rtu", habits.any_number and framing == "tcp"
     question = _rtu_question(request) if is_rtu else encode(request, framing, transaction)
-    line.look()
+    line.look((timing or line.timing).byte_s if line.copies else 0.0)
     try:
         complete = length_of(request, framing, habits.echo or line.echoes)
         reply = line.ask(question, complete, timing, _spoiled(request, framing))

@@ -41,11 +41,13 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     Raises
     ------
     OSError
-        When the folder or a file cannot be written; what was there before is still there.
+        When the folder or a file cannot be written, with its name; what was there before is still there.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
-        beside = [(_write_beside(folder, content, stack), folder / name) for name, content in files.items()]
+        if not folder.exists():
+            folder.mkdir(parents=True)
+            stack.callback(_remove_if_empty, folder)
+        beside = [(_write_beside(folder / name, content, stack), folder / name) for name, content in files.items()]
         for _, place in beside:
             check_places(None, place)
         for temporary, place in beside:
@@ -109,15 +111,23 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _write_beside(folder: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
+def _remove_if_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def _write_beside(place: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
     """A temporary file with the content, removed by the stack unless it has been renamed by then."""
-    handle, name = tempfile.mkstemp(prefix=".spinbench-", dir=folder)
+    handle, name = tempfile.mkstemp(prefix=".spinbench-", dir=place.parent)
     temporary = Path(name)
     stack.callback(temporary.unlink, missing_ok=True)
-    with os.fdopen(handle, "wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(place)) from None  # a full disk names no file
     umask = os.umask(0)
     os.umask(umask)
     temporary.chmod(0o666 & ~umask)

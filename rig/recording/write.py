@@ -27,7 +27,7 @@ _FORMULA = ("=", "+", "-", "@")  # what a spreadsheet would take for a formula
 _SIGN = {0: "", -1: "<", 1: ">"}
 
 
-def write_recording(recording: Recording, folder: Path) -> None:
+def write_recording(recording: Recording, folder: Path, beside_it: Mapping[str, str] | None = None) -> None:
     """Write a recording as a recording/1 folder that `read_recording` reads back.
 
     Figures that a channel lists as defaulted are left out, so that they are read back as defaults. Text of an unknown
@@ -37,6 +37,8 @@ def write_recording(recording: Recording, folder: Path) -> None:
     ----------
     recording : Recording
         What to write; `folder`, `warnings` and `sha256` of it are not used.
+    beside_it : mapping of str to str, optional
+        Further text files of the folder: name and content.
 
     Raises
     ------
@@ -50,6 +52,9 @@ def write_recording(recording: Recording, folder: Path) -> None:
     try:
         beside.mkdir()
         _write_into(recording, beside)
+        for name, text in (beside_it or {}).items():
+            with _durable(beside / name) as stream:
+                stream.write(text)
         read_recording(beside)
         beside.rename(folder)
     except RecordingError as error:

@@ -37,6 +37,7 @@ from rig.runlog.folder import (
 from rig.runlog.schema import AmbientRecord, EndRecord, Outcome, StartRecord, dump
 
 SYNC_S = 1.0
+GONE = "was deleted or moved while it was written; what was measured is lost with it, and the run ends here"
 
 
 class RunWriter:
@@ -50,7 +51,7 @@ class RunWriter:
         self.start = start
         self.wire = wire
         self.counts = {"exchanges": 0, "samples": 0, "events": 0, "plateaus": 0}
-        self._utc_start_ns = start.clock.utc_start_ns
+        self._utc_start_ns, self._begun_ns = start.clock.utc_start_ns, time.monotonic_ns()
         self._guard = threading.Lock()
         self._lock = Lock(folder)
         self._files: dict[str, int] = {}
@@ -196,24 +197,24 @@ class RunWriter:
             self._closing.set()
         if self._syncer.is_alive():  # what it puts on the disk may fail yet
             self._syncer.join()
+        self._refuse_if_gone()
         with self._guard, alone_in(self.folder):  # a watchdog may be writing its line
             self._sync()
             if self._failure and self._failure not in reason:
                 reason = f"{reason}; {self._failure}".removeprefix("; ")
                 outcome = "failed"
             files = [name for name in HASHED if name in (START, *self._files) or (self.folder / name).is_file()]
-            utc_end_ns = time.time_ns()
             record = EndRecord(
                 outcome=outcome,
                 reason=rows.clean(reason)[:4000],
-                utc_end=rows.utc_text(utc_end_ns),
+                utc_end=rows.utc_text(time.time_ns()),
                 counts=dict(self.counts),
                 sha256={name: sha256_of(self.folder / name) for name in files},
                 ambient_end=ambient_end,
                 statistics=rows.plain(statistics or {}),
                 vented=vented,
                 stopped_by=stopped_by if outcome == "aborted" else None,
-                wall_s=(utc_end_ns - self._utc_start_ns) / NS,
+                wall_s=(time.monotonic_ns() - self._begun_ns) / NS,
             )
             try:
                 write_whole(self.folder / END, dump(record))
@@ -263,6 +264,11 @@ class RunWriter:
         self._sizes[name] += len(data)
         self._unsynced.add(name)
 
+    def _refuse_if_gone(self) -> None:
+        if not self.folder.is_dir():
+            self.close()
+            raise RunError(f"{self.folder}: {GONE}")
+
     def _take_back(self, name: str) -> None:
         """Cut off a line that was written in part; where even that fails, a reader leaves the torn line out."""
         try:
@@ -286,6 +292,8 @@ class RunWriter:
             for name, handle in waiting.items():
                 try:
                     os.fsync(handle)
+                    if os.fstat(handle).st_nlink == 0:
+                        self._failure = f"{self.folder / name}: {GONE}"
                 except OSError as error:
                     self._failure = f"{self.folder / name}: the disk does not keep it ({error.strerror})"
                 finally:

@@ -9,7 +9,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,7 @@ class Stopping:
     `after`: the newest event of the run when it was pressed [-].
     `at`: when it was pressed, since 1970 [s].
     `by_hand`: whether a person has the valve, and no regulator.
+    `pressed_s`: the same on the monotonic clock, which nobody sets back [s].
     `delivered_s`: how long after STOP the regulator was ordered to zero [s].
     """
 
@@ -85,6 +86,7 @@ class Stopping:
     delivered_s: float | None = None
     ended: bool = False
     vented: bool = False
+    pressed_s: float = field(default_factory=time.monotonic)
 
     @classmethod
     def of(cls, run: Path, by: str) -> Stopping:
@@ -123,7 +125,7 @@ class Stopping:
                 order = f"The regulator was ordered to zero {self.delivered_s:.1f} s after STOP."
             text = f"{order} {line}"
             return {"word": "DELIVERED", "text": text, "run": name, "by": self.by}
-        waited = time.time() - self.at
+        waited = time.monotonic() - self.pressed_s
         if self.refused or waited > CONFIRMED_WITHIN_S:
             silent = f"its log has no order to vent for {waited:.0f} s"
             why = self.refused or ("A person has this bench's valve" if self.by_hand else silent)

@@ -15,6 +15,7 @@ import pytest
 import serial
 
 from rig.clock import Clock
+from rig.instruments import ascii
 from rig.lines import BadReplyError, Line, LostError, NoReplyError, Timing, modbus
 from rig.lines import serial as lines_serial
 from rig.lines.serial import SerialPort
@@ -651,3 +652,41 @@ def test_a_device_that_takes_nothing_is_lost(monkeypatch):
         port.close()
         os.close(master)
         os.close(slave)
+
+
+SLOW_WIRE = Timing(timeout_s=20.0, slowest_reply_s=20.0, quiet_s=0.005, byte_s=0.1)  # as slow as a busy machine
+
+
+@pytest.mark.slow
+def test_a_copy_of_an_answer_that_comes_while_the_next_question_goes_out_is_thrown_away(on_line):
+    said = []
+
+    def reply(request):
+        said.append(answer_of(request))
+        return [*((0.0, old) for old in said[-2:-1]), (1.6, said[-1])]
+
+    line = on_line(reply, SLOW_WIRE)
+    assert [read(line, address) for address in (0, 10)] == [(111,), (222,)]
+    assert len(said) == 2  # no question was asked again
+
+
+@pytest.mark.slow
+def test_an_answer_that_begins_before_the_question_is_out_is_thrown_away_however_late_it_ends(on_line):
+    old, new = (rtu(bytes([1, 3, 20]) + bytes(range(first, first + 20))) for first in (0, 100))
+    line = on_line(lambda request: [(0.0, old[:10]), (3.0, old[10:]), (3.3, new)], SLOW_WIRE)
+    values, reply = modbus.exchange(line, "rtu", modbus.Request(1, modbus.READ_HOLDING, 0, 10))
+    assert values[0] == 100 << 8 | 101
+    assert reply.data == new
+
+
+@pytest.mark.slow
+def test_a_text_s_copy_that_follows_its_answer_is_drained_before_the_next_question(on_line):
+    said = []
+
+    def reply(request):
+        said.append(b"%d\r" % len(said))
+        return [(1.6, said[-1]), (1.7, said[-1])]
+
+    line = on_line(reply, SLOW_WIRE)
+    ends = ascii.ends_with(b"\r", 20)
+    assert [ascii.ask_text(line, b"@D3\r....", ends, SLOW_WIRE, False).data for _ in range(2)] == [b"0\r", b"1\r"]

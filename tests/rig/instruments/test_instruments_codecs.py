@@ -574,6 +574,10 @@ def test_no_line_does_more_to_the_entry_codec_than_be_refused(line):
         ("manual_bench", ('"speed_rpm"]', '"speed"]'), "columns: "),
         ("siargo_mf5700", ("address = 0x003A", "register = 0x003A"), "unknown key 'channels.flow_sl_min.register'"),
         ("lutron_tachometer", ('display = "1"', 'display = "12"'), "display"),
+        ("alicat_pc_ascii", ("scale = 1.0 ", "scale = 0.0 "), "a channel's scale is 0"),
+        ("alicat_pc_ascii", ("lowest = 0.0\nhighest = 7.0\n", "lowest = 7.0\nhighest = 7.0\n"), "highest"),
+        ("monarch_act3x", ("(?P<speed_rpm>", "(?P<speed>"), "its named groups are ['speed']"),
+        ("monarch_act3x", ('refusals = ["ERR"]', 'identity_query = "@PI"'), "identity_query and identity_pattern"),
     ],
 )
 def test_a_mistake_in_an_instrument_s_file_is_told_in_a_line(name, change, words):

@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import json
 import math
+import subprocess
 import sys
 
 import numpy as np
@@ -416,3 +417,26 @@ def test_without_pyarrow_the_error_says_what_to_install(run, tmp_path, monkeypat
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(RunError, match="needs the package pyarrow"):
         export_samples(run, tmp_path / "run.parquet")
+
+
+NAMING = """
+import os, sys
+from pathlib import Path
+from rig.exchange.export import export_recording
+from rig.runlog import read_run
+run, out = map(Path, sys.argv[1:])
+def look(event, what):
+    if event == "os.rename" and str(what[1]) == str(out):
+        print(*sorted(os.listdir(what[0])))
+sys.addaudithook(look)
+export_recording(read_run(run), out)
+"""
+
+
+def test_a_recording_gets_its_name_when_all_of_it_is_there_the_notes_too(run, tmp_path):
+    out = tmp_path / "recording"
+    done = subprocess.run(
+        [sys.executable, "-c", NAMING, run.folder, out], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert done.stdout.split() == sorted(path.name for path in out.iterdir())
+    assert "notes.txt" in done.stdout

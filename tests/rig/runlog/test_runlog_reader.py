@@ -207,6 +207,10 @@ WRONG = [
     ("samples.csv", b"gauge", b"g\0uge", "samples.csv, line 2: holds zero bytes"),
     ("samples.csv", b"gauge", b"g\xffuge", "samples.csv, line 2: not a row of CSV in UTF-8"),
     ("plateaus.csv", b",up,", b",sideways,", "plateaus.csv, line 2, column direction: 'sideways'"),
+    ("plateaus.csv", b"n,level", b"m,level", "plateaus.csv, line 1: not the header"),
+    ("plateaus.csv", b"\n1,", b"\none,", "'one' is not a whole number"),
+    ("plateaus.csv", b",up,", b",up,up,", "plateaus.csv, line 2: "),
+    ("plateaus.csv", b",up,", b",\xff,", "plateaus.csv, line 2: not a row of CSV in UTF-8"),
 ]
 
 
@@ -243,6 +247,18 @@ def test_a_wire_line_is_checked_when_it_is_reached(run_folder):
     spoil(run_folder / "wire.jsonl", b'"0103"', b'"0x03"')
     with pytest.raises(RunError, match=r"wire.jsonl, line 1: its bytes are not hexadecimal"):
         next(read_run(run_folder).exchanges())
+
+
+def test_a_sealed_run_without_its_samples_is_refused(run_folder):
+    (run_folder / "samples.csv").unlink()
+    with pytest.raises(RunError, match=r"samples.csv: missing; the end record has the hash"):
+        read_run(run_folder)
+
+
+def test_a_line_of_the_wire_that_is_missing_is_told(run_folder):
+    spoil(run_folder / "wire.jsonl", b'{"n":1,', b'{"n":2,')
+    with pytest.raises(RunError, match=r"wire.jsonl, line 1: its number is 2"):
+        next(read_run(run_folder).wire_lines())
 
 
 @pytest.mark.parametrize("name", ["start.json", "end.json", *APPENDED])

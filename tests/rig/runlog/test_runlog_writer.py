@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -416,3 +417,35 @@ def test_the_end_record_comes_after_everything_is_on_the_disk(tmp_path, monkeypa
     assert set(files) <= set(order[:end])
     assert (writer.folder / "end.json").stat().st_ino in order[:end]
     assert writer.folder.stat().st_ino in order[end:]
+
+
+@pytest.mark.parametrize("how", [shutil.rmtree, lambda folder: folder.rename(folder.with_name("elsewhere"))])
+def test_a_run_whose_folder_is_gone_is_not_sealed_in_silence(tmp_path, how):
+    with new_writer(tmp_path) as writer:
+        Bench(writer).plateau(1, (2.0, 55.0, 394.8), "up")
+        how(writer.folder)
+        with pytest.raises(RunError, match="was deleted or moved while it was written"):
+            writer.end("finished")
+    assert not writer.folder.exists()
+
+
+def test_a_run_that_is_deleted_ends_within_the_next_seconds_and_not_with_the_sweep(tmp_path):
+    with RunWriter.create(tmp_path, start_of(), sync_s=0.02) as writer:
+        shutil.rmtree(writer.folder)
+        until_s = time.monotonic() + 60.0
+        with pytest.raises(RunError, match="was deleted or moved"):
+            while time.monotonic() < until_s:
+                writer.exchange(poll("tach", {"speed_rpm": 1.0}, 1))
+                time.sleep(0.01)
+
+
+def test_a_clock_that_is_set_back_an_hour_leaves_the_times_of_the_run(tmp_path, monkeypatch):
+    with new_writer(tmp_path) as writer:
+        bench = Bench(writer)
+        bench.plateau(1, (2.0, 55.0, 394.8), "up")
+        monkeypatch.setattr(time, "time_ns", lambda now=time.time_ns: now() - 3600 * NS)
+        bench.plateau(2, (2.2, 60.0, 440.0), "up")
+        end = writer.end("finished")
+    assert verify(writer.folder) == []
+    assert read_run(writer.folder).samples["utc"].iloc[-1] > "2026-05-28T20:26:45"
+    assert 0.0 <= end.wall_s < 60.0

@@ -1,5 +1,7 @@
 """What is shown of a run: its state in a word and what it waits for, figures with marks, alarms with what to do."""
 
+import time
+
 import pytest
 
 from rig.readings import Quality
@@ -211,7 +213,8 @@ def test_stop_is_delivered_once_the_log_has_the_order_and_not_before(tmp_path, m
         tail.advance()
         stop.look(tail)
         assert stop.told()["word"] == "asked"
-        stop.at -= 60.0
+        monkeypatch.setattr(time, "time", lambda now=time.time: now() - 3600.0)  # the clock is set back
+        stop.pressed_s -= 60.0
         assert stop.told()["word"] == "NOT DELIVERED"
         assert "Close the supply by hand" in stop.told()["text"]
         writer.event("state", 2 * S, state="capture")
