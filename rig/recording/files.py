@@ -36,7 +36,8 @@ def check_places(folder: Path | None, file: Path | None = None) -> None:
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files into a folder, which is made if it is missing.
 
-    All are written out in full before the first gets its name.
+    All are written out in full before the first gets its name. What is there and is no plain file, as /dev/null or a
+    pipe, is written into and stays what it is.
 
     Raises
     ------
@@ -51,7 +52,10 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
         for _, place in beside:
             check_places(None, place)
         for temporary, place in beside:
-            temporary.replace(place)
+            if place.exists() and not place.is_file():
+                place.write_bytes(files[place.name])
+            else:
+                temporary.replace(place)
     sync_folder(folder)
 
 

@@ -108,6 +108,8 @@ async def bare_async(make: Callable[[], AsyncModbusSerialClient | AsyncModbusTcp
 class Gauge:
     """The least driver there can be, so that the acquisition is measured and not an instrument."""
 
+    failing = False
+
     def __init__(self, framing: str) -> None:
         self.framing = framing
 
@@ -163,6 +165,8 @@ def whole(port: Port, framing: str, timing: Timing, clock: Clock, seconds: float
     worker.stop()
     recorder.finish()
     writer.end("finished", "benchmark")
+    if worker.failure:
+        raise worker.failure
     return rate
 
 

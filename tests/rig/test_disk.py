@@ -1,12 +1,16 @@
-"""A disk that is full: nothing is half-written, and the error says which file had no room."""
+"""Where results go: a disk that is full, and what is no plain file."""
 
 from __future__ import annotations
 
+import os
+import stat
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from rig.recording.files import write_file
 
 ROOT = Path(__file__).resolve().parents[2]
 WRITE = """
@@ -34,3 +38,17 @@ def test_results_that_have_no_room_leave_the_old_ones_and_no_new_folder(tmp_path
     assert done.stdout.strip() == f"{folder / 'large.png'}: File too large"
     assert {path.name: path.read_text() for path in tmp_path.rglob("*.*")} == ({"small.json": "old"} if there else {})
     assert folder.exists() == there
+
+
+def test_what_is_no_plain_file_is_written_into_and_not_replaced(tmp_path):
+    """A pipe here; /dev/null, which root would lose, is another."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_file(pipe, b"{}")
+        assert os.read(reader, 10) == b"{}"
+    finally:
+        os.close(reader)
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
