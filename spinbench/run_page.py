@@ -69,9 +69,10 @@ def _compared(recording: Recording) -> tuple[tuple[Any, ...], str]:
 
 def _told(run: Run, notes: list[str], why_not: str) -> Told:
     from calibration.report.run.page import Told
+    from rig.runlog.schema import ended
     from rig.runlog.tail import ALARMS
 
-    reason = f" ({run.end.reason})" if run.end is not None and run.end.reason else ""
+    how = ended(run.end.outcome, run.end.stopped_by, run.end.reason) if run.end is not None else run.state
     wrong = ["the line is not known to be vented: close the supply"] * (run.end is not None and run.end.vented is False)
     for event in run.events:
         if event.event in ALARMS:
@@ -83,7 +84,7 @@ def _told(run: Run, notes: list[str], why_not: str) -> Told:
     return Told(
         run.name,
         f"{run.start.kind} on {run.start.bench}{', simulated' if run.start.simulated else ''}",
-        f"{run.state}{reason}",
+        how,
         run.state == "finished",
         [*wrong[:MOST_WRONG], *(more if len(wrong) > MOST_WRONG else [])],
         after(run.start, run.state, str(run.folder)),

@@ -105,6 +105,7 @@ class LabBench:
 
     def __init__(self, teeth=None, update_s=0.0, unit="bar gauge", **more):
         self.name, self.file = "lags", bench_file(**more)
+        self.motor = self.file.motor
         self.instruments = {
             name: SimpleNamespace(update_s=update_s if name == "tach" else 0.0, teeth=teeth)
             for name in self.file.devices

@@ -10,6 +10,7 @@ from rig.runlog.folder import PLATEAUS, SAMPLES, START, RunError, is_locked
 from rig.runlog.lines import whole_lines
 from rig.runlog.plateaus import QUANTITIES, Mean, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN, Run, read_end, read_start, state_of
+from rig.runlog.schema import ended
 
 SHOWN_EVENTS = 40
 # Events that are no news in a summary.
@@ -167,7 +168,7 @@ def _end_lines(run: Run) -> list[str]:
             "end        a program writes it now" if run.state == BEING_WRITTEN else f"end        {killed}",
         ]
     end = run.end
-    lines.append(f"end        {_text(end.utc_end)} UTC, {run.state}{f': {_text(end.reason)}' if end.reason else ''}")
+    lines.append(f"end        {_text(end.utc_end)} UTC, {ended(end.outcome, end.stopped_by, _text(end.reason))}")
     if end.vented is not None:
         lines.append(f"line       {'vented' if end.vented else 'NOT known to be vented'}")
     return lines

@@ -31,6 +31,12 @@ def ending(outcome: str, stopped_by: str | None) -> str:
     return "tripped" if stopped_by == "interlock" else "stopped"
 
 
+def ended(outcome: str, stopped_by: str | None, reason: str) -> str:
+    """How a run ended and why, as people are told it."""
+    word = ending(outcome, stopped_by)
+    return reason if reason.startswith(word) else f"{word}: {reason}" if reason else word
+
+
 Text = Annotated[str, Field(max_length=20_000)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e12)]
 Seconds = Annotated[float, Field(ge=-1e10, le=1e10)]

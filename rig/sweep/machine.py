@@ -16,7 +16,7 @@ from configs.units import BAR
 from rig.plateaus.plan import SAME_BAR, UP, Step, stepping_stone
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
-from rig.runlog.schema import ADDED, ending
+from rig.runlog.schema import ADDED, ended
 from rig.sweep import judge
 from rig.sweep.capturing import CaptureTask, Capturing
 from rig.sweep.course import ENDED, Course, State
@@ -136,7 +136,7 @@ class SweepMachine:
             self._capturing = None
         return [
             *orders,
-            Say(f"{ending(outcome, by)}: {reason}", warning=True),
+            Say(ended(outcome, by, reason), warning=True),
             *self._enter(State.VENT, now_ns, reason=reason),
         ]
 

@@ -175,7 +175,7 @@ def _take(
     from rig.bench.bench import bench_path, read_bench
     from rig.run.running import UNVENTED, take
     from rig.run.terminal import Terminal, somebody_is_there
-    from rig.runlog.schema import ending
+    from rig.runlog.schema import ended
 
     place = bench_path(path)
     bench = read_bench(place)
@@ -190,8 +190,7 @@ def _take(
         if check:
             wanted = replace(wanted, beside=lambda folder, note: Beside(folder, readings.so_far, note, say))
         folder, outcome = take(place, given, course, wanted)
-    word = ending(outcome.outcome, outcome.stopped_by)
-    print(f"{folder}: {word}{f', {outcome.reason}' if outcome.reason else ''}")
+    print(f"{folder}: {ended(outcome.outcome, outcome.stopped_by, outcome.reason)}")
     if not outcome.vented:
         remark(UNVENTED)
     if page:

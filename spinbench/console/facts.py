@@ -9,7 +9,7 @@ from typing import Any
 from rig.readings import Quality
 from rig.runlog.plateaus import PRESSURES, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN
-from rig.runlog.schema import ADDED, CAPTURE, COURSE, EXPECTED, EventLine
+from rig.runlog.schema import ADDED, CAPTURE, COURSE, EXPECTED, EndRecord, EventLine, ended
 from rig.runlog.tail import CHECK, STATE, Shown, Tail
 from spinbench.console.words import after_the_end, badge_of, guidance_for, is_imported, state_word
 
@@ -296,6 +296,11 @@ def said(event: EventLine) -> str:
     return ", ".join(parts)[:TEXT]
 
 
+def _told_before(end: EndRecord) -> tuple[str, ...]:
+    """What a sweep says when it begins to vent; in older runs by the file's word."""
+    return ended(end.outcome, end.stopped_by, end.reason)[:TEXT], f"{end.outcome}: {end.reason}"[:TEXT]
+
+
 def _alarms(tail: Tail, acknowledged: Collection[int], bench: str) -> list[dict[str, Any]]:
     """Newest first; the end of a run that did not finish is number 0, or that of the warning which told of it first."""
     alarms = [
@@ -304,8 +309,7 @@ def _alarms(tail: Tail, acknowledged: Collection[int], bench: str) -> list[dict[
     ]
     end = after_the_end(tail, bench)
     if end is not None:
-        words = {tail.end.outcome, tail.state} if tail.end else set()
-        told = [one for one in alarms if tail.end and one["text"] in {f"{w}: {tail.end.reason}"[:TEXT] for w in words}]
+        told = [one for one in alarms if tail.end and one["text"] in _told_before(tail.end)]
         alarms = [one for one in alarms if one not in told]
         is_new = not told or (tail.end is not None and tail.end.vented is False)
         alarms.append(

@@ -9,6 +9,7 @@ from typing import Any
 
 from rig.runlog import StartRecord
 from rig.runlog.reader import BEING_WRITTEN, KILLED
+from rig.runlog.schema import ended
 from rig.runlog.tail import SET_POINT, STATE, Tail
 from rig.sweep.machine import VENT_TIMEOUT_S
 
@@ -152,7 +153,7 @@ def after_the_end(tail: Tail, bench: str = "") -> tuple[str, str] | None:
     unvented = end.vented is False
     if end.outcome == "finished" and not unvented:
         return None
-    text = f"{badge.word}: {end.reason}" if end.reason else badge.word
+    text = ended(end.outcome, end.stopped_by, end.reason)
     if unvented:
         return f"{text}; the line is NOT known to be without pressure", CLOSE_SUPPLY
     if badge.word == "stopped":

@@ -77,7 +77,7 @@ def test_the_wheel_holds_the_packages_and_the_published_sweep_and_nothing_else(i
     assert not [name for name in names if name.startswith("calibration/studies")]
     assert {f"{package}/py.typed" for package in PACKAGES} <= set(names)
     console = {path.relative_to(ROOT).as_posix() for path in (ROOT / "spinbench/console/static").iterdir()}
-    assert len(console) == 4
+    assert len(console) == 6
     assert console <= set(names)
     of_the_wheel = {name for name in names if name.startswith("configs/")}
     assert of_the_wheel == {path.relative_to(ROOT).as_posix() for path in (ROOT / "configs").rglob("*.[tp][oy]*")}

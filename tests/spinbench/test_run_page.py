@@ -68,7 +68,7 @@ def test_a_run_that_was_stopped_says_why_and_how_it_is_gone_on_with(tmp_path):
         writer.end("aborted", "stopped by the operator", vented=False, stopped_by="operator")
     raw = run_page.write(writer.folder).read_text()
     said = html.unescape(raw)
-    assert "aborted (stopped by the operator)" in said
+    assert ": stopped by the operator</h1>" in said
     assert "Its readings were not held against the model." in said and "nothing to export" in said
     assert "the line is not known to be vented: close the supply" in said
     assert "the <b>gauge</b> fell silent" in said and "<b>" not in raw

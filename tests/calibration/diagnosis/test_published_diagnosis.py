@@ -28,13 +28,13 @@ def test_the_flow_at_two_bar_is_a_bad_reading_and_nothing_else_is_named(found) -
     assert (row["file"], row["row"], row["channel"]) == ("sweep.csv", 7, "flow")
 
 
-@pytest.mark.parametrize(("effect", "below"), [("coulomb_friction", 0.21), ("windage", 1.7e-4)])
-def test_a_drag_is_bounded_at_the_size_that_the_docs_tell(found, effect: str, below: float) -> None:
+@pytest.mark.parametrize(("effect", "most", "below"), [("coulomb_friction", 0.0, 0.21), ("windage", 2.4e-5, 1.8e-4)])
+def test_a_drag_is_bounded_at_the_size_that_the_docs_tell(found, effect: str, most: float, below: float) -> None:
     comparison, refit = found.comparison, find(found.comparison, (effect,))
     place = len(comparison.problem.nuisances)
     unknown = comparison.problem.effect_unknowns((effect,))[0][1]
     z, sd = refit.z[place], float(np.sqrt(refit.covariance[place, place]))
-    assert unknown.value(z) < 0.01 * below
+    assert unknown.value(z) == pytest.approx(most, abs=0.01 * below)
     assert unknown.value(truncnorm.ppf(0.95, -z / sd, np.inf, z, sd)) == pytest.approx(below, rel=0.05)
 
 
@@ -43,11 +43,11 @@ def test_f_overall_lies_on_a_ridge_with_lap_rollers_and_instruments(found) -> No
     sd = np.sqrt(np.diag(found.base.covariance))
     shared = found.base.covariance / np.outer(sd, sd)
     f = names.index("f_overall")
-    told = {"port_lap": -0.73, "roller_friction": -0.58, "flow_scale": -0.51, "pressure_offset": 0.42}
+    told = {"port_lap": -0.75, "roller_friction": -0.56, "flow_scale": -0.51, "pressure_offset": 0.40}
     for name, correlation in told.items():
         assert shared[f, names.index(name)] == pytest.approx(correlation, abs=0.02), name
     unknown = found.comparison.problem.nuisances[f]
     low, mean, high = (float(unknown.value(found.base.z[f] + by * sd[f])) for by in (-1.0, 0.0, 1.0))
-    assert (mean, (high - low) / 2.0) == (pytest.approx(0.0630, abs=2e-4), pytest.approx(0.0022, abs=1e-4))
+    assert (mean, (high - low) / 2.0) == (pytest.approx(0.0640, abs=2e-4), pytest.approx(0.0022, abs=1e-4))
     assert sd[names.index("port_lap")] == pytest.approx(0.6, abs=0.03)  # of its prior
     assert sd[names.index("roller_friction")] > 0.95

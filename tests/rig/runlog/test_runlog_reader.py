@@ -329,7 +329,7 @@ def test_the_summary_shows_plateaus_faults_and_the_end(tmp_path):
     text = summary(read_run(writer.folder))
     assert "\x1b" not in text
     assert re.search(r"^\d+ events; 1 that are news:$", text, re.M)
-    for words in ("394.", "not settled; drifting", "line lost", "unplugged", "stopped: stopped by the operator"):
+    for words in ("394.", "not settled; drifting", "line lost", "unplugged", "UTC, stopped by the operator"):
         assert words in text
     assert "NOT known to be vented" in text
 

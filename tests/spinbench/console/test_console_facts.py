@@ -68,7 +68,7 @@ def test_one_stop_makes_one_alarm_with_a_command_that_can_be_typed(writer):
     (before,) = shown(writer.folder)["alarms"]
     writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
     (alarm,) = shown(writer.folder, acknowledged=[before["n"]])["alarms"]
-    assert alarm["text"] == "stopped: stopped by the operator"
+    assert alarm["text"] == "stopped by the operator"
     assert alarm["acknowledged"]
     command = f"spinbench sweep synthetic --continue {writer.folder.name} --logs {writer.folder.parent}"
     assert alarm["guidance"].endswith(command)

@@ -182,13 +182,18 @@ def test_stop_and_another_flywheel_hold_the_queue(desk, processes):
     assert "another flywheel" in desk.queue.told()["said"]
 
 
-def test_stop_before_the_run_is_there_says_who_has_the_valve(desk, processes):
+@pytest.mark.parametrize(
+    ("bench", "word", "text"),
+    [
+        ("virtual", "DELIVERED", "regulator has not been raised"),
+        ("manual", "NOT DELIVERED", "Close the supply by hand"),
+    ],
+)
+def test_stop_before_the_run_is_there_says_who_has_the_valve(desk, processes, bench, word, text):
     desk.sweeps.start(Planned("sweep"), {})
+    desk.bench = read_bench(bench_path(bench))
     told = desk.stop("a test")
-    assert (told["word"], "regulator has not been raised" in told["text"]) == ("DELIVERED", True)
-    desk.bench = read_bench(bench_path("manual"))
-    told = desk.stop("a test")
-    assert (told["word"], "Close the supply by hand" in told["text"]) == ("NOT DELIVERED", True)
+    assert (told["word"], text in told["text"]) == (word, True)
 
 
 def test_the_queue_is_edited_and_kept_and_never_goes_on_by_itself_after_a_restart(desk):
