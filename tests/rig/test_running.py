@@ -631,6 +631,7 @@ def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_p
     assert (tmp_path / "out" / "replay.png").is_file()
 
 
+@pytest.mark.long
 def test_a_bench_without_a_flow_meter_is_swept_exported_and_compared_with_the_model(
     bench, tmp_path, spinbench_anywhere
 ):

@@ -160,6 +160,7 @@ def test_bad_input_is_refused_in_words_and_nothing_is_written(bench, spinbench_h
     assert not (bench / "refused").exists() and not (bench / "refused.json").exists()
 
 
+@pytest.mark.long
 def test_a_run_that_the_model_cannot_follow_is_no_fit_but_an_error_that_says_so(bench, tmp_path, spinbench_here):
     """A tachometer that skips: its noise would have to be far louder than a fit ever looks."""
     shutil.copytree(bench / "one", tmp_path / "skips")
