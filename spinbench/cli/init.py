@@ -23,7 +23,7 @@ def init(
     files = files_of(folder.absolute().name)
     there = [name for name in files if (folder / name).exists()]
     if there:
-        raise RunError(f"{folder}: {', '.join(there)} exists already, and nothing is overwritten; name another folder")
+        raise RunError(f"{folder}: already there: {', '.join(there)}. Nothing is overwritten; name another folder")
     for name in ("motors", "benches", "instruments", "imports", "logs"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     for name, content in files.items():

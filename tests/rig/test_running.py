@@ -323,7 +323,7 @@ def test_a_capture_whose_gauge_falls_silent_ends_with_4_and_says_what_is_missing
         finally:
             ask(ports, {"do": "clear"})
     assert process.returncode == 4, said
-    assert "failed, the coast-down cannot be used: there is no reading of the pressure (gauge." in printed
+    assert "failed: the coast-down cannot be used: there is no reading of the pressure (gauge." in printed
     assert read_run(folder).end.outcome == "failed"
 
 

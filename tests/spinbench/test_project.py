@@ -51,7 +51,7 @@ def test_init_makes_a_project_that_works_and_overwrites_nothing(project, spinben
     before = (project / "motors" / "motor.toml").read_bytes()
     again = spinbench_here("init", "project", cwd=project.parent)
     assert again.returncode == 2
-    assert "motors/motor.toml" in again.stderr and "nothing is overwritten" in again.stderr
+    assert "motors/motor.toml" in again.stderr and "Nothing is overwritten" in again.stderr
     assert (project / "motors" / "motor.toml").read_bytes() == before
 
 
