@@ -44,9 +44,7 @@ def diagnose(
 
     _need_packages(scheduler)
     found = fleet.recordings_in(recordings, readings.is_recording)
-    processes = workers or os.cpu_count() or 1
-    with bars() as begin:
-        rows = fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
+    rows = _diagnosed(found, seed, out, workers, scheduler)
     shown = [(str(row["recording"]), row["verdict"], " + ".join(row["effects"] or [])) for row in rows]
     _tell(("recording", "verdict", "effects"), shown, rows, out)
 
@@ -101,9 +99,7 @@ def trend(
     swept = [one for one in found if readings.is_swept(one)]
     if len(swept) < len(found):
         remark(f"passed over: {len(found) - len(swept)} runs that are no sweeps")
-    with bars() as begin:
-        processes = workers or os.cpu_count() or 1
-        rows = fleet.diagnose_all(swept, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
+    rows = _diagnosed(swept, seed, out, workers, scheduler)
     said = fleet.write_trend(out, rows)
     read = {row["recording"]: readings.read(Path(row["recording"]), quiet=True) for row in rows if not row["error"]}
     write_files(out, history.report(rows, read))
@@ -119,6 +115,17 @@ def trend(
     if not said:
         remark("no two recordings of one motor can be compared")
         raise typer.Exit(UNUSABLE_INPUT)
+
+
+def _diagnosed(
+    found: Sequence[Path], seed: int, out: Path, workers: int | None, scheduler: str | None
+) -> list[dict[str, Any]]:
+    """Diagnoses side by side, with a bar; a row each."""
+    from calibration import fleet
+
+    with bars() as begin:
+        processes = workers or os.cpu_count() or 1
+        return fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
 
 
 def _need_packages(scheduler: str | None) -> None:

@@ -631,7 +631,6 @@ def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_p
     assert (tmp_path / "out" / "replay.png").is_file()
 
 
-@pytest.mark.long
 def test_a_bench_without_a_flow_meter_is_swept_exported_and_compared_with_the_model(
     bench, tmp_path, spinbench_anywhere
 ):
@@ -639,7 +638,7 @@ def test_a_bench_without_a_flow_meter_is_swept_exported_and_compared_with_the_mo
     path = tmp_path / "no_meter.toml"
     path.write_text(re.sub(r"(?m)^flow = .*\n", "", text))
     logs = ("--logs", tmp_path / "logs")
-    swept = run("sweep", path, *logs, *DAY)
+    swept = run("sweep", path, "--no-page", *logs, *DAY)
     assert swept.returncode == 0, swept.stderr
     exported = spinbench_anywhere("runs", "export", "last", *logs, "-o", tmp_path / "recording", cwd=tmp_path)
     assert exported.returncode == 0, exported.stderr
