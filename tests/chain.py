@@ -225,7 +225,9 @@ def swept(folder: Path, *sweep: str) -> dict[str, Any]:
     StepError
         When a step fails; the replay does when a sample is another one.
     """
-    took = {"sweep": spinbench(folder, "sweep", *sweep, "--minutes-running", "0", "--operator", "chain")[0]}
+    took = {
+        "sweep": spinbench(folder, "sweep", *sweep, "--no-page", "--minutes-running", "0", "--operator", "chain")[0]
+    }
     for name, command in (
         ("verify", ("runs", "verify", "last")),
         ("replay", ("replay", "last")),

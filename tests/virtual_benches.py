@@ -231,7 +231,7 @@ class Served:
         place = self.ports["lines"][line]
         return socket.create_connection((place["host"], place["tcp_port"]), timeout=timeout)
 
-    def wait_until(self, done, real_s=10.0):
+    def wait_until(self, done, real_s=60.0):
         """Ask for the state until something is true of it."""
         give_up = time.monotonic() + real_s
         while time.monotonic() < give_up:
@@ -260,10 +260,10 @@ def serving(found, folder: Path, rate=20.0, seed=1, plant_of=None):
     assert not thread.is_alive()
 
 
-def everything(file, quiet_s=0.4):
-    """What a line sends until it is quiet for some real time."""
+def everything(file, quiet_s=0.4, first_s=None):
+    """What a line sends until it is quiet for some real time; the first byte may take longer."""
     data = b""
-    while select.select([file], [], [], quiet_s)[0]:
+    while select.select([file], [], [], quiet_s if data or first_s is None else first_s)[0]:
         came = os.read(file.fileno(), 4096)
         if not came:
             break

@@ -11,7 +11,7 @@ import typer
 
 from spinbench.api.simulating import motor_of
 from spinbench.cli.options import JsonOption, MotorOption, SetOption
-from spinbench.cli.show import deliver, remark
+from spinbench.cli.show import check_places, deliver, remark
 from spinbench.progress import waiting
 
 if TYPE_CHECKING:
@@ -134,6 +134,7 @@ def reproduce(
     from rig.recording import files
     from spinbench.published import measured
 
+    check_places(out, page)
     motor = read_motor("ptm3600")
     with waiting(SOLVING):
         found = compute(motor, measured())

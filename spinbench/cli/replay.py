@@ -10,7 +10,7 @@ import typer
 
 from spinbench.cli.errors import RUN_FAILED
 from spinbench.cli.options import LOGS, LogsOption, RunArgument
-from spinbench.cli.show import on_terminal, remark
+from spinbench.cli.show import check_places, on_terminal, remark
 from spinbench.progress import counting
 from spinbench.readings import run_named
 
@@ -45,6 +45,7 @@ def replay(
 
     if out is not None and not with_model:
         raise typer.BadParameter(f"-o {out} is for the comparison with the model; say --with-model too")
+    check_places(out, None)
     read = run_named(run, logs)
     bench = mended_bench(read, mended, FOLDER / "instruments") if mended else bench_of_run(read)
     found = _played(read, bench, logs if save else None, real_time)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shlex
 import sys
 from collections.abc import Callable
@@ -45,6 +46,9 @@ if TYPE_CHECKING:
     from rig.runlog import Run
     from rig.sweep.ambient import Ambient, Given
     from rig.sweep.course import Course
+
+
+PAGE_NICE = 10  # another run may have begun meanwhile
 
 
 class CaptureKind(StrEnum):
@@ -205,6 +209,7 @@ def _write_page(folder: Path) -> None:
     """The run's page; the run is sealed and stays as it is, whatever becomes of it."""
     from spinbench import run_page
 
+    os.nice(PAGE_NICE)
     try:
         with waiting("the run's page is made; Ctrl-C leaves it out"):
             where = run_page.write(folder)

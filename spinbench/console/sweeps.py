@@ -11,6 +11,7 @@ from typing import Any
 
 from rig.bench.bench import Bench
 from rig.runlog import RunError
+from rig.runlog.folder import END
 from rig.runlog.reader import read_end, read_start
 from rig.sweep.ambient import FIGURES
 from spinbench.console.access import RefusedError
@@ -60,21 +61,21 @@ class Sweeps:
         self._process: subprocess.Popen[bytes] | None = None
         self._starts = 0
         self._before: set[Path] = set()
-        self._has_run = False
+        self._run: Path | None = None  # of the last start, once it is there
         self._lock = threading.RLock()  # a start and what became of the one before are asked for by several threads
 
     @property
     def running(self) -> bool:
-        """Whether the sweep that was started last goes on."""
-        return self._process is not None and self._process.poll() is None
+        """Whether the sweep that was started last goes on. Once its run is sealed its program makes the page alone."""
+        with self._lock:
+            is_alive = self._process is not None and self._process.poll() is None
+            return is_alive and ((new := self._new()) is None or not (new / END).exists())
 
     @property
     def starting(self) -> bool:
         """Whether the sweep that was started last goes on and has no run yet."""
         with self._lock:
-            if self.running and not self._has_run:
-                self._has_run = not self._before.issuperset(runs_of_benches(self.logs))
-            return self.running and not self._has_run
+            return self.running and self._run is None
 
     def start(self, planned: Planned, answers: Mapping[str, str]) -> None:
         """Start it.
@@ -95,8 +96,8 @@ class Sweeps:
                 raise RefusedError(409, "a run by hand waits for its next answer: answer it, or stop it")
             self._process = None  # what the start before said is no longer true of anything
             self._starts += 1
-            self._before, self._has_run = set(runs_of_benches(self.logs)), False
-            (self.logs / SAID).write_bytes(b"")
+            self._before, self._run = set(runs_of_benches(self.logs)), None
+            (self.logs / SAID).unlink(missing_ok=True)  # the one before may still write into its own
             with (self.logs / SAID).open("ab") as said, typed_into(self.entries) as typed:
                 self._process = subprocess.Popen(
                     [*command, *self.options, *words],
@@ -150,4 +151,6 @@ class Sweeps:
         return start.minutes_running + (end.wall_s or 0.0) * start.clock.rate / 60.0
 
     def _new(self) -> Path | None:
-        return next((run for run in runs_of_benches(self.logs) if run not in self._before), None)
+        if self._run is None:
+            self._run = next((run for run in runs_of_benches(self.logs) if run not in self._before), None)
+        return self._run

@@ -240,7 +240,7 @@ def swept(folder: Path, truth: str):
     bench = folder / "bench.toml"
     bench.write_text(f"{text}\n[virtual.truth]\n{truth}\n")
     result = subprocess.run(
-        [*PROGRAM, "sweep", str(bench), "--logs", str(folder / "logs"), *DAY],
+        [*PROGRAM, "sweep", str(bench), "--no-page", "--logs", str(folder / "logs"), *DAY],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,

@@ -207,6 +207,7 @@ def stopped(bench, tmp_path_factory):
         *PROGRAM,
         "sweep",
         str(bench),
+        "--no-page",
         "--logs",
         str(logs),
         *DAY,
@@ -265,7 +266,7 @@ def test_the_command_that_a_stopped_sweep_prints_takes_what_is_missing_and_names
     (command,) = [line.partition(": ")[2] for line in printed.splitlines() if line.startswith("go on with: ")]
     name, *arguments = shlex.split(command)
     assert (name, arguments[:4]) == ("spinbench", ["sweep", str(bench), "--continue", folder.name])
-    result = run(*arguments)
+    result = run(*arguments, "--no-page")
     assert result.returncode == 0, result.stderr
     child = read_run(Path(result.stdout.partition(": ")[0]))
     assert (child.start.parent, child.start.motor_serial, child.start.note) == (folder.name, "A-17", '"new" <b>seals')
@@ -455,7 +456,7 @@ def test_a_sweep_by_hand_is_walked_through_at_a_terminal(by_hand, tmp_path):
         ("closed, and the line vented?", "y"),
         (entry, "1.01 <10 0"),
     ]
-    screen, code = at_terminal(["sweep", by_hand, "--logs", tmp_path / "logs", *ROOM, *DAY], script)
+    screen, code = at_terminal(["sweep", by_hand, "--no-page", "--logs", tmp_path / "logs", *ROOM, *DAY], script)
     assert code == 0, screen
     found = read_run(only_run(tmp_path / "logs"))
     assert (found.start.kind, found.end.outcome, found.end.vented) == ("manual", "finished", True)
@@ -466,7 +467,7 @@ def test_a_sweep_by_hand_is_walked_through_at_a_terminal(by_hand, tmp_path):
 
 def test_a_sweep_by_hand_that_is_stopped_counts_as_unvented_until_the_person_says_otherwise(by_hand, tmp_path):
     script = [("separated by spaces: ", "1.01 <10 0"), ("set 1.240", signal.SIGINT), ("line vented?", signal.SIGINT)]
-    screen, code = at_terminal(["sweep", by_hand, "--logs", tmp_path / "logs", *ROOM, *DAY], script)
+    screen, code = at_terminal(["sweep", by_hand, "--no-page", "--logs", tmp_path / "logs", *ROOM, *DAY], script)
     assert code == 4, screen
     assert "Traceback" not in screen
     assert "close the supply" in screen
@@ -476,7 +477,7 @@ def test_a_sweep_by_hand_that_is_stopped_counts_as_unvented_until_the_person_say
 
 def test_ctrl_c_at_a_question_about_the_room_ends_the_command_in_words(by_hand, tmp_path):
     script = [("Ambient pressure", signal.SIGINT)]
-    screen, code = at_terminal(["sweep", by_hand, "--logs", tmp_path / "logs", *DAY], script)
+    screen, code = at_terminal(["sweep", by_hand, "--no-page", "--logs", tmp_path / "logs", *DAY], script)
     assert code not in (None, 0)
     assert "Traceback" not in screen
     assert not (tmp_path / "logs").exists()
@@ -509,7 +510,7 @@ BY_HAND = [
 def test_a_room_that_was_asked_for_is_asked_for_again_and_the_run_is_sealed_whatever_the_answer(
     by_hand, tmp_path, answers, pressure_bar_abs, temperature_c
 ):
-    screen, code = at_terminal(["sweep", by_hand, "--logs", tmp_path / "logs", *DAY], [*BY_HAND, *answers])
+    screen, code = at_terminal(["sweep", by_hand, "--no-page", "--logs", tmp_path / "logs", *DAY], [*BY_HAND, *answers])
     assert code == 0, screen
     assert "Traceback" not in screen
     found = read_run(only_run(tmp_path / "logs"))
@@ -524,7 +525,7 @@ def test_ctrl_c_at_the_last_question_of_a_bench_with_a_regulator_seals_the_run(b
     path.write_text(text.replace(f"[{LOW}, {HIGH}]", f"[{LOW}]"))
     begin = [("Ambient pressure", "1013"), ("Room temperature", "20"), ("Relative humidity", "50")]
     script = [*begin, ("as at the start", "1014"), ("as at the start", signal.SIGINT)]
-    screen, code = at_terminal(["sweep", path, "--no-check", "--logs", tmp_path / "logs", *DAY], script)
+    screen, code = at_terminal(["sweep", path, "--no-check", "--no-page", "--logs", tmp_path / "logs", *DAY], script)
     assert code == 0, screen
     end = read_run(only_run(tmp_path / "logs")).end
     assert (end.outcome, end.vented, end.ambient_end.pressure_bar_abs) == ("finished", True, pytest.approx(1.013))
@@ -687,7 +688,18 @@ def test_a_log_that_cannot_be_written_ends_with_what_is_known_of_the_line(bench,
         f"import resource, spinbench; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); spinbench.main()"
     )
     result = subprocess.run(
-        [sys.executable, "-c", program, "sweep", str(bench), "--no-check", "--logs", str(tmp_path / "logs"), *DAY],
+        [
+            sys.executable,
+            "-c",
+            program,
+            "sweep",
+            str(bench),
+            "--no-check",
+            "--no-page",
+            "--logs",
+            str(tmp_path / "logs"),
+            *DAY,
+        ],
         capture_output=True,
         text=True,
         timeout=60,

@@ -158,9 +158,18 @@ def test_unusable_input_is_one_clear_line(tmp_path, spinbench_here, arguments, w
     assert not list(tmp_path.iterdir())
 
 
-def test_a_place_that_cannot_be_written_is_told(tmp_path):
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("simulate", "--pressure-bar-abs", "2"),
+        ("reproduce",),
+        ("replay", "missing", "--with-model"),
+        ("runs", "export", "missing"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path, spinbench_here, command):
     (tmp_path / "taken").write_text("a file")
-    assert "taken" in refused(run("simulate", "--pressure-bar-abs", "2", "-o", "taken", cwd=tmp_path))
+    assert "taken" in refused(spinbench_here(*command, "-o", "taken", cwd=tmp_path))
 
 
 def test_options_that_exclude_each_other_are_a_usage_error():

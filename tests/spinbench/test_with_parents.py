@@ -127,7 +127,7 @@ def test_two_exported_sweeps_of_a_bench_share_the_errors_of_what_has_a_number(be
     (bench.parent / "drifting.toml").write_text(drifting)
     levels = bench.read_text().replace("[1.30, 1.50, 1.80]", "[1.30]")
     once.write_text(levels.replace('"keller_30x_abs"', '"drifting"'))
-    again = run("sweep", once, "--logs", tmp_path / "logs", cwd=tmp_path)
+    again = run("sweep", once, "--no-page", "--logs", tmp_path / "logs", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     for number, (name, logs) in enumerate(((taken[0], taken[0].parent), ("last", tmp_path / "logs"))):
         words = ["runs", "export", name, "--logs", logs, "-o", tmp_path / f"day{number}"]

@@ -36,6 +36,7 @@ def done_here(spinbench_here) -> Callable[..., None]:
     return run
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_path: Path, done_here) -> None:
     """Its line fills over a second, its gauge is read ten times in one, its tachometer counts 60 teeth."""
@@ -48,7 +49,7 @@ def test_what_the_virtual_bench_records_with_its_transients_is_explained(tmp_pat
         assert before in text
         text = text.replace(before, after)
     (tmp_path / "bench.toml").write_text(text, encoding="utf-8")
-    spinbench("sweep", "bench.toml", "--minutes-running", "0", "--operator", "test", folder=tmp_path)
+    spinbench("sweep", "bench.toml", "--no-page", "--minutes-running", "0", "--operator", "test", folder=tmp_path)
     done_here("runs", "verify", "last", folder=tmp_path)
     done_here("runs", "export", "last", "-o", "recording", folder=tmp_path)
     done_here("diagnose", "recording", "--workers", "1", "--json", "verdict.json", "--seed", "1", folder=tmp_path)

@@ -144,6 +144,7 @@ def killed(published) -> tuple[Path, bool]:
     return published, first.stat().st_mtime_ns == before
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_killed_fit_goes_on_to_the_bits_of_one_without_a_folder(killed):
     folder, kept = killed
@@ -151,12 +152,14 @@ def test_a_killed_fit_goes_on_to_the_bits_of_one_without_a_folder(killed):
     assert posterior(folder / "out" / "posterior.json") == posterior(folder / "fit.json")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_its_report_says_that_the_readings_do_not_contradict_the_model(killed):
     folder, _ = killed
     assert "The readings do not contradict the model" in (folder / "out" / "report.html").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_finished_fit_run_again_gives_the_same_posterior(killed, spinbench_here):
     folder, _ = killed
@@ -165,6 +168,7 @@ def test_a_finished_fit_run_again_gives_the_same_posterior(killed, spinbench_her
     assert posterior(folder / "again.json") == posterior(folder / "fit.json")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_folder_of_another_recording_is_refused_in_a_line(killed, spinbench_here):
     folder, _ = killed

@@ -190,6 +190,7 @@ def banana(z: np.ndarray) -> np.ndarray:
     return found
 
 
+@pytest.mark.long
 def test_a_stand_in_that_is_wrong_changes_nothing_of_what_is_sampled():
     def wrong(z: np.ndarray) -> np.ndarray:
         found: np.ndarray = log_normal(z[:, 0], 0.3, 1.2) + log_normal(z[:, 1], 0.4 * z[:, 0] ** 2, 0.4)

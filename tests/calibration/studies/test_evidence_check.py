@@ -236,6 +236,7 @@ def test_a_case_that_is_off_is_counted_shown_and_set_in_bold():
     assert evidence_page.picture(rows).startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_a_campaign_is_written_and_its_page_only_where_it_is_asked_for(tmp_path, capsys, monkeypatch):
     for name, value in (("ROUND_DRAWS", 60), ("FEWEST_ROUNDS", 1), ("MOST_ROUNDS", 2)):
         monkeypatch.setattr(evidence_reference, name, value)

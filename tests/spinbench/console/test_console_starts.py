@@ -49,7 +49,7 @@ def desk(tmp_path):
 def processes(monkeypatch, desk):
     """Programs that do nothing in place of runs; gives their commands, and a function that ends the newest.
 
-    It leaves a run that ended so, and then the exit code.
+    It leaves a run that ended so, and then the exit code; with None it goes on, as one that makes its page does.
     """
     commands, made, begin = [], [], subprocess.Popen
 
@@ -62,7 +62,8 @@ def processes(monkeypatch, desk):
         now = ClockRecord(utc_start_ns=time.time_ns())
         with RunWriter.create(desk.logs, start_of("zero", minutes_running=7.0, clock=now)) as writer:
             writer.end(outcome, reason, vented=vented)
-        made[-1].communicate(f"{code}\n".encode())
+        if code is not None:
+            made[-1].communicate(f"{code}\n".encode())
 
     monkeypatch.setattr(sweeps.subprocess, "Popen", popen)
     yield SimpleNamespace(commands=commands, end=end)
@@ -90,6 +91,16 @@ def test_a_capture_is_started_with_what_was_asked_for_and_nothing_else(desk, pro
         "--note=x",
         "--operator=Novák",
     ]
+
+
+def test_the_next_run_does_not_wait_for_the_page_of_the_one_before(desk, processes):
+    desk.sweeps.start(Planned("zero"), {})
+    assert desk.sweeps.running
+    processes.end(None)
+    assert not desk.sweeps.running
+    desk.sweeps.start(Planned("zero"), {})
+    assert desk.sweeps.starting
+    assert len(processes.commands) == 2
 
 
 @pytest.mark.parametrize(
