@@ -43,17 +43,18 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
         {"ids": ["leakage"], "D": 8.0, "steps": [step("truth listed", True), step("truth listed", True, 30.0, 30.0)]},
         {"ids": ["inertia"], "D": 2.0, "steps": [step("missed", True), step("wrong name", False, 5.0, 40.0)]},
         {"ids": [], "D": 0.0, "steps": [step("right", False)]},
+        {"ids": ["flow_scale"], "D": None, "steps": [step("right", True)]},
     ]
     results = [Result(f"case-{i}", one, "", 1.0) for i, one in enumerate(cases)]
     found = summary([*results, Result("case-9", None, "ValueError: no", 1.0)], "code")
-    assert (found["cases"], found["open"], found["ratios"]) == (4, 3, 2)
+    assert (found["cases"], found["open"], found["ratios"]) == (5, 3, 2)
     assert found["ratio_median"] == pytest.approx(0.75)
     assert (found["told_apart"], found["named_after"]) == (2, [1, 1])
     assert (found["wrong_before"], found["wrong_after"]) == (0, 1)
     words = page(found)
     assert "median 0.75" in words and "| windage | 9.0 | truth listed, then right | a test |" in words
     assert "| below 3 | 1 missed |" in words and "| 7 and more | 2 truth listed |" in words
-    assert "case-9: ValueError: no" in words
+    assert "case-9: ValueError: no" in words and "| flow_scale |  | right |  |" in words
     assert picture(found).startswith(b"\x89PNG")
 
 
