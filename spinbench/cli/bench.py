@@ -90,6 +90,13 @@ def console(
             min=0, max=65535, help="Of the page, on this machine; 8642, or the next that is free, if left out."
         ),
     ] = None,
+    listen: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Of this machine, to be opened from others: 0.0.0.0 is all. Then a browser needs the token to watch.",
+        ),
+    ] = "127.0.0.1",
     rate: RateOption = None,
     mqtt: Annotated[
         str, typer.Option(metavar="HOST[:PORT]", help="Publish the newest readings and the state there, read only.")
@@ -116,4 +123,4 @@ def console(
         from spinbench.console.server import serve
 
         told = "Ctrl-C ends the console; a run goes on"
-        serve(desk, port, lambda address: print(f"open {address}\n{told}", flush=True))
+        serve(desk, port, lambda address: print(f"open {address}\n{told}", flush=True), listen)

@@ -9,7 +9,7 @@ import os
 import re
 import secrets
 import threading
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,16 +53,16 @@ class RefusedError(Exception):
         self.status = status
 
 
-def refuse_strangers(method: str, headers: Mapping[str, str]) -> None:
+def refuse_strangers(method: str, headers: Mapping[str, str], hosts: Collection[str] = HOSTS) -> None:
     """Refuse what another site's page could have sent, whatever it asks for.
 
-    The host's name must be this machine's: a hostile name that leads here is not. A change must come from a page of
-    this origin.
+    The host's name must be this machine's, one of `hosts`: a hostile name that leads here is not. A change must come
+    from a page of this origin.
     """
     host = headers.get("host", "")
     name = host.rpartition(":")[0] if re.search(r":\d+$", host) else host
-    if name not in HOSTS:
-        raise RefusedError(421, f"this console answers to {', '.join(HOSTS)}, not to another host's name")
+    if name.lower() not in hosts:
+        raise RefusedError(421, f"this console answers to {', '.join(hosts)}, not to another host's name")
     origin = headers.get("origin")
     if origin is not None and origin != f"http://{host}":
         raise RefusedError(403, "the request comes from a page of another site")
@@ -93,6 +93,16 @@ class Kept:
     def stop_token(self) -> str:
         """Opens STOP alone. Every page of the console has it, whoever looks: stopping is the safe side."""
         return hashlib.sha256(f"stop {self.token}".encode()).hexdigest()
+
+    @property
+    def watch_token(self) -> str:
+        """Lets a browser watch, where the console serves other machines: a cookie that no script reads."""
+        return hashlib.sha256(f"watch {self.token}".encode()).hexdigest()
+
+    def refuse_without_cookie(self, given: str | None) -> None:
+        """Refuse to show anything to a browser that has never had the token."""
+        if not hmac.compare_digest((given or "").encode(), self.watch_token.encode()):
+            raise RefusedError(403, "open the address that the console printed: nothing is shown without its token")
 
     def acknowledge(self, run: str, alarm: int) -> None:
         """A person has seen an alarm."""

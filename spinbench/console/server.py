@@ -1,9 +1,11 @@
-"""The page and its events over HTTP, on this machine alone."""
+"""The page and its events over HTTP: on this machine, or for others by its token."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
+import ipaddress
 import json
 import socket
 import time
@@ -21,10 +23,12 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from rig.runlog import RunError
 from spinbench.console.access import (
+    HOSTS,
     PAGE_POLICY,
     REPORT_POLICY,
     TOKEN_HEADER,
     ConsoleError,
+    Kept,
     RefusedError,
     file_within,
     refuse_strangers,
@@ -34,6 +38,7 @@ from spinbench.console.desk import Desk, Showing, as_text
 from spinbench.console.planned import SWEEP, planned_of
 
 ADDRESS, PORT, USUAL_PORTS = "127.0.0.1", 8642, 10
+WATCH, COOKIE_S = "/api/watch", 400 * 86400  # as long as browsers keep one
 TICK_S = 0.2
 MOST_STREAMS = 32
 MOST_BODY_BYTES = 20_000
@@ -43,10 +48,23 @@ Change = Callable[[Desk, dict[str, Any]], Any]
 
 
 class _Guarded:
-    """Every request is looked at before it is answered, and every answer says what a browser may do with it."""
+    """Every request is looked at before it is answered, and every answer says what a browser may do with it.
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    `open_to`: the names of this machine, where other machines are served too: there a browser needs the token to watch.
+    """
+
+    def __init__(self, app: ASGIApp, kept: Kept, open_to: Sequence[str]) -> None:
+        self.app, self.kept, self.open_to = app, kept, open_to
+
+    def _refuse(self, request: Request) -> None:
+        if not self.open_to:
+            refuse_strangers(request.method, request.headers)
+            return
+        own = request.scope["server"][0]
+        refuse_strangers(request.method, request.headers, (*HOSTS, *self.open_to, f"[{own}]" if ":" in own else own))
+        path = request.url.path
+        if path not in ("/", WATCH) and not path.startswith("/static/"):
+            self.kept.refuse_without_cookie(request.cookies.get(_cookie(request)))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -54,7 +72,7 @@ class _Guarded:
             return
         request = Request(scope)
         try:
-            refuse_strangers(request.method, request.headers)
+            self._refuse(request)
         except RefusedError as refused:
             await _refusal(refused)(scope, receive, send)
             return
@@ -73,6 +91,11 @@ class _Guarded:
             await send(message)
 
         await self.app(scope, receive, guarded_send)
+
+
+def _cookie(request: Request) -> str:
+    """The name of the cookie: browsers give one to every port of a machine."""
+    return f"spinbench_{request.scope['server'][1]}"
 
 
 def _refusal(refused: RefusedError) -> JSONResponse:
@@ -114,6 +137,14 @@ class _Pages:
         found = await asyncio.to_thread(showing.facts, 0.0, [])
         return JSONResponse({key: found[key] for key in ("run", "charts", "picture")})
 
+    async def watch(self, request: Request) -> Response:
+        """A browser that has the token may watch."""
+        kept = self.desk.kept
+        kept.refuse_without_token(request.headers.get(TOKEN_HEADER, ""))
+        answer = JSONResponse({})
+        answer.set_cookie(_cookie(request), kept.watch_token, max_age=COOKIE_S, httponly=True, samesite="strict")
+        return answer
+
     async def report(self, request: Request) -> Response:
         """A report of the logs folder."""
         path, kind = file_within(self.desk.logs, request.path_params["path"])
@@ -123,8 +154,8 @@ class _Pages:
         return await asyncio.to_thread(Showing, run_folder(self.desk.logs, run), replay)
 
 
-def app_of(desk: Desk) -> ASGIApp:
-    """The console as an ASGI application."""
+def app_of(desk: Desk, open_to: Sequence[str] = ()) -> ASGIApp:
+    """The console as an ASGI application. `open_to`: names of this machine, where other machines are served too."""
     pages = _Pages(desk)
     routes = [
         Route("/", pages.page),
@@ -133,6 +164,7 @@ def app_of(desk: Desk) -> ASGIApp:
         Route("/api/runs", pages.runs),
         Route("/api/runs/{run}", pages.beside),
         Route("/files/{path:path}", pages.report),
+        Route(WATCH, pages.watch, methods=["POST"]),
         *(Route(f"/api/{name}", _changing(desk, name, change), methods=["POST"]) for name, change in CHANGES.items()),
     ]
 
@@ -148,7 +180,7 @@ def app_of(desk: Desk) -> ASGIApp:
             task.cancel()
 
     handlers: Any = {RefusedError: refused, RunError: refused}
-    return _Guarded(Starlette(routes=routes, exception_handlers=handlers, lifespan=following))
+    return _Guarded(Starlette(routes=routes, exception_handlers=handlers, lifespan=following), desk.kept, open_to)
 
 
 def _number(text: str | None) -> float:
@@ -276,37 +308,43 @@ def _changing(desk: Desk, name: str, change: Change) -> Callable[[Request], Awai
     return changed
 
 
-def serve(desk: Desk, port: int | None, ready: Callable[[str], None]) -> None:
+def serve(desk: Desk, port: int | None, ready: Callable[[str], None], listen: str = ADDRESS) -> None:
     """Serve the console until Ctrl-C or SIGTERM.
 
-    `port`: on the loopback; 0 for any that is free, None for the usual one or the next that is free.
+    `port`: 0 for any that is free, None for the usual one or the next that is free.
     `ready`: called with the address to open.
-    Raises ConsoleError when the port is taken.
+    `listen`: this machine's address that is listened on. Beyond the loopback a browser needs the token to watch.
+    Raises ConsoleError when the port or the address cannot be had.
     """
-    with _listening(range(PORT, PORT + USUAL_PORTS) if port is None else [port]) as listening:
+    with _listening(listen, range(PORT, PORT + USUAL_PORTS) if port is None else [port]) as listening:
+        found, taken = listening.getsockname()[:2]
+        address = ipaddress.ip_address(found)
+        name = socket.gethostname().lower()
+        host = name if address.is_unspecified else f"[{found}]" if address.version == 6 else found
+        app = app_of(desk, () if address.is_loopback else (name, f"{name}.local", listen.lower()))
         config = uvicorn.Config(
-            app_of(desk), log_level="error", access_log=False, timeout_graceful_shutdown=1, server_header=False
+            app, log_level="error", access_log=False, timeout_graceful_shutdown=1, server_header=False
         )
-        ready(f"http://{ADDRESS}:{listening.getsockname()[1]}/#token={desk.kept.token}")
+        ready(f"http://{host}:{taken}/#token={desk.kept.token}")
         with contextlib.suppress(KeyboardInterrupt):  # it has ended in good order by then
             uvicorn.Server(config).run(sockets=[listening])
 
 
-def _listening(ports: Sequence[int]) -> socket.socket:
+def _listening(listen: str, ports: Sequence[int]) -> socket.socket:
     """A socket that listens on the first port that can be had."""
-    why = ""
+    why: OSError | None = None
     for port in ports:
-        listening = socket.socket()
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listening.bind((ADDRESS, port))
-            listening.listen(64)
+            family, _, _, _, place = socket.getaddrinfo(listen, port, type=socket.SOCK_STREAM)[0]
         except OSError as error:
-            listening.close()
-            why = error.strerror or str(error)
-        else:
-            return listening
+            raise ConsoleError(f"--listen {listen}: {error.strerror}; give an address of this machine") from None
+        try:
+            return socket.create_server(place, family=family, backlog=64)
+        except OSError as error:
+            why = error
+    if why is not None and why.errno == errno.EADDRNOTAVAIL:
+        raise ConsoleError(f"--listen {listen}: this machine has no such address; 0.0.0.0 is all of its own")
     raise ConsoleError(
-        f"port {ports[-1]} of this machine cannot be had ({why}): another console may serve there; give another one "
-        "with --port"
+        f"port {ports[-1]} of this machine cannot be had ({why and why.strerror}): another console may serve there; "
+        "give another one with --port"
     )

@@ -40,10 +40,18 @@ function connect() {
     if (lost) setLost(false);
   };
   mine.onerror = () => {
+    if (mine === source && mine.readyState === EventSource.CLOSED && !heard) whyNothing();
     if (mine !== source || mine.readyState !== EventSource.CLOSED || lost || !shown.run) return;
     refuse(`${shown.run} cannot be shown: spinbench runs show says why.`);
     show("", 0);
   };
+}
+
+// A console that serves other machines shows nothing to a browser that never had its token.
+async function admitted() { if (token) await post("watch", {}, token).catch(() => {}); }
+async function whyNothing() {
+  const answer = await fetch("/api/runs").catch(() => null);
+  if (answer && answer.status === 403) put($("lost-for"), (await answer.json()).error);
 }
 
 function setLost(is) {
@@ -325,4 +333,4 @@ document.addEventListener("keydown", pressed, true);
 $("report").addEventListener("load", () => $("report").contentDocument?.addEventListener("keydown", pressed, true));
 window.addEventListener("resize", () => { dirty = true; });
 
-document.addEventListener("DOMContentLoaded", () => { connect(); draw(); }); // once every script is there
+document.addEventListener("DOMContentLoaded", () => { admitted().then(connect); draw(); }); // once every script is there

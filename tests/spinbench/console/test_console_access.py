@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import socket
 import stat
 import subprocess
 import sys
@@ -163,3 +164,56 @@ def test_a_port_that_is_taken_is_told_in_words(place):
     assert done.returncode == 2
     assert done.stderr.startswith(f"spinbench: port {console.port} of this machine cannot be had")
     assert "--port" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def open_console(tmp_path_factory):
+    """A console that serves other machines, over one sealed run."""
+    folder = tmp_path_factory.mktemp("open")
+    run = write_sweep(folder / "logs")
+    report = folder / "logs" / "reports" / run.name / "report.html"
+    report.parent.mkdir(parents=True)
+    report.write_text("<h1>report</h1>")
+    with consoles() as start:
+        console = start(short_bench(folder), folder / "logs", 0, "--listen", "0.0.0.0")  # noqa: S104 - what is tested
+        console.address = console.address.replace(socket.gethostname().lower(), "127.0.0.1")
+        console.place = f"http://127.0.0.1:{console.port}"
+        yield console, f"/files/reports/{run.name}/report.html"
+
+
+def test_a_console_that_serves_others_shows_nothing_without_its_token(open_console):
+    console, report = open_console
+    for path in ("/", "/static/console.js"):
+        assert console.ask(path)[0] == 200
+    for path in ("/events", "/api/runs", report):
+        status, text, _ = console.ask(path)
+        assert (status, "open the address that the console printed" in text) == (403, True)
+        assert console.ask(path, cookie=f"spinbench_{console.port}={console.token}")[0] == 403
+    assert console.ask("/api/watch", {}, x_spinbench_token="x" * 40)[0] == 403
+    assert console.ask("/api/stop", {})[0] == 403
+
+
+def test_with_the_token_a_browser_may_watch_and_no_script_reads_what_lets_it(open_console):
+    console, report = open_console
+    status, _, headers = console.ask("/api/watch", {}, x_spinbench_token=console.token)
+    assert status == 200
+    cookie, *rules = headers["set-cookie"].split("; ")
+    assert {"HttpOnly", "SameSite=strict"} <= set(rules)
+    assert console.token not in cookie
+    for path in ("/api/runs", report):
+        assert console.ask(path, cookie=cookie)[0] == 200
+    control = {"window": "w1", "name": "window one"}
+    assert console.ask("/api/control", control, cookie=cookie)[0] == 403  # watching is not changing
+
+
+@pytest.mark.parametrize(("host", "status"), [("evil.example", 421), ("{own}", 200), ("192.0.2.7", 421)])
+def test_a_console_that_serves_others_answers_to_this_machines_names(open_console, host, status):
+    console, _ = open_console
+    assert console.ask("/", host=host.format(own=f"{socket.gethostname()}:{console.port}"))[0] == status
+
+
+@pytest.mark.parametrize(("listen", "words"), [("192.0.2.7", "no such address"), ("no such name", "--listen")])
+def test_an_address_of_another_machine_is_refused_in_a_line(spinbench_here, tmp_path, listen, words):
+    done = spinbench_here("console", "virtual", "--logs", tmp_path / "logs", "--listen", listen, cwd=tmp_path)
+    assert done.returncode == 2
+    assert words in done.stderr and done.stderr.count("\n") == 1

@@ -235,6 +235,24 @@ def test_a_refused_start_is_told_each_time_and_taken_back_by_a_start_that_runs(t
     assert "PAST RUN" in page.inner_text("#run-name")
 
 
+def test_a_console_that_serves_others_is_seen_by_who_has_its_address_and_by_nobody_else(
+    tmp_path, start_console, window
+):
+    write_sweep(tmp_path / "logs")
+    everywhere = "0.0.0.0"  # noqa: S104 - what is tested
+    console = start_console(short_bench(tmp_path), tmp_path / "logs", 0, "--listen", everywhere)
+    place = f"http://127.0.0.1:{console.port}/"
+    page = window(f"{place}#token={console.token}")
+    page.wait_for_selector("#runs button")
+    page.reload()  # without the token in the address
+    page.wait_for_selector("#runs button")
+    stranger = page.context.browser.new_page()  # with a storage of its own
+    stranger.goto(place)
+    has(stranger, "#lost-for", "open the address that the console printed")
+    assert not stranger.query_selector("#runs button")
+    stranger.context.close()
+
+
 def test_an_import_is_shown_when_it_is_asked_for_and_not_played_again(tmp_path, start_console, window):
     logs = tmp_path / "logs"
     with RunWriter.create(logs, start_of("import")) as writer:
