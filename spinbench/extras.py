@@ -6,6 +6,7 @@ import importlib.util
 
 # Package: its extra, and what it is for.
 EXTRAS = {
+    "asyncua": ("opcua", "live data over OPC UA"),
     "arviz": ("notebook", "an InferenceData"),
     "cryptography": ("seal", "a seal"),
     "distributed": ("cluster", "a Dask scheduler"),

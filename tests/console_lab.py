@@ -37,6 +37,12 @@ def wait_for(found: Callable[[], Any], what: str) -> Any:
     raise AssertionError(f"{what}: not within {ENOUGH_S:g} s")
 
 
+def free_port() -> int:
+    """A port of this machine that nobody listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        return int(listening.getsockname()[1])
+
+
 def short_bench(folder: Path, levels: str = "[1.25, 1.35]", dwell_s: float = 3.0) -> Path:
     """The shipped virtual bench with few levels and short waits."""
     text = (FOLDER / "virtual.toml").read_text(encoding="utf-8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +23,9 @@ from spinbench.cli.options import (
 )
 from spinbench.cli.show import on_terminal
 from spinbench.progress import waiting
+
+if TYPE_CHECKING:
+    from spinbench.console.live import Live
 
 
 def doctor(
@@ -101,19 +104,28 @@ def console(
     mqtt: Annotated[
         str, typer.Option(metavar="HOST[:PORT]", help="Publish the newest readings and the state there, read only.")
     ] = "",
+    opcua: Annotated[
+        str, typer.Option(metavar="HOST[:PORT]", help="The same over OPC UA, served at this address of this machine.")
+    ] = "",
 ) -> None:
     """Watch the bench in the browser, and start and stop sweeps there; Ctrl-C ends the console and no sweep."""
     from rig.bench.bench import bench_path, read_bench
     from spinbench.console.desk import Desk
 
     place = Path(bench_path(bench))
-    read, published = read_bench(place), None
+    read = read_bench(place)
+    published: list[Live] = []
     with contextlib.ExitStack() as ends:
         if mqtt:
             from spinbench.console.mqtt import Mqtt
 
-            published = Mqtt(mqtt, read.name)
-            ends.callback(published.close)
+            published.append(Mqtt(mqtt, read.name))
+            ends.callback(published[-1].close)
+        if opcua:
+            from spinbench.console.opcua import OpcUa
+
+            published.append(OpcUa(opcua, read.name))
+            ends.callback(published[-1].close)
         desk = Desk(place, read, logs, () if rate is None else (f"--rate={rate:g}",), published)
         if terminal:
             from spinbench.console.terminal import watch

@@ -13,6 +13,7 @@ queue        runs that are planned one after the other
 access       who may ask for what: hosts, origins, tokens, files
 desk         what all windows share: the run, who controls, what was acknowledged
 server       the page and its events
-mqtt         the same facts for others, read only
+live         the same facts for others, read only
+mqtt, opcua  the two ways by which they come
 terminal     the same facts in the terminal
 """

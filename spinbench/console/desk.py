@@ -6,6 +6,7 @@ import contextlib
 import json
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from rig.sweep.capture import level_of
 from spinbench.console import stopping
 from spinbench.console.access import Kept, RefusedError, reports_of
 from spinbench.console.facts import facts, readings
-from spinbench.console.mqtt import Mqtt
+from spinbench.console.live import Live
 from spinbench.console.planned import kinds_of
 from spinbench.console.queue import Queue
 from spinbench.console.recommended import recommended
@@ -84,10 +85,10 @@ class Desk:
     """The console's own state. `follow` is called several times a second, from one thread."""
 
     def __init__(
-        self, path: Path, bench: Bench, logs: Path, options: tuple[str, ...] = (), mqtt: Mqtt | None = None
+        self, path: Path, bench: Bench, logs: Path, options: tuple[str, ...] = (), published: Sequence[Live] = ()
     ) -> None:
         logs.mkdir(parents=True, exist_ok=True)
-        self.bench, self.logs, self.mqtt = bench, logs, mqtt
+        self.bench, self.logs, self._published = bench, logs, published
         self.kept = Kept(logs)
         self.sweeps = Sweeps(path, bench, logs, options)
         self.queue = Queue(bench, self.sweeps, self.kept.queue, self.kept.keep_queue)
@@ -114,8 +115,8 @@ class Desk:
                 self.showing.follow()
             self._follow_stops()
             self.queue.follow()
-            if self.mqtt is not None:
-                self.mqtt.publish(self._live)
+            for one in self._published:
+                one.publish(self._live)
             self.unreadable = ""
         except (RunError, OSError) as error:
             self.unreadable = str(error)

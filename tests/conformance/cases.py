@@ -14,7 +14,7 @@ from rig.instruments import modbus
 from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort
 from rig.readings import Quality
-from tests.conformance import clients, libmodbus
+from tests.conformance import clients, libmodbus, opcua
 from tests.conformance.clients import Missing, Refused, Silent
 from tests.virtual_benches import ADAM, FLOW, KELLER, serving
 
@@ -262,4 +262,9 @@ def all_of():
             results += of_libmodbus(line)
         except Missing:
             missing.append(f"device libmodbus over {line}")
+    try:
+        said = opcua.answers()
+        results += [Result("gopcua", "OPC UA", case, wanted, said[case]) for case, (_, wanted) in opcua.CASES.items()]
+    except Missing:
+        missing.append("client gopcua over OPC UA")
     return results, missing

@@ -3,14 +3,13 @@
 import asyncio
 import json
 import signal
-import socket
 import threading
 import warnings
 
 import pytest
 
 from rig.runlog import RunWriter
-from tests.console_lab import consoles, short_bench, wait_for
+from tests.console_lab import consoles, free_port, short_bench, wait_for
 from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of
 
 pytestmark = pytest.mark.slow
@@ -19,11 +18,6 @@ with warnings.catch_warnings():
     from amqtt.broker import Broker
     from amqtt.client import MQTTClient
 QUIET = {"auto_reconnect": False}
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        return listening.getsockname()[1]
 
 
 class Served:
