@@ -105,8 +105,9 @@ def test_no_page_fetches_anything_from_elsewhere_and_what_it_fetches_is_there(si
 
 @pytest.mark.long
 def test_the_search_works_from_the_disk(site: Path) -> None:
+    path = installed()
     with sync_playwright() as made:
-        browser = made.chromium.launch(executable_path=installed(), args=["--no-sandbox"])
+        browser = made.chromium.launch(executable_path=path, args=["--no-sandbox"])
         page, asked = browser.new_page(), []
         page.on("request", lambda request: asked.append(request.url))
         page.goto((site / "index.html").as_uri())
