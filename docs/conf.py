@@ -25,6 +25,7 @@ smartquotes = False
 
 html_theme = "furo"
 html_title = project
+html_static_path = html_css_files = ["site.css"]
 html_copy_source = False
 html_show_copyright = False
 

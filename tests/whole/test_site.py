@@ -31,7 +31,8 @@ def built(source: Path, out: Path) -> subprocess.CompletedProcess[str]:
 def two_pages(tmp_path: Path) -> Path:
     """A tree with an index, a page of one heading, and one that begins without."""
     (tmp_path / "docs").mkdir()
-    shutil.copy(ROOT / "docs" / "conf.py", tmp_path / "docs")
+    for name in ("conf.py", "site.css"):
+        shutil.copy(ROOT / "docs" / name, tmp_path / "docs")
     (tmp_path / "docs" / "index.md").write_text(
         "# Pages\n\n## Tutorials: begin here\n\n| page |\n|---|\n| [The first](first.md#there) |\n\n"
         "## Reference\n\n1. [The numbers](numbers.md)\n",
@@ -51,7 +52,7 @@ def test_the_index_sorts_every_page_into_one_of_four_kinds() -> None:
 
 
 def test_a_page_stands_where_it_is_linked_as_a_whole() -> None:
-    index = "## A: first\n\n| [x](x.md#part) |\n| [y](y.md#part) |\n\n## B\n\n| [all of x](x.md) |\n1. [y again](y.md#more)\n"
+    index = "## A: first\n\n| [x](x.md#part) |\n| [y](y.md#part) |\n\n## B\n\n| [all of x](x.md) |\n1. [y](y.md#more)\n"
     assert contents(index) == {"A": {"y.md": "y"}, "B": {"x.md": "all of x"}}
 
 
