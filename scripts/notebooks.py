@@ -22,6 +22,7 @@ import sys
 from pathlib import Path
 
 os.chdir(next(at for at in (Path.cwd(), *Path.cwd().parents) if (at / "pyproject.toml").is_file()))
+os.environ.pop("FORCE_COLOR", None)  # or bars are drawn for a terminal
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 """
 
