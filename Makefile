@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures house lock \
+.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures site pages house lock \
   clean clean-cache
 
 help:
@@ -44,6 +44,8 @@ help:
 	@echo "make record  the full blind record, in parts, and its page (hours, resumable)"
 	@echo "make demonstration FILES=FOLDER   the demonstrations on public data of other rigs, whose files are in the folder"
 	@echo "make figures the article's figures and results anew, in docs/figures and docs/reproduction.md"
+	@echo "make site    the documentation as a site with a search, to be read without a network: $(OUT)/site/index.html"
+	@echo "make pages   the pages that are made from code anew: docs/python-reference.md, docs/notebooks"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make house   measure the code base: its size, what has grown too large, what imports in circles (LIST=1: which)"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"
@@ -186,6 +188,16 @@ demonstration: $(STAMP)
 
 figures: $(STAMP)
 	$(BIN)/spinbench reproduce -o docs/figures --page docs/reproduction.md
+
+# A link or an anchor that leads nowhere is an error.
+site: $(STAMP)
+	rm -rf $(OUT)/site
+	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs -d $(OUT)/doctrees . $(OUT)/site
+	@echo "$(OUT)/site/index.html"
+
+pages: $(STAMP)
+	$(BIN)/python scripts/python_reference.py
+	$(BIN)/python scripts/notebooks.py
 
 # Needs no environment; where there is one, the import contracts are counted too.
 house:

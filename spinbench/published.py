@@ -14,7 +14,7 @@ IN_CHECKOUT = Path(__file__).resolve().parents[1] / "logs" / NAME
 
 
 def published_sweep() -> Path:
-    """The recording's folder."""
+    """The folder of the article's sweep, which comes with the program."""
     return IN_PACKAGE if IN_PACKAGE.is_dir() else IN_CHECKOUT
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiagnosisResult:
-    """What `diagnose` found.
+    """What `diagnose` found; a notebook shows the verdict, the effects and the next tests.
 
     Attributes
     ----------
@@ -169,7 +169,8 @@ def diagnose(
     per_recording : str or sequence of str
         Ids of effects whose sizes are each recording's own.
     workers : int
-        Processes; the result is the same. A script that asks for more than one needs ``if __name__ == "__main__"`` [-].
+        Processes that work side by side [-]; the result is the same. A script that asks for more than one needs
+        ``if __name__ == "__main__":``.
 
     Raises
     ------

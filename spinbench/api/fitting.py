@@ -124,7 +124,7 @@ def _add_why(error: Exception, quality: FitQuality) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitResult:
-    """What `fit` found.
+    """What `fit` found; a notebook shows the sentence, the notes and the table.
 
     Attributes
     ----------

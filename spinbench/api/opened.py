@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """What `open` found in a folder.
+    """What `open` found in a folder; a notebook shows the plateaus.
 
     Attributes
     ----------

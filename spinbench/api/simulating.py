@@ -61,7 +61,7 @@ def simulate(
     Returns
     -------
     DataFrame
-        Columns with units: see `model.operation.performance.OperatingPoint`; of a run in time ``time_s``,
+        Columns with units, as `OperatingPoint` has them; of a run in time ``time_s``,
         ``speed_rpm`` and ``angle_rad``.
 
     Raises

@@ -40,15 +40,6 @@ def test_the_commands_of_a_page_give_what_the_page_says(tmp_path: Path, page: st
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("page", [page for page in PAGES if "/tutorials/" in page and commands_of(page, text_of(page))])
-def test_a_tutorial_runs_from_its_first_command_to_its_last(tmp_path: Path, page: str) -> None:
-    copy = tmp_path / "copy"
-    fresh_copy(copy, kernels=True)
-    wrong = run_page([command for command in COMMANDS if command.page == page], copy, longest_s=600.0)
-    assert not wrong, "\n".join(wrong)
-
-
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command not in QUICK], ids=str)
 def test_a_command_that_does_not_run_here_says_why(command: Command) -> None:
     assert command.kinds <= set(KINDS)
