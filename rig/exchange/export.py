@@ -31,10 +31,7 @@ STANDS = 3.0  # standard errors of a mean speed that is none
 class Exported:
     """What an export made.
 
-    Attributes
-    ----------
-    notes : list of str
-        What was left out, and what was assumed.
+    `notes`: what was left out, and what was assumed.
     """
 
     recording: Recording
@@ -44,12 +41,8 @@ class Exported:
 def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exported:
     """Write a run as a recording/1 folder.
 
-    Raises
-    ------
-    RunError
-        When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
-    RecordingError
-        When the folder cannot be made.
+    Raises RunError when the run is being written, or (`EmptyRunError`) holds nothing that a recording could;
+    RecordingError when the folder cannot be made.
     """
     exported = recording_of(run, unsettled)
     Path(folder).parent.mkdir(parents=True, exist_ok=True)
@@ -61,10 +54,7 @@ def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exporte
 def recording_of(run: Run, unsettled: bool = False) -> Exported:
     """A run as a recording, not written anywhere: what `fit` and `diagnose` take of a run folder.
 
-    Raises
-    ------
-    RunError
-        When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
+    Raises RunError when the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
     """
     if run.state == BEING_WRITTEN:
         raise RunError(f"{run.folder}: a program writes this run now; export it when it has ended")

@@ -21,10 +21,7 @@ TEMPERATURE_SHARE = (
 class Figures:
     """What is known of each quantity's instrument.
 
-    Parameters
-    ----------
-    run : Run
-        Its devices' records hold the figures, its plateaus the noise.
+    `run`: its devices' records hold the figures, its plateaus the noise.
     """
 
     def __init__(self, run: Run, channels: Mapping[str, str]) -> None:
@@ -67,10 +64,7 @@ class Figures:
     def scale_of(self, errors: Mapping[str, list[float]]) -> float:
         """Noise of rows with these standard errors, times that of the steady file: the largest of the quantities [-].
 
-        Parameters
-        ----------
-        errors : mapping of str to list of float
-            Standard errors by quantity [own unit].
+        `errors`: standard errors by quantity [own unit].
         """
         ratios = [
             _ratio(_rms(found), self.noise_sd(name)) for name, found in errors.items() if found and name != "speed_rpm"

@@ -158,12 +158,7 @@ class Mapping:
 def read_mapping(path: Path) -> Mapping:
     """Read a mapping file.
 
-    Raises
-    ------
-    ConfigError
-        When it is missing, or a key is wrong.
-    RunError
-        When a column or a unit is wrong; a line for each.
+    Raises ConfigError when it is missing, or a key is wrong; RunError, a line each, when columns or units are wrong.
     """
     path = Path(path)
     if not path.suffix and not path.is_file():

@@ -132,10 +132,8 @@ def siblings(column: str) -> tuple[str, ...]:
 def other_spelling(name: str) -> tuple[str, str] | None:
     """What a column that holds a known quantity under another name or unit should be called.
 
-    Returns
-    -------
-    tuple of two str, or None
-        The expected column (or columns), and what to do with the numbers; None when no known quantity is recognised.
+    Returns the expected column (or columns), and what to do with the numbers; None when no known quantity is
+    recognised.
     """
     plain = _plain(name)
     if plain in NAMES:

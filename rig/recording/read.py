@@ -41,16 +41,8 @@ def read_recording(path: Path) -> Recording:
     """Read a recording/1 folder. Nothing is guessed and nothing on disk is changed.
 
     An instrument's figure that is left out takes the default listed in `rig.recording.columns`, and a warning says so.
-
-    Returns
-    -------
-    Recording
-        Columns in the units of their names.
-
-    Raises
-    ------
-    RecordingError
-        One line a mistake (20 at most, then a count): file, row, column, what was expected, what to do.
+    Columns come in the units of their names. Raises RecordingError, a line a mistake (20 at most, then a count): file,
+    row, column, what was expected, what to do.
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent

@@ -246,13 +246,7 @@ def supply_of(table: SupplyTable) -> SupplyFigures:
 
 
 def channel_of(column: str, table: ChannelTable | None) -> Channel:
-    """One instrument's figures, the documented default for each that is left out.
-
-    Returns
-    -------
-    Channel
-        In the column's unit.
-    """
+    """One instrument's figures, the documented default for each that is left out; in the column's unit."""
     defaults = dict(zip(FIGURES, NUMERIC[column].figures or (), strict=True))
     stated = {} if table is None else table.model_dump(exclude_none=True)
     left_out = tuple(name for name in FIGURES if name not in stated)

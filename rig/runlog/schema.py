@@ -202,15 +202,8 @@ class WireLine(Record):
 def parse(schema: type[Schema], data: bytes, place: str) -> Schema:
     """Read a JSON object.
 
-    Parameters
-    ----------
-    place : str
-        File, and line where there are several.
-
-    Raises
-    ------
-    RunError
-        A line for each mistake.
+    `place`: file, and line where there are several.
+    Raises RunError: a line for each mistake.
     """
     try:
         return schema.model_validate_json(data)

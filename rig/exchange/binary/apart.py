@@ -29,10 +29,8 @@ NEEDS = {"tdms": "nptdms", "mat": "scipy", "hdf5": "h5py", "mdf": "asammdf"}  # 
 def read_apart(reader: str, path: Path, group: str, wanted: Wanted) -> Columns:
     """The columns of a file, read by a process of its own.
 
-    Raises
-    ------
-    RunError
-        When the file cannot be read, the process that reads it ends without an answer, or a package is missing.
+    Raises RunError when the file cannot be read, the process that reads it ends without an answer, or a package is
+    missing.
     """
     return Columns(**_asked("read", reader, path, group, wanted))
 

@@ -51,13 +51,7 @@ class Source:
 
 
 def look_at(path: Path) -> Source:
-    """Look at a file.
-
-    Raises
-    ------
-    RunError
-        When it is of no kind that is known, damaged, or holds no numbers.
-    """
+    """Look at a file. Raises RunError when it is of no kind that is known, damaged, or holds no numbers."""
     reader = _reader(path)
     if reader == "csv":
         return _text(path)

@@ -24,12 +24,8 @@ _OTHERS = re.compile(r"[;\t|]|\d\s+\d|,\S")
 class Text:
     """A table in text.
 
-    Attributes
-    ----------
-    delimiters, decimals : list of str
-        One where it is sure, and otherwise all that fit.
-    whole : bool
-        Whether the whole file was looked at.
+    `delimiters`, `decimals`: one where it is sure, and otherwise all that fit.
+    `whole`: whether the whole file was looked at.
     """
 
     encoding: str
@@ -40,13 +36,7 @@ class Text:
 
 
 def look_at_text(path: Path) -> Text:
-    """Look at a file's beginning.
-
-    Raises
-    ------
-    RunError
-        When it is no text, or no line of it has a number.
-    """
+    """Look at a file's beginning. Raises RunError when it is no text, or no line of it has a number."""
     with open_plain(path, MAX_BYTES) as stream:
         data = stream.read(LOOKED_BYTES)
         cut = bool(stream.read(1))

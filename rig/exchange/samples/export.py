@@ -27,10 +27,8 @@ FORMATS = {
 def export_samples(run: Run, file: Path) -> None:
     """Write the samples of a run as one file, with its start and end records in it.
 
-    Raises
-    ------
-    RunError
-        When the run has no end record, the file exists, or the package that its format needs is not installed.
+    Raises RunError when the run has no end record, the file exists, or the package that its format needs is not
+    installed.
     """
     file = Path(file)
     if run.end is None:
