@@ -24,12 +24,10 @@ from rig.bench.instrument import FOLDER as INSTRUMENTS
 from rig.bench.instrument import ChannelFile, Instrument, InstrumentFile, Regulator, instrument_of
 from rig.recording.schema import SupplyTable
 
-FORMAT = "bench/1"
 BENCH_SOURCE = "bench.toml"
 FOLDER = configs.FOLDER / "benches"
 
 Positive = Annotated[float, pydantic.Field(gt=0.0)]
-NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
 
 
 class AmbientTable(Strict):

@@ -14,7 +14,6 @@ from pydantic import Field
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 
-FORMAT = "run/1"
 MAX_SHOWN = 20  # mistakes
 # Events that an export looks for.
 ZERO, CAPTURE, ZERO_TAKEN_BACK, ROOM = "zero", "capture end", "zero taken back", "room"

@@ -14,7 +14,7 @@ from rig.virtual.devices import frames
 from rig.virtual.devices.base import World
 from rig.virtual.devices.modbus_device import Field, ModbusDevice, Refusal, constant
 
-OUTPUTS, TYPES, NAME, SAFETY_ENABLED, SAFETY_OCCURRED = 0, 200, 210, 214, 215  # 40001, 40201, 40211, 40215, 40216
+OUTPUTS, TYPES, NAME, SAFETY_ENABLED = 0, 200, 210, 214  # 40001, 40201, 40211, 40215, beside 40216: it has occurred
 COUNT = 4
 MODEL_AND_VERSION = (0x4024, 0x0000, 0xA200, 0x0000)
 # As with every wait on a bench faster than real time: a busy machine is not a silent bus.

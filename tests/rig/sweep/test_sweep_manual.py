@@ -34,7 +34,7 @@ from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
 from rig.sweep.hooks import Hooks, expecting
 from rig.sweep.planning import sweep_course
-from rig.virtual.person import answer
+from tests.person import answer
 
 GIVEN = Given(1.01325, 20.0, 0.5, "none", 0.0)
 ZERO = "1.01 <10 0"
