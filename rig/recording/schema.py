@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
 import configs
 from configs import FOLDER, ConfigError, Strict, validate
@@ -29,14 +29,18 @@ def _check_pair(table: Strict, value: str, deviation: str) -> None:
         raise ValueError(f"{deviation} is given without {value}; give both, or neither")
 
 
-class AmbientTable(Strict):
-    """[ambient]: the air around the rig."""
+class Air(BaseModel):
+    """The air around a rig."""
 
     pressure_bar_abs: Annotated[float, Field(ge=0.3, le=1.2)] | None = None
     pressure_sd_bar: NotNegative | None = None
     temperature_c: Annotated[float, Field(ge=-60.0, le=80.0)] | None = None
     temperature_sd_k: NotNegative | None = None
     relative_humidity: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+
+
+class AmbientTable(Air, Strict):
+    """[ambient]: the air around the rig."""
 
     @model_validator(mode="after")
     def _a_deviation_needs_its_value(self) -> AmbientTable:
@@ -45,8 +49,8 @@ class AmbientTable(Strict):
         return self
 
 
-class SupplyTable(Strict):
-    """[supply]: the line between regulator and motor, and how well it is known."""
+class AirLine(BaseModel):
+    """The line between regulator and motor; a figure and its standard deviation."""
 
     regulator_time_s: Seconds | None = None
     regulator_time_s_sd: PositiveSeconds | None = None
@@ -54,6 +58,10 @@ class SupplyTable(Strict):
     line_volume_l_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
     valve_time_s: Seconds | None = None
     valve_time_s_sd: PositiveSeconds | None = None
+
+
+class SupplyTable(AirLine, Strict):
+    """[supply]: the line between regulator and motor, and how well it is known."""
 
     @model_validator(mode="after")
     def _a_deviation_needs_its_value(self) -> SupplyTable:
