@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Collection, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from rig.readings import Quality
@@ -47,7 +48,7 @@ def facts(
         "charts": {"from_s": round(from_s, 2), "until_s": round(max(now_s, 1.0), 2), "series": _series(tail, from_s)},
         "picture": _picture(tail),
         "check": _check(tail),
-        "events": [_event(event) for event in _news(tail)],
+        "events": [_event(event) for event in tail.events if event.event not in QUIET_EVENTS][-SHOWN_EVENTS:],
         "alarms": _alarms(tail, acknowledged, bench),
     }
 
@@ -103,15 +104,7 @@ def _room(ambient: Mapping[str, Any]) -> str:
 def _state(tail: Tail, now_s: float) -> dict[str, Any]:
     badge = badge_of(tail, now_s)
     still = None if badge.still_s is None else round(badge.still_s, 1)
-    return {
-        "word": badge.word,
-        "explanation": badge.explanation,
-        "waits_for": badge.waits_for,
-        "still_s": still,
-        "of_s": badge.of_s,
-        "at_most": badge.at_most,
-        "at_s": round(now_s, 1),
-    }
+    return asdict(badge) | {"still_s": still, "at_s": round(now_s, 1)}
 
 
 def _steps(tail: Tail, now_s: float) -> dict[str, Any]:
@@ -273,10 +266,6 @@ def _check(tail: Tail) -> dict[str, Any]:
     if found.get("p_value") is None:
         return {"lamp": "waits", "text": text}
     return {"lamp": "differs" if found.get("differs") else "fits", "text": text}
-
-
-def _news(tail: Tail) -> list[EventLine]:
-    return [event for event in tail.events if event.event not in QUIET_EVENTS][-SHOWN_EVENTS:]
 
 
 def _event(event: EventLine) -> dict[str, Any]:
