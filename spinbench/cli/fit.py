@@ -27,6 +27,7 @@ from spinbench.cli.options import (
     SteadyOnlyOption,
     WithoutOption,
     WithParentsOption,
+    out_folder,
 )
 from spinbench.cli.show import check_places, deliver, remark
 from spinbench.extras import has
@@ -40,13 +41,7 @@ if TYPE_CHECKING:
 
 NETCDF = "posterior.nc"
 OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--out",
-        metavar="DIR",
-        help="Folder for report, posterior and chain; a fit that was killed goes on there.",
-    ),
+    Path | None, out_folder("Folder for report, posterior and chain; a fit that was killed goes on there.")
 ]
 SpeedOnlyOption = Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")]
 CompareOption = Annotated[

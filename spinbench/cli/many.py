@@ -19,6 +19,7 @@ from spinbench.cli.options import (
     SeedOption,
     SteadyOnlyOption,
     WorkersOption,
+    out_folder,
 )
 from spinbench.cli.show import on_terminal, remark
 from spinbench.extras import need
@@ -27,9 +28,7 @@ from spinbench.progress import bars
 ManyArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")
 ]
-TableOption = Annotated[
-    Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the table; started again, it goes on.")
-]
+TableOption = Annotated[Path, out_folder("Folder for the table; started again, it goes on.")]
 
 
 def diagnose(
@@ -80,10 +79,7 @@ def fit(
 
 def trend(
     recordings: ManyArgument,
-    out: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="DIR", help="Folder for page and table; started again, it goes on."),
-    ],
+    out: Annotated[Path, out_folder("Folder for page and table; started again, it goes on.")],
     seed: SeedOption = 1,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
