@@ -155,10 +155,6 @@ class Acquisition:
         self.check()
         return self.channels.since(self._name(channel), after_ns)
 
-    def subscribe(self, listener: Callable[[Exchange], None]) -> None:
-        """Show every exchange to a listener once it is written."""
-        self.recorder.subscribe(listener)
-
     def statistics(self) -> dict[str, Any]:
         """Rates, jitter, latency and failures of every device, and how full the queue was."""
         devices: dict[str, Any] = {}

@@ -313,19 +313,6 @@ def test_a_log_that_cannot_be_written_ends_the_run(acquiring, tmp_path):
             acquisition.stop()
 
 
-def test_a_listener_that_fails_is_dropped_and_the_run_goes_on(acquiring, tmp_path):
-    with serving(bench(MODBUS), tmp_path) as served:
-        acquisition, sink = acquiring(served)
-
-        def fail(exchange):
-            raise RuntimeError("broken view")
-
-        acquisition.subscribe(fail)
-        wait_until(lambda: any(kind == "listener failed" for kind, _ in sink.events))
-        count = len(sink.exchanges)
-        wait_until(lambda: len(sink.exchanges) > count + 5)
-
-
 def test_a_command_that_was_not_begun_in_time_is_never_done_unless_it_is_to_stand(acquiring, tmp_path, monkeypatch):
     with serving(bench(MODBUS), tmp_path) as served:
         acquisition, _ = acquiring(served)
