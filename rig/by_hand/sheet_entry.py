@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
+from rig import acquisition
 from rig.acquisition import actions
 from rig.acquisition.derived import DEVICE as DERIVED
 from rig.acquisition.opening import line_of
@@ -23,12 +24,12 @@ from rig.instruments.manual import EntryError, decode_entry
 from rig.lines.keyboard import KeyboardPort
 from rig.plateaus.plan import DOWN, UP, Step, SweepError
 from rig.plateaus.plateau import Mean, Plateau
-from rig.readings import NS, Exchange, Reading
+from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.runlog.schema import ZERO
 from rig.sweep.ambient import Ambient
 from rig.sweep.orders import FINISHED
-from rig.sweep.runner import Outcome
+from rig.sweep.runner import Outcome, PlateauSink
 
 MOST_BYTES = 1_000_000
 MOST_ROWS = 2000
@@ -42,17 +43,8 @@ class SheetError(SweepError):
     """A sheet cannot be entered as it stands. The text names every row and column that is wrong."""
 
 
-class Sink(Protocol):
+class Sink(acquisition.Sink, PlateauSink, Protocol):
     """`rig.runlog.RunWriter`."""
-
-    def exchange(self, exchange: Exchange) -> None:
-        """Write an exchange and its readings."""
-
-    def event(self, kind: str, time_ns: int, **details: Any) -> None:
-        """Write an event."""
-
-    def plateau(self, row: Mapping[str, Any]) -> None:
-        """Write a plateau."""
 
 
 @dataclass(frozen=True)

@@ -233,10 +233,7 @@ def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
     pressure = next((name for name in PRESSURES if name in columns), None)
     roles = {role: f"{DEVICE}.{name}" if name in columns else None for role, name in ROLES.items()}
     channels = {
-        name: ChannelRecord(
-            unit=UNITS[name],
-            **{key: getattr(file.columns[name], key) for key in ("noise_sd", "bias_sd", "scale_sd", "resolution")},
-        )
+        name: ChannelRecord(unit=UNITS[name], **{key: getattr(file.columns[name], key) for key in FIGURES})
         for name in UNITS
         if name in columns
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from rig.acquisition import actions
@@ -46,16 +47,7 @@ class Player:
             driver = self.drivers[exchange.device]
             played, _ = actions.perform(line, exchange.device, driver, exchange.action, exchange.argument)
         line.take_events()
-        logged = Exchange(
-            exchange.line,
-            exchange.device,
-            exchange.action,
-            exchange.argument,
-            exchange.events,
-            played.readings,
-            played.outcome,
-        )
-        return self.stage(logged)
+        return self.stage(replace(exchange, readings=played.readings, outcome=played.outcome))
 
     def _check(self, exchange: Exchange) -> None:
         """What is no exchange of this bench is refused before a driver sees it."""

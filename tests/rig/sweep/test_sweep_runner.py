@@ -10,16 +10,17 @@ from rig.plateaus.plan import Step, SweepError
 from rig.plateaus.plateau import Mean, Plateau
 from rig.runlog import plateaus as table
 from rig.sweep.ambient import at_start
-from rig.sweep.hooks import Hooks, guarded, points_of
+from rig.sweep.hooks import guarded, points_of
 from rig.sweep.planning import capture_course, sweep_course
-from rig.sweep.runner import run_course, set_points
+from rig.sweep.runner import Runner, set_points
+from tests.sweep_hooks import hooks
 from tests.sweep_lab import AMBIENT, LabAcquisition, LabBench
 
 
-def run(acquisition, **hooks):
+def run(acquisition, **given):
     bench = acquisition.bench
     course, _ = sweep_course(bench, at_start(bench, GIVEN))
-    return run_course(acquisition, acquisition, bench, course, Hooks(**hooks))
+    return Runner(acquisition, acquisition, bench, course, hooks(**given)).run()
 
 
 GIVEN = SimpleNamespace(
@@ -217,7 +218,7 @@ def test_a_capture_alone_that_is_lost_twice_is_a_run_that_failed():
 
     acquisition.before["capture start"] = unheard
     course = capture_course(bench, at_start(bench, GIVEN), "spin-up", 2.0)
-    outcome = run_course(acquisition, acquisition, bench, course, Hooks())
+    outcome = Runner(acquisition, acquisition, bench, course, hooks()).run()
     assert outcome.outcome == "failed" and "not known when the pressure began to change" in outcome.reason
 
 
