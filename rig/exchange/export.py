@@ -29,10 +29,7 @@ STANDS = 3.0  # standard errors of a mean speed that is none
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export made.
-
-    `notes`: what was left out, and what was assumed.
-    """
+    """What an export made. `notes`: what was left out, and what was assumed."""
 
     recording: Recording
     notes: list[str]

@@ -104,10 +104,7 @@ MOLAR_MASS = {
 
 
 def known_units(column: str, differentiate: bool = False) -> list[str]:
-    """The units that a column may come in.
-
-    `differentiate`: whether it is made from a length or an angle.
-    """
+    """The units that a column may come in. `differentiate`: whether it is made from a length or an angle."""
     quantities = (INTEGRALS.get(column, ""),) if differentiate else QUANTITIES[column]
     return [name for name, unit in UNITS.items() if unit.quantity in quantities]
 

@@ -67,10 +67,7 @@ def quantity_channels(run: Run) -> dict[str, str]:
 
 
 def series(run: Run, channel: str, start_s: float, end_s: float) -> Series:
-    """The readings of a channel over a stretch.
-
-    `start_s`, `end_s`: both ends are taken in [s].
-    """
+    """The readings of a channel over a stretch. `start_s`, `end_s`: both ends are taken in [s]."""
     device, _, name = channel.partition(".")
     samples = run.samples
     time_ns = samples["time_ns"].to_numpy()

@@ -171,10 +171,7 @@ def read_end(folder: Path) -> EndRecord | None:
 
 
 def read_events(path: Path) -> list[EventLine]:
-    """The events of a run.
-
-    `path`: events.jsonl; a missing one has none.
-    """
+    """The events of a run. `path`: events.jsonl; a missing one has none."""
     events = []
     for number, data in whole_lines(path):
         if number > MAX_EVENTS:
