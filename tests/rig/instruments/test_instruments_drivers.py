@@ -19,18 +19,9 @@ from rig.lines.serial import SerialPort
 from rig.readings import Quality
 from rig.replay.port import ReplayPort
 from tests.instrument_peers import lutron_bytes, read_instrument
+from tests.modbus_peer import rtu
 
 TIMING = Timing(timeout_s=0.05, slowest_reply_s=0.08, quiet_s=0.005)
-
-
-def rtu(body):
-    """A frame with Modbus' CRC-16, by the bit, written apart from what is tested."""
-    value = 0xFFFF
-    for byte in body:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return body + value.to_bytes(2, "little")
 
 
 class Peer(threading.Thread):
