@@ -62,10 +62,7 @@ class Figures:
         return _ratio(sample, noise)
 
     def scale_of(self, errors: Mapping[str, list[float]]) -> float:
-        """Noise of rows with these standard errors, times that of the steady file: the largest of the quantities [-].
-
-        `errors`: standard errors by quantity [own unit].
-        """
+        """Noise of rows with such standard errors, times that of the steady file: the largest of the quantities [-]."""
         ratios = [
             _ratio(_rms(found), self.noise_sd(name)) for name, found in errors.items() if found and name != "speed_rpm"
         ]

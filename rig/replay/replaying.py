@@ -73,7 +73,6 @@ def replay(
 ) -> Replayed:
     """Play a run back through today's drivers and compare the samples.
 
-    `run`: the run; with its bytes.
     `bench`: with mended instrument files; those that the run kept when left out.
     `writer`: gets the exchanges and events of the replay, where it is kept as a run of its own.
     `real_time`: whether to wait as long between two exchanges as it took then.

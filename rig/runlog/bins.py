@@ -39,10 +39,7 @@ class Bins:
             self._open[scale] = (held[0], min(held[1], new[1]), max(held[2], new[2]))
 
     def last(self, from_s: float, until_s: float, most: int = BINS) -> list[Bin]:
-        """The bins from a time to another, no more than `most`, on the finest scale that does.
-
-        `most`: at most `BINS` [-].
-        """
+        """The bins from a time to another, no more than `most`, on the finest scale that does."""
         span = max(until_s - from_s, FINEST_S)
         scale = next((k for k in range(SCALES - 1) if FINEST_S * 2.0**k * (most - 1) >= span), SCALES - 1)
         bins = [*self._closed[scale]]

@@ -38,7 +38,6 @@ class EmptyRunError(RunError):
 def run_name(utc_ns: int, bench: str, kind: str) -> str:
     """The folder's name, ``YYYYMMDD-HHMMSS_<bench>_<kind>``, UTC.
 
-    `utc_ns`: start of the run since 1970 [ns].
     `bench`: the bench's name; what a file name should not hold becomes a dash.
     """
     when = time.strftime("%Y%m%d-%H%M%S", time.gmtime(utc_ns // 1_000_000_000))
@@ -125,10 +124,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def read_bytes(path: Path, limit: int) -> bytes:
-    """The content of a plain file of a run; a link, a pipe or a file above `limit` bytes is refused.
-
-    `limit`: largest size [bytes].
-    """
+    """The content of a plain file of a run; a link, a pipe or a file above `limit` bytes is refused."""
     with open_plain(path, limit) as stream:
         return stream.read()
 
@@ -136,7 +132,6 @@ def read_bytes(path: Path, limit: int) -> bytes:
 def open_plain(path: Path, limit: int) -> BinaryIO:
     """Open a plain file of a run for reading.
 
-    `limit`: largest size [bytes].
     Raises RunError when it is missing, a link, no plain file, or too large.
     """
     try:

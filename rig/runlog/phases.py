@@ -20,11 +20,7 @@ _USABLE = [quality.value for quality in USABLE]
 
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of a run.
-
-    `start_s`, `end_s`: on the bench's clock [s].
-    `event_s`: of a capture: when the supply was shut or opened [s].
-    """
+    """A stretch of a run. `event_s`: of a capture: when the supply was shut or opened [s]."""
 
     kind: str
     start_s: float
@@ -37,7 +33,6 @@ class Phase:
 class Series:
     """The usable readings of one channel over a stretch, oldest first, and how many others there were.
 
-    `time_ns`, shape (n,): on the bench's clock [ns].
     `value`, shape (n,): in the channel's unit.
     `censored`, shape (n,): -1 and 1 beyond the scale [-].
     `lasted_ns`, shape (n,): from the request to the reply: within it each was measured [ns].

@@ -51,7 +51,6 @@ class Mean:
 class PlateauRow:
     """One row of plateaus.csv.
 
-    `level_bar_abs`: the pressure that was asked for [bar].
     `direction`: ``up``, ``down``, or empty where it was not noted.
     `start_s`, `end_s`: the dwell, on the bench's clock [s].
     """

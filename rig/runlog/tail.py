@@ -32,11 +32,7 @@ _USABLE = {quality.value for quality in USABLE}
 
 @dataclass(frozen=True)
 class Shown:
-    """The newest reading of a role, usable or not.
-
-    `time_s`: on the bench's clock [s].
-    `censored`: -1 and 1 beyond the scale [-].
-    """
+    """The newest reading of a role, usable or not."""
 
     role: str
     channel: str
@@ -84,7 +80,6 @@ class Tail:
     Raises RunError when the folder holds no run.
 
     `now_s`: the latest time that was seen [s].
-    `last_event`: number of the newest event [-].
     """
 
     def __init__(self, folder: Path) -> None:

@@ -122,7 +122,6 @@ class RunWriter:
         """Write an event.
 
         `kind`: what happened; docs/runs.md lists those that an export looks for.
-        `time_ns`: when, on the bench's clock [ns].
         `**details`: what else is to be said, as far as JSON can hold it.
         Raises RunError when it could not be written.
         """

@@ -33,7 +33,6 @@ def facts(
 ) -> dict[str, Any]:
     """A run as it stands.
 
-    `now_s`: on the bench's clock [s].
     `span_s`: what the charts show [s]; 0 for the whole run.
     `acknowledged`: numbers of alarms that a person has seen.
     `silent_s`: how long nothing new has come, of the wall [s].

@@ -25,7 +25,6 @@ class Clock:
     """When a channel was sampled.
 
     `start_ns`: the moment that the times are counted from [ns]; None where the file does not tell it.
-    `time_s`: of each sample [s].
     `said`: the clock in words, for an error.
     """
 

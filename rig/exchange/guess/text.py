@@ -22,11 +22,7 @@ _OTHERS = re.compile(r"[;\t|]|\d\s+\d|,\S")
 
 @dataclass(frozen=True)
 class Text:
-    """A table in text.
-
-    `delimiters`, `decimals`: one where it is sure, and otherwise all that fit.
-    `whole`: whether the whole file was looked at.
-    """
+    """A table in text. `delimiters`, `decimals`: one where it is sure, and otherwise all that fit."""
 
     encoding: str
     delimiters: list[str]

@@ -109,11 +109,7 @@ class Turning(Protocol):
         """Order a pressure, now. `pressure_bar_abs`: absolute [bar]; the ambient's or less opens the dump valve."""
 
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
-        """The present mass flow as a volume flow at a state.
-
-        `pressure_bar_abs`: absolute pressure of the state [bar].
-        `temperature_k`: its temperature [K].
-        """
+        """The present mass flow as a volume flow at a state."""
 
     def advance(self, to_ns: int) -> None:
         """Carry on to a time; an earlier one changes nothing. `to_ns`: time of the bench [ns]."""
