@@ -8,7 +8,7 @@ import os
 import uuid
 from pathlib import Path
 
-from rig.exchange.binary.packages import need
+from rig.exchange.binary.apart import need
 from rig.recording.mistakes import shown
 from rig.runlog.folder import END, MAX_RECORD_BYTES, START, RunError, read_bytes
 from rig.runlog.reader import BEING_WRITTEN, Run

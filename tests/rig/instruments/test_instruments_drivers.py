@@ -17,7 +17,7 @@ from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x,
 from rig.lines import Line, LostError, NoReplyError, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
-from rig.replay.port import ReplayPort
+from rig.replay.player import ReplayPort
 from tests.instrument_peers import lutron_bytes, read_instrument
 from tests.modbus_peer import rtu
 
