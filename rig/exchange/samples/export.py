@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import uuid
 from pathlib import Path
 
 from rig.exchange.binary.apart import need
+from rig.exchange.samples import formats
 from rig.recording.mistakes import shown
 from rig.runlog.folder import END, MAX_RECORD_BYTES, START, RunError, read_bytes
 from rig.runlog.reader import BEING_WRITTEN, Run
 
-# Ending: the module here that writes the format, and the package that it needs.
+# Ending: what writes the format, and the package that it needs.
 FORMATS = {
-    ".parquet": ("parquet", "pyarrow"),
-    ".h5": ("hdf5", "h5py"),
-    ".hdf5": ("hdf5", "h5py"),
-    ".nxs": ("hdf5", "h5py"),
-    ".tdms": ("tdms", "nptdms"),
-    ".mf4": ("mdf", "asammdf"),
+    ".parquet": (formats.write_parquet, "pyarrow"),
+    **dict.fromkeys((".h5", ".hdf5", ".nxs"), (formats.write_hdf5, "h5py")),
+    ".tdms": (formats.write_tdms, "nptdms"),
+    ".mf4": (formats.write_mdf, "asammdf"),
 }
 
 
@@ -36,14 +34,13 @@ def export_samples(run: Run, file: Path) -> None:
         raise RunError(f"{run.folder}: only a sealed run becomes a {file.suffix} file, and this one {what}")
     if os.path.lexists(file):
         raise RunError(f"{file}: exists already; nothing is overwritten, give a name that is free")
-    name, package = FORMATS[file.suffix.lower()]
+    write, package = FORMATS[file.suffix.lower()]
     need(package)
-    writer = importlib.import_module(f"rig.exchange.samples.{name}")
     records = {name: read_bytes(run.folder / name, MAX_RECORD_BYTES) for name in (START, END)}
     beside = file.with_name(f".{uuid.uuid4().hex}.writing{file.suffix}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        writer.write(run, records, beside)
+        write(run, records, beside)
         with beside.open("rb") as written:
             os.fsync(written.fileno())
         beside.rename(file)
