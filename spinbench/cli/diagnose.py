@@ -11,18 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from spinbench import readings
+from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.options import (
-    LOGS,
-    JsonOption,
-    LogsOption,
-    PerRecordingOption,
-    RecordingsArgument,
-    SeedOption,
-    WithoutOption,
-    WithParentsOption,
-    out_folder,
-)
 from spinbench.cli.show import check_places, deliver, remark
 from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
 from spinbench.progress import diagnosing
@@ -31,7 +21,7 @@ if TYPE_CHECKING:
     from calibration.diagnosis.next_test.promised import Promise
     from rig.recording import Recording
 
-OutOption = Annotated[Path | None, out_folder("Write report.html, .png and diagnosis.json there.")]
+OutOption = Annotated[Path | None, options.out_folder("Write report.html, .png and diagnosis.json there.")]
 HoldOutOption = Annotated[
     Path | None,
     typer.Option(
@@ -58,17 +48,17 @@ ResumeOption = Annotated[
 
 @kept_when_interrupted(lambda out: "nothing is kept of an unfinished diagnosis; the same command begins again")
 def diagnose(
-    recording: RecordingsArgument,
+    recording: options.RecordingsArgument,
     out: OutOption = None,
-    json_file: JsonOption = None,
-    seed: SeedOption = 1,
+    json_file: options.JsonOption = None,
+    seed: options.SeedOption = 1,
     hold_out: HoldOutOption = None,
     workers: WorkersOption = None,
-    left_out: WithoutOption = None,
+    left_out: options.WithoutOption = None,
     resume: ResumeOption = None,
-    parents: WithParentsOption = False,
-    per_recording: PerRecordingOption = None,
-    logs: LogsOption = LOGS,
+    parents: options.WithParentsOption = False,
+    per_recording: options.PerRecordingOption = None,
+    logs: options.LogsOption = options.LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
     from calibration.data.joined import as_given
@@ -124,11 +114,11 @@ def compare(
         Path, typer.Argument(metavar="A", help="The earlier one: the folder of a recording, or the name of a run.")
     ],
     after: Annotated[Path, typer.Argument(metavar="B", help="The later one, of the same motor.")],
-    out: Annotated[Path | None, out_folder("Write report.html, .png and comparison.json there.")] = None,
-    json_file: JsonOption = None,
-    seed: SeedOption = 1,
-    left_out: WithoutOption = None,
-    logs: LogsOption = LOGS,
+    out: Annotated[Path | None, options.out_folder("Write report.html, .png and comparison.json there.")] = None,
+    json_file: options.JsonOption = None,
+    seed: options.SeedOption = 1,
+    left_out: options.WithoutOption = None,
+    logs: options.LogsOption = options.LOGS,
 ) -> None:
     """Say what changed from one recording of a motor to another, or that nothing did; 0 whatever the answer."""
     from calibration.data.rows_used import few_used
