@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -76,14 +75,11 @@ class Hooks:
     expect: Expect
 
 
-def guarded(guard: Guard, ambient_bar: float, is_gauge: bool, pressure_sd_bar: float = 0.0) -> Predict:
-    """The guard as the machine asks it.
-
-    `pressure_sd_bar`: what a mean pressure may be off by beyond its scatter [bar].
-    """
+def guarded(guard: Guard, ambient_bar: float, is_gauge: bool) -> Predict:
+    """The guard as the machine asks it."""
 
     def predict(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
-        points = points_of(plateaus, ambient_bar if is_gauge else 0.0, pressure_sd_bar)
+        points = points_of(plateaus, ambient_bar if is_gauge else 0.0)
         return guard.verdict(level_bar_abs * BAR, points)
 
     return predict
@@ -102,11 +98,10 @@ def expecting(guard: Guard, ambient_bar: float, is_gauge: bool) -> Expect:
     return expect
 
 
-def points_of(plateaus: Sequence[Plateau], added_bar: float, pressure_sd_bar: float = 0.0) -> list[Point]:
+def points_of(plateaus: Sequence[Plateau], added_bar: float) -> list[Point]:
     """The plateaus that tell the guard something: those with a pressure and a speed on the scale, or at rest.
 
     `added_bar`: from the channel's zero to absolute [bar].
-    `pressure_sd_bar`: what a mean pressure may be off by beyond its scatter [bar].
     """
     points = []
     for plateau in plateaus:
@@ -119,7 +114,7 @@ def points_of(plateaus: Sequence[Plateau], added_bar: float, pressure_sd_bar: fl
             (pressure.mean + added_bar) * BAR,
             max(speed.mean, 0.0) * RAD_S,
             (speed.se or 0.0) * RAD_S,
-            math.hypot(pressure.se or 0.0, pressure_sd_bar) * BAR,
+            (pressure.se or 0.0) * BAR,
         )
         points.append(point)
     return points

@@ -325,10 +325,10 @@ def plateau_of(pressure, speed):
 
 def test_the_guard_gets_absolute_pressures_and_the_errors_of_the_means():
     plateau = plateau_of(Mean(0.6, 0.001, 30), Mean(230.0, 0.3, 30))
-    (point,) = points_of([plateau], AMBIENT, pressure_sd_bar=0.01)
+    (point,) = points_of([plateau], AMBIENT)
     assert point.pressure_pa == pytest.approx((0.6 + AMBIENT) * 1e5)
     assert point.speed_rad_s == pytest.approx(24.0855, abs=1e-3)
-    assert point.pressure_sd == pytest.approx(1005.0, abs=1.0)
+    assert point.pressure_sd == pytest.approx(100.0, abs=1.0)
 
 
 def test_a_rotor_at_rest_tells_the_guard_something_and_a_speed_off_the_scale_nothing():
