@@ -15,7 +15,6 @@ from rig.runlog.reader import Run
 from rig.runlog.schema import CAPTURE, ZERO, ZERO_TAKEN_BACK, EventLine
 
 CAPTURES = ("coast-down", "spin-up")
-_USABLE = [quality.value for quality in USABLE]
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def series(run: Run, channel: str, start_s: float, end_s: float) -> Series:
     time_ns = samples["time_ns"].to_numpy()
     within = samples[(time_ns >= round(start_s * NS)) & (time_ns <= round(end_s * NS))]
     rows = within[(within["device"] == device) & (within["channel"] == name)]
-    usable = rows["value"].notna().to_numpy() & rows["quality"].isin(_USABLE).to_numpy()
+    usable = rows["value"].notna().to_numpy() & rows["quality"].isin(USABLE).to_numpy()
     kept = rows[usable]
     order = np.argsort(kept["time_ns"].to_numpy(), kind="stable")
     return Series(

@@ -72,7 +72,6 @@ ROLES = ("pressure", "flow", "speed", "temperature")
 CHECK, CHECK_FAILED, STATE, SET_POINT = "model check", "model check failed", "state", "set-point"
 LATEST = (CHECK, CHECK_FAILED, STATE, SET_POINT, COURSE, EXPECTED, ZERO, CAPTURE)  # of each kind the last is kept
 ALARMS = ("warning", "level refused", "set-point not taken", "capture failed", CHECK_FAILED, "line lost")
-_USABLE = {quality.value for quality in USABLE}
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class Shown:
     @property
     def usable(self) -> bool:
         """Whether there is a value without a fault."""
-        return self.value is not None and self.quality in _USABLE
+        return self.value is not None and self.quality in USABLE
 
 
 class _Lines:
@@ -200,7 +199,7 @@ class Tail:
         value = self._number(cells[4]) if cells[4] else None
         shown = Shown(role, channel, value, cells[5], cells[6], time_s, int(self._number(cells[7])))
         self.newest[role] = shown
-        if value is not None and shown.quality in _USABLE:
+        if value is not None and shown.quality in USABLE:
             self.bins[role].add(time_s, value)
 
     def _number(self, cell: str) -> float:

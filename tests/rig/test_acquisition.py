@@ -49,9 +49,10 @@ def acquiring():
 
     def start(served, found=None, **options):
         sink = Kept()
-        acquisition = Acquisition(found or bench(MODBUS), served.clock, sink, ports_of(served), **options)
+        acquisition = Acquisition(found or bench(MODBUS), served.clock, ports_of(served), **options)
         ended.append(acquisition)
-        acquisition.start()
+        acquisition.connect()
+        acquisition.begin(sink)
         return acquisition, sink
 
     yield start
@@ -219,9 +220,9 @@ def test_a_missing_device_is_told_at_the_start(tmp_path):
     found = bench(text)
     with serving(found, tmp_path) as served:
         served.ask(do="fault", kind="dropped", device="dac", chance=1.0)
-        acquisition = Acquisition(found, served.clock, Kept(), ports_of(served))
+        acquisition = Acquisition(found, served.clock, ports_of(served))
         with pytest.raises(LineError) as refused:
-            acquisition.start()
+            acquisition.connect()
     assert len(str(refused.value).splitlines()) == 1
     assert "bus" in str(refused.value)
 
@@ -231,9 +232,9 @@ def test_a_device_that_answers_as_another_is_told_at_the_start(tmp_path):
         MODBUS.replace('instrument = "edges"\nline = "usb"', 'instrument = "edges"\nline = "usb"\nserial_number = "X9"')
     )
     with serving(bench(MODBUS), tmp_path) as served:
-        acquisition = Acquisition(other, served.clock, Kept(), ports_of(served))
+        acquisition = Acquisition(other, served.clock, ports_of(served))
         with pytest.raises(IdentityError, match="X9"):
-            acquisition.start()
+            acquisition.connect()
 
 
 def test_rate_jitter_and_failures_are_counted(acquiring, tmp_path):
@@ -298,8 +299,9 @@ def test_a_log_that_cannot_be_written_ends_the_run(acquiring, tmp_path):
             raise OSError(28, "No space left on device")
 
     with serving(bench(MODBUS), tmp_path) as served:
-        acquisition = Acquisition(bench(MODBUS), served.clock, Full(), ports_of(served))
-        acquisition.start()
+        acquisition = Acquisition(bench(MODBUS), served.clock, ports_of(served))
+        acquisition.connect()
+        acquisition.begin(Full())
         wait_for(lambda: acquisition.recorder.failure is not None)
         with pytest.raises(RecorderError, match="No space left"):
             acquisition.last("speed")

@@ -95,14 +95,15 @@ class Session:
         self.conversation = Conversation(port, self.clock, lambda: len(self.stops))
         room = Circumstances(ambient=self.ambient.record())
         self.writer = RunWriter.create(tmp_path, start_record(bench, "manual", self.clock, {}, room), sync_s=60.0)
-        self.acquisition = Acquisition(bench, self.clock, self.writer, self.conversation.ports)
+        self.acquisition = Acquisition(bench, self.clock, self.conversation.ports)
         self.course, _ = sweep_course(bench, self.ambient)
         self.hooks = hooks(**given)
         self.outcome = None
         self.thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self):
-        self.acquisition.start()
+        self.acquisition.connect()
+        self.acquisition.begin(self.writer)
         with contextlib.ExitStack() as stack:
             stack.callback(self.acquisition.stop)
             parts = (self.acquisition, self.writer, self.bench, self.course, self.conversation, self.hooks)
@@ -612,7 +613,7 @@ def test_a_pipe_does_as_well_as_a_terminal(tmp_path):
     read_end, write_end = os.pipe()
     session.conversation.port = KeyboardPort(session.clock, read_end, session.terminal.slave)
     session.conversation.port.open()
-    session.acquisition = Acquisition(session.bench, session.clock, session.writer, session.conversation.ports)
+    session.acquisition = Acquisition(session.bench, session.clock, session.conversation.ports)
     os.write(write_end, f"{ZERO}\n{dials(1.6)}\n1.60\n\n{ZERO}\n".encode())
     with session:
         pass
