@@ -49,9 +49,8 @@ class Adam4024(ModbusDevice):
 
     def restart(self, time_ns: int) -> None:
         """Power comes back: outputs at zero, and the safety as it was switched, which the module keeps."""
-        super().restart(time_ns)
         self.occurred = 0
-        self.switch_off()
+        super().restart(time_ns)
 
     def switch_off(self) -> None:
         """Without power there is no voltage, and the regulator shuts."""
