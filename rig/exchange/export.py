@@ -15,8 +15,8 @@ import numpy as np
 from rig.exchange.captures import column_of, transients
 from rig.exchange.figures import Figures
 from rig.readings import NS
-from rig.recording import Ambient, Recording, RecordingFile, write_recording
-from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
+from rig.recording import Ambient, Recording, RecordingFile, SupplyFigures, write_recording
+from rig.recording.schema import MOST_TEXT, SupplyTable
 from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of
 from rig.runlog.phases import DERIVED_DEVICE, Phase, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
@@ -77,6 +77,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
             f"be used, and no zero phase or capture with readings; {'; '.join(notes[1:]) or 'the run ended too early'}"
         )
     columns = {name for file in files for name in file.columns}
+    supply = {key: getattr(run.start.supply, key) for key in SupplyTable.model_fields}
     recording = Recording(
         folder=run.folder,
         motor=run.start.motor,
@@ -84,7 +85,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
         channels={name: figures.channel(name) for name in channels if name in columns},
         files=tuple(_at_rest_below(file) for file in files),
         sha256=_digest(run),
-        supply=supply_of(SupplyTable(**{key: getattr(run.start.supply, key) for key in SupplyTable.model_fields})),
+        supply=SupplyFigures(**SupplyTable(**supply).model_dump()),
         origin=_origin(run),
         added_inertia_kg_m2=run.start.added_inertia_kg_m2,
     )

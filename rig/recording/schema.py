@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 import configs
 from configs import FOLDER, ConfigError, Strict, validate
 from rig.recording.columns import FIGURES, MEASURED, NAMES, NUMERIC, nearest, other_spelling
-from rig.recording.contents import Ambient, Channel, Kind, SupplyFigures
+from rig.recording.contents import Channel, Kind
 from rig.recording.mistakes import Mistakes, shown
 
 FORMAT = "recording/1"
@@ -241,16 +241,6 @@ def _check_motor_name(name: str, folder: Path, place: str, mistakes: Mistakes) -
     else:
         return
     mistakes.add(place, f"motor '{shown(name)}' {what} (known: {', '.join(known) or 'none'})")
-
-
-def ambient_of(table: AmbientTable) -> Ambient:
-    """The ambient air as the calibration sees it."""
-    return Ambient(**table.model_dump())
-
-
-def supply_of(table: SupplyTable) -> SupplyFigures:
-    """The line between regulator and motor, as the calibration sees it."""
-    return SupplyFigures(**table.model_dump())
 
 
 def channel_of(column: str, table: ChannelTable | None) -> Channel:
