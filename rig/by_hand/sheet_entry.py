@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from rig import acquisition
@@ -106,7 +106,7 @@ def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
         raise SheetError("\n".join(mistakes[:20]))
     if not rows:
         raise SheetError("no row has readings")
-    return [SheetRow(row.time_s - first_s, *_rest(row)) for row in rows]
+    return [replace(row, time_s=row.time_s - first_s) for row in rows]
 
 
 def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Ambient) -> Outcome:
@@ -193,10 +193,6 @@ def _row(cells: dict[str, str], typed: dict[str, ChannelFile], last_s: float | N
     except EntryError as error:
         raise ValueError(str(error)) from None
     return SheetRow(time_s, level, direction, text, after_text, cells["note"][:MOST_NOTE])
-
-
-def _rest(row: SheetRow) -> tuple[float | None, str, str, str, str]:
-    return row.level_bar_abs, row.direction, row.entry, row.after, row.note
 
 
 def _time(cell: str, last_s: float | None) -> float:
