@@ -132,8 +132,7 @@ def capture(
 
     server, name = server_of(conceal, conceal_seed, only, key), parent.name if parent else None
     by = (operator, motor_serial, note, name)
-    wanted = Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2)
-    _take(bench, given, course, wanted)
+    _take(bench, given, course, Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2))
 
 
 def _among(name: str, logs: Path) -> Run:
