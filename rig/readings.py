@@ -85,7 +85,6 @@ class Event:
 
     `kind`: ``tx``: bytes sent; ``rx``: bytes received; ``silence``: a wait that ended without bytes; ``lost``: the port
         failed.
-    `time_ns`: on the bench's monotonic clock [ns].
     `data`: the bytes, or for ``lost`` what the system said, as UTF-8.
     """
 

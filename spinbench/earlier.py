@@ -23,14 +23,8 @@ RECORDINGS, FOLDER, SHA256, WITHOUT = "recordings", "folder", "sha256", "without
 class Earlier:
     """A diagnosis that is gone on with.
 
-    Attributes
-    ----------
-    recordings : list of Recording
-        That it was made of, without what was left out of them.
-    sources : list of dict
-        Those, as its document names them.
-    document : mapping
-        The diagnosis.
+    `recordings`: that it was made of, without what was left out of them.
+    `sources`: those, as its document names them.
     """
 
     recordings: list[Recording]
@@ -72,10 +66,7 @@ class Earlier:
 def read_earlier(out: Path) -> Earlier:
     """A diagnosis from the folder that its report was written to.
 
-    Raises
-    ------
-    RecordingError
-        When there is none, it does not say what it was made of, or that is not as it was.
+    Raises RecordingError when there is none, it does not say what it was made of, or that is not as it was.
     """
     from calibration.data.left_out import without
     from calibration.diagnosis.document import FORMAT

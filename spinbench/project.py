@@ -17,13 +17,7 @@ What no instrument tells: what was changed on the bench and when, oil, seals, ca
 
 
 def files_of(name: str) -> dict[str, bytes]:
-    """The files of a project by their place in it.
-
-    Parameters
-    ----------
-    name : str
-        What the project is called.
-    """
+    """The files of a project that is called so, by their place in it."""
     from configs import FOLDER, PROJECT
 
     plain = re.sub(r"[^\w .-]", "", name) or "a bench"

@@ -100,10 +100,7 @@ def _check_written_out(recording: Recording) -> None:
 def all_named(named: Sequence[Path], logs: Path, parents: bool = False) -> list[Recording]:
     """The recordings that a person names and, where asked for, what each goes on from, ahead of it.
 
-    Raises
-    ------
-    RecordingError
-        When a parent is missing, or parents go in a circle.
+    Raises RecordingError when a parent is missing, or parents go in a circle.
     """
     folders = [folder_named(one, logs) for one in named]
     if not parents or len({folder.resolve() for folder in folders}) < len(folders):  # whoever calls refuses these

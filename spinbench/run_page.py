@@ -20,12 +20,7 @@ SEED = 1
 def write(folder: Path) -> Path:
     """Hold the readings of a run against the model, and write its page into its folder; the page.
 
-    Raises
-    ------
-    RunError
-        When the folder holds no run that has ended.
-    OSError
-        When the page cannot be written.
+    Raises RunError when the folder holds no run that has ended; OSError when the page cannot be written.
     """
     from calibration.report.run.page import page
     from rig.recording.files import write_file

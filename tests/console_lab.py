@@ -20,21 +20,11 @@ from typing import Any
 
 from rig.bench.bench import FOLDER
 from rig.runlog import Run, read_run
+from tests.waiting import ENOUGH_S, wait_for
 
 PROGRAM = [sys.executable, "-m", "spinbench"]
-ENOUGH_S = 180.0
 PATIENT_MS = 1000.0 * ENOUGH_S
 RATE = 4.0  # of the bench's clock: no faster, for other work keeps the machine busy
-
-
-def wait_for(found: Callable[[], Any], what: str) -> Any:
-    """Wait until there is an answer."""
-    end_s = time.monotonic() + ENOUGH_S
-    while time.monotonic() < end_s:
-        if answer := found():
-            return answer
-        time.sleep(0.05)
-    raise AssertionError(f"{what}: not within {ENOUGH_S:g} s")
 
 
 def free_port() -> int:

@@ -27,6 +27,7 @@ from rig.lines.port import BadReplyError
 from rig.recording import RecordingError, read_recording
 from rig.runlog import RunError, read_run, verify
 from rig.runlog.tail import Tail
+from tests.instrument_peers import edge_bytes, lutron_bytes
 from tests.kills_of_commands import LOGGER, MAPPING
 from tests.modbus_peer import crc
 from tests.synthetic_runs import write_sweep
@@ -91,7 +92,7 @@ def edges(data: bytes) -> bool:
     assert first + edge_frames.cut(tail + data[1 + half :])[0] == frames, "other frames in two pieces"
     counting = edge_frames.Counting()
     for frame in frames:
-        assert edge_frames.encode(frame) in data, "a frame that was not sent"
+        assert edge_bytes(frame) in data, "a frame that was not sent"
         counting.take(frame)
     return bool(frames)
 
@@ -248,8 +249,8 @@ def seeds(name: str) -> list[bytes]:
         "numbers": [
             bytes([kind, order]) + b"\x12\x34\x56\x78\x9a\xbc\xde\xf0" for kind in range(8) for order in range(4)
         ],
-        "edges": [b"\5" + b"".join(map(edge_frames.encode, frames))],
-        "meter": [lutron.encode(lutron.Frame("1", "19", 397.5), 1) * 2],
+        "edges": [b"\5" + b"".join(map(edge_bytes, frames))],
+        "meter": [lutron_bytes(lutron.Frame("1", "19", 397.5), 1) * 2],
         "text": [b"397.1", b" +12.5"],
         "controller": [("A " + " ".join("+1.00" if e != "gas" else "Air" for e in _ALICAT.layout)).encode()],
         "transmitter": [b"\x40\0\0\0" * 6],

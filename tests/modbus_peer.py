@@ -24,6 +24,11 @@ def crc(data: bytes) -> bytes:
     return value.to_bytes(2, "little")
 
 
+def rtu(body: bytes) -> bytes:
+    """A frame with its checksum."""
+    return body + crc(body)
+
+
 class ModbusPeer:
     """Registers of some units behind a pty.
 

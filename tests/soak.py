@@ -89,8 +89,7 @@ def soak(ports: dict, seconds: float, folder: Path) -> tuple[dict[str, Seen], li
     bench, clock = soak_bench(), Clock(ports["rate"], ports["clock_start_ns"])
     seen: dict[str, Seen] = defaultdict(Seen)
     writer = RunWriter.create(folder, start_of("zero"))
-    recorder = Recorder(writer, lambda exchange: exchange, Channels())
-    recorder.subscribe(lambda exchange: _count(seen, exchange))
+    recorder = Recorder(writer, lambda exchange: _counted(seen, exchange), Channels())
     recorder.start()
     workers = []
     for name in LINES:
@@ -114,10 +113,8 @@ def soak(ports: dict, seconds: float, folder: Path) -> tuple[dict[str, Seen], li
     return seen, memory, writer.folder
 
 
-def _count(seen: dict[str, Seen], exchange: Exchange) -> None:
-    if not is_poll(exchange):
-        return
-    for reading in exchange.readings:
+def _counted(seen: dict[str, Seen], exchange: Exchange) -> Exchange:
+    for reading in exchange.readings if is_poll(exchange) else ():
         of = seen[reading.device]
         of.polls += 1
         of.usable += reading.usable
@@ -125,6 +122,7 @@ def _count(seen: dict[str, Seen], exchange: Exchange) -> None:
         if of.last_ns and len(of.intervals_s) < KEPT:
             of.intervals_s.append((reading.reply_ns - of.last_ns) / NS)
         of.last_ns = reading.reply_ns
+    return exchange
 
 
 def told(seen: dict[str, Seen], rates: dict[str, float], seconds: float) -> str:

@@ -23,7 +23,6 @@ ROLES = ("pressure", "flow", "speed", "temperature")
 class Acquisition:
     """Reads a bench into a run log.
 
-    `sink`: the run log; may come later, with `begin`.
     `ports`: from a line's name, its table and the clock to its port; the ports that the bench file names when left out.
     `ambient_bar`, `ambient_c`: the room's pressure [bar] and temperature [degree Celsius] in this run; the bench file's
         when left out.
@@ -33,7 +32,6 @@ class Acquisition:
         self,
         bench: Bench,
         clock: Clock,
-        sink: Sink | None = None,
         ports: Callable[[str, LineTable, Clock], Port] = port_of,
         simulated: bool = False,
         ambient_bar: float | None = None,
@@ -41,7 +39,7 @@ class Acquisition:
     ) -> None:
         self.bench, self.clock = bench, clock
         self.channels = Channels()
-        self.recorder = Recorder(sink, Stage(bench, simulated, ambient_bar, ambient_c), self.channels)
+        self.recorder = Recorder(None, Stage(bench, simulated, ambient_bar, ambient_c), self.channels)
         self.workers: dict[str, Worker] = {}
         for name, table in bench.file.lines.items():
             drivers = {
@@ -54,11 +52,6 @@ class Acquisition:
                 self.workers[name] = Worker(line, drivers, self.recorder.put, self.recorder.note, clock)
         self._line_of = {device: table.line for device, table in bench.file.devices.items()}
         self._names = {role: self._role_name(role) for role in ROLES}
-
-    def start(self) -> None:
-        """`connect` and `begin`."""
-        self.connect()
-        self.begin()
 
     def connect(self) -> None:
         """Open every line and identify every device. What crosses the wires is kept for the log.
@@ -77,12 +70,9 @@ class Acquisition:
             raise faults[0]
         raise LineError("\n".join(str(fault) for fault in faults))
 
-    def begin(self, sink: Sink | None = None) -> None:
-        """Begin to write, what `connect` exchanged first, and to poll.
-
-        `sink`: the run log, where the constructor got none.
-        """
-        self.recorder.sink = sink or self.recorder.sink
+    def begin(self, sink: Sink) -> None:
+        """Begin to write into the run log, what `connect` exchanged first, and to poll."""
+        self.recorder.sink = sink
         self.recorder.start()
         for worker in self.workers.values():
             worker.start()
@@ -154,10 +144,6 @@ class Acquisition:
         """The readings of a channel, failed or not, whose replies came after a time [ns], oldest first."""
         self.check()
         return self.channels.since(self._name(channel), after_ns)
-
-    def subscribe(self, listener: Callable[[Exchange], None]) -> None:
-        """Show every exchange to a listener once it is written."""
-        self.recorder.subscribe(listener)
 
     def statistics(self) -> dict[str, Any]:
         """Rates, jitter, latency and failures of every device, and how full the queue was."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
 from typing import Any, Protocol
 
 from rig.acquisition.channels import Channels
@@ -33,10 +32,7 @@ class Sink(Protocol):
 
 
 class Recorder(threading.Thread):
-    """Takes exchanges from the lines, writes them, and then shows them to whoever listens.
-
-    `sink`: the run log; set before the thread starts.
-    """
+    """Takes exchanges from the lines and writes them. `sink`: the run log; set before the thread starts."""
 
     def __init__(self, sink: Sink | None, stage: Stage, channels: Channels) -> None:
         super().__init__(name="recorder", daemon=True)
@@ -46,14 +42,6 @@ class Recorder(threading.Thread):
         self.waits = 0  # times that a line found the queue full
         self.written = 0
         self._queue: queue.Queue[Exchange | tuple[str, int, dict[str, Any]] | None] = queue.Queue(LENGTH)
-        self._listeners: list[Callable[[Exchange], None]] = []
-
-    def subscribe(self, listener: Callable[[Exchange], None]) -> None:
-        """Show every exchange to a listener, once it is written.
-
-        `listener`: takes an `Exchange`; called in the recorder's thread, and dropped with an event when it fails.
-        """
-        self._listeners.append(listener)
 
     def put(self, exchange: Exchange) -> None:
         """Hand over an exchange; waits when the queue is full.
@@ -118,10 +106,3 @@ class Recorder(threading.Thread):
         self.sink.exchange(exchange)
         self.written += 1
         self.channels.add(exchange.readings)
-        for listener in tuple(self._listeners):
-            try:
-                listener(exchange)
-            except Exception as error:  # a listener's fault is not the run's
-                self._listeners.remove(listener)
-                when = exchange.events[-1].time_ns if exchange.events else 0
-                self.sink.event("listener failed", when, error=f"{type(error).__name__}: {error}")

@@ -135,11 +135,7 @@ class Worker(threading.Thread):
         return f"{name} (line {self.line.name}) does not answer as it should: {error}; {ask}"
 
     def command(self, device: str, action: str, argument: float | None = None) -> Future[Exchange]:
-        """Have something done on the line, before the next poll.
-
-        `argument`: set-point of a write [own unit].
-        The future is of the exchange, or of the fault.
-        """
+        """Have something done on the line, before the next poll. The future is of the exchange, or of the fault."""
         done: Future[Exchange] = Future()
         if not self.is_alive():
             done.set_exception(LostError(f"line {self.line.name}: nothing runs on it any more"))

@@ -24,12 +24,10 @@ from rig.bench.instrument import FOLDER as INSTRUMENTS
 from rig.bench.instrument import ChannelFile, Instrument, InstrumentFile, Regulator, instrument_of
 from rig.recording.schema import SupplyTable
 
-FORMAT = "bench/1"
 BENCH_SOURCE = "bench.toml"
 FOLDER = configs.FOLDER / "benches"
 
 Positive = Annotated[float, pydantic.Field(gt=0.0)]
-NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
 
 
 class AmbientTable(Strict):
@@ -172,12 +170,12 @@ class Bench:
         source = self.sources.get(motor_source(self.file.motor))
         return self.file.motor if source is None else configs.parse_toml(source, motor_source(self.file.motor))
 
-    def build(self, device: str) -> Instrument:
-        """The driver of a device."""
+    def build(self, device: str, place: Place | None = None) -> Instrument:
+        """The driver of a device. `place`: where it is looked for; where the bench file has it when left out."""
         settings = self.instruments[device]
         table = self.file.devices[device]
         module = importlib.import_module(f"rig.instruments.{settings.family}")
-        return module.build(device, settings, Place(table, self.file.lines[table.line]))
+        return module.build(device, settings, place or Place(table, self.file.lines[table.line]))
 
     def regulator(self, device: str) -> Regulator:
         """The driver of a device that takes a set-point. Raises ConfigError for one that takes none."""

@@ -18,7 +18,6 @@ from rig.lines import Line
 from rig.readings import Reading
 from rig.recording.schema import OF_SPEED, SpeedKeys
 
-FORMAT = "instrument/1"
 FOLDER = configs.FOLDER / "instruments"
 SPEED = "speed_rpm"
 
@@ -170,15 +169,6 @@ def families() -> list[str]:
         for module in pkgutil.iter_modules(room.__path__)
         if hasattr(importlib.import_module(f"{room.__name__}.{module.name}"), "Settings")
     ]
-
-
-def read_instrument(name: str) -> InstrumentFile:
-    """Read an instrument's file.
-
-    Returns the settings of its family. Raises ConfigError when there is no such file or family, or the file is wrong.
-    """
-    path = FOLDER / f"{name}.toml"
-    return instrument_of(configs.read_source(path), str(path))
 
 
 def instrument_of(source: bytes, place: str) -> InstrumentFile:

@@ -33,7 +33,11 @@ MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
 
 
 class ManualSweep:
-    """Goes through the steps with a person. `course`: its steps and its table; captures are not made by hand."""
+    """Goes through the steps with a person who reads the instruments.
+
+    `acquisition`: started, with ``conversation.ports``; it is not stopped here.
+    `course`: its steps and its table; captures are not made by hand.
+    """
 
     def __init__(
         self,
@@ -288,19 +292,3 @@ class ManualSweep:
 
     def _event(self, kind: str, **details: Any) -> None:
         self.acquisition.event(kind, None, **details)
-
-
-def run_manual(
-    acquisition: Acquisition,
-    sink: PlateauSink,
-    bench: Bench,
-    course: Course,
-    conversation: Conversation,
-    hooks: Hooks | None = None,
-) -> Outcome:
-    """Go through a course with a person who reads the instruments.
-
-    `acquisition`: started, with ``conversation.ports``; it is not stopped here.
-    `hooks`: guard and limits; none when left out.
-    """
-    return ManualSweep(acquisition, sink, bench, course, conversation, hooks or Hooks()).run()

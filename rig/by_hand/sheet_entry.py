@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
+from rig import acquisition
 from rig.acquisition import actions
 from rig.acquisition.derived import DEVICE as DERIVED
 from rig.acquisition.opening import line_of
@@ -23,12 +24,12 @@ from rig.instruments.manual import EntryError, decode_entry
 from rig.lines.keyboard import KeyboardPort
 from rig.plateaus.plan import DOWN, UP, Step, SweepError
 from rig.plateaus.plateau import Mean, Plateau
-from rig.readings import NS, Exchange, Reading
+from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.runlog.schema import ZERO
 from rig.sweep.ambient import Ambient
 from rig.sweep.orders import FINISHED
-from rig.sweep.runner import Outcome
+from rig.sweep.runner import Outcome, PlateauSink
 
 MOST_BYTES = 1_000_000
 MOST_ROWS = 2000
@@ -42,17 +43,8 @@ class SheetError(SweepError):
     """A sheet cannot be entered as it stands. The text names every row and column that is wrong."""
 
 
-class Sink(Protocol):
+class Sink(acquisition.Sink, PlateauSink, Protocol):
     """`rig.runlog.RunWriter`."""
-
-    def exchange(self, exchange: Exchange) -> None:
-        """Write an exchange and its readings."""
-
-    def event(self, kind: str, time_ns: int, **details: Any) -> None:
-        """Write an event."""
-
-    def plateau(self, row: Mapping[str, Any]) -> None:
-        """Write a plateau."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +106,7 @@ def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
         raise SheetError("\n".join(mistakes[:20]))
     if not rows:
         raise SheetError("no row has readings")
-    return [SheetRow(row.time_s - first_s, *_rest(row)) for row in rows]
+    return [replace(row, time_s=row.time_s - first_s) for row in rows]
 
 
 def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Ambient) -> Outcome:
@@ -201,10 +193,6 @@ def _row(cells: dict[str, str], typed: dict[str, ChannelFile], last_s: float | N
     except EntryError as error:
         raise ValueError(str(error)) from None
     return SheetRow(time_s, level, direction, text, after_text, cells["note"][:MOST_NOTE])
-
-
-def _rest(row: SheetRow) -> tuple[float | None, str, str, str, str]:
-    return row.level_bar_abs, row.direction, row.entry, row.after, row.note
 
 
 def _time(cell: str, last_s: float | None) -> float:

@@ -13,7 +13,7 @@ from rig.doctor import host as machine
 from rig.doctor import measure, trials
 from rig.doctor.finding import Finding, Level, printable
 from rig.doctor.host import Host
-from rig.doctor.orders import of_orders
+from rig.doctor.measure import of_orders
 from rig.doctor.trials import Ports
 from rig.lines import Line, LineError, LostError
 from rig.lines.line import LEAST_REAL_WAIT_S

@@ -5,11 +5,10 @@ Only what opens and identifies a device is sent, the same as at the start of a r
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Sequence
 
 from rig.acquisition.opening import line_of
-from rig.bench.bench import Bench, DeviceTable, LineTable, Place
+from rig.bench.bench import Bench, LineTable, Place
 from rig.bench.instrument import IdentityError, Instrument, InstrumentError
 from rig.clock import Clock
 from rig.lines import LineError, Port
@@ -40,7 +39,7 @@ def other_settings(
         candidates += [{"parity": parity} for parity in PARITIES if parity != table.parity]
     for change in candidates:
         changed = table.model_copy(update=change)
-        if _answers(built(bench, device, bench.file.devices[device], changed), name, changed, ports, clock):
+        if _answers(bench.build(device, Place(bench.file.devices[device], changed)), name, changed, ports, clock):
             return changed
     return None
 
@@ -53,16 +52,11 @@ def other_units(bench: Bench, device: str, units: Sequence[int], ports: Ports, c
     found = []
     for unit in units:
         changed = of_device.model_copy(update={"unit_id": unit})
-        if unit not in taken and _answers(built(bench, device, changed, table), of_device.line, table, ports, clock):
+        if unit not in taken and _answers(
+            bench.build(device, Place(changed, table)), of_device.line, table, ports, clock
+        ):
             found.append(unit)
     return found
-
-
-def built(bench: Bench, device: str, of_device: DeviceTable, table: LineTable) -> Instrument:
-    """The driver of a device with other tables than the bench file's."""
-    settings = bench.instruments[device]
-    module = importlib.import_module(f"rig.instruments.{settings.family}")
-    return module.build(device, settings, Place(of_device, table))
 
 
 def _answers(driver: Instrument, name: str, table: LineTable, ports: Ports, clock: Clock) -> bool:

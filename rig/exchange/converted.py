@@ -30,18 +30,11 @@ _HELD = ("time_s", "supply_open", "rotor_locked", "angle_rad")  # of averaged ro
 class Converted:
     """One file's columns.
 
-    Attributes
-    ----------
-    columns : dict of str to Column
-        In the units of their names, all of one length.
-    direction : ndarray of str, or None
-        ``up``, ``down`` or empty.
-    cells : dict of str to list of str
-        The text behind each column, where rows were not averaged.
-    lines : list of int
-        Of the source, that each row ends at.
-    notes : list of str
-        What a person should know of what was left out.
+    `columns`: in the units of their names, all of one length.
+    `direction`: ``up``, ``down`` or empty.
+    `cells`: the text behind each column, where rows were not averaged.
+    `lines`: of the source, that each row ends at.
+    `notes`: what a person should know of what was left out.
     """
 
     entry: FileTable
@@ -60,10 +53,7 @@ class Converted:
 def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     """A file's columns as those of a recording.
 
-    Raises
-    ------
-    RunError
-        File, line and column of the first cell that cannot be used.
+    Raises RunError: file, line and column of the first cell that cannot be used.
     """
     reads = Cell(mapping.table)
     rows = _rows(entry, table, reads)

@@ -15,8 +15,8 @@ import numpy as np
 from rig.exchange.captures import column_of, transients
 from rig.exchange.figures import Figures
 from rig.readings import NS
-from rig.recording import Ambient, Recording, RecordingFile, write_recording
-from rig.recording.schema import MOST_TEXT, SupplyTable, supply_of
+from rig.recording import Ambient, Recording, RecordingFile, SupplyFigures, write_recording
+from rig.recording.schema import MOST_TEXT, SupplyTable
 from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of
 from rig.runlog.phases import DERIVED_DEVICE, Phase, quantity_channels, series, zeros
 from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
@@ -29,13 +29,7 @@ STANDS = 3.0  # standard errors of a mean speed that is none
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export made.
-
-    Attributes
-    ----------
-    notes : list of str
-        What was left out, and what was assumed.
-    """
+    """What an export made. `notes`: what was left out, and what was assumed."""
 
     recording: Recording
     notes: list[str]
@@ -44,12 +38,8 @@ class Exported:
 def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exported:
     """Write a run as a recording/1 folder.
 
-    Raises
-    ------
-    RunError
-        When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
-    RecordingError
-        When the folder cannot be made.
+    Raises RunError when the run is being written, or (`EmptyRunError`) holds nothing that a recording could;
+    RecordingError when the folder cannot be made.
     """
     exported = recording_of(run, unsettled)
     Path(folder).parent.mkdir(parents=True, exist_ok=True)
@@ -61,10 +51,7 @@ def export_recording(run: Run, folder: Path, unsettled: bool = False) -> Exporte
 def recording_of(run: Run, unsettled: bool = False) -> Exported:
     """A run as a recording, not written anywhere: what `fit` and `diagnose` take of a run folder.
 
-    Raises
-    ------
-    RunError
-        When the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
+    Raises RunError when the run is being written, or (`EmptyRunError`) holds nothing that a recording could.
     """
     if run.state == BEING_WRITTEN:
         raise RunError(f"{run.folder}: a program writes this run now; export it when it has ended")
@@ -90,6 +77,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
             f"be used, and no zero phase or capture with readings; {'; '.join(notes[1:]) or 'the run ended too early'}"
         )
     columns = {name for file in files for name in file.columns}
+    supply = {key: getattr(run.start.supply, key) for key in SupplyTable.model_fields}
     recording = Recording(
         folder=run.folder,
         motor=run.start.motor,
@@ -97,7 +85,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
         channels={name: figures.channel(name) for name in channels if name in columns},
         files=tuple(_at_rest_below(file) for file in files),
         sha256=_digest(run),
-        supply=supply_of(SupplyTable(**{key: getattr(run.start.supply, key) for key in SupplyTable.model_fields})),
+        supply=SupplyFigures(**SupplyTable(**supply).model_dump()),
         origin=_origin(run),
         added_inertia_kg_m2=run.start.added_inertia_kg_m2,
     )

@@ -21,10 +21,7 @@ TEMPERATURE_SHARE = (
 class Figures:
     """What is known of each quantity's instrument.
 
-    Parameters
-    ----------
-    run : Run
-        Its devices' records hold the figures, its plateaus the noise.
+    `run`: its devices' records hold the figures, its plateaus the noise.
     """
 
     def __init__(self, run: Run, channels: Mapping[str, str]) -> None:
@@ -65,13 +62,7 @@ class Figures:
         return _ratio(sample, noise)
 
     def scale_of(self, errors: Mapping[str, list[float]]) -> float:
-        """Noise of rows with these standard errors, times that of the steady file: the largest of the quantities [-].
-
-        Parameters
-        ----------
-        errors : mapping of str to list of float
-            Standard errors by quantity [own unit].
-        """
+        """Noise of rows with such standard errors, times that of the steady file: the largest of the quantities [-]."""
         ratios = [
             _ratio(_rms(found), self.noise_sd(name)) for name, found in errors.items() if found and name != "speed_rpm"
         ]
@@ -100,14 +91,10 @@ class Figures:
         ours = used[used["device"] == "derived"]["value"].abs().mean()
         theirs = used[(used["device"] == device) & (used["channel"] == channel)]["value"].abs().mean()
         factor = float(ours / theirs) if theirs and math.isfinite(ours / theirs) else 1.0
-        return ChannelRecord(
-            noise_sd=None if meter.noise_sd is None else meter.noise_sd * factor,
-            bias_sd=None if meter.bias_sd is None else meter.bias_sd * factor,
-            drift_sd=None if meter.drift_sd is None else meter.drift_sd * factor,
-            scale_sd=None if meter.scale_sd is None else math.hypot(meter.scale_sd, TEMPERATURE_SHARE),
-            resolution=None if meter.resolution is None else meter.resolution * factor,
-            repeatability_sd=None if meter.repeatability_sd is None else meter.repeatability_sd * factor,
-        )
+        names = ("noise_sd", "bias_sd", "drift_sd", "resolution", "repeatability_sd")
+        stated = {name: figure * factor for name in names if (figure := getattr(meter, name)) is not None}
+        scale_sd = None if meter.scale_sd is None else math.hypot(meter.scale_sd, TEMPERATURE_SHARE)
+        return ChannelRecord(scale_sd=scale_sd, **stated)
 
     def _plateau_errors(self, run: Run, name: str) -> list[float]:
         means = [plateau.means[name] for plateau in run.plateaus if name in plateau.means]

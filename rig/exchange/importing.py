@@ -52,19 +52,10 @@ def import_files(
 ) -> Path:
     """Import files: as a run in the folder of runs or, when the mapping holds another rig's motor, as a recording.
 
-    Parameters
-    ----------
-    target : Path
-        Where runs are kept, or the recording's folder to make.
-    as_recording : bool
-        Whether data of a motor by name become a recording too.
-    tell : callable, optional
-        Of each thing that was left out, in words.
-
-    Returns
-    -------
-    Path
-        The run's folder, or the recording's.
+    `target`: where runs are kept, or the recording's folder to make.
+    `as_recording`: whether data of a motor by name become a recording too.
+    `tell`: of each thing that was left out, in words.
+    Returns the run's folder, or the recording's.
     """
     is_run = isinstance(mapping.file.motor, str) and not as_recording
     return (import_table if is_run else import_recording)(files, mapping, target, tell)
@@ -73,17 +64,8 @@ def import_files(
 def import_table(files: Sequence[Path], mapping: Mapping, root: Path, tell: Tell = lambda words: None) -> Path:
     """Write tables as a run of kind ``import``; its readings count as unverified, for nothing here checked them.
 
-    Returns
-    -------
-    Path
-        The run's folder.
-
-    Raises
-    ------
-    RunError
-        When a file cannot be read as the mapping says; no run is made then.
-    RecordingError
-        When what it gives would be no recording; nor then.
+    Returns the run's folder. No run is made and RunError is raised when a file cannot be read as the mapping says, or
+    RecordingError when what it gives would be no recording.
     """
     parts = _converted(files, mapping, tell)
     columns = {name for part in parts for name in part.columns}
@@ -109,22 +91,9 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path, tell: Tell
 def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path, tell: Tell = lambda words: None) -> Path:
     """Write tables as a recording/1 folder.
 
-    Parameters
-    ----------
-    mapping : Mapping
-        From `read_mapping`; its motor may be a table of another rig.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    RunError
-        When a file cannot be read as the mapping says.
-    RecordingError
-        When what it gives is no recording.
+    `mapping`: from `read_mapping`; its motor may be a table of another rig.
+    Returns the folder. Raises RunError when a file cannot be read as the mapping says; RecordingError when what it
+    gives is no recording.
     """
     parts = _converted(files, mapping, tell)
     paths = sorted({path for path, _ in _entries(files, mapping)})
@@ -264,10 +233,7 @@ def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
     pressure = next((name for name in PRESSURES if name in columns), None)
     roles = {role: f"{DEVICE}.{name}" if name in columns else None for role, name in ROLES.items()}
     channels = {
-        name: ChannelRecord(
-            unit=UNITS[name],
-            **{key: getattr(file.columns[name], key) for key in ("noise_sd", "bias_sd", "scale_sd", "resolution")},
-        )
+        name: ChannelRecord(unit=UNITS[name], **{key: getattr(file.columns[name], key) for key in FIGURES})
         for name in UNITS
         if name in columns
     }

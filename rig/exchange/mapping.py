@@ -14,15 +14,13 @@ from configs import Strict, find, read_toml, validate
 from rig.exchange.binary.columns import WAVEFORM_TIME
 from rig.exchange.units import unit_of
 from rig.recording.columns import MEASURED, NAMES, nearest
+from rig.recording.contents import Kind
 from rig.recording.mistakes import shown
-from rig.recording.schema import OriginTable
+from rig.recording.schema import Air, NotNegative, OriginTable, Positive
 from rig.runlog.folder import RunError
 
 FORMAT = "import/1"
 FOLDER = CONFIGS / "imports"
-Kind = Literal["steady", "transient", "zero"]
-Positive = Annotated[float, Field(gt=0.0, le=1e9)]
-NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
 OVER_RANGE = ("OL", "+OL", "O.L", "0L", "0.L", "OVLD", "OVER", "OVERLOAD", "OVERRANGE", "OFL", "1.#INF", "INF", "+INF")
 INVALID = (
     *("NaN", "-NaN", "1.#QNAN", "-1.#IND", "1.#IND", "#N/A", "N/A", "NA", "NULL", "None"),
@@ -120,14 +118,8 @@ class FileTable(Strict):
     group: str = ""
 
 
-class AmbientTable(Strict):
+class AmbientTable(Air, Strict):
     """[ambient]: the room, as in recording/1."""
-
-    pressure_bar_abs: Annotated[float, Field(ge=0.3, le=1.2)] | None = None
-    pressure_sd_bar: NotNegative | None = None
-    temperature_c: Annotated[float, Field(ge=-60.0, le=80.0)] | None = None
-    temperature_sd_k: NotNegative | None = None
-    relative_humidity: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
 
 
 class MappingFile(Strict):
@@ -158,12 +150,7 @@ class Mapping:
 def read_mapping(path: Path) -> Mapping:
     """Read a mapping file.
 
-    Raises
-    ------
-    ConfigError
-        When it is missing, or a key is wrong.
-    RunError
-        When a column or a unit is wrong; a line for each.
+    Raises ConfigError when it is missing, or a key is wrong; RunError, a line each, when columns or units are wrong.
     """
     path = Path(path)
     if not path.suffix and not path.is_file():

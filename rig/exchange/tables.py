@@ -25,16 +25,10 @@ _SPACED = re.compile(r'"([^"]*)"|(\S+)')
 class Table:
     """A table's columns.
 
-    Attributes
-    ----------
-    headings : list of str
-        Empty where the file has none.
-    short : tuple of int, or None
-        The line with the fewest cells, and their number; None where each row has all.
-    clocks : str
-        What there was where columns of several clocks stand on one time line, with empty cells between.
-    units : dict of str to str
-        By heading, as the file states them.
+    `headings`: empty where the file has none.
+    `short`: the line with the fewest cells, and their number; None where each row has all.
+    `clocks`: what there was where columns of several clocks stand on one time line, with empty cells between.
+    `units`: by heading, as the file states them.
     """
 
     place: str
@@ -48,10 +42,7 @@ class Table:
     def column(self, key: str | int) -> Cells:
         """A column's cells.
 
-        Raises
-        ------
-        RunError
-            When there is no such column, a row is too short to have it, or the heading stands twice.
+        Raises RunError when there is no such column, a row is too short to have it, or the heading stands twice.
         """
         at = self._at(key)
         if self.short and at >= self.short[1]:
@@ -81,16 +72,9 @@ def read_table(
 ) -> Table:
     """Read a table.
 
-    Parameters
-    ----------
-    wanted : sequence of str or int
-        Headings and places of the columns that are taken, of all for none. Channels that are not taken may have
+    `wanted`: headings and places of the columns that are taken, of all for none. Channels that are not taken may have
         another clock.
-
-    Raises
-    ------
-    RunError
-        When the file is not what the mapping says.
+    Raises RunError when the file is not what the mapping says.
     """
     if table.reader == "csv":
         return _csv(path, table)

@@ -104,13 +104,7 @@ MOLAR_MASS = {
 
 
 def known_units(column: str, differentiate: bool = False) -> list[str]:
-    """The units that a column may come in.
-
-    Parameters
-    ----------
-    differentiate : bool
-        Whether it is made from a length or an angle.
-    """
+    """The units that a column may come in. `differentiate`: whether it is made from a length or an angle."""
     quantities = (INTEGRALS.get(column, ""),) if differentiate else QUANTITIES[column]
     return [name for name, unit in UNITS.items() if unit.quantity in quantities]
 
@@ -118,15 +112,8 @@ def known_units(column: str, differentiate: bool = False) -> list[str]:
 def unit_of(column: str, name: str, differentiate: bool = False) -> Unit:
     """The unit of a column's source.
 
-    Parameters
-    ----------
-    differentiate : bool
-        Whether the column is the rate of change of what the source holds.
-
-    Raises
-    ------
-    RunError
-        When the unit is missing, unknown, or of another quantity. The text lists those that would do.
+    `differentiate`: whether the column is the rate of change of what the source holds.
+    Raises RunError when the unit is missing, unknown, or of another quantity. The text lists those that would do.
     """
     known = known_units(column, differentiate)
     listed = ", ".join(known)

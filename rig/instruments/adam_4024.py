@@ -141,8 +141,7 @@ class Adam4024(Polled):
             return value_of(counts[self.output], self._span, output)
 
         half_a_count = 0.5001 * (self.highest - self.lowest) / (output.high_counts - output.low_counts)
-        limits = (self.lowest, self.highest)
-        return set_and_read_back(value, self.unit, limits, order, read_back, half_a_count, self.device)
+        return set_and_read_back(self, value, order, read_back, half_a_count)
 
     def set_failsafe(self, line: Line) -> str:
         """Switch the communications safety on, where it is not, and read it back."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, cast
 
 import pydantic
@@ -41,23 +41,38 @@ END = b"\r"
 GAS_NAME = re.compile(r"[A-Za-z0-9-]{1,12}")
 
 
-class DeviceChannel(UncheckedChannel):
-    """A number of the frame in the file's unit: value = scale * number + offset."""
+class Scaled(Strict):
+    """A number of the device in the file's unit: value = scale * number + offset."""
 
     scale: float = 1.0
     offset: float = 0.0
 
 
-class TextSetpoint(Strict):
-    """The set-point, in the actuator's unit: device's number = (value - offset) / scale."""
+class DeviceChannel(UncheckedChannel, Scaled):
+    """A number of the frame."""
+
+
+class Setpoint(Scaled):
+    """The set-point, in the actuator's unit."""
 
     unit: str
     lowest: float
     highest: float
     tolerance: Positive
+
+
+class TextSetpoint(Setpoint):
+    """A set-point that is sent as text."""
+
     decimals: Annotated[int, pydantic.Field(ge=0, le=6)] = 3
-    scale: float = 1.0
-    offset: float = 0.0
+
+
+def refuse_no_scale(channels: Iterable[Scaled], setpoint: Setpoint | None) -> None:
+    """Refuse numbers that say nothing, and a set-point that has no room. Raises ValueError."""
+    if any(channel.scale == 0.0 for channel in channels):
+        raise ValueError("a channel's scale is 0")
+    if setpoint is not None and (setpoint.scale == 0.0 or setpoint.lowest >= setpoint.highest):
+        raise ValueError("setpoint: scale is not 0, and lowest lies below highest")
 
 
 class Settings(PolledFile):
@@ -77,10 +92,7 @@ class Settings(PolledFile):
                 f"layout: it holds {', '.join(named)} where the file has {', '.join(wanted)}; each stands once, others "
                 f"are '{GAS}' or '{UNUSED}'"
             )
-        if any(channel.scale == 0.0 for channel in self.channels.values()):
-            raise ValueError("a channel's scale is 0")
-        if self.setpoint is not None and (self.setpoint.scale == 0.0 or self.setpoint.lowest >= self.setpoint.highest):
-            raise ValueError("setpoint: scale is not 0, and lowest lies below highest")
+        refuse_no_scale(self.channels.values(), self.setpoint)
         return self
 
 
@@ -198,8 +210,7 @@ class AlicatController(Alicat):
             fields, _, _ = self._frame(line, self.address)
             return table.scale * float(fields[SETPOINT]) + table.offset
 
-        limits = (self.lowest, self.highest)
-        return set_and_read_back(value, self.unit, limits, order, read_back, table.tolerance, self.device)
+        return set_and_read_back(self, value, order, read_back, table.tolerance)
 
     def set_failsafe(self, line: Line) -> str:
         """There is none in the documents."""

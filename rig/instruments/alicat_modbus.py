@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import pydantic
 
-from configs import Strict
-from rig.bench.instrument import ChannelFile, InstrumentError, InstrumentFile, Positive
-from rig.instruments.alicat import NO_FAILSAFE, judge
+from rig.bench.instrument import ChannelFile, InstrumentError, InstrumentFile
+from rig.instruments.alicat import NO_FAILSAFE, Scaled, Setpoint, judge, refuse_no_scale
 from rig.instruments.codecs.registers import number_of, words_of
 from rig.instruments.codecs.values import Value
 from rig.instruments.placing import modbus_unit
@@ -35,22 +34,8 @@ FLAGS = {
 }
 
 
-class ScaledChannel(ChannelFile):
-    """A float of the block in the file's unit: value = scale * number + offset."""
-
-    scale: float = 1.0
-    offset: float = 0.0
-
-
-class FloatSetpoint(Strict):
-    """The set-point, in the actuator's unit: device's number = (value - offset) / scale."""
-
-    unit: str
-    lowest: float
-    highest: float
-    tolerance: Positive
-    scale: float = 1.0
-    offset: float = 0.0
+class ScaledChannel(ChannelFile, Scaled):
+    """A float of the block."""
 
 
 class Settings(PolledFile):
@@ -58,7 +43,7 @@ class Settings(PolledFile):
 
     numbering: Literal["from 1", "from 0"]  # of the manual's registers
     channels: Annotated[dict[ChannelName, ScaledChannel], pydantic.Field(min_length=1, max_length=4)]
-    setpoint: FloatSetpoint | None = None
+    setpoint: Setpoint | None = None
 
     @pydantic.model_validator(mode="after")
     def known_channels(self) -> Settings:
@@ -66,10 +51,7 @@ class Settings(PolledFile):
         unknown = [name for name in self.channels if _quantity(name) is None]
         if unknown:
             raise ValueError(f"channels.{unknown[0]}: the names begin with {', '.join(QUANTITIES)}")
-        if any(channel.scale == 0.0 for channel in self.channels.values()):
-            raise ValueError("a channel's scale is 0")
-        if self.setpoint is not None and (self.setpoint.scale == 0.0 or self.setpoint.lowest >= self.setpoint.highest):
-            raise ValueError("setpoint: scale is not 0, and lowest lies below highest")
+        refuse_no_scale(self.channels.values(), self.setpoint)
         return self
 
 
@@ -120,7 +102,7 @@ class AlicatModbusController(AlicatModbus):
 
     def __init__(self, device: str, settings: Settings, place: Place) -> None:
         super().__init__(device, settings, place)
-        self.setpoint = cast(FloatSetpoint, settings.setpoint)
+        self.setpoint = cast(Setpoint, settings.setpoint)
         self.unit, self.lowest, self.highest = self.setpoint.unit, self.setpoint.lowest, self.setpoint.highest
 
     def write(self, line: Line, value: float) -> float:
@@ -135,8 +117,7 @@ class AlicatModbusController(AlicatModbus):
             words, _ = self._unit.read(line, first, 2, timing)
             return table.scale * float(number_of(words, "f32")) + table.offset
 
-        limits = (self.lowest, self.highest)
-        return set_and_read_back(value, self.unit, limits, order, read_back, table.tolerance, self.device)
+        return set_and_read_back(self, value, order, read_back, table.tolerance)
 
     def set_failsafe(self, line: Line) -> str:
         """There is none in the documents."""
@@ -146,8 +127,5 @@ class AlicatModbusController(AlicatModbus):
 def build(device: str, settings: InstrumentFile, place: Place) -> AlicatModbus:
     """The driver of an Alicat device that speaks Modbus."""
     chosen = cast(Settings, settings)
-    return (
-        AlicatModbus(device, chosen, place)
-        if chosen.setpoint is None
-        else AlicatModbusController(device, chosen, place)
-    )
+    kind = AlicatModbus if chosen.setpoint is None else AlicatModbusController
+    return kind(device, chosen, place)

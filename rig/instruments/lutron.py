@@ -75,14 +75,6 @@ def decode(frame: bytes) -> Frame:
     return Frame(display.decode(), unit_code.decode(), -number if sign == b"1" else number)
 
 
-def encode(frame: Frame, decimals: int) -> bytes:
-    """The bytes of a frame."""
-    digits = round(abs(frame.value) * 10**decimals)
-    sign = "1" if frame.value < 0.0 else "0"
-    text = f"4{frame.display}{frame.unit_code}{sign}{decimals}{digits:08d}"
-    return bytes([START]) + text.encode("ascii") + bytes([END])
-
-
 def cut(buffer: bytes) -> tuple[list[bytes], bytes]:
     """The whole frames of a buffer; bytes that belong to none are skipped up to the next start.
 

@@ -332,8 +332,7 @@ class ModbusRegulator(ModbusDevice):
             return table.scale * table.number(words) + table.offset
 
         try:
-            limits = (self.lowest, self.highest)
-            return set_and_read_back(value, self.unit, limits, order, read_back, self._tolerance(value), self.device)
+            return set_and_read_back(self, value, order, read_back, self._tolerance(value))
         except ValueError as error:
             raise InstrumentError(f"{self.device}: {error}") from None
 

@@ -44,7 +44,6 @@ class Answer:
     """One successful poll.
 
     `block`: what tells a repeated value from a new one: all that the device said about its channels.
-    `request_ns`, `reply_ns`: on the bench's clock [ns].
     `time_ns`: when the quantities were sampled [ns]; between question and answer when left out.
     `times`: of a device that is read in several questions: when a channel's own was asked and answered [ns].
     """

@@ -4,31 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rig.bench.instrument import InstrumentError
+from rig.bench.instrument import InstrumentError, Regulator
 from rig.instruments.polling import repeated
 from rig.lines import LineError, LostError
 from rig.readings import Quality
 
 
 def set_and_read_back(
-    value: float,
-    unit: str,
-    limits: tuple[float, float],
-    order: Callable[[], None],
-    read_back: Callable[[], float],
-    tolerance: float,
-    device: str,
+    driver: Regulator, value: float, order: Callable[[], None], read_back: Callable[[], float], tolerance: float
 ) -> float:
     """Order a set-point and return what the device reads back.
 
     `value`: what to order [own unit].
-    `limits`: lowest and highest set-point [own unit].
     `read_back`: asks what the device holds now; asked again once when the answer fails.
     `tolerance`: how far the two may differ, by the device's resolution [own unit].
     Returns what is read back [own unit]. Raises InstrumentError when the value is outside the limits, the device
     refuses it, or holds another one; LineError when nobody answers.
     """
-    lowest, highest = limits
+    device, unit, lowest, highest = driver.device, driver.unit, driver.lowest, driver.highest
     if not lowest <= value <= highest:
         raise InstrumentError(
             f"{device}: {value:g} {unit} is not a set-point; it takes {lowest:g} to {highest:g} {unit}"

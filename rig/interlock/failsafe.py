@@ -15,11 +15,7 @@ class Commands(Protocol):
     """Who can have a device do something: the acquisition."""
 
     def command(self, device: str, action: str, argument: float | None = None, wait_s: float = 5.0) -> Exchange:
-        """Have a device do something, and wait until it is done.
-
-        `argument`: of a write [own unit].
-        `wait_s`: longest wait, in real time [s].
-        """
+        """Have a device do something, and wait until it is done."""
 
 
 def regulators(bench: Bench) -> list[str]:

@@ -31,7 +31,7 @@ from rig.interlock.step import Point, Prediction, Verdict
 
 __all__ = ["Guard", "Point", "Prediction", "Verdict"]
 
-LOWEST_PA, HIGHEST_PA = RANGES["P"][:2]
+HIGHEST_PA = RANGES["P"][1]
 UPPER, LOWER = 0.99, 0.01
 DRY_FRICTION_PA = 3600.0  # 1 sd of dry friction, 0.1 N m, as pressure
 STATIC_PA = 5000.0  # mean of what static friction holds beyond the running one, 0.14 N m, as pressure; exponential

@@ -7,11 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Point:
-    """One plateau.
-
-    `pressure_pa`, `speed_rad_s`: mean absolute pressure [Pa] and speed [rad/s].
-    `speed_sd`, `pressure_sd`: of these means [rad/s, Pa].
-    """
+    """One plateau: its mean absolute pressure and speed, and the standard deviations of both."""
 
     pressure_pa: float
     speed_rad_s: float

@@ -13,7 +13,6 @@ when the machine stops, or when both processes are killed at once: docs/safety.m
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import select
 import subprocess
@@ -21,10 +20,11 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any
+
+import pydantic
 
 from rig.bench.bench import Bench, LineTable
 from rig.clock import Clock
@@ -80,22 +80,13 @@ class Plan:
 
     def to_json(self) -> bytes:
         """The plan as one line."""
-        table: dict[str, Any] = {
-            "bench_file": str(self.bench_file.resolve()),
-            "device": self.device,
-            "line": self.line.model_dump(),
-            "rate": self.rate,
-            "log": None if self.log is None else str(self.log.resolve()),
-            "seal": None if self.seal is None else str(self.seal.resolve()),
-        }
-        return json.dumps(table).encode() + b"\n"
+        places: Any = {name: place.resolve() for name, place in vars(self).items() if isinstance(place, Path)}
+        return pydantic.TypeAdapter(Plan).dump_json(replace(self, **places)) + b"\n"
 
     @classmethod
     def from_json(cls, text: bytes) -> Plan:
         """A plan from `to_json`."""
-        table = json.loads(text)
-        log, seal = (None if table[name] is None else Path(table[name]) for name in ("log", "seal"))
-        return cls(Path(table["bench_file"]), table["device"], LineTable(**table["line"]), table["rate"], log, seal)
+        return pydantic.TypeAdapter(cls).validate_json(text)
 
 
 class Beat(threading.Thread):
@@ -198,29 +189,18 @@ class Watchdog:
         self._pipe.close()
         self._said.close()
 
-    def hand_over(self, wait_s: float = HAND_OVER_S) -> bool:
+    def hand_over(self) -> bool:
         """Have it set the regulator to zero now, where the controller could not; its line must be closed before.
 
-        `wait_s`: longest wait for it, in real time [s].
         Returns whether the regulator read back zero.
         """
         self._beat.end()
         self._pipe.close()
         self._said.close()
         try:
-            return self._process.wait(wait_s) == 0
+            return self._process.wait(HAND_OVER_S) == 0
         except subprocess.TimeoutExpired:
             return False
-
-    def __enter__(self) -> Watchdog:
-        """Already started."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Release it; the caller has set the regulator to zero by then."""
-        self.release()
 
     def _wait_until_ready(self) -> None:
         said = b""

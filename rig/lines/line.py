@@ -13,7 +13,8 @@ block, in which an old reply is old and never another quantity.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from rig.clock import Clock
@@ -103,11 +104,8 @@ class Line:
         """Open the port and forget what was; the line starts clean."""
         self.transactions = 0
         self._dirty = self._doubtful = self.echoes = self.copies = False
-        try:
+        with self._losing():
             self.port.open()
-        except LostError as error:
-            self._keep_lost(error)
-            raise
 
     def close(self) -> None:
         """Close the port."""
@@ -212,12 +210,9 @@ class Line:
 
     def renew(self) -> None:
         """Close and open the port, so that what is still on its way does not come. Raises LostError."""
-        try:
+        with self._losing():
             self.port.close()
             self.port.open()
-        except LostError as error:
-            self._keep_lost(error)
-            raise
 
     def _expect_no_second(self, request_ns: int, timing: Timing) -> None:
         """After a timeout: the first answer is the right one only when none comes after it."""
@@ -232,21 +227,15 @@ class Line:
             )
 
     def _send(self, data: bytes) -> int:
-        try:
+        with self._losing():
             time_ns = self.port.write(data)
-        except LostError as error:
-            self._keep_lost(error)
-            raise
         self._events.append(Event("tx", time_ns, data))
         self.asked_ns = time_ns
         return time_ns
 
     def _read(self, until_ns: int) -> tuple[int, bytes]:
-        try:
+        with self._losing():
             return self.port.read(until_ns)
-        except LostError as error:
-            self._keep_lost(error)
-            raise
 
     def _receive(self, until_ns: int) -> tuple[int, bytes]:
         time_ns, data = self._read(until_ns)
@@ -271,8 +260,14 @@ class Line:
             span_s = max(span_s, least_real_s * self.clock.rate)
         return int(span_s * NS)
 
-    def _keep_lost(self, error: LostError) -> None:
-        self._events.append(Event("lost", self.clock.now_ns(), str(error).encode()))
+    @contextlib.contextmanager
+    def _losing(self) -> Iterator[None]:
+        """A port that fails is an event too."""
+        try:
+            yield
+        except LostError as error:
+            self._events.append(Event("lost", self.clock.now_ns(), str(error).encode()))
+            raise
 
     def _too_little(self, request: bytes, buffer: bytes, timing: Timing) -> str:
         came = f"{len(buffer)} bytes ({buffer[:16].hex(' ')}) and then nothing" if buffer else "nothing"

@@ -51,6 +51,15 @@ class Mean:
             return self.mean
         return f"{'<' if self.censored < 0 else '>'}{self.mean:.6g}"
 
+    def cells(self, column: str) -> dict[str, Any]:
+        """All that a run's table holds of it."""
+        return {
+            column: self.cell,
+            f"{column}_se": self.se,
+            f"{column}_n_eff": self.n_eff or None,
+            f"{column}_n": self.n,
+        }
+
     def text(self, unit: str) -> str:
         """The mean with its standard error, for a person."""
         if self.mean is None:
@@ -131,9 +140,7 @@ class Plateau:
         }
         for role, mean in self.means.items():
             if role in columns and mean.mean is not None:
-                column = columns[role]
-                row[column] = mean.cell
-                row |= {f"{column}_se": mean.se, f"{column}_n_eff": mean.n_eff or None, f"{column}_n": mean.n}
+                row |= mean.cells(columns[role])
         return row
 
     def sentence(self) -> str:

@@ -22,10 +22,7 @@ LEAST_FOR_TIME = 4  # readings from which an autocorrelation can be estimated at
 
 
 def integrated_time(value: np.ndarray) -> float:
-    """Integrated autocorrelation time of equally spaced readings, in readings, at least 1 [-].
-
-    `value`, shape (n,): the readings [own unit].
-    """
+    """Integrated autocorrelation time of equally spaced readings, in readings, at least 1 [-]."""
     n = value.size
     centred = value - value.mean()
     power = float(centred @ centred)
@@ -54,7 +51,6 @@ def _summed(rho: np.ndarray) -> float:
 def standard_error(value: np.ndarray) -> tuple[float | None, float]:
     """Standard error of the mean of equally spaced readings, and the effective number of readings.
 
-    `value`, shape (n,): the readings [own unit].
     Returns `se`: [own unit]; None from fewer than two readings; `n_eff`: [-].
     """
     n = int(value.size)

@@ -33,15 +33,8 @@ class Numbers:
 def numbers(cells: Sequence[str]) -> Numbers:
     """Read the cells of one column.
 
-    Parameters
-    ----------
-    cells : sequence of str, length n
-        Their text; an empty one was not sampled, `<10` and `>100` are off the instrument's scale.
-
-    Returns
-    -------
-    Numbers
-        Arrays of shape (n,); a wrong cell counts as not sampled.
+    `cells`: their text; an empty one was not sampled, `<10` and `>100` are off the instrument's scale.
+    Returns arrays of shape (n,); a wrong cell counts as not sampled.
     """
     if _PLAIN.fullmatch(",".join(cells)):
         try:

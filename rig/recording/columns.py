@@ -1,18 +1,8 @@
 """The columns known by name: a column is defined here once, and everything else looks it up.
 
-An instrument that states no figures is taken for a modest one. The default figures, one standard deviation each, in
-the column's unit (scale_sd is relative):
-
-| column | noise_sd | bias_sd | scale_sd | resolution | the instrument meant |
-|---|---|---|---|---|---|
-| pressure_bar_abs, pressure_bar_gauge | 0.005 | 0.02 | 0.005 | 0.01 | gauge of class 0.6, 0-6 bar |
-| flow_l_min | 1.0 | 1.0 | 0.03 | 1.0 | rotameter, 100 L/min full scale |
-| speed_rpm | 0.5 | 0.1 | 0.0005 | 0.1 | optical tachometer |
-| inlet_temperature_c | 0.2 | 0.5 | 0.0 | 0.1 | thermocouple |
-| torque_nm | 0.02 | 0.02 | 0.01 | 0.01 | torque transducer, 10 N m |
-| force_n | 0.5 | 0.5 | 0.01 | 0.1 | load cell, 200 N |
-| velocity_m_s | 0.002 | 0.001 | 0.002 | 0.001 | position encoder, differenced |
-| angle_rad | 0.002 | 0.01 | 0.0 | 0.001 | encoder, 5000 lines or so |
+An instrument that states no figures is taken for a modest one: a gauge of class 0.6 to 6 bar, a rotameter to 100 L/min,
+an optical tachometer, a thermocouple, transducers to 10 N m and 200 N, encoders. Its figures are one standard deviation
+each, in the column's unit (scale_sd is relative).
 """
 
 from __future__ import annotations
@@ -132,10 +122,8 @@ def siblings(column: str) -> tuple[str, ...]:
 def other_spelling(name: str) -> tuple[str, str] | None:
     """What a column that holds a known quantity under another name or unit should be called.
 
-    Returns
-    -------
-    tuple of two str, or None
-        The expected column (or columns), and what to do with the numbers; None when no known quantity is recognised.
+    Returns the expected column (or columns), and what to do with the numbers; None when no known quantity is
+    recognised.
     """
     plain = _plain(name)
     if plain in NAMES:

@@ -31,26 +31,16 @@ class RecordingError(ValueError):
 class Channel:
     """One instrument's figures, each one standard deviation.
 
-    Attributes
-    ----------
-    column : str
-        The CSV column it fills; its unit is the unit of noise_sd, bias_sd and resolution.
-    scale_sd : float
-        Relative scale error, shared by the whole recording; no unit.
-    resolution : float
-        The step that readings are rounded to; 0 for none.
-    defaulted : tuple of str
-        The figures that the recording left out and that took the documented default.
-    pitch_error_sd : float or None
-        speed_rpm only: error of a tooth's place, one standard deviation, as a share of the tooth pitch; no unit.
-    window_s : float or None
-        speed_rpm only: a sample is the mean over this time [s]; None: since the sample before.
-    lag_s : float or None
-        speed_rpm only: time constant of a first-order lag [s].
-    drift_sd : float
-        Of the offset, from one day to another; for an instrument that is known by its serial number.
-    serial : str or None
-        The instrument's serial number; the same instrument in several recordings shares its errors.
+    `column`: the CSV column it fills; its unit is the unit of noise_sd, bias_sd and resolution.
+    `scale_sd`: relative scale error, shared by the whole recording; no unit.
+    `resolution`: the step that readings are rounded to; 0 for none.
+    `defaulted`: the figures that the recording left out and that took the documented default.
+    `pitch_error_sd`: speed_rpm only: error of a tooth's place, one standard deviation, as a share of the tooth pitch;
+        no unit.
+    `window_s`: speed_rpm only: a sample is the mean over this time [s]; None: since the sample before.
+    `lag_s`: speed_rpm only: time constant of a first-order lag [s].
+    `drift_sd`: of the offset, from one day to another; for an instrument that is known by its serial number.
+    `serial`: the instrument's serial number; the same instrument in several recordings shares its errors.
     """
 
     column: str
@@ -72,10 +62,7 @@ class Channel:
 class Ambient:
     """The air around the rig. None: not recorded, the fit takes the motor's default and its prior.
 
-    Attributes
-    ----------
-    temperature_c, temperature_sd_k : float or None
-        Ambient temperature in degrees Celsius and its standard deviation in K.
+    `temperature_c`, `temperature_sd_k`: ambient temperature in degrees Celsius and its standard deviation in K.
     """
 
     pressure_bar_abs: float | None = None
@@ -89,14 +76,9 @@ class Ambient:
 class SupplyFigures:
     """The line between regulator and motor. None: not stated, whoever needs it takes a default.
 
-    Attributes
-    ----------
-    regulator_time_s, regulator_time_s_sd : float or None
-        Time constant of the regulator and its standard deviation, s.
-    line_volume_l, line_volume_l_sd : float or None
-        Volume between regulator and motor, and its standard deviation, L.
-    valve_time_s, valve_time_s_sd : float or None
-        Time that the valve takes to open or close, and its standard deviation, s.
+    `regulator_time_s`, `regulator_time_s_sd`: time constant of the regulator and its standard deviation, s.
+    `line_volume_l`, `line_volume_l_sd`: volume between regulator and motor, and its standard deviation, L.
+    `valve_time_s`, `valve_time_s_sd`: time that the valve takes to open or close, and its standard deviation, s.
     """
 
     regulator_time_s: float | None = None
@@ -111,12 +93,9 @@ class SupplyFigures:
 class Column:
     """One column of numbers.
 
-    Attributes
-    ----------
-    values : ndarray of float64, shape (n,)
-        In the unit of the column's name; NaN where not sampled.
-    censor : ndarray of int8, shape (n,)
-        0: measured. -1: the true value is below `values` (a cell `<10`; speed_rpm 0, at 0). +1: above (`>100`).
+    `values`, shape (n,): in the unit of the column's name; NaN where not sampled.
+    `censor`, shape (n,): 0: measured. -1: the true value is below `values` (a cell `<10`; speed_rpm 0, at 0). +1: above
+        (`>100`).
     """
 
     values: NDArray[np.float64]
@@ -133,22 +112,13 @@ class Column:
 class RecordingFile:
     """One CSV file.
 
-    Attributes
-    ----------
-    kind : {"steady", "transient", "zero"}
-        One row a plateau, one row a sample, or instruments read with the line vented and the rotor at rest.
-    start_s : float
-        Where the file's time 0 stands on the recording's clock, s.
-    columns : mapping of str to Column
-        The known columns that hold numbers, in the file's order.
-    direction : ndarray of str, shape (rows,), or None
-        "up", "down" or "" where not noted.
-    extra : mapping of str to ndarray of object, shape (rows,)
-        Columns that this tool does not know, as text; empty for a file above `table.EXTRA_BYTES`.
-    added_inertia_kg_m2 : float
-        Of a flywheel that was mounted for this file alone, beside what the recording says.
-    left_out : tuple of int
-        Rows that the user leaves out, 1 the first; nothing is read in them.
+    `kind`: one row a plateau, one row a sample, or instruments read with the line vented and the rotor at rest.
+    `start_s`: where the file's time 0 stands on the recording's clock, s.
+    `columns`: the known columns that hold numbers, in the file's order.
+    `direction`, shape (rows,): "up", "down" or "" where not noted.
+    `extra`, shape (rows,): columns that this tool does not know, as text; empty for a file above `table.EXTRA_BYTES`.
+    `added_inertia_kg_m2`: of a flywheel that was mounted for this file alone, beside what the recording says.
+    `left_out`: rows that the user leaves out, 1 the first; nothing is read in them.
     """
 
     file: str
@@ -167,14 +137,9 @@ class RecordingFile:
 class Recording:
     """A recording: its files, the instruments that took them and the motor they belong to.
 
-    Attributes
-    ----------
-    sha256 : str
-        Over recording.toml and the data files, in their order; empty for a recording that was never read.
-    supply : SupplyFigures
-        What is stated of the line between regulator and motor.
-    origin : mapping of str to str
-        Who took it, when and on what: date, operator, motor_serial, oil, note, parent, as far as stated.
+    `sha256`: over recording.toml and the data files, in their order; empty for a recording that was never read.
+    `supply`: what is stated of the line between regulator and motor.
+    `origin`: who took it, when and on what: date, operator, motor_serial, oil, note, parent, as far as stated.
     """
 
     folder: Path

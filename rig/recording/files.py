@@ -15,10 +15,7 @@ from typing import Any
 def check_places(folder: Path | None, file: Path | None = None) -> None:
     """Whether results could be written, before the work that they come of.
 
-    Raises
-    ------
-    OSError
-        When something else is there, or the place is not open to this user.
+    Raises OSError when something else is there, or the place is not open to this user.
     """
     if file is not None and file.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
@@ -37,12 +34,8 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files into a folder, which is made if it is missing.
 
     All are written out in full before the first gets its name. What is there and is no plain file, as /dev/null or a
-    pipe, is written into and stays what it is.
-
-    Raises
-    ------
-    OSError
-        When the folder or a file cannot be written, with its name; what was there before is still there.
+    pipe, is written into and stays what it is. Raises OSError when the folder or a file cannot be written, with its
+    name; what was there before is still there.
     """
     with contextlib.ExitStack() as stack:
         if not folder.exists():
@@ -60,23 +53,14 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write one file, as `write_files` does.
-
-    Raises
-    ------
-    OSError
-        When it cannot be written.
-    """
+    """Write one file, as `write_files` does. Raises OSError when it cannot be written."""
     write_files(path.parent, {path.name: content})
 
 
 def json_bytes(data: Any) -> bytes:
     """Data as an indented JSON file, never with a NaN in it.
 
-    Raises
-    ------
-    ValueError
-        For a number that JSON has no word for.
+    Raises ValueError for a number that JSON has no word for.
     """
     return json.dumps(data, indent=1, allow_nan=False).encode() + b"\n"
 
@@ -85,10 +69,7 @@ def json_bytes(data: Any) -> bytes:
 def alone_in(folder: Path) -> Iterator[None]:
     """Keep other processes that ask for the same out of a folder; where the file system has no locks, nothing is kept.
 
-    Raises
-    ------
-    OSError
-        When the folder cannot be opened.
+    Raises OSError when the folder cannot be opened.
     """
     if os.name != "posix":
         yield

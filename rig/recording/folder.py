@@ -15,17 +15,9 @@ class RefusedError(Exception):
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Where a file named in recording.toml stands.
+    """Where a file named in recording.toml stands: inside the folder, every part of it checked.
 
-    Returns
-    -------
-    Path
-        Inside the folder, every part of it checked.
-
-    Raises
-    ------
-    RefusedError
-        When the name leads outside the folder, through a symbolic link, or to something that is no plain file.
+    Raises RefusedError when the name leads outside, through a symbolic link, or to something that is no plain file.
     """
     path = folder
     for part in parts(name):

@@ -22,15 +22,7 @@ _NEEDS = {
 def needed_columns(kind: Kind, motor: str | dict[str, Any]) -> tuple[tuple[str, ...], ...]:
     """The columns that a file has to hold: of each group, one.
 
-    Parameters
-    ----------
-    motor : str or dict
-        The recording's motor; a name stands for a radial piston motor.
-
-    Returns
-    -------
-    tuple of tuple of str
-        The groups.
+    `motor`: the recording's motor; a name stands for a radial piston motor.
     """
     if kind == "zero":
         return (MEASURED,)

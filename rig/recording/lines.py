@@ -34,22 +34,10 @@ class Block:
 def blocks(stream: BinaryIO, seen: Callable[[bytes], None]) -> Iterator[Block]:
     """Read a CSV file in stretches of rows.
 
-    Parameters
-    ----------
-    stream : binary file
-        UTF-8 text, with or without a byte order mark; lines end in LF or CRLF.
-    seen : callable
-        Called with all the bytes, in order: for a digest, for a progress bar.
-
-    Yields
-    ------
-    Block
-        The rows, the header first; a blank line is a row without cells.
-
-    Raises
-    ------
-    UnreadableError
-        When it is no text, not UTF-8, or has no lines.
+    `stream`: UTF-8 text, with or without a byte order mark; lines end in LF or CRLF.
+    `seen`: called with all the bytes, in order: for a digest, for a progress bar.
+    Yields the rows, the header first; a blank line is a row without cells. Raises UnreadableError when it is no text,
+    not UTF-8, or has no lines.
     """
     first = 0
     for raw in _whole_lines(stream, seen):

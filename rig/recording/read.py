@@ -15,20 +15,18 @@ import numpy as np
 
 from configs import ConfigError, read_toml, validate
 from rig.recording.columns import MEASURED, NAMES, PRESSURE, siblings
-from rig.recording.contents import Channel, Recording, RecordingError, RecordingFile
+from rig.recording.contents import Ambient, Channel, Recording, RecordingError, RecordingFile, SupplyFigures
 from rig.recording.folder import RefusedError, check_plain, inside, open_plain
 from rig.recording.header import needed_columns, unknown_warning
 from rig.recording.mistakes import Mistakes, shown
 from rig.recording.schema import (
     FileTable,
     RecordingTable,
-    ambient_of,
     channel_of,
     check_channels,
     check_motor,
     default_warnings,
     motor_of,
-    supply_of,
 )
 from rig.recording.table import EXTRA_BYTES, Plan, Table, read_table
 
@@ -41,16 +39,8 @@ def read_recording(path: Path) -> Recording:
     """Read a recording/1 folder. Nothing is guessed and nothing on disk is changed.
 
     An instrument's figure that is left out takes the default listed in `rig.recording.columns`, and a warning says so.
-
-    Returns
-    -------
-    Recording
-        Columns in the units of their names.
-
-    Raises
-    ------
-    RecordingError
-        One line a mistake (20 at most, then a count): file, row, column, what was expected, what to do.
+    Columns come in the units of their names. Raises RecordingError, a line a mistake (20 at most, then a count): file,
+    row, column, what was expected, what to do.
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent
@@ -231,13 +221,13 @@ def _assembled(
     return Recording(
         folder=folder,
         motor=motor,
-        ambient=ambient_of(table.ambient),
+        ambient=Ambient(**table.ambient.model_dump()),
         channels=channels,
         files=tuple(files),
         added_inertia_kg_m2=table.rig.added_inertia_kg_m2,
         warnings=tuple(warnings),
         sha256=sha256,
-        supply=supply_of(table.supply),
+        supply=SupplyFigures(**table.supply.model_dump()),
         origin=table.origin.model_dump(exclude_none=True),
     )
 

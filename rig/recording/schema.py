@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
 import configs
 from configs import FOLDER, ConfigError, Strict, validate
 from rig.recording.columns import FIGURES, MEASURED, NAMES, NUMERIC, nearest, other_spelling
-from rig.recording.contents import Ambient, Channel, Kind, SupplyFigures
+from rig.recording.contents import Channel, Kind
 from rig.recording.mistakes import Mistakes, shown
 
 FORMAT = "recording/1"
@@ -29,14 +29,18 @@ def _check_pair(table: Strict, value: str, deviation: str) -> None:
         raise ValueError(f"{deviation} is given without {value}; give both, or neither")
 
 
-class AmbientTable(Strict):
-    """[ambient]: the air around the rig."""
+class Air(BaseModel):
+    """The air around a rig."""
 
     pressure_bar_abs: Annotated[float, Field(ge=0.3, le=1.2)] | None = None
     pressure_sd_bar: NotNegative | None = None
     temperature_c: Annotated[float, Field(ge=-60.0, le=80.0)] | None = None
     temperature_sd_k: NotNegative | None = None
     relative_humidity: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+
+
+class AmbientTable(Air, Strict):
+    """[ambient]: the air around the rig."""
 
     @model_validator(mode="after")
     def _a_deviation_needs_its_value(self) -> AmbientTable:
@@ -45,8 +49,8 @@ class AmbientTable(Strict):
         return self
 
 
-class SupplyTable(Strict):
-    """[supply]: the line between regulator and motor, and how well it is known."""
+class AirLine(BaseModel):
+    """The line between regulator and motor; a figure and its standard deviation."""
 
     regulator_time_s: Seconds | None = None
     regulator_time_s_sd: PositiveSeconds | None = None
@@ -54,6 +58,10 @@ class SupplyTable(Strict):
     line_volume_l_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
     valve_time_s: Seconds | None = None
     valve_time_s_sd: PositiveSeconds | None = None
+
+
+class SupplyTable(AirLine, Strict):
+    """[supply]: the line between regulator and motor, and how well it is known."""
 
     @model_validator(mode="after")
     def _a_deviation_needs_its_value(self) -> SupplyTable:
@@ -235,24 +243,8 @@ def _check_motor_name(name: str, folder: Path, place: str, mistakes: Mistakes) -
     mistakes.add(place, f"motor '{shown(name)}' {what} (known: {', '.join(known) or 'none'})")
 
 
-def ambient_of(table: AmbientTable) -> Ambient:
-    """The ambient air as the calibration sees it."""
-    return Ambient(**table.model_dump())
-
-
-def supply_of(table: SupplyTable) -> SupplyFigures:
-    """The line between regulator and motor, as the calibration sees it."""
-    return SupplyFigures(**table.model_dump())
-
-
 def channel_of(column: str, table: ChannelTable | None) -> Channel:
-    """One instrument's figures, the documented default for each that is left out.
-
-    Returns
-    -------
-    Channel
-        In the column's unit.
-    """
+    """One instrument's figures, the documented default for each that is left out; in the column's unit."""
     defaults = dict(zip(FIGURES, NUMERIC[column].figures or (), strict=True))
     stated = {} if table is None else table.model_dump(exclude_none=True)
     left_out = tuple(name for name in FIGURES if name not in stated)

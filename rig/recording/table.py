@@ -47,10 +47,7 @@ def read_table(
 ) -> Table | None:
     """Read and check one CSV file in bounded memory.
 
-    Returns
-    -------
-    Table or None
-        None when the header is so wrong that the rows mean nothing. Of no use when mistakes were noted.
+    Returns None when the header is so wrong that the rows mean nothing. Of no use when mistakes were noted.
     """
     found: _Reading | None = None
     try:

@@ -33,17 +33,10 @@ def write_recording(recording: Recording, folder: Path, beside_it: Mapping[str, 
     Figures that a channel lists as defaulted are left out, so that they are read back as defaults. Text of an unknown
     column that a spreadsheet would run as a formula gets an apostrophe in front.
 
-    Parameters
-    ----------
-    recording : Recording
-        What to write; `folder`, `warnings` and `sha256` of it are not used.
-    beside_it : mapping of str to str, optional
-        Further text files of the folder: name and content.
-
-    Raises
-    ------
-    RecordingError
-        When the folder exists, cannot be made, or what was written would not be read back. Nothing is left behind.
+    `recording`: what to write; `folder`, `warnings` and `sha256` of it are not used.
+    `beside_it`: further text files of the folder: name and content.
+    Raises RecordingError when the folder exists, cannot be made, or what was written would not be read back. Nothing is
+    left behind.
     """
     folder = Path(folder)
     if os.path.lexists(folder):

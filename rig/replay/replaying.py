@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -73,7 +73,6 @@ def replay(
 ) -> Replayed:
     """Play a run back through today's drivers and compare the samples.
 
-    `run`: the run; with its bytes.
     `bench`: with mended instrument files; those that the run kept when left out.
     `writer`: gets the exchanges and events of the replay, where it is kept as a run of its own.
     `real_time`: whether to wait as long between two exchanges as it took then.
@@ -165,8 +164,8 @@ def mended_bench(run: Run, instruments: Iterable[str], folder: Path) -> Bench:
 class _Pace:
     """Waits as long between two exchanges as it took then, when that is wanted."""
 
-    def __init__(self, real_time: bool, sleep: Callable[[float], None] = time.sleep) -> None:
-        self.real_time, self.sleep = real_time, sleep
+    def __init__(self, real_time: bool) -> None:
+        self.real_time = real_time
         self._start: tuple[int, float] | None = None
 
     def wait(self, exchange: Exchange) -> None:
@@ -178,7 +177,7 @@ class _Pace:
         began_ns, began = self._start
         left = (now_ns - began_ns) / NS - (time.monotonic() - began)
         if left > 0.0:
-            self.sleep(left)
+            time.sleep(left)
 
 
 def _text(line: bytes) -> str:

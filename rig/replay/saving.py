@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 from rig.bench.bench import Bench
@@ -28,22 +29,11 @@ def retake_plateaus(run: Run, writer: RunWriter) -> int:
     new = read_run(writer.folder)
     channels = quantity_channels(new)
     for old in run.plateau_rows:
-        row = {
-            "n": old.n,
-            "level_bar_abs": old.level_bar_abs,
-            "direction": old.direction,
-            "repeat": old.repeat,
-            "start_s": old.start_s,
-            "end_s": old.end_s,
-            "settled": old.settled,
-            "used": old.used,
-            "note": old.note,
-        }
+        row = {field.name: getattr(old, field.name) for field in fields(old) if field.name != "means"}
         for column, channel in channels.items():
             read = series(new, channel, old.start_s, old.end_s)
             mean = mean_of(read.time_ns / NS, read.value, read.censored)
             if mean.mean is not None:
-                row[column] = mean.cell
-                row |= {f"{column}_se": mean.se, f"{column}_n_eff": mean.n_eff or None, f"{column}_n": mean.n}
+                row |= mean.cells(column)
         writer.plateau(row)
     return len(run.plateau_rows)

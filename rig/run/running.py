@@ -21,7 +21,7 @@ from rig.acquisition.opening import port_of
 from rig.bench.bench import Bench, LineTable, bench_path, read_bench
 from rig.by_hand.by_hand import is_manual
 from rig.by_hand.conversation import Conversation, StoppedError, ValveHand
-from rig.by_hand.manual import run_manual
+from rig.by_hand.manual import ManualSweep
 from rig.by_hand.sheet_entry import enter_sheet, read_sheet
 from rig.clock import Clock
 from rig.interlock import SafetyError
@@ -43,16 +43,12 @@ from rig.sweep.capture import motor_of
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded, points_of
 from rig.sweep.orders import View
-from rig.sweep.runner import Outcome, run_course
+from rig.sweep.runner import Outcome, Runner
 
 ATTENDED_S = 30.0  # real time without a look at the limits after which the watchdog takes the sweep for hung
 DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
 BAND_LEVELS = 20
 UNVENTED = "the line is NOT known to be without pressure: close the supply"
-
-
-def nobody(plateau: Plateau) -> None:
-    """Who is told of a plateau when nobody asked to be."""
 
 
 # What goes on beside a run: called with the run's folder and a function that writes an event (its kind, then details by
@@ -62,7 +58,7 @@ Beside = Callable[[Path, Callable[..., None]], AbstractContextManager[Callable[[
 
 def alone(folder: Path, note: Callable[..., None]) -> AbstractContextManager[Callable[[Plateau], None]]:
     """What goes on beside a run when nothing does."""
-    return contextlib.nullcontext(nobody)
+    return contextlib.nullcontext(lambda plateau: None)
 
 
 @dataclass(frozen=True)
@@ -91,7 +87,6 @@ class Wanted:
     added_inertia_kg_m2: float | None = None
     progress: Progress = field(default_factory=Silent)
     ask: Ask | None = None
-    on_plateau: Callable[[Plateau], None] = nobody
     beside: Beside = alone
 
 
@@ -244,8 +239,8 @@ class _Run:
         captures = [[capture.kind, capture.level_bar_abs] for capture in course.captures]
         self._note(COURSE, steps=steps, captures=captures)
         if self.conversation is not None and is_manual(self.bench):
-            return run_manual(self.acquisition, writer, self.bench, course, self.conversation, hooks)
-        return run_course(self.acquisition, writer, self.bench, course, hooks)
+            return ManualSweep(self.acquisition, writer, self.bench, course, self.conversation, hooks).run()
+        return Runner(self.acquisition, writer, self.bench, course, hooks).run()
 
     def _watchdog(self, writer: RunWriter) -> Watchdog | None:
         """The failsafes set, and a watchdog that watches; neither where a person has the valve."""
@@ -313,7 +308,6 @@ class _Run:
         expected(measured)
 
         def taken(plateau: Plateau) -> None:
-            self.wanted.on_plateau(plateau)
             tell(plateau)
             measured.append(plateau)
             expected(measured)

@@ -12,8 +12,7 @@ reader       a run as it stands on disk
 verify       whether a sealed run is as it was sealed; repair of a killed one
 phases       the stretches of a run: zero phases and captures
 listing      what `spinbench runs` shows
-tail         a run followed while it is written, its series in bins
-bins         a series in bounded memory
+tail         a run followed while it is written, its series in bins of bounded memory
 
 docs/runs.md describes the format run/1.
 """

@@ -38,12 +38,7 @@ class EmptyRunError(RunError):
 def run_name(utc_ns: int, bench: str, kind: str) -> str:
     """The folder's name, ``YYYYMMDD-HHMMSS_<bench>_<kind>``, UTC.
 
-    Parameters
-    ----------
-    utc_ns : int
-        Start of the run since 1970 [ns].
-    bench : str
-        The bench's name; what a file name should not hold becomes a dash.
+    `bench`: the bench's name; what a file name should not hold becomes a dash.
     """
     when = time.strftime("%Y%m%d-%H%M%S", time.gmtime(utc_ns // 1_000_000_000))
     plain = _WORD.sub("-", bench).strip("-.")[:60] or "bench"
@@ -53,10 +48,7 @@ def run_name(utc_ns: int, bench: str, kind: str) -> str:
 def make_folder(root: Path, name: str) -> Path:
     """Make a run's folder; ``-2``, ``-3`` is added when the name is taken. Making it is what decides between programs.
 
-    Parameters
-    ----------
-    root : Path
-        Where runs are kept; made when it is missing.
+    `root`: where runs are kept; made when it is missing.
     """
     try:
         root.mkdir(parents=True, exist_ok=True)
@@ -121,10 +113,7 @@ def writer_of(folder: Path) -> int | None:
 def write_whole(path: Path, data: bytes) -> None:
     """Write a small file so that it is there whole or not at all, on the disk when this returns.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it must not exist.
+    `path`: the file; it must not exist.
     """
     if os.path.lexists(path):
         raise RunError(f"{path}: exists already; nothing is overwritten")
@@ -135,13 +124,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def read_bytes(path: Path, limit: int) -> bytes:
-    """The content of a plain file of a run; a link, a pipe or a file above `limit` bytes is refused.
-
-    Parameters
-    ----------
-    limit : int
-        Largest size [bytes].
-    """
+    """The content of a plain file of a run; a link, a pipe or a file above `limit` bytes is refused."""
     with open_plain(path, limit) as stream:
         return stream.read()
 
@@ -149,15 +132,7 @@ def read_bytes(path: Path, limit: int) -> bytes:
 def open_plain(path: Path, limit: int) -> BinaryIO:
     """Open a plain file of a run for reading.
 
-    Parameters
-    ----------
-    limit : int
-        Largest size [bytes].
-
-    Raises
-    ------
-    RunError
-        When it is missing, a link, no plain file, or too large.
+    Raises RunError when it is missing, a link, no plain file, or too large.
     """
     try:
         # Not blocking, so that a pipe put there in its place is refused and does not hang the reader.

@@ -44,15 +44,8 @@ def _sizes(stream: BinaryIO) -> tuple[int, int]:
 def whole_lines(path: Path) -> Iterator[tuple[int, bytes]]:
     """The lines of a file, from 1, without their line feeds; a torn last line is left out.
 
-    Parameters
-    ----------
-    path : Path
-        The file; a missing one has no lines.
-
-    Raises
-    ------
-    RunError
-        When it is no plain file or no text.
+    `path`: the file; a missing one has no lines.
+    Raises RunError when it is no plain file or no text.
     """
     if not path.exists() and not path.is_symlink():
         return

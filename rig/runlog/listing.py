@@ -61,15 +61,8 @@ def _lines(path: Path) -> int:
 def find_run(name: str | Path, root: Path) -> Path:
     """A run's folder, by its path, its name, or the beginning of its name.
 
-    Parameters
-    ----------
-    name : str or Path
-        What the person typed; ``last`` is the newest run.
-
-    Raises
-    ------
-    RunError
-        When there is no such run, or more than one.
+    `name`: what the person typed; ``last`` is the newest run.
+    Raises RunError when there is no such run, or more than one.
     """
     path = Path(name)
     if (path / START).exists() or len(path.parts) > 1:

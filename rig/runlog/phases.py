@@ -15,20 +15,11 @@ from rig.runlog.reader import Run
 from rig.runlog.schema import CAPTURE, ZERO, ZERO_TAKEN_BACK, EventLine
 
 CAPTURES = ("coast-down", "spin-up")
-_USABLE = [quality.value for quality in USABLE]
 
 
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of a run.
-
-    Attributes
-    ----------
-    start_s, end_s : float
-        On the bench's clock [s].
-    event_s : float or None
-        Of a capture: when the supply was shut or opened [s].
-    """
+    """A stretch of a run. `event_s`: of a capture: when the supply was shut or opened [s]."""
 
     kind: str
     start_s: float
@@ -41,18 +32,10 @@ class Phase:
 class Series:
     """The usable readings of one channel over a stretch, oldest first, and how many others there were.
 
-    Attributes
-    ----------
-    time_ns : ndarray of int64, shape (n,)
-        On the bench's clock [ns].
-    value : ndarray, shape (n,)
-        In the channel's unit.
-    censored : ndarray of int, shape (n,)
-        -1 and 1 beyond the scale [-].
-    lasted_ns : ndarray of int64, shape (n,)
-        From the request to the reply: within it each was measured [ns].
-    unusable, unverified : int
-        Readings that failed, and those among the usable ones that nothing checked [-].
+    `value`, shape (n,): in the channel's unit.
+    `censored`, shape (n,): -1 and 1 beyond the scale [-].
+    `lasted_ns`, shape (n,): from the request to the reply: within it each was measured [ns].
+    `unusable`, `unverified`: readings that failed, and those among the usable ones that nothing checked [-].
     """
 
     time_ns: NDArray[np.int64]
@@ -66,10 +49,7 @@ class Series:
 def quantity_channels(run: Run) -> dict[str, str]:
     """The channel of each quantity, ``device.channel``, by the name of its recording/1 column.
 
-    Parameters
-    ----------
-    run : Run
-        Its roles say it; for the flow, the derived channel goes before the meter's own.
+    `run`: its roles say it; for the flow, the derived channel goes before the meter's own.
     """
     columns = columns_of(run.start.roles)
     channels = {column: run.start.roles[role] or "" for role, column in columns.items()}
@@ -81,19 +61,13 @@ def quantity_channels(run: Run) -> dict[str, str]:
 
 
 def series(run: Run, channel: str, start_s: float, end_s: float) -> Series:
-    """The readings of a channel over a stretch.
-
-    Parameters
-    ----------
-    start_s, end_s : float
-        Both ends are taken in [s].
-    """
+    """The readings of a channel over a stretch. `start_s`, `end_s`: both ends are taken in [s]."""
     device, _, name = channel.partition(".")
     samples = run.samples
     time_ns = samples["time_ns"].to_numpy()
     within = samples[(time_ns >= round(start_s * NS)) & (time_ns <= round(end_s * NS))]
     rows = within[(within["device"] == device) & (within["channel"] == name)]
-    usable = rows["value"].notna().to_numpy() & rows["quality"].isin(_USABLE).to_numpy()
+    usable = rows["value"].notna().to_numpy() & rows["quality"].isin(USABLE).to_numpy()
     kept = rows[usable]
     order = np.argsort(kept["time_ns"].to_numpy(), kind="stable")
     return Series(
@@ -125,10 +99,7 @@ def zeros(run: Run) -> tuple[list[Phase], list[str]]:
 def captures(run: Run) -> tuple[list[Phase], list[str]]:
     """The captures of a run, and what was left out.
 
-    Parameters
-    ----------
-    run : Run
-        Its events ``capture end`` hold ``capture`` (the kind), ``start_s``, ``event_s`` and ``end_s``; a run of kind
+    `run`: its events ``capture end`` hold ``capture`` (the kind), ``start_s``, ``event_s`` and ``end_s``; a run of kind
         ``coast-down`` or ``spin-up`` that was imported without such an event is one capture from end to end.
     """
     phases: list[Phase] = []

@@ -34,16 +34,10 @@ _CELL = re.compile(r"([<>]?)([+-]?[0-9]+\.?[0-9]*(?:e[+-]?[0-9]+)?)", re.ASCII)
 class Mean:
     """The mean of one quantity over a plateau.
 
-    Attributes
-    ----------
-    mean : float
-        In the unit of the quantity's name; the scale's limit when censored.
-    se : float or None
-        Its standard error; None where one reading does not show it.
-    n : int
-        Usable samples [-]; 0 where it was not noted.
-    censored : int
-        -1 when the true value is below `mean`, 1 when it is above [-].
+    `mean`: in the unit of the quantity's name; the scale's limit when censored.
+    `se`: its standard error; None where one reading does not show it.
+    `n`: usable samples [-]; 0 where it was not noted.
+    `censored`: -1 when the true value is below `mean`, 1 when it is above [-].
     """
 
     mean: float
@@ -57,14 +51,8 @@ class Mean:
 class PlateauRow:
     """One row of plateaus.csv.
 
-    Attributes
-    ----------
-    level_bar_abs : float or None
-        The pressure that was asked for [bar].
-    direction : str
-        ``up``, ``down``, or empty where it was not noted.
-    start_s, end_s : float
-        The dwell, on the bench's clock [s].
+    `direction`: ``up``, ``down``, or empty where it was not noted.
+    `start_s`, `end_s`: the dwell, on the bench's clock [s].
     """
 
     n: int
@@ -82,10 +70,7 @@ class PlateauRow:
 def columns_of(roles: Mapping[str, str | None]) -> dict[str, str]:
     """The column of each role that has a channel.
 
-    Parameters
-    ----------
-    roles : mapping of str to str or None
-        ``pressure``, ``flow``, ``speed``, ``temperature`` to ``device.channel``, as the bench file says.
+    `roles`: ``pressure``, ``flow``, ``speed``, ``temperature`` to ``device.channel``, as the bench file says.
     """
     pressure = roles.get("pressure") or ""
     columns = {
@@ -100,16 +85,9 @@ def columns_of(roles: Mapping[str, str | None]) -> dict[str, str]:
 def line(row: Mapping[str, Any]) -> bytes:
     """A line of plateaus.csv.
 
-    Parameters
-    ----------
-    row : mapping
-        Some of `COLUMNS`, ``n`` among them; what is left out or None becomes an empty cell, but for ``repeat``,
+    `row`: some of `COLUMNS`, ``n`` among them; what is left out or None becomes an empty cell, but for ``repeat``,
         ``settled`` and ``used``, which become 1. A mean beyond the scale is ``<10`` or ``>100``.
-
-    Raises
-    ------
-    RunError
-        For a key that is no column, or a value that is none of its kind.
+    Raises RunError for a key that is no column, or a value that is none of its kind.
     """
     unknown = sorted(set(row) - set(COLUMNS))
     if unknown:
@@ -135,13 +113,7 @@ def _cell(name: str, value: Any) -> str:
 
 
 def read(path: Path) -> list[PlateauRow]:
-    """All rows of plateaus.csv, in order; none when there is no file.
-
-    Raises
-    ------
-    RunError
-        File, line and what is wrong.
-    """
+    """All rows of plateaus.csv, in order; none when there is no file. Raises RunError: file, line and what is wrong."""
     plateaus = []
     for number, data in whole_lines(path):
         place = f"{path}, line {number}"

@@ -46,17 +46,11 @@ BEING_WRITTEN, KILLED = "being written", "killed"  # states of a run without an 
 class Run:
     """One run.
 
-    Attributes
-    ----------
-    end : EndRecord or None
-        None when the run was killed, or is being written.
-    samples : DataFrame
-        A row a reading: those of samples.csv, with ``time_ns``, ``request_ns`` and ``reply_ns`` as integers [ns] and
-        ``time_s`` [s] beside them; ``value`` is NaN where there is none.
-    plateau_rows : list of PlateauRow
-        Every row of the file, with those that were replaced or taken back.
-    torn : dict of str to int
-        Files that end in a torn line, with the bytes that were left out [bytes].
+    `end`: None when the run was killed, or is being written.
+    `samples`: a row a reading: those of samples.csv, with ``time_ns``, ``request_ns`` and ``reply_ns`` as integers [ns]
+        and ``time_s`` [s] beside them; ``value`` is NaN where there is none.
+    `plateau_rows`: every row of the file, with those that were replaced or taken back.
+    `torn`: files that end in a torn line, with the bytes that were left out [bytes].
     """
 
     folder: Path
@@ -107,13 +101,7 @@ class Run:
         return tuple(reading_of(self._cells, row) for row in range(first, last))
 
     def wire_lines(self) -> Iterator[WireLine]:
-        """The lines of wire.jsonl.
-
-        Raises
-        ------
-        RunError
-            File, line and what is wrong.
-        """
+        """The lines of wire.jsonl. Raises RunError: file, line and what is wrong."""
         path = self.folder / WIRE
         for number, data in whole_lines(path):
             line = parse(WireLine, data, f"{path}, line {number}")
@@ -124,10 +112,7 @@ class Run:
     def exchanges(self) -> Iterator[tuple[int, Exchange]]:
         """Every exchange with its number, its bytes and its readings, in the order of the log.
 
-        Raises
-        ------
-        RunError
-            File, line and what is wrong.
+        Raises RunError: file, line and what is wrong.
         """
         for line in self.wire_lines():
             try:
@@ -137,17 +122,9 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """Read a run.
+    """Read a run, whatever state it is in.
 
-    Returns
-    -------
-    Run
-        Whatever state it is in.
-
-    Raises
-    ------
-    RunError
-        When the folder holds no run/1, or a file of it is damaged beyond a torn last line.
+    Raises RunError when the folder holds no run/1, or a file of it is damaged beyond a torn last line.
     """
     folder = Path(folder)
     start = read_start(folder)
@@ -194,13 +171,7 @@ def read_end(folder: Path) -> EndRecord | None:
 
 
 def read_events(path: Path) -> list[EventLine]:
-    """The events of a run.
-
-    Parameters
-    ----------
-    path : Path
-        events.jsonl; a missing one has none.
-    """
+    """The events of a run. `path`: events.jsonl; a missing one has none."""
     events = []
     for number, data in whole_lines(path):
         if number > MAX_EVENTS:

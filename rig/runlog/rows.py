@@ -75,13 +75,7 @@ def utc_ns(text: str) -> int:
 
 
 def harmless(text: str, length: int = MAX_TEXT) -> str:
-    """Text fit for a CSV cell: bounded, on one line, and with an apostrophe before what a spreadsheet would run.
-
-    Parameters
-    ----------
-    length : int
-        Where it is cut [characters].
-    """
+    """Text fit for a CSV cell: bounded, on one line, and with an apostrophe before what a spreadsheet would run."""
     if len(text) > length:
         text = text[: length - 3] + "..."
     if not text.isprintable():
@@ -104,15 +98,7 @@ def csv_line(cells: list[str]) -> bytes:
 
 
 def sample_line(n: int, exchange: int, reading: Reading, utc_start_ns: int) -> bytes:
-    """A row of samples.csv.
-
-    Parameters
-    ----------
-    reading : Reading
-        What is written. A value that is no finite number is written as none.
-    utc_start_ns : int
-        UTC at the bench's time 0 [ns].
-    """
+    """A row of samples.csv. `reading`: what is written. A value that is no finite number is written as none."""
     value = "" if reading.value is None or not math.isfinite(reading.value) else repr(float(reading.value))
     return csv_line(
         [
@@ -157,17 +143,7 @@ def exchange_of(line: WireLine, readings: tuple[Reading, ...]) -> Exchange:
 
 
 def event_line(n: int, kind: str, time_ns: int, utc_start_ns: int, details: Mapping[str, Any]) -> bytes:
-    """A line of events.jsonl.
-
-    Parameters
-    ----------
-    time_ns : int
-        On the bench's clock [ns].
-    utc_start_ns : int
-        UTC at the bench's time 0 [ns].
-    details : mapping
-        What else is to be said; a key of the line's own is kept under ``<key>_``.
-    """
+    """A line of events.jsonl. `details`: what else is to be said; a key of the line's own is kept under ``<key>_``."""
     line = {"n": n, "time_s": time_ns / NS, "utc": utc_text(utc_start_ns + time_ns), "event": clean(kind)[:200]}
     return json_line(
         line | {f"{key}_" if key in line else clean(str(key)): plain(part) for key, part in details.items()}

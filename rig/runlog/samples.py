@@ -27,22 +27,10 @@ _QUALITIES = {quality.value for quality in Quality}
 
 
 def read_samples(path: Path) -> pd.DataFrame:
-    """The samples of a run.
+    """The samples of a run, with the columns that are told at `rig.runlog.reader.Run`.
 
-    Parameters
-    ----------
-    path : Path
-        samples.csv; a missing one has no rows.
-
-    Returns
-    -------
-    DataFrame
-        Its columns are told at `rig.runlog.reader.Run`.
-
-    Raises
-    ------
-    RunError
-        File, line and what is wrong.
+    `path`: samples.csv; a missing one has no rows.
+    Raises RunError: file, line and what is wrong.
     """
     blocks: list[pd.DataFrame] = []
     cells: list[list[str]] = []

@@ -12,9 +12,9 @@ import pydantic
 from pydantic import Field
 
 from rig.recording.mistakes import shown
+from rig.recording.schema import Air, AirLine
 from rig.runlog.folder import RunError
 
-FORMAT = "run/1"
 MAX_SHOWN = 20  # mistakes
 # Events that an export looks for.
 ZERO, CAPTURE, ZERO_TAKEN_BACK, ROOM = "zero", "capture end", "zero taken back", "room"
@@ -56,14 +56,8 @@ class ClockRecord(Record):
     utc_start_ns: Annotated[int, Field(ge=0, le=10**19)]
 
 
-class AmbientRecord(Record):
+class AmbientRecord(Air, Record):
     """The room."""
-
-    pressure_bar_abs: Annotated[float, Field(ge=0.3, le=1.2)] | None = None
-    pressure_sd_bar: NotNegative | None = None
-    temperature_c: Annotated[float, Field(ge=-60.0, le=80.0)] | None = None
-    temperature_sd_k: NotNegative | None = None
-    relative_humidity: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
 
 
 class ChannelRecord(Record):
@@ -104,15 +98,8 @@ class SourceRecord(Record):
     text: Annotated[str, Field(max_length=2_000_000)]
 
 
-class SupplyRecord(Record):
-    """The line between regulator and motor, from the bench file; a figure and its standard deviation."""
-
-    regulator_time_s: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
-    regulator_time_s_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
-    line_volume_l: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
-    line_volume_l_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
-    valve_time_s: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
-    valve_time_s_sd: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
+class SupplyRecord(AirLine, Record):
+    """The line between regulator and motor, from the bench file."""
 
 
 class StartRecord(Record):
@@ -202,15 +189,8 @@ class WireLine(Record):
 def parse(schema: type[Schema], data: bytes, place: str) -> Schema:
     """Read a JSON object.
 
-    Parameters
-    ----------
-    place : str
-        File, and line where there are several.
-
-    Raises
-    ------
-    RunError
-        A line for each mistake.
+    `place`: file, and line where there are several.
+    Raises RunError: a line for each mistake.
     """
     try:
         return schema.model_validate_json(data)

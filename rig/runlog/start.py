@@ -31,14 +31,9 @@ PACKAGES = ("spinbench", "numpy", "scipy", "pandas", "pydantic", "pyserial", "py
 class Circumstances:
     """What no instrument tells.
 
-    Attributes
-    ----------
-    ambient : AmbientRecord or None
-        The room; the bench file's when left out.
-    lubrication, motor_serial : str or None
-        The bench file's when left out.
-    minutes_running : float or None
-        How long the motor has run before [min].
+    `ambient`: the room; the bench file's when left out.
+    `lubrication`, `motor_serial`: the bench file's when left out.
+    `minutes_running`: how long the motor has run before [min].
     """
 
     operator: str = ""
@@ -61,10 +56,7 @@ def start_record(
 ) -> StartRecord:
     """What start.json says of a run on a bench.
 
-    Parameters
-    ----------
-    more : mapping, optional
-        Further keys, such as ``sweep``; they replace those of the bench file.
+    `more`: further keys, such as ``sweep``; they replace those of the bench file.
     """
     file = bench.file
     record: dict[str, Any] = {

@@ -12,13 +12,58 @@ from rig.acquisition.derived import CHANNEL as DERIVED_CHANNEL
 from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
 from rig.readings import USABLE
 from rig.runlog import plateaus, rows
-from rig.runlog.bins import Bins
 from rig.runlog.folder import END, EVENTS, PLATEAUS, SAMPLES, RunError, is_locked, open_plain
 from rig.runlog.folder import MAX_FILE_BYTES as MOST_BYTES
 from rig.runlog.lines import MAX_LINE_BYTES
 from rig.runlog.plateaus import PlateauRow
 from rig.runlog.reader import read_end, read_start, state_of
 from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, ZERO, EndRecord, EventLine, parse
+
+FINEST_S = 0.05
+BINS = 800  # kept of each scale
+SCALES = 20  # the coarsest spans 240 days
+
+Bin = tuple[float, float, float]  # when it begins [s], lowest, highest
+
+
+class Bins:
+    """Bins of one channel. Times may only grow; what comes late is counted to the bin that is open."""
+
+    def __init__(self) -> None:
+        self._closed: list[deque[Bin]] = [deque(maxlen=BINS) for _ in range(SCALES)]
+        self._open: list[Bin | None] = [None] * SCALES
+        self.first_s: float | None = None
+
+    def add(self, time_s: float, value: float) -> None:
+        """Take a reading."""
+        if self.first_s is None:
+            self.first_s = time_s
+        self._merge(0, (time_s, value, value))
+
+    def _merge(self, scale: int, new: Bin) -> None:
+        width = FINEST_S * 2.0**scale
+        start = new[0] // width * width
+        held = self._open[scale]
+        if held is None or start > held[0]:
+            if held is not None:
+                self._closed[scale].append(held)
+                if scale + 1 < SCALES:
+                    self._merge(scale + 1, held)
+            self._open[scale] = (start, new[1], new[2])
+        else:
+            self._open[scale] = (held[0], min(held[1], new[1]), max(held[2], new[2]))
+
+    def last(self, from_s: float, until_s: float, most: int = BINS) -> list[Bin]:
+        """The bins from a time to another, no more than `most`, on the finest scale that does."""
+        span = max(until_s - from_s, FINEST_S)
+        scale = next((k for k in range(SCALES - 1) if FINEST_S * 2.0**k * (most - 1) >= span), SCALES - 1)
+        bins = [*self._closed[scale]]
+        for k in range(scale, -1, -1):  # what is not in a closed bin of this scale yet
+            part = self._open[k]
+            if part is not None:
+                bins.append(part)
+        return [one for one in bins if from_s - FINEST_S * 2.0**scale < one[0] <= until_s]
+
 
 BLOCK_BYTES = 1 << 18
 KEPT_EVENTS = 400
@@ -27,16 +72,11 @@ ROLES = ("pressure", "flow", "speed", "temperature")
 CHECK, CHECK_FAILED, STATE, SET_POINT = "model check", "model check failed", "state", "set-point"
 LATEST = (CHECK, CHECK_FAILED, STATE, SET_POINT, COURSE, EXPECTED, ZERO, CAPTURE)  # of each kind the last is kept
 ALARMS = ("warning", "level refused", "set-point not taken", "capture failed", CHECK_FAILED, "line lost")
-_USABLE = {quality.value for quality in USABLE}
 
 
 @dataclass(frozen=True)
 class Shown:
-    """The newest reading of a role, usable or not.
-
-    `time_s`: on the bench's clock [s].
-    `censored`: -1 and 1 beyond the scale [-].
-    """
+    """The newest reading of a role, usable or not."""
 
     role: str
     channel: str
@@ -49,7 +89,7 @@ class Shown:
     @property
     def usable(self) -> bool:
         """Whether there is a value without a fault."""
-        return self.value is not None and self.quality in _USABLE
+        return self.value is not None and self.quality in USABLE
 
 
 class _Lines:
@@ -84,7 +124,6 @@ class Tail:
     Raises RunError when the folder holds no run.
 
     `now_s`: the latest time that was seen [s].
-    `last_event`: number of the newest event [-].
     """
 
     def __init__(self, folder: Path) -> None:
@@ -160,7 +199,7 @@ class Tail:
         value = self._number(cells[4]) if cells[4] else None
         shown = Shown(role, channel, value, cells[5], cells[6], time_s, int(self._number(cells[7])))
         self.newest[role] = shown
-        if value is not None and shown.quality in _USABLE:
+        if value is not None and shown.quality in USABLE:
             self.bins[role].add(time_s, value)
 
     def _number(self, cell: str) -> float:

@@ -35,12 +35,7 @@ def verify(folder: Path) -> list[str]:
     """What is not as it should be in a run, in words; empty when everything is.
 
     Hashes are held against the end record, counts against the rows, and the rows of each exchange against its line of
-    the wire.
-
-    Raises
-    ------
-    RunError
-        When the folder holds no run.
+    the wire. Raises RunError when the folder holds no run.
     """
     folder = Path(folder)
     if not (folder / START).exists():
@@ -128,17 +123,9 @@ def _counted(run: Run) -> tuple[dict[str, int], list[str]]:
 def repair(folder: Path) -> list[str]:
     """Seal a killed run: drop what is torn at the end of each file, and an exchange whose rows are not all there.
 
-    The end record keeps what was dropped. Nothing else changes.
-
-    Returns
-    -------
-    list of str
-        What was done, in words. A run that has an end record is left as it is.
-
-    Raises
-    ------
-    RunError
-        When a program writes the run now, or when it is damaged beyond torn last lines; nothing is changed then.
+    The end record keeps what was dropped. Nothing else changes. Returns what was done, in words. A run that has an end
+    record is left as it is. Raises RunError when a program writes the run now, or when it is damaged beyond torn last
+    lines; nothing is changed then.
     """
     folder = Path(folder)
     if read_run(folder).sealed:

@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal
 
 from rig.readings import NS, Exchange
@@ -65,19 +64,10 @@ class RunWriter:
     def create(cls, root: Path, start: StartRecord, wire: bool = True, sync_s: float = SYNC_S) -> RunWriter:
         """Make a run's folder, its start record last.
 
-        Parameters
-        ----------
-        start : StartRecord
-            What is known at the start; it names the folder.
-        wire : bool
-            Whether the bytes on the wire are kept; without them the run cannot be replayed.
-        sync_s : float
-            How often what was written is put on the disk [s].
-
-        Raises
-        ------
-        RunError
-            When the folder cannot be made.
+        `start`: what is known at the start; it names the folder.
+        `wire`: whether the bytes on the wire are kept; without them the run cannot be replayed.
+        `sync_s`: how often what was written is put on the disk [s].
+        Raises RunError when the folder cannot be made.
         """
         try:
             begun_ns = rows.utc_ns(start.utc_start)
@@ -106,10 +96,7 @@ class RunWriter:
     def exchange(self, exchange: Exchange) -> None:
         """Write an exchange: its line of the wire, then a row for each reading. They are in the file on return.
 
-        Raises
-        ------
-        RunError
-            When it could not be written; the files then end before it.
+        Raises RunError when it could not be written; the files then end before it.
         """
         with self._guard:
             self._check()
@@ -134,19 +121,9 @@ class RunWriter:
     def event(self, kind: str, time_ns: int, **details: Any) -> None:
         """Write an event.
 
-        Parameters
-        ----------
-        kind : str
-            What happened; docs/runs.md lists those that an export looks for.
-        time_ns : int
-            When, on the bench's clock [ns].
-        **details
-            What else is to be said, as far as JSON can hold it.
-
-        Raises
-        ------
-        RunError
-            When it could not be written.
+        `kind`: what happened; docs/runs.md lists those that an export looks for.
+        `**details`: what else is to be said, as far as JSON can hold it.
+        Raises RunError when it could not be written.
         """
         with self._guard:
             self._check()
@@ -156,15 +133,9 @@ class RunWriter:
     def plateau(self, row: Mapping[str, Any]) -> None:
         """Write a plateau.
 
-        Parameters
-        ----------
-        row : mapping
-            Columns of plateaus.csv, see `rig.runlog.plateaus.line`. A number that stood before replaces that plateau.
-
-        Raises
-        ------
-        RunError
-            When it could not be written, or is no plateau.
+        `row`: columns of plateaus.csv, see `rig.runlog.plateaus.line`. A number that stood before replaces that
+            plateau.
+        Raises RunError when it could not be written, or is no plateau.
         """
         line = plateaus.line(row)
         with self._guard:
@@ -186,10 +157,7 @@ class RunWriter:
     ) -> EndRecord:
         """Seal the run: everything on the disk, every file hashed, the end record last, the lock released.
 
-        Raises
-        ------
-        RunError
-            When the record could not be written; the run is readable, and counts as killed.
+        Raises RunError when the record could not be written; the run is readable, and counts as killed.
         """
         with self._guard:
             if self._closing.is_set():
@@ -230,9 +198,7 @@ class RunWriter:
     def __enter__(self) -> RunWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _open(self, name: str, header: bytes) -> None:

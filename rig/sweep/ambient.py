@@ -56,12 +56,7 @@ class Ambient:
 
     def record(self) -> AmbientRecord:
         """As the run log keeps it."""
-        return AmbientRecord(
-            pressure_bar_abs=self.pressure_bar_abs,
-            pressure_sd_bar=self.pressure_sd_bar,
-            temperature_c=self.temperature_c,
-            relative_humidity=self.relative_humidity,
-        )
+        return AmbientRecord(**{name: getattr(self, name) for name in (*ROOM, "pressure_sd_bar")})
 
     def told(self) -> dict[str, float | str]:
         """What a person has told of it, as the log keeps it."""

@@ -50,7 +50,6 @@ class Expected:
 class Rate:
     """How often the speed channel gives a new value.
 
-    `period_s`: between two readings [s].
     `update_s`: the instrument's own [s]; 0 where it has none.
     `teeth`: of the wheel, where each tooth is timed [-].
     """

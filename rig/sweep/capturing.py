@@ -23,7 +23,6 @@ class CaptureTask:
 
     `kind`: ``coast-down``: from speed, the line vented; ``spin-up``: from rest, the set-point in one step.
     `level_bar_abs`: absolute pressure before or after [bar].
-    `expected_s`: predicted duration of the event [s].
     """
 
     kind: str

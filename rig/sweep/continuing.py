@@ -74,15 +74,8 @@ def _back_from(run: Run, logs: Path) -> Iterator[Run]:
 def refuse_another_motor(run: Run, bench: Bench, motor_serial: str | None = None) -> None:
     """Refuse to take a run after one of another motor.
 
-    Parameters
-    ----------
-    motor_serial : str or None
-        Of the motor that is on the bench; the bench file's when left out.
-
-    Raises
-    ------
-    RunError
-        When the motors, or the serial numbers of both, differ.
+    `motor_serial`: of the motor that is on the bench; the bench file's when left out.
+    Raises RunError when the motors, or the serial numbers of both, differ.
     """
     serial = bench.file.motor_serial if motor_serial is None else motor_serial
     motors = [(run.start.motor, run.start.motor_serial), (bench.motor, serial)]

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 from configs.units import BAR, RAD_S
 from rig.interlock import SafetyError
-from rig.interlock.step import Point, Prediction, Verdict
+from rig.interlock.step import Point, Verdict
 from rig.plateaus.plateau import Plateau
-from rig.sweep.orders import Predict, Trip, View
+from rig.sweep.orders import Predict, Trip
+
+if TYPE_CHECKING:
+    from rig.interlock.guard import Guard
 
 
 class Progress(Protocol):
@@ -35,7 +37,7 @@ class Person(Protocol):
 
 
 class Silent:
-    """Nobody watches, and nobody answers."""
+    """Nobody watches, and nobody answers: `Progress` and `Person`."""
 
     def say(self, text: str, warning: bool = False) -> None:
         """Nothing."""
@@ -51,32 +53,8 @@ class Silent:
         return None
 
 
-def allow_all(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
-    """A guard that refuses nothing. `level_bar_abs`: where to [bar]."""
-    return Verdict(True, "no guard", level_bar_abs * BAR)
-
-
 # From an absolute pressure [bar] and the plateaus so far: the lowest and the highest speed to be believed [rpm].
 Expect = Callable[[float, Sequence[Plateau]], tuple[float, float] | None]
-
-
-def expect_anything(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
-    """Any speed is believed."""
-    return None
-
-
-def never_trip(view: View, now_ns: int, pressurised: bool) -> str | None:
-    """Limits that nothing passes."""
-    return None
-
-
-def never_stopped() -> int:
-    """An operator who never asks to stop."""
-    return 0
-
-
-def ignored(plateau: Plateau) -> None:
-    """Nobody listens to plateaus."""
 
 
 @dataclass(frozen=True)
@@ -88,43 +66,26 @@ class Hooks:
     `expect`: the speeds that a typed one is held against; `expecting` makes one.
     """
 
-    predict: Predict = allow_all
-    trip: Trip = never_trip
-    stops: Callable[[], int] = field(default_factory=lambda: never_stopped)
-    progress: Progress = field(default_factory=Silent)
-    person: Person = field(default_factory=Silent)
-    on_plateau: Callable[[Plateau], None] = field(default_factory=lambda: ignored)
-    expect: Expect = expect_anything
+    predict: Predict
+    trip: Trip
+    stops: Callable[[], int]
+    progress: Progress
+    person: Person
+    on_plateau: Callable[[Plateau], None]
+    expect: Expect
 
 
-class Guarding(Protocol):
-    """`rig.interlock.guard.Guard`."""
-
-    def verdict(self, level: float, points: Sequence[Point]) -> Verdict:
-        """Whether a level may be ordered next."""
-
-
-def guarded(guard: Guarding, ambient_bar: float, is_gauge: bool, pressure_sd_bar: float = 0.0) -> Predict:
-    """The guard as the machine asks it.
-
-    `pressure_sd_bar`: what a mean pressure may be off by beyond its scatter [bar].
-    """
+def guarded(guard: Guard, ambient_bar: float, is_gauge: bool) -> Predict:
+    """The guard as the machine asks it."""
 
     def predict(level_bar_abs: float, plateaus: Sequence[Plateau]) -> Verdict:
-        points = points_of(plateaus, ambient_bar if is_gauge else 0.0, pressure_sd_bar)
+        points = points_of(plateaus, ambient_bar if is_gauge else 0.0)
         return guard.verdict(level_bar_abs * BAR, points)
 
     return predict
 
 
-class Expecting(Protocol):
-    """`rig.interlock.guard.Guard`."""
-
-    def predict(self, level_pa_abs: float, points: Sequence[Point]) -> Prediction:
-        """The speed at a level."""
-
-
-def expecting(guard: Expecting, ambient_bar: float, is_gauge: bool) -> Expect:
+def expecting(guard: Guard, ambient_bar: float, is_gauge: bool) -> Expect:
     """The speeds that the guard holds for possible, for readings that a person types."""
 
     def expect(bar_abs: float, plateaus: Sequence[Plateau]) -> tuple[float, float] | None:
@@ -137,11 +98,10 @@ def expecting(guard: Expecting, ambient_bar: float, is_gauge: bool) -> Expect:
     return expect
 
 
-def points_of(plateaus: Sequence[Plateau], added_bar: float, pressure_sd_bar: float = 0.0) -> list[Point]:
+def points_of(plateaus: Sequence[Plateau], added_bar: float) -> list[Point]:
     """The plateaus that tell the guard something: those with a pressure and a speed on the scale, or at rest.
 
     `added_bar`: from the channel's zero to absolute [bar].
-    `pressure_sd_bar`: what a mean pressure may be off by beyond its scatter [bar].
     """
     points = []
     for plateau in plateaus:
@@ -154,7 +114,7 @@ def points_of(plateaus: Sequence[Plateau], added_bar: float, pressure_sd_bar: fl
             (pressure.mean + added_bar) * BAR,
             max(speed.mean, 0.0) * RAD_S,
             (speed.se or 0.0) * RAD_S,
-            math.hypot(pressure.se or 0.0, pressure_sd_bar) * BAR,
+            (pressure.se or 0.0) * BAR,
         )
         points.append(point)
     return points

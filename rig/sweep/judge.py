@@ -15,7 +15,6 @@ NEAR_AMBIENT_BAR = 0.2  # a sweep is not begun with more in a line that should b
 AT_REST_RPM = 1.0
 OFF_LEVEL_BAR = 0.05
 OFF_LEVEL = 0.03  # of the level
-FRESH_S = 2.0  # what is older says nothing of now
 
 
 def pressure_abs(view: View, ambient_bar: float) -> float | None:

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 
 from configs.units import BAR
+from rig.interlock.step import Verdict
 from rig.plateaus.plan import SAME_BAR, UP, Step, stepping_stone
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
@@ -37,7 +38,6 @@ from rig.sweep.orders import (
     Say,
     SetPressure,
     Trip,
-    Verdict,
     View,
     Zero,
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from rig.acquisition.channels import Window
+from rig.interlock.step import Verdict
 from rig.plateaus.plan import Step
 from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import Reading
@@ -33,22 +34,6 @@ class View(Protocol):
 
     def since(self, channel: str, after_ns: int) -> list[Reading]:
         """The readings, failed or not, whose replies came after a time [ns]."""
-
-
-class Verdict(Protocol):
-    """Whether a level may be gone to, and why or why not."""
-
-    @property
-    def allowed(self) -> bool:
-        """Whether it may."""
-
-    @property
-    def text(self) -> str:
-        """In words, with the figures."""
-
-    @property
-    def highest_pa_abs(self) -> float:
-        """The highest pressure that would be allowed now [Pa]."""
 
 
 Predict = Callable[[float, Sequence[Plateau]], Verdict]  # from a level [bar abs] and the plateaus so far

@@ -91,7 +91,7 @@ class BenchView:
 
 
 class Runner:
-    """Carries out a machine's orders on a bench."""
+    """Carries out a machine's orders on a bench. `acquisition`: started; it is not stopped here."""
 
     def __init__(self, acquisition: Acquisition, sink: PlateauSink, bench: Bench, course: Course, hooks: Hooks) -> None:
         self.acquisition, self.sink, self.course, self.hooks = acquisition, sink, course, hooks
@@ -113,7 +113,8 @@ class Runner:
     def run(self) -> Outcome:
         """Go through the course.
 
-        It returns also when it failed; what is not the bench's fault is raised once the regulator is at zero.
+        It returns also when it failed; what is not the bench's fault is raised once the regulator is at zero. Where it
+        is not known to be there, the outcome says so.
         """
         try:
             while self.finish is None:
@@ -244,18 +245,6 @@ class Runner:
 
     def _note(self, kind: str, **details: Any) -> None:
         self.acquisition.event(kind, None, **details)
-
-
-def run_course(
-    acquisition: Acquisition, sink: PlateauSink, bench: Bench, course: Course, hooks: Hooks | None = None
-) -> Outcome:
-    """Go through a course on a bench whose acquisition runs.
-
-    `acquisition`: started; it is not stopped here.
-    `hooks`: guard, limits, operator and audience; none of them when left out.
-    The run is finished, aborted or failed; the regulator is at zero, or the outcome says that it is not known to be.
-    """
-    return Runner(acquisition, sink, bench, course, hooks or Hooks()).run()
 
 
 def _zero_details(order: Zero) -> dict[str, Any]:

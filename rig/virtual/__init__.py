@@ -5,7 +5,6 @@ devices        the simulated instruments, and their faults
 cables         serial lines and sockets
 serve, control the process (`python -m rig.virtual BENCH --state DIR`), and the socket that asks it
 launch         starts the process from Python
-person         answers like a person who reads a dial
 """
 
 from rig.virtual.launch import VirtualBench, VirtualBenchError, launch

@@ -117,10 +117,8 @@ class VirtualServer:
     def power_cycle(self, device: str, span_s: float) -> None:
         """Take a device's power for some time. `span_s`: how long [s]."""
         bus = next(bus for name, bus in self.buses.items() if device in self.place.devices_of[name])
-        switch_off = getattr(self.served[device], "switch_off", None)
-        if switch_off is not None:
-            self.world.plant.advance(self.clock.now_ns())
-            switch_off()
+        self.world.plant.advance(self.clock.now_ns())
+        self.served[device].switch_off()
         bus.switch_off(device, self.clock.now_ns() + int(span_s * NS))
 
     def run(

@@ -9,18 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from spinbench.cli import options
 from spinbench.cli.concealing import server_of
 from spinbench.cli.errors import UNUSABLE_INPUT
-from spinbench.cli.options import (
-    LOGS,
-    BenchArgument,
-    ConcealSeedOption,
-    LogsOption,
-    OnlyOption,
-    RateOption,
-    SealKeyOption,
-    SealOption,
-)
 from spinbench.cli.show import on_terminal
 from spinbench.progress import waiting
 
@@ -29,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def doctor(
-    bench: BenchArgument,
+    bench: options.BenchArgument,
     scan: Annotated[
         bool, typer.Option("--scan", help="Try Modbus addresses 1 to 16 where a device is silent.")
     ] = False,
@@ -49,18 +40,18 @@ def doctor(
 
 
 def virtual(
-    bench: BenchArgument,
+    bench: options.BenchArgument,
     state: Annotated[
         Path, typer.Option("--state", metavar="DIR", help="Where ports.json and the links to the ptys go.")
     ],
-    rate: RateOption = None,
+    rate: options.RateOption = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of noise, errors and faults; the bench file's if left out.")
     ] = None,
-    conceal: SealOption = None,
-    conceal_seed: ConcealSeedOption = None,
-    only: OnlyOption = "",
-    key: SealKeyOption = None,
+    conceal: options.SealOption = None,
+    conceal_seed: options.ConcealSeedOption = None,
+    only: options.OnlyOption = "",
+    key: options.SealKeyOption = None,
 ) -> None:
     """Serve a virtual bench until Ctrl-C, for another program; a sweep on a virtual bench starts its own."""
     from rig.bench.bench import bench_path, read_bench
@@ -82,11 +73,11 @@ def virtual(
 
 
 def console(
-    bench: BenchArgument,
+    bench: options.BenchArgument,
     terminal: Annotated[
         bool, typer.Option("--terminal", help="The same in this terminal: s stops, a acknowledges, q quits.")
     ] = False,
-    logs: LogsOption = LOGS,
+    logs: options.LogsOption = options.LOGS,
     port: Annotated[
         int | None,
         typer.Option(
@@ -100,7 +91,7 @@ def console(
             help="Of this machine, to be opened from others: 0.0.0.0 is all. Then a browser needs the token to watch.",
         ),
     ] = "127.0.0.1",
-    rate: RateOption = None,
+    rate: options.RateOption = None,
     mqtt: Annotated[
         str, typer.Option(metavar="HOST[:PORT]", help="Publish the newest readings and the state there, read only.")
     ] = "",

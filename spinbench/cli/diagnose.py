@@ -4,35 +4,24 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from spinbench import readings
+from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.options import (
-    LOGS,
-    JsonOption,
-    LogsOption,
-    PerRecordingOption,
-    RecordingsArgument,
-    SeedOption,
-    WithoutOption,
-    WithParentsOption,
-)
 from spinbench.cli.show import check_places, deliver, remark
-from spinbench.earlier import RECORDINGS, made_of, read_earlier
+from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
 from spinbench.progress import diagnosing
 
 if TYPE_CHECKING:
+    from calibration.diagnosis.next_test.promised import Promise
     from rig.recording import Recording
 
-OutOption = Annotated[
-    Path | None,
-    typer.Option("-o", "--out", metavar="DIR", help="Write report.html, .png and diagnosis.json there."),
-]
+OutOption = Annotated[Path | None, options.out_folder("Write report.html, .png and diagnosis.json there.")]
 HoldOutOption = Annotated[
     Path | None,
     typer.Option(
@@ -57,23 +46,19 @@ ResumeOption = Annotated[
 ]
 
 
-def _kept(out: Path | None) -> str:
-    return "nothing is kept of an unfinished diagnosis; the same command begins again"
-
-
-@kept_when_interrupted(_kept)
+@kept_when_interrupted(lambda out: "nothing is kept of an unfinished diagnosis; the same command begins again")
 def diagnose(
-    recording: RecordingsArgument,
+    recording: options.RecordingsArgument,
     out: OutOption = None,
-    json_file: JsonOption = None,
-    seed: SeedOption = 1,
+    json_file: options.JsonOption = None,
+    seed: options.SeedOption = 1,
     hold_out: HoldOutOption = None,
     workers: WorkersOption = None,
-    left_out: WithoutOption = None,
+    left_out: options.WithoutOption = None,
     resume: ResumeOption = None,
-    parents: WithParentsOption = False,
-    per_recording: PerRecordingOption = None,
-    logs: LogsOption = LOGS,
+    parents: options.WithParentsOption = False,
+    per_recording: options.PerRecordingOption = None,
+    logs: options.LogsOption = options.LOGS,
 ) -> None:
     """Say whether the model explains a recording and, if not, which physics is missing; 0 whatever the verdict."""
     from calibration.data.joined import as_given
@@ -87,15 +72,10 @@ def diagnose(
     check_places(out, json_file)
     earlier = None if resume is None else read_earlier(resume)
     new = readings.all_named(recording, logs, parents)
-    parts = [*(earlier.recordings if earlier else []), *new]
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
-    readings.refuse_twice(parts, unseen)
-    promise = earlier.promise(new) if earlier else None
-    if earlier and promise is None:
-        remark(
-            f"nothing given now is a test that {resume} asks for, so nothing was promised of it", *earlier.why_not(new)
-        )
-    parts = without(parts, left_out or [])
+    readings.refuse_twice([*(earlier.recordings if earlier else []), *new], unseen)
+    promise = _promised(earlier, new, resume)
+    parts = without([*(earlier.recordings if earlier else []), *new], left_out or [])
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
     sharing = own_of_each(per_recording or [], len(parts))
     given = as_given(parts, apart=bool(sharing.own))
@@ -114,33 +94,33 @@ def diagnose(
     deliver(data, [table(found)], json_file)
     print(words.sentence(found), file=sys.stderr)
     _warn(found, diagnosis)
-    if len(given) > 1 and out is not None:
-        remark(f"each of the {len(given)} recordings has a page of its own there, report_NAME.html")
-    _tell_how_it_went(unseen, found, diagnosis.seconds, out)
+    _tell_how_it_went(unseen, found, diagnosis.seconds, out, len(given))
 
 
-def _kept_of_both(out: Path | None) -> str:
-    return "nothing is kept of an unfinished comparison; the same command begins again"
+def _promised(earlier: Earlier | None, new: Sequence[Recording], resume: Path | None) -> Promise | None:
+    """What an earlier diagnosis promised of the new recordings; it is told where that is nothing."""
+    if earlier is None:
+        return None
+    promise = earlier.promise(new)
+    if promise is None:
+        why = earlier.why_not(new)
+        remark(f"nothing given now is a test that {resume} asks for, so nothing was promised of it", *why)
+    return promise
 
 
-@kept_when_interrupted(_kept_of_both)
+@kept_when_interrupted(lambda out: "nothing is kept of an unfinished comparison; the same command begins again")
 def compare(
     before: Annotated[
         Path, typer.Argument(metavar="A", help="The earlier one: the folder of a recording, or the name of a run.")
     ],
     after: Annotated[Path, typer.Argument(metavar="B", help="The later one, of the same motor.")],
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help="Write report.html, .png and comparison.json there."),
-    ] = None,
-    json_file: JsonOption = None,
-    seed: SeedOption = 1,
-    left_out: WithoutOption = None,
-    logs: LogsOption = LOGS,
+    out: Annotated[Path | None, options.out_folder("Write report.html, .png and comparison.json there.")] = None,
+    json_file: options.JsonOption = None,
+    seed: options.SeedOption = 1,
+    left_out: options.WithoutOption = None,
+    logs: options.LogsOption = options.LOGS,
 ) -> None:
     """Say what changed from one recording of a motor to another, or that nothing did; 0 whatever the answer."""
-    from calibration.data.dates import date_of
-    from calibration.data.left_out import without
     from calibration.data.rows_used import few_used
     from calibration.diagnosis import changes
     from calibration.diagnosis.changes_document import as_json
@@ -149,13 +129,7 @@ def compare(
     from rig.recording import files
 
     check_places(out, json_file)
-    parts = [readings.read(readings.folder_named(named, logs)) for named in (before, after)]
-    readings.refuse_twice(parts)
-    parts = without(parts, left_out or [])
-    remark(*(warning for part in parts for warning in part.warnings))
-    dates = [date_of(part) for part in parts]
-    if dates[0] and dates[1] and dates[0] > dates[1]:
-        remark(f"{parts[1].folder} is the earlier one by its date; before and after are told in the order given")
+    parts = _both(before, after, left_out or [], logs)
     with diagnosing("comparison") as tell:
         found = changes.compare(parts[0], parts[1], seed, tell, min(2, os.cpu_count() or 1))
         document = as_json(found)
@@ -168,6 +142,21 @@ def compare(
     remark(*few_used(document["files"]), steps_in_words(found.seconds))
     if out is not None:
         remark(f"the report is {out / 'report.html'}")
+
+
+def _both(before: Path, after: Path, left_out: Sequence[str], logs: Path) -> list[Recording]:
+    """The two recordings of a comparison, with remarks on them."""
+    from calibration.data.dates import date_of
+    from calibration.data.left_out import without
+
+    parts = [readings.read(readings.folder_named(named, logs)) for named in (before, after)]
+    readings.refuse_twice(parts)
+    parts = without(parts, left_out)
+    remark(*(warning for part in parts for warning in part.warnings))
+    dates = [date_of(part) for part in parts]
+    if dates[0] and dates[1] and dates[0] > dates[1]:
+        remark(f"{parts[1].folder} is the earlier one by its date; before and after are told in the order given")
+    return parts
 
 
 def _pages(page: Any, diagnosis: Any, found: Mapping[str, Any]) -> dict[str, bytes]:
@@ -209,12 +198,17 @@ def _warn(found: Mapping[str, Any], diagnosis: Any) -> None:
 
 
 def _tell_how_it_went(
-    unseen: Recording | None, found: Mapping[str, Any], seconds: Mapping[str, float], out: Path | None
+    unseen: Recording | None, found: Mapping[str, Any], seconds: Mapping[str, float], out: Path | None, count: int
 ) -> None:
-    """Say that a run was held out for nothing, how long each step took, and where the report is."""
+    """Say that a run was held out for nothing, how long each step took, and where the reports are.
+
+    `count`: of recordings that have a page each.
+    """
     from calibration.diagnosis.steps.confirm import Predicted
     from calibration.report.diagnosis.words import steps_in_words
 
+    if count > 1 and out is not None:
+        remark(f"each of the {count} recordings has a page of its own there, report_NAME.html")
     held_out = found["improvement"]["held_out"] or {}
     if unseen is not None and held_out.get("kind") != Predicted.UNSEEN_RUN:
         remark(f"{unseen.folder} was not predicted: there is no set of effects to do it with")

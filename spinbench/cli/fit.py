@@ -13,21 +13,8 @@ import typer
 
 from spinbench import readings
 from spinbench.api.fitting import Asked, fitted, prepared
+from spinbench.cli import options
 from spinbench.cli.errors import MODEL_DOES_NOT_FIT, kept_when_interrupted
-from spinbench.cli.options import (
-    LOGS,
-    EffectiveSamplesOption,
-    JsonOption,
-    LogsOption,
-    MaxStepsOption,
-    PerRecordingOption,
-    RecordingsArgument,
-    SeedOption,
-    SetOption,
-    SteadyOnlyOption,
-    WithoutOption,
-    WithParentsOption,
-)
 from spinbench.cli.show import check_places, deliver, remark
 from spinbench.extras import has
 from spinbench.progress import sampling
@@ -40,13 +27,7 @@ if TYPE_CHECKING:
 
 NETCDF = "posterior.nc"
 OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--out",
-        metavar="DIR",
-        help="Folder for report, posterior and chain; a fit that was killed goes on there.",
-    ),
+    Path | None, options.out_folder("Folder for report, posterior and chain; a fit that was killed goes on there.")
 ]
 SpeedOnlyOption = Annotated[bool, typer.Option("--speed-only", help="Leave the flow channel out.")]
 CompareOption = Annotated[
@@ -71,22 +52,22 @@ def _kept(out: Path | None) -> str:
 
 @kept_when_interrupted(_kept)
 def fit(
-    recording: RecordingsArgument,
+    recording: options.RecordingsArgument,
     out: OutOption = None,
-    json_file: JsonOption = None,
-    seed: SeedOption = 1,
-    effective_samples: EffectiveSamplesOption = None,
-    max_steps: MaxStepsOption = None,
-    assignments: SetOption = None,
-    steady_only: SteadyOnlyOption = False,
+    json_file: options.JsonOption = None,
+    seed: options.SeedOption = 1,
+    effective_samples: options.EffectiveSamplesOption = None,
+    max_steps: options.MaxStepsOption = None,
+    assignments: options.SetOption = None,
+    steady_only: options.SteadyOnlyOption = False,
     speed_only: SpeedOnlyOption = False,
     compare: CompareOption = False,
     gauge_span_bar: GaugeSpanOption = None,
     effects: EffectsOption = "",
-    left_out: WithoutOption = None,
-    parents: WithParentsOption = False,
-    per_recording: PerRecordingOption = None,
-    logs: LogsOption = LOGS,
+    left_out: options.WithoutOption = None,
+    parents: options.WithParentsOption = False,
+    per_recording: options.PerRecordingOption = None,
+    logs: options.LogsOption = options.LOGS,
 ) -> None:
     """Fit f_overall, and what it depends on, to recordings of one motor; exit code 3 if the sampler does not converge,
     5 if the model does not explain the readings.

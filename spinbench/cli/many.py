@@ -11,15 +11,8 @@ from typing import Annotated, Any
 import typer
 
 from spinbench import readings
+from spinbench.cli import options
 from spinbench.cli.errors import CHANGED, UNUSABLE_INPUT
-from spinbench.cli.options import (
-    EffectiveSamplesOption,
-    MaxStepsOption,
-    SchedulerOption,
-    SeedOption,
-    SteadyOnlyOption,
-    WorkersOption,
-)
 from spinbench.cli.show import on_terminal, remark
 from spinbench.extras import need
 from spinbench.progress import bars
@@ -27,17 +20,15 @@ from spinbench.progress import bars
 ManyArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")
 ]
-TableOption = Annotated[
-    Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the table; started again, it goes on.")
-]
+TableOption = Annotated[Path, options.out_folder("Folder for the table; started again, it goes on.")]
 
 
 def diagnose(
     recordings: ManyArgument,
     out: TableOption,
-    seed: SeedOption = 1,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
+    seed: options.SeedOption = 1,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
 ) -> None:
     """Diagnose many recordings into one table; exit code 2 when some could not be."""
     from calibration import fleet
@@ -52,12 +43,12 @@ def diagnose(
 def fit(
     recordings: ManyArgument,
     out: TableOption,
-    seed: SeedOption = 1,
-    effective_samples: EffectiveSamplesOption = None,
-    max_steps: MaxStepsOption = None,
-    steady_only: SteadyOnlyOption = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
+    seed: options.SeedOption = 1,
+    effective_samples: options.EffectiveSamplesOption = None,
+    max_steps: options.MaxStepsOption = None,
+    steady_only: options.SteadyOnlyOption = False,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
 ) -> None:
     """Fit many recordings into one table, which says where the model does not fit; exit code 2 when some failed."""
     from calibration import fleet
@@ -80,13 +71,10 @@ def fit(
 
 def trend(
     recordings: ManyArgument,
-    out: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="DIR", help="Folder for page and table; started again, it goes on."),
-    ],
-    seed: SeedOption = 1,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
+    out: Annotated[Path, options.out_folder("Folder for page and table; started again, it goes on.")],
+    seed: options.SeedOption = 1,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
 ) -> None:
     """Show f_overall and each effect along the dates, motor by motor; exit code 6 where one changed."""
     from calibration import fleet

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spinbench.api.simulating import motor_of
-from spinbench.cli.options import JsonOption, MotorOption, SetOption
+from spinbench.cli.options import JsonOption, MotorOption, SetOption, out_folder
 from spinbench.cli.show import check_places, deliver, remark
 from spinbench.progress import waiting
 
@@ -38,9 +38,7 @@ def simulate(
     assignments: SetOption = None,
     motor: MotorOption = "ptm3600",
     json_file: JsonOption = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Write simulation.png and .json there.")
-    ] = None,
+    out: Annotated[Path | None, out_folder("Write simulation.png and .json there.")] = None,
 ) -> None:
     """Simulate the motor: an operating point, a sweep of the pressure, a spin-up or a coast-down."""
     if transient is not None and to is not None:
@@ -71,7 +69,7 @@ def _simulate_points(
     if out is not None:
         of_one = end_bar is None
         plot = simulation_figures.power_plot(found[0]) if of_one else simulation_figures.sweep_plot(found, limit)
-        _keep(out, data, plot)
+        files.write_files(out, {"simulation.json": data, "simulation.png": plot})
     deliver(data, [table], json_file)
     remark(*simulation.remarks(found, limit))
 
@@ -88,15 +86,10 @@ def _simulate_transient(
         run = (spin_up if kind is TransientKind.SPIN_UP else coast_down)(motor, bar * BAR, duration_s)
     data = files.json_bytes(simulation.transient_data(motor, kind.value, bar, run))
     if out is not None:
-        _keep(out, data, simulation_figures.transient_plot(run))
+        plot = simulation_figures.transient_plot(run)
+        files.write_files(out, {"simulation.json": data, "simulation.png": plot})
     deliver(data, [simulation.transient_table(run)], json_file)
     remark(*simulation.transient_remarks(run, motor["speed_limit"].value))
-
-
-def _keep(out: Path, data: bytes, plot: bytes) -> None:
-    from rig.recording import files
-
-    files.write_files(out, {"simulation.json": data, "simulation.png": plot})
 
 
 def sensitivity(
@@ -121,7 +114,7 @@ def sensitivity(
 
 
 def reproduce(
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where the figures and tables go.")],
+    out: Annotated[Path, out_folder("Where the figures and tables go.")],
     page: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Where the page goes; reproduce.md beside the figures if left out."),

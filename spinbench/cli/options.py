@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 LOGS = Path("logs")  # of the folder that the program is started in: runs are data, not part of the program
+
+
+def out_folder(what: str) -> Any:
+    """The option that names a folder to write into. `what`: its help."""
+    return typer.Option("-o", "--out", metavar="DIR", help=what)
+
 
 RecordingsArgument = Annotated[
     list[Path],

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spinbench.cli.errors import RUN_FAILED
-from spinbench.cli.options import LOGS, LogsOption, RunArgument
+from spinbench.cli.options import LOGS, LogsOption, RunArgument, out_folder
 from spinbench.cli.show import check_places, on_terminal, remark
 from spinbench.progress import counting
 from spinbench.readings import run_named
@@ -34,9 +34,7 @@ def replay(
     with_model: Annotated[
         bool, typer.Option("--with-model", help="Drive the model with the recorded pressure.")
     ] = False,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Where the comparison with the model goes.")
-    ] = None,
+    out: Annotated[Path | None, out_folder("Where the comparison with the model goes.")] = None,
 ) -> None:
     """Play a run's bytes back through the drivers; exit code 4 unless every sample comes again, bit for bit."""
     from configs import FOLDER

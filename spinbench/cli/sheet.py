@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spinbench.cli.options import (
-    LOGS,
-    BenchArgument,
-    HumidityOption,
-    LogsOption,
-    LubricationOption,
-    MotorSerialOption,
-    NoteOption,
-    RoomPressureOption,
-    RoomTemperatureOption,
-)
+from spinbench.cli import options
 
 if TYPE_CHECKING:
     from rig.bench.bench import Bench
@@ -25,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def sheet(
-    bench: BenchArgument,
+    bench: options.BenchArgument,
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", metavar="FILE", help="Print a sheet: .html for paper, .csv to fill in."),
@@ -33,15 +23,15 @@ def sheet(
     entered: Annotated[
         Path | None, typer.Option("--enter", metavar="FILE", help="A filled-in .csv sheet becomes a run.")
     ] = None,
-    logs: LogsOption = LOGS,
+    logs: options.LogsOption = options.LOGS,
     operator: Annotated[str, typer.Option(help="Who read the instruments.")] = "",
-    motor_serial: MotorSerialOption = None,
-    note: NoteOption = "",
+    motor_serial: options.MotorSerialOption = None,
+    note: options.NoteOption = "",
     date: Annotated[str, typer.Option(help="When they were read, such as 2026-05-28.")] = "",
-    ambient_pressure_bar_abs: RoomPressureOption = None,
-    ambient_temperature_c: RoomTemperatureOption = None,
-    relative_humidity: HumidityOption = None,
-    lubrication: LubricationOption = None,
+    ambient_pressure_bar_abs: options.RoomPressureOption = None,
+    ambient_temperature_c: options.RoomTemperatureOption = None,
+    relative_humidity: options.HumidityOption = None,
+    lubrication: options.LubricationOption = None,
     minutes_running: Annotated[
         float | None, typer.Option(help="How long the motor had run that day, in minutes.")
     ] = None,

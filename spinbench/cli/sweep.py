@@ -16,27 +16,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spinbench import readings
+from spinbench.cli import options
 from spinbench.cli.concealing import server_of
 from spinbench.cli.errors import RUN_FAILED
-from spinbench.cli.options import (
-    LOGS,
-    AfterOption,
-    BenchArgument,
-    ConcealSeedOption,
-    HumidityOption,
-    LogsOption,
-    LubricationOption,
-    MinutesRunningOption,
-    MotorSerialOption,
-    NoteOption,
-    OnlyOption,
-    OperatorOption,
-    RateOption,
-    RoomPressureOption,
-    RoomTemperatureOption,
-    SealKeyOption,
-    SealOption,
-)
 from spinbench.cli.show import remark
 from spinbench.progress import waiting
 
@@ -61,17 +43,17 @@ class CaptureKind(StrEnum):
 
 
 def sweep(
-    bench: BenchArgument,
-    logs: LogsOption = LOGS,
-    operator: OperatorOption = "",
-    motor_serial: MotorSerialOption = None,
-    note: NoteOption = "",
-    rate: RateOption = None,
-    ambient_pressure_bar_abs: RoomPressureOption = None,
-    ambient_temperature_c: RoomTemperatureOption = None,
-    relative_humidity: HumidityOption = None,
-    lubrication: LubricationOption = None,
-    minutes_running: MinutesRunningOption = None,
+    bench: options.BenchArgument,
+    logs: options.LogsOption = options.LOGS,
+    operator: options.OperatorOption = "",
+    motor_serial: options.MotorSerialOption = None,
+    note: options.NoteOption = "",
+    rate: options.RateOption = None,
+    ambient_pressure_bar_abs: options.RoomPressureOption = None,
+    ambient_temperature_c: options.RoomTemperatureOption = None,
+    relative_humidity: options.HumidityOption = None,
+    lubrication: options.LubricationOption = None,
+    minutes_running: options.MinutesRunningOption = None,
     resume: Annotated[
         str | None,
         typer.Option("--continue", metavar="RUN", help="Make a new run of the levels that this one did not take."),
@@ -83,10 +65,10 @@ def sweep(
     page: Annotated[
         bool, typer.Option("--page/--no-page", help="Write the run's page, report.html, into its folder at the end.")
     ] = True,
-    conceal: SealOption = None,
-    conceal_seed: ConcealSeedOption = None,
-    only: OnlyOption = "",
-    key: SealKeyOption = None,
+    conceal: options.SealOption = None,
+    conceal_seed: options.ConcealSeedOption = None,
+    only: options.OnlyOption = "",
+    key: options.SealKeyOption = None,
 ) -> None:
     """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
     from rig.run.running import Wanted
@@ -108,7 +90,7 @@ def sweep(
 
 
 def capture(
-    bench: BenchArgument,
+    bench: options.BenchArgument,
     kind: Annotated[CaptureKind, typer.Option(help="What to take.")],
     level_bar_abs: Annotated[
         float | None, typer.Option(help="Absolute pressure, in bar; the bench file's if left out.")
@@ -117,21 +99,21 @@ def capture(
     added_inertia_kg_m2: Annotated[
         float | None, typer.Option(help="Inertia of a flywheel on the shaft, in kg m2; the bench file's if left out.")
     ] = None,
-    after: AfterOption = None,
-    logs: LogsOption = LOGS,
-    operator: OperatorOption = "",
-    motor_serial: MotorSerialOption = None,
-    note: NoteOption = "",
-    rate: RateOption = None,
-    ambient_pressure_bar_abs: RoomPressureOption = None,
-    ambient_temperature_c: RoomTemperatureOption = None,
-    relative_humidity: HumidityOption = None,
-    lubrication: LubricationOption = None,
-    minutes_running: MinutesRunningOption = None,
-    conceal: SealOption = None,
-    conceal_seed: ConcealSeedOption = None,
-    only: OnlyOption = "",
-    key: SealKeyOption = None,
+    after: options.AfterOption = None,
+    logs: options.LogsOption = options.LOGS,
+    operator: options.OperatorOption = "",
+    motor_serial: options.MotorSerialOption = None,
+    note: options.NoteOption = "",
+    rate: options.RateOption = None,
+    ambient_pressure_bar_abs: options.RoomPressureOption = None,
+    ambient_temperature_c: options.RoomTemperatureOption = None,
+    relative_humidity: options.HumidityOption = None,
+    lubrication: options.LubricationOption = None,
+    minutes_running: options.MinutesRunningOption = None,
+    conceal: options.SealOption = None,
+    conceal_seed: options.ConcealSeedOption = None,
+    only: options.OnlyOption = "",
+    key: options.SealKeyOption = None,
 ) -> None:
     """Take one thing alone: a coast-down, a spin-up, plateaus at one level or a vented zero.
 
@@ -154,8 +136,7 @@ def capture(
 
     server, name = server_of(conceal, conceal_seed, only, key), parent.name if parent else None
     by = (operator, motor_serial, note, name)
-    wanted = Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2)
-    _take(bench, given, course, wanted)
+    _take(bench, given, course, Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2))
 
 
 def _among(name: str, logs: Path) -> Run:
@@ -226,7 +207,7 @@ def _continuing(path: Path, folder: Path, wanted: Wanted, given: Given, check: b
     from rig.sweep.ambient import OPTIONS
 
     words = ["spinbench", "sweep", str(path), "--continue", folder.name]
-    words += ["--logs", str(wanted.root)] if wanted.root != LOGS else []
+    words += ["--logs", str(wanted.root)] if wanted.root != options.LOGS else []
     words += ["--operator", wanted.operator] if wanted.operator else []
     words += [f"--motor-serial={wanted.motor_serial}"] if wanted.motor_serial is not None else []
     words += [f"--note={wanted.note}"] if wanted.note else []

@@ -155,10 +155,7 @@ def run_folder(logs: Path, name: str) -> Path:
 
 
 def file_within(logs: Path, wanted: str) -> tuple[Path, str]:
-    """A file of the logs folder that may be shown, and its media type.
-
-    `wanted`: its path from the logs folder.
-    """
+    """A file of the logs folder that may be shown, and its media type. `wanted`: its path from the logs folder."""
     parts = Path(wanted).parts
     kind = SERVED.get(Path(wanted).suffix.lower())
     path = logs.joinpath(*parts)

@@ -252,27 +252,16 @@ class Desk:
 
 def _row(folder: Path) -> dict[str, Any]:
     row: dict[str, Any] = {"name": folder.name, "reports": reports_of(folder.parent, folder.name)}
+    row |= {"outcome": "", "kind": "", "bench": "", "plateaus": "", "imported": False}
     try:
         start = read_start(folder)
         locked = not (folder / END).exists() and is_locked(folder)
         end = read_end(folder)
     except RunError as error:
-        return row | {
-            "outcome": f"unreadable: {str(error).splitlines()[0][:160]}",
-            "kind": "",
-            "bench": "",
-            "plateaus": "",
-            "imported": False,
-        }
-    outcome = state_of(end, locked)
+        return row | {"outcome": f"unreadable: {str(error).splitlines()[0][:160]}"}
     plateaus = "" if end is None else end.counts.get("plateaus", "")
-    return row | {
-        "outcome": outcome,
-        "kind": start.kind,
-        "bench": start.bench,
-        "plateaus": plateaus,
-        "imported": is_imported(start),
-    }
+    row |= {"outcome": state_of(end, locked), "kind": start.kind, "bench": start.bench}
+    return row | {"plateaus": plateaus, "imported": is_imported(start)}
 
 
 def as_text(part: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Collection, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from rig.readings import Quality
@@ -32,7 +33,6 @@ def facts(
 ) -> dict[str, Any]:
     """A run as it stands.
 
-    `now_s`: on the bench's clock [s].
     `span_s`: what the charts show [s]; 0 for the whole run.
     `acknowledged`: numbers of alarms that a person has seen.
     `silent_s`: how long nothing new has come, of the wall [s].
@@ -47,7 +47,7 @@ def facts(
         "charts": {"from_s": round(from_s, 2), "until_s": round(max(now_s, 1.0), 2), "series": _series(tail, from_s)},
         "picture": _picture(tail),
         "check": _check(tail),
-        "events": [_event(event) for event in _news(tail)],
+        "events": [_event(event) for event in tail.events if event.event not in QUIET_EVENTS][-SHOWN_EVENTS:],
         "alarms": _alarms(tail, acknowledged, bench),
     }
 
@@ -103,15 +103,7 @@ def _room(ambient: Mapping[str, Any]) -> str:
 def _state(tail: Tail, now_s: float) -> dict[str, Any]:
     badge = badge_of(tail, now_s)
     still = None if badge.still_s is None else round(badge.still_s, 1)
-    return {
-        "word": badge.word,
-        "explanation": badge.explanation,
-        "waits_for": badge.waits_for,
-        "still_s": still,
-        "of_s": badge.of_s,
-        "at_most": badge.at_most,
-        "at_s": round(now_s, 1),
-    }
+    return asdict(badge) | {"still_s": still, "at_s": round(now_s, 1)}
 
 
 def _steps(tail: Tail, now_s: float) -> dict[str, Any]:
@@ -273,10 +265,6 @@ def _check(tail: Tail) -> dict[str, Any]:
     if found.get("p_value") is None:
         return {"lamp": "waits", "text": text}
     return {"lamp": "differs" if found.get("differs") else "fits", "text": text}
-
-
-def _news(tail: Tail) -> list[EventLine]:
-    return [event for event in tail.events if event.event not in QUIET_EVENTS][-SHOWN_EVENTS:]
 
 
 def _event(event: EventLine) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -88,33 +88,36 @@ def planned_of(asked: Mapping[str, Any], bench: Bench) -> Planned:
         mistakes.append(f"{name} '{said[name][:20]}': expected {low:g} to {high:g}")
         return None
 
-    kind, after, note = said.get("kind", ""), said.get("after", ""), said.get("note", "")
-    kinds = kinds_of(bench)
-    if kind not in kinds:
-        mistakes.append(f"kind '{kind[:20]}': expected {', '.join(kinds)}")
-    if unknown := sorted(set(said) - {*Planned.__dataclass_fields__}):
-        mistakes.append(f"{unknown[0][:40]}: no such entry; known are {', '.join(Planned.__dataclass_fields__)}")
-    if after and not is_plain(after):
-        mistakes.append(f"after '{after[:40]}': expected the name of a run")
-    if len(note) > MOST_NOTE:
-        mistakes.append(f"note: longer than {MOST_NOTE} characters")
-    others = sorted(set(said) & {"level_bar_abs", "plateaus", "added_inertia_kg_m2", "after"})
-    if kind == SWEEP and others:
-        mistakes.append(f"{others[0]}: a sweep takes what the bench file says; leave it out, or edit the bench file")
-    if kind in KINDS and kind != PLATEAUS and "plateaus" in said:
-        mistakes.append(f"plateaus: a {kind} has none")
     room = bench.file.ambient.pressure_bar_abs or 0.0
     planned = Planned(
-        kind,
+        said.get("kind", ""),
         number("level_bar_abs", room, bench.file.safety.highest_pressure_bar_abs),
         number("plateaus", 1, MOST_PLATEAUS, int),
         number("added_inertia_kg_m2", 0.0, MOST_INERTIA),
-        after,
-        note,
+        said.get("after", ""),
+        said.get("note", ""),
     )
-    if mistakes:
+    if mistakes := [*_mistakes(planned, set(said), bench), *mistakes]:
         raise RefusedError(400, "; ".join(mistakes))
     return planned
+
+
+def _mistakes(planned: Planned, said: set[str], bench: Bench) -> Iterator[str]:
+    """What is wrong with a run, its numbers apart. `said`: the names of what was stated."""
+    kind, kinds = planned.kind, kinds_of(bench)
+    if kind not in kinds:
+        yield f"kind '{kind[:20]}': expected {', '.join(kinds)}"
+    if unknown := sorted(said - {*Planned.__dataclass_fields__}):
+        yield f"{unknown[0][:40]}: no such entry; known are {', '.join(Planned.__dataclass_fields__)}"
+    if planned.after and not is_plain(planned.after):
+        yield f"after '{planned.after[:40]}': expected the name of a run"
+    if len(planned.note) > MOST_NOTE:
+        yield f"note: longer than {MOST_NOTE} characters"
+    others = sorted(said & {"level_bar_abs", "plateaus", "added_inertia_kg_m2", "after"})
+    if kind == SWEEP and others:
+        yield f"{others[0]}: a sweep takes what the bench file says; leave it out, or edit the bench file"
+    if kind in KINDS and kind != PLATEAUS and "plateaus" in said:
+        yield f"plateaus: a {kind} has none"
 
 
 def of_table(text: str, bench: Bench) -> list[Planned]:

@@ -71,7 +71,6 @@ class Stopping:
     """One press of STOP on one run.
 
     `after`: the newest event of the run when it was pressed [-].
-    `at`: when it was pressed, since 1970 [s].
     `by_hand`: whether a person has the valve, and no regulator.
     `pressed_s`: the same on the monotonic clock, which nobody sets back [s].
     `delivered_s`: how long after STOP the regulator was ordered to zero [s].

@@ -31,7 +31,6 @@ STATES = {
     "failed": ("Something of the bench does not work.", "the run to be sealed"),
 }
 STARTING = ("starting", "The instruments are identified and the failsafes set.", "the bench")
-NOTHING = ("idle", "No run is being written.", "")
 CLOSE_SUPPLY = "Close the supply by hand now, and use the bench's own shut-off."
 GOES_ON, HAS_ENDED = "The run goes on. Press STOP if it should not.", "The run has ended. Read it before the next one."
 GUIDANCE = {

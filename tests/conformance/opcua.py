@@ -10,8 +10,9 @@ from pathlib import Path
 
 from rig.runlog import RunWriter
 from tests.conformance.clients import Missing
-from tests.console_lab import consoles, free_port, short_bench, wait_for
+from tests.console_lab import consoles, free_port, short_bench
 from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of
+from tests.waiting import wait_for
 
 FOLDER = Path(__file__).parent / "opcua_go"
 GOOD, NO_DATA, NOT_ALLOWED = 0, 0x809B0000, 0x801F0000  # status codes of OPC UA part 6

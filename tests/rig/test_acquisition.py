@@ -18,6 +18,7 @@ from rig.readings import NS, Quality
 from rig.virtual.launch import port_for
 from tests.modbus_peer import ModbusPeer
 from tests.virtual_benches import FLOW, MODBUS, bench, serving
+from tests.waiting import wait_for
 
 
 def ports_of(served):
@@ -41,13 +42,6 @@ class Kept:
         return [reading for exchange in self.exchanges for reading in exchange.readings if reading.name == name]
 
 
-def wait_until(condition, seconds=10.0):
-    give_up = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < give_up, "what was waited for did not come"
-        time.sleep(0.01)
-
-
 @pytest.fixture
 def acquiring():
     """Starts the acquisition of a bench that is served, and stops both."""
@@ -55,9 +49,10 @@ def acquiring():
 
     def start(served, found=None, **options):
         sink = Kept()
-        acquisition = Acquisition(found or bench(MODBUS), served.clock, sink, ports_of(served), **options)
+        acquisition = Acquisition(found or bench(MODBUS), served.clock, ports_of(served), **options)
         ended.append(acquisition)
-        acquisition.start()
+        acquisition.connect()
+        acquisition.begin(sink)
         return acquisition, sink
 
     yield start
@@ -68,7 +63,7 @@ def acquiring():
 def test_every_channel_is_read_and_the_devices_are_named(acquiring, tmp_path):
     with serving(bench(MODBUS), tmp_path) as served:
         acquisition, sink = acquiring(served, simulated=True)
-        wait_until(lambda: acquisition.window("speed", 1e6).size and acquisition.window("pressure", 1e6).size)
+        wait_for(lambda: acquisition.window("speed", 1e6).size and acquisition.window("pressure", 1e6).size)
         assert set(acquisition.identities()) == {"gauge", "dac", "flowmeter", "tach"}
         assert {reading.quality for reading in sink.readings("gauge.pressure_bar_abs")} == {Quality.SIMULATED}
 
@@ -77,7 +72,7 @@ def test_the_flow_at_the_inlet_is_a_channel_beside_the_meters_own(acquiring, tmp
     with serving(bench(MODBUS), tmp_path) as served:
         acquisition, sink = acquiring(served)
         acquisition.command("dac", "write", 1.0)
-        wait_until(
+        wait_for(
             lambda: (acquisition.last("flow") or acquisition.last("speed")) and acquisition.window("flow", 1e6).size
         )
         derived = next(reading for reading in sink.readings("derived.flow_l_min") if reading.value is not None)
@@ -97,16 +92,16 @@ def test_a_set_point_is_written_and_read_back(acquiring, tmp_path):
 def test_a_gap_stays_a_gap_and_the_line_comes_back(acquiring, tmp_path):
     with serving(bench(MODBUS), tmp_path) as served:
         acquisition, sink = acquiring(served)
-        wait_until(lambda: acquisition.window("pressure", 1e6).size > 3)
+        wait_for(lambda: acquisition.window("pressure", 1e6).size > 3)
         served.ask(do="unplug", line="bus")
-        wait_until(lambda: any(kind == "line lost" for kind, _ in sink.events))
+        wait_for(lambda: any(kind == "line lost" for kind, _ in sink.events))
         count = acquisition.window("pressure", 1e6).size
         others = acquisition.window("speed", 1e6).size
         time.sleep(0.5)
         assert acquisition.window("pressure", 1e6).size == count
         assert acquisition.window("speed", 1e6).size > others  # another line goes on
         served.ask(do="plug", line="bus")
-        wait_until(lambda: acquisition.window("pressure", 1e6).size > count + 3)
+        wait_for(lambda: acquisition.window("pressure", 1e6).size > count + 3)
         back = next(details for kind, details in sink.events if kind == "line back")
         assert back["gap_s"] > 0.4
         lost = next(
@@ -124,7 +119,7 @@ def test_a_command_on_a_lost_line_is_refused(acquiring, tmp_path):
     with serving(bench(MODBUS), tmp_path) as served:
         acquisition, sink = acquiring(served)
         served.ask(do="unplug", line="bus")
-        wait_until(lambda: any(kind == "line lost" for kind, _ in sink.events))
+        wait_for(lambda: any(kind == "line lost" for kind, _ in sink.events))
         with pytest.raises(LineError):
             acquisition.command("dac", "write", 0.0)
 
@@ -135,7 +130,7 @@ def test_a_dead_device_does_not_slow_the_others_on_its_line(acquiring, tmp_path)
         _, sink = acquiring(served, bench(text, paced=False))
         served.ask(do="fault", kind="dropped", device="dac", chance=1.0)
         failed = lambda: [r for r in sink.readings("dac.setpoint_bar_gauge") if r.quality is Quality.TIMEOUT]  # noqa: E731
-        wait_until(lambda: len(failed()) >= 3, 20.0)
+        wait_for(lambda: len(failed()) >= 3)
         begin, count = served.clock.now_ns(), len(failed())
         time.sleep(4.0)
         spent_s = (served.clock.now_ns() - begin) / 1e9
@@ -151,10 +146,10 @@ def test_a_device_among_others_is_read_again_soon_after_a_silence(acquiring, tmp
         _, sink = acquiring(served, bench(text, paced=False))
         readings = lambda: sink.readings("gauge.pressure_bar_abs")  # noqa: E731
         served.ask(do="fault", kind="dropped", device="gauge", chance=1.0)
-        wait_until(lambda: sum(one.quality is Quality.TIMEOUT for one in readings()) >= 4, 30.0)
+        wait_for(lambda: sum(one.quality is Quality.TIMEOUT for one in readings()) >= 4)
         served.ask(do="clear")
         back_ns = served.clock.now_ns()
-        wait_until(lambda: any(one.usable and one.time_ns > back_ns for one in readings()), 30.0)
+        wait_for(lambda: any(one.usable and one.time_ns > back_ns for one in readings()))
         assert (served.clock.now_ns() - back_ns) / NS < 8.0  # four times what a question without an answer takes
 
 
@@ -178,13 +173,13 @@ def test_a_device_alone_on_its_line_is_read_again_soon_after_a_silence():
         worker.start()
         read = lambda: sum(one.usable for one in sink.readings("meter.flow_sl_min"))  # noqa: E731
         try:
-            wait_until(lambda: read() > 3)
+            wait_for(lambda: read() > 3)
             device.units.clear()
-            wait_until(lambda: driver.failing)
+            wait_for(lambda: driver.failing)
             time.sleep(1.5)
             count, back_ns = read(), clock.now_ns()
             device.units[1] = registers
-            wait_until(lambda: read() > count)
+            wait_for(lambda: read() > count)
             assert (clock.now_ns() - back_ns) / NS < 2.0
         finally:
             worker.stop()
@@ -225,9 +220,9 @@ def test_a_missing_device_is_told_at_the_start(tmp_path):
     found = bench(text)
     with serving(found, tmp_path) as served:
         served.ask(do="fault", kind="dropped", device="dac", chance=1.0)
-        acquisition = Acquisition(found, served.clock, Kept(), ports_of(served))
+        acquisition = Acquisition(found, served.clock, ports_of(served))
         with pytest.raises(LineError) as refused:
-            acquisition.start()
+            acquisition.connect()
     assert len(str(refused.value).splitlines()) == 1
     assert "bus" in str(refused.value)
 
@@ -237,15 +232,15 @@ def test_a_device_that_answers_as_another_is_told_at_the_start(tmp_path):
         MODBUS.replace('instrument = "edges"\nline = "usb"', 'instrument = "edges"\nline = "usb"\nserial_number = "X9"')
     )
     with serving(bench(MODBUS), tmp_path) as served:
-        acquisition = Acquisition(other, served.clock, Kept(), ports_of(served))
+        acquisition = Acquisition(other, served.clock, ports_of(served))
         with pytest.raises(IdentityError, match="X9"):
-            acquisition.start()
+            acquisition.connect()
 
 
 def test_rate_jitter_and_failures_are_counted(acquiring, tmp_path):
     with serving(bench(MODBUS), tmp_path) as served:
         acquisition, _ = acquiring(served)
-        wait_until(lambda: acquisition.window("pressure", 1e6).size > 10)
+        wait_for(lambda: acquisition.window("pressure", 1e6).size > 10)
         found = acquisition.statistics()
     gauge = found["devices"]["gauge"]
     assert gauge["asked_hz"] == pytest.approx(5.0)
@@ -267,7 +262,7 @@ def test_a_hurried_gauge_is_read_as_fast_as_its_line_bears_and_disturbs_nobody_o
             spent_s = (served.clock.now_ns() - begin) / 1e9
             return [(asked(name) - count) / spent_s for name, count in zip(names, before, strict=True)]
 
-        wait_until(lambda: asked("gauge.pressure_bar_abs") > 2)
+        wait_for(lambda: asked("gauge.pressure_bar_abs") > 2)
         acquisition.hurry("gauge")
         wrote = acquisition.command("dac", "write", 1.0, 1.0)  # gets through within a second
         assert "reads back" in wrote.outcome
@@ -292,7 +287,7 @@ def test_a_hurried_gauge_that_does_not_answer_is_not_asked_at_once_again(acquiri
         served.ask(do="fault", kind="dropped", device="gauge", chance=1.0)
         acquisition.hurry("gauge")
         failed = lambda: [r for r in sink.readings("gauge.pressure_bar_abs") if r.quality is Quality.TIMEOUT]  # noqa: E731
-        wait_until(lambda: len(failed()) >= 3, 20.0)
+        wait_for(lambda: len(failed()) >= 3)
         count = len(failed())
         time.sleep(2.0)
         assert len(failed()) - count <= 2
@@ -304,26 +299,14 @@ def test_a_log_that_cannot_be_written_ends_the_run(acquiring, tmp_path):
             raise OSError(28, "No space left on device")
 
     with serving(bench(MODBUS), tmp_path) as served:
-        acquisition = Acquisition(bench(MODBUS), served.clock, Full(), ports_of(served))
-        acquisition.start()
-        wait_until(lambda: acquisition.recorder.failure is not None)
+        acquisition = Acquisition(bench(MODBUS), served.clock, ports_of(served))
+        acquisition.connect()
+        acquisition.begin(Full())
+        wait_for(lambda: acquisition.recorder.failure is not None)
         with pytest.raises(RecorderError, match="No space left"):
             acquisition.last("speed")
         with pytest.raises(RecorderError):
             acquisition.stop()
-
-
-def test_a_listener_that_fails_is_dropped_and_the_run_goes_on(acquiring, tmp_path):
-    with serving(bench(MODBUS), tmp_path) as served:
-        acquisition, sink = acquiring(served)
-
-        def fail(exchange):
-            raise RuntimeError("broken view")
-
-        acquisition.subscribe(fail)
-        wait_until(lambda: any(kind == "listener failed" for kind, _ in sink.events))
-        count = len(sink.exchanges)
-        wait_until(lambda: len(sink.exchanges) > count + 5)
 
 
 def test_a_command_that_was_not_begun_in_time_is_never_done_unless_it_is_to_stand(acquiring, tmp_path, monkeypatch):
@@ -346,7 +329,7 @@ def test_a_command_that_was_not_begun_in_time_is_never_done_unless_it_is_to_stan
         with pytest.raises(NoReplyError, match="not done within"):
             acquisition.command("dac", "write", 0.0, 0.1, take_back=False)
         gate.set()
-        wait_until(lambda: ("write", 0.0) in done)
+        wait_for(lambda: ("write", 0.0) in done)
         assert ("write", 2.0) not in done
         assert worker.failure is None
 
@@ -354,14 +337,14 @@ def test_a_command_that_was_not_begun_in_time_is_never_done_unless_it_is_to_stan
 def test_whatever_fails_while_a_line_is_mended_ends_the_run_in_words(acquiring, tmp_path, monkeypatch):
     with serving(bench(MODBUS), tmp_path) as served:
         acquisition, _ = acquiring(served)
-        wait_until(lambda: acquisition.window("pressure", 1e6).size > 3)
+        wait_for(lambda: acquisition.window("pressure", 1e6).size > 3)
 
         def broken(line):
             raise RuntimeError("what nobody thought of")
 
         monkeypatch.setattr(actions, "open_line", broken)
         served.ask(do="unplug", line="bus")
-        wait_until(lambda: acquisition.workers["bus"].failure is not None)
+        wait_for(lambda: acquisition.workers["bus"].failure is not None)
         assert acquisition.workers["bus"].is_alive()
         with pytest.raises(RuntimeError, match="what nobody thought of"):
             acquisition.check()

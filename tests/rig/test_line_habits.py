@@ -71,9 +71,10 @@ def acquiring():
 
     def start(served, found):
         sink = Kept()
-        acquisition = Acquisition(found, served.clock, sink, functools.partial(port_for, served.ports))
+        acquisition = Acquisition(found, served.clock, functools.partial(port_for, served.ports))
         started.append(acquisition)
-        acquisition.start()
+        acquisition.connect()
+        acquisition.begin(sink)
         return acquisition, sink
 
     yield start

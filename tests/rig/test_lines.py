@@ -22,24 +22,10 @@ from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort
 from rig.readings import Quality
 from rig.virtual.devices import frames
+from tests.modbus_peer import rtu
 
 TIMING = Timing(timeout_s=0.05, slowest_reply_s=0.15, quiet_s=0.005)
 REGISTERS = {0: 111, 10: 222, 20: 333}  # each address has its own value, so that a wrong answer shows
-CRC_TABLE_POLY = 0xA001
-
-
-def crc(data):
-    """CRC-16 of Modbus, by the bit, written apart from what is tested."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (CRC_TABLE_POLY if value & 1 else 0)
-    return value.to_bytes(2, "little")
-
-
-def rtu(body):
-    return body + crc(body)
 
 
 def answer_of(request):

@@ -11,8 +11,7 @@ from model.operation.replayed import drive
 from model.solvers.steady import steady
 from rig.bench.bench import FOLDER
 from rig.readings import Event
-from rig.replay.player import Player
-from rig.replay.port import ReplayPort
+from rig.replay.player import Player, ReplayPort
 from rig.replay.replaying import bench_of_run, mended_bench, replay
 from rig.replay.saving import retake_plateaus, writer_for
 from rig.run.running import Wanted, take

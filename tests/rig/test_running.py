@@ -26,6 +26,7 @@ from rig.run import running
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
 from rig.virtual.launch import ask
+from tests.waiting import wait_for
 
 PROGRAM = [sys.executable, "-m", "spinbench"]
 ENOUGH_S = 90.0
@@ -63,15 +64,6 @@ def event_lines(folder):
     with contextlib.suppress(OSError):
         return [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines() if line.endswith("}")]
     return []
-
-
-def wait_for(found, what):
-    end_s = time.monotonic() + ENOUGH_S
-    while time.monotonic() < end_s:
-        if answer := found():
-            return answer
-        time.sleep(0.02)
-    raise AssertionError(f"{what} within {ENOUGH_S:g} s")
 
 
 def short(text):

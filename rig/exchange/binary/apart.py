@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import importlib.util
 import json
 import os
 import subprocess
@@ -15,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from rig.exchange.binary.columns import MAX_BYTES, Columns, Listed, Wanted
-from rig.exchange.binary.packages import need
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
@@ -24,15 +24,31 @@ MOST_S = 1800.0
 MOST_CPU_S = 30  # of a small file: a damaged one can send its reader round in circles
 MOST_CPU_S_PER_MB = 2
 NEEDS = {"tdms": "nptdms", "mat": "scipy", "hdf5": "h5py", "mdf": "asammdf"}  # reader: the package that it needs
+# Package: its name where it is published, its extra, and what needs it.
+PACKAGES = {
+    "nptdms": ("npTDMS", "formats", "a TDMS file"),
+    "h5py": ("h5py", "formats", "an HDF5 file"),
+    "asammdf": ("asammdf", "mdf", "an MDF file"),
+    "pyarrow": ("pyarrow", "formats", "a Parquet file"),
+}
+
+
+def need(name: str) -> None:
+    """See that a package is there. Raises RunError that says how to install it, where it is not."""
+    try:
+        found = importlib.util.find_spec(name)
+    except ImportError:
+        found = None
+    if found is None:
+        published, extra, purpose = PACKAGES[name]
+        raise RunError(f'{purpose} needs the package {published}; install it with `pip install "spinbench[{extra}]"`')
 
 
 def read_apart(reader: str, path: Path, group: str, wanted: Wanted) -> Columns:
     """The columns of a file, read by a process of its own.
 
-    Raises
-    ------
-    RunError
-        When the file cannot be read, the process that reads it ends without an answer, or a package is missing.
+    Raises RunError when the file cannot be read, the process that reads it ends without an answer, or a package is
+    missing.
     """
     return Columns(**_asked("read", reader, path, group, wanted))
 

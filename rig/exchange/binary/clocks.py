@@ -24,14 +24,8 @@ MOST_S = 5e9  # whose nanoseconds an integer holds
 class Clock:
     """When a channel was sampled.
 
-    Attributes
-    ----------
-    start_ns : int or None
-        The moment that the times are counted from [ns]; None where the file does not tell it.
-    time_s : ndarray
-        Of each sample [s].
-    said : str
-        The clock in words, for an error.
+    `start_ns`: the moment that the times are counted from [ns]; None where the file does not tell it.
+    `said`: the clock in words, for an error.
     """
 
     start_ns: int | None
@@ -57,11 +51,8 @@ class Channel:
 def on_one_time_line(place: str, channels: Sequence[Channel], wanted: Wanted) -> Columns:
     """Channels as columns, with their units, and with `WAVEFORM_TIME` behind them where they have clocks.
 
-    Raises
-    ------
-    RunError
-        When their clocks differ, and their times are not taken, or a channel cannot be placed on the time line: one
-        that has no clock neither.
+    Raises RunError when their clocks differ, and their times are not taken, or a channel cannot be placed on the time
+    line: one that has no clock neither.
     """
     return replace(_placed(place, channels, wanted), units={channel.name: channel.unit for channel in channels})
 

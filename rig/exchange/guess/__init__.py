@@ -1,7 +1,6 @@
 """A mapping file proposed from a look at a source, for a person to read and to confirm. Nothing is imported by it.
 
-look, layout, text    what a source holds: columns with their first cells; where a table begins; how text is parted
+look, layout          what a source holds: columns with their first cells, how text is parted; where a table begins
 headings              what a heading says: column and unit
-clock                 in which unit a column of times is written
 columns, proposal     the columns that are proposed, and the whole file; what is not sure stands as a comment, with why
 """

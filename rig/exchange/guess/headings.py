@@ -36,14 +36,9 @@ _SEPARATOR = re.compile(r"\s+in\s+|\s*[/,;:]\s*|[\s_]+")
 class Heading:
     """What a heading says.
 
-    Attributes
-    ----------
-    unit : str
-        As the import knows it, but for a pressure perhaps without `abs` or `gauge`; empty where none is stated.
-    unknown_unit : str
-        What stands in the unit's place and is none that the import knows.
-    by_unit, by_words : tuple of str
-        Columns of a recording that it could be, by the unit and by the words.
+    `unit`: as the import knows it, but for a pressure perhaps without `abs` or `gauge`; empty where none is stated.
+    `unknown_unit`: what stands in the unit's place and is none that the import knows.
+    `by_unit`, `by_words`: columns of a recording that it could be, by the unit and by the words.
     """
 
     unit: str

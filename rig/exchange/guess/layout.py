@@ -20,16 +20,10 @@ _BESIDE_UNITS = ("", "-", "[-]", "1", "[1]")
 class Layout:
     """A table in rows of cells.
 
-    Attributes
-    ----------
-    heading_line, first_line : int
-        Lines of the headings (0: none) and of the first data, from 1.
-    headings, units : list of str
-        Of each column; empty where there are none.
-    data : list of list of str
-        Rows of the table, as far as was looked.
-    odd_line : int or None
-        The first line behind them that is not like them.
+    `heading_line`, `first_line`: lines of the headings (0: none) and of the first data, from 1.
+    `headings`, `units`: of each column; empty where there are none.
+    `data`: rows of the table, as far as was looked.
+    `odd_line`: the first line behind them that is not like them.
     """
 
     heading_line: int

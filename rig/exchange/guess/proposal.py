@@ -35,13 +35,7 @@ AMBIENT = """
 
 
 def propose(path: Path) -> str:
-    """The text of a mapping file for a source.
-
-    Raises
-    ------
-    RunError
-        When the source cannot be read, or holds no numbers.
-    """
+    """The text of a mapping file for a source. Raises RunError when the source cannot be read, or holds no numbers."""
     source = look_at(path)
     columns, unknown = proposed_columns(source)
     parts = [HEAD.format(name=shown(path.name, 100)), *_ambient(columns), *_table(source)]

@@ -35,16 +35,10 @@ BESIDE = {
 class SampledChannel:
     """One channel's samples.
 
-    Attributes
-    ----------
-    name : str
-        `device.channel`.
-    value : ndarray
-        In `unit`; NaN where there is none.
-    time_s : ndarray
-        Of each sample [s], from the run's start.
-    beside : dict of str to ndarray
-        The columns of `BESIDE`: numbers, or text in UTF-8.
+    `name`: `device.channel`.
+    `value`: in `unit`; NaN where there is none.
+    `time_s`: of each sample [s], from the run's start.
+    `beside`: the columns of `BESIDE`: numbers, or text in UTF-8.
     """
 
     name: str
@@ -57,10 +51,7 @@ class SampledChannel:
 def sampled_channels(run: Run) -> Iterator[SampledChannel]:
     """The channels of a run, each with its samples in the order of the log.
 
-    Raises
-    ------
-    RunError
-        When a channel has several units: a channel of these formats has one.
+    Raises RunError when a channel has several units: a channel of these formats has one.
     """
     for (device, channel), rows in run.samples.groupby(["device", "channel"], sort=False, dropna=False):
         name, units = f"{device}.{channel}", [unit for unit in rows["unit"].unique() if unit]

@@ -3,34 +3,30 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import uuid
 from pathlib import Path
 
-from rig.exchange.binary.packages import need
+from rig.exchange.binary.apart import need
+from rig.exchange.samples import formats
 from rig.recording.mistakes import shown
 from rig.runlog.folder import END, MAX_RECORD_BYTES, START, RunError, read_bytes
 from rig.runlog.reader import BEING_WRITTEN, Run
 
-# Ending: the module here that writes the format, and the package that it needs.
+# Ending: what writes the format, and the package that it needs.
 FORMATS = {
-    ".parquet": ("parquet", "pyarrow"),
-    ".h5": ("hdf5", "h5py"),
-    ".hdf5": ("hdf5", "h5py"),
-    ".nxs": ("hdf5", "h5py"),
-    ".tdms": ("tdms", "nptdms"),
-    ".mf4": ("mdf", "asammdf"),
+    ".parquet": (formats.write_parquet, "pyarrow"),
+    **dict.fromkeys((".h5", ".hdf5", ".nxs"), (formats.write_hdf5, "h5py")),
+    ".tdms": (formats.write_tdms, "nptdms"),
+    ".mf4": (formats.write_mdf, "asammdf"),
 }
 
 
 def export_samples(run: Run, file: Path) -> None:
     """Write the samples of a run as one file, with its start and end records in it.
 
-    Raises
-    ------
-    RunError
-        When the run has no end record, the file exists, or the package that its format needs is not installed.
+    Raises RunError when the run has no end record, the file exists, or the package that its format needs is not
+    installed.
     """
     file = Path(file)
     if run.end is None:
@@ -38,14 +34,13 @@ def export_samples(run: Run, file: Path) -> None:
         raise RunError(f"{run.folder}: only a sealed run becomes a {file.suffix} file, and this one {what}")
     if os.path.lexists(file):
         raise RunError(f"{file}: exists already; nothing is overwritten, give a name that is free")
-    name, package = FORMATS[file.suffix.lower()]
+    write, package = FORMATS[file.suffix.lower()]
     need(package)
-    writer = importlib.import_module(f"rig.exchange.samples.{name}")
     records = {name: read_bytes(run.folder / name, MAX_RECORD_BYTES) for name in (START, END)}
     beside = file.with_name(f".{uuid.uuid4().hex}.writing{file.suffix}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        writer.write(run, records, beside)
+        write(run, records, beside)
         with beside.open("rb") as written:
             os.fsync(written.fileno())
         beside.rename(file)

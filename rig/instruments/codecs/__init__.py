@@ -3,7 +3,6 @@
 registers   Modbus registers
 blocks      which registers are read together
 values      what a codec makes of a channel
-patterns    regular expressions out of a file
 streaming   frames of a device that sends unasked
 edge_frames frames of the edge counter
 """

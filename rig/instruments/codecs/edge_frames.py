@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 SYNC, EDGE, HEARTBEAT = 0xA5, 0x45, 0x48
 FRAME_BYTES = 10
-EDGES_LOST, INDEX, LEVEL = 1, 2, 4  # flags
+EDGES_LOST, INDEX = 1, 2  # flags
 CRC_POLYNOMIAL = 0x07
 DRIFT = 100e-6  # by which two crystals part at most [s/s]
 
@@ -58,12 +58,6 @@ def _crc_of_byte(byte: int) -> int:
 
 
 _CRC = bytes(_crc_of_byte(byte & 0xFF) for byte in range(256))
-
-
-def encode(frame: Frame) -> bytes:
-    """The bytes of a frame."""
-    body = struct.pack("<BBBBIB", SYNC, frame.kind, frame.sequence, frame.flags, frame.ticks, frame.edges)
-    return body + bytes([crc8(body)])
 
 
 def cut(buffer: bytes) -> tuple[list[Frame], bytes, int]:

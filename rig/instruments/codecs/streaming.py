@@ -26,7 +26,6 @@ class Stream:
     def frames(self, line: Line, wait_s: float) -> tuple[int, list[bytes]]:
         """Wait for at least one whole frame.
 
-        `wait_s`: how long [s].
         Returns `time_ns`: when the last bytes came [ns]; `frames`: oldest first. Raises NoReplyError when the device
         was silent; BadReplyError when bytes came, but no frame.
         """

@@ -14,7 +14,7 @@ from rig.virtual.devices import frames
 from rig.virtual.devices.base import World
 from rig.virtual.devices.modbus_device import Field, ModbusDevice, Refusal, constant
 
-OUTPUTS, TYPES, NAME, SAFETY_ENABLED, SAFETY_OCCURRED = 0, 200, 210, 214, 215  # 40001, 40201, 40211, 40215, 40216
+OUTPUTS, TYPES, NAME, SAFETY_ENABLED = 0, 200, 210, 214  # 40001, 40201, 40211, 40215, beside 40216: it has occurred
 COUNT = 4
 MODEL_AND_VERSION = (0x4024, 0x0000, 0xA200, 0x0000)
 # As with every wait on a bench faster than real time: a busy machine is not a silent bus.
@@ -49,9 +49,8 @@ class Adam4024(ModbusDevice):
 
     def restart(self, time_ns: int) -> None:
         """Power comes back: outputs at zero, and the safety as it was switched, which the module keeps."""
-        super().restart(time_ns)
         self.occurred = 0
-        self.switch_off()
+        super().restart(time_ns)
 
     def switch_off(self) -> None:
         """Without power there is no voltage, and the regulator shuts."""

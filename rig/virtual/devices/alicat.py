@@ -91,10 +91,6 @@ class Alicat(Served):
         self.device, self.settings, self.letter = device, settings, letter
         self.part = AlicatPart(device, settings, world)
 
-    def restart(self, time_ns: int) -> None:
-        """Power comes back, with no set-point."""
-        self.switch_off()
-
     def switch_off(self) -> None:
         """Without power the valve is closed."""
         self.part.switch_off()

@@ -33,11 +33,6 @@ class AlicatModbus(ModbusDevice):
         ]
         super().__init__(device, unit, {frames.READ_HOLDING: fields})
 
-    def restart(self, time_ns: int) -> None:
-        """Power comes back, with no set-point."""
-        super().restart(time_ns)
-        self.switch_off()
-
     def switch_off(self) -> None:
         """Without power the valve is closed."""
         self.part.switch_off()

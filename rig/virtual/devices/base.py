@@ -45,8 +45,12 @@ class Served:
     device: str
     speaks: str
 
+    def switch_off(self) -> None:
+        """Power is gone."""
+
     def restart(self, time_ns: int) -> None:
         """Power comes back: everything as from the factory."""
+        self.switch_off()
 
     def tick(self, time_ns: int) -> None:
         """Time has passed; watchdogs look at it."""

@@ -170,7 +170,6 @@ def crossing_ns(times_ns: np.ndarray, angles: np.ndarray, speeds: np.ndarray, an
     """When the shaft passes an angle between two samples [ns], on the cubic through both with their speeds.
 
     `times_ns`, `angles`, `speeds`, shape (2,): the samples [ns], [rad], [rad/s].
-    `angle`: between the two [rad].
     """
     span_s = float(times_ns[1] - times_ns[0]) / NS
     turned = float(angles[1] - angles[0])

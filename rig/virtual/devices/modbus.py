@@ -45,11 +45,6 @@ class DescribedDevice(ModbusDevice):
             tables.setdefault(frames.READ_HOLDING, []).append(place)
         super().__init__(device, unit, tables)
 
-    def restart(self, time_ns: int) -> None:
-        """Power comes back, with no set-point."""
-        super().restart(time_ns)
-        self.switch_off()
-
     def switch_off(self) -> None:
         """Without power a regulator shuts."""
         if self.setpoint is not None:

@@ -103,6 +103,7 @@ class ModbusDevice(Served):
     def restart(self, time_ns: int) -> None:
         """Power comes back."""
         self.last_heard_ns = time_ns
+        self.switch_off()
 
     def write(self, address: int, values: list[int], time_ns: int) -> None:
         """Take a write; a device with registers to write says which.

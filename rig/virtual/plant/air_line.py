@@ -22,10 +22,8 @@ L, MM2 = 1e-3, 1e-6  # in a litre [m3], a square millimetre [m2]
 class AirLine:
     """A line with a volume; `step` carries it on.
 
-    `volume_l`: of the line [L].
     `valve_time_s`: from shut to open, and back [s].
     `valve_area_mm2`: effective area of either way of the valve, fully open [mm2].
-    `regulator_lag_s`: time constant of the regulator [s].
     `droop_bar_min_l`: what the regulator loses for each L/min that the motor takes at the line's state [bar min/L].
     `gas_j_kg`: gas constant times the line's temperature [J/kg].
     """
@@ -54,7 +52,6 @@ class AirLine:
 
         `target_bar`: what the regulator is set to, absolute [bar].
         `taken_kg_s`: what the motor takes [kg/s].
-        `span_s`: how long [s].
         Returns mean pressure of the span, absolute [bar].
         """
         steps = max(1, math.ceil(span_s / STEP_S - 1e-9))

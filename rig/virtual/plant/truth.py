@@ -5,30 +5,22 @@ from __future__ import annotations
 import difflib
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field, fields
+from typing import Any, Protocol
 
 import numpy as np
 
 import configs
 from model.motor import QUANTITIES, Motor
 
-# What the truth may change besides the motor's parameters: its value when left out, and its bounds.
-LINE_TRUTH: dict[str, tuple[float, float, float]] = {
-    "regulator_lag_s": (0.3, 1e-3, 100.0),
-    "vent_lag_s": (0.03, 1e-3, 100.0),
-    "regulator_gain": (1.0, 1e-3, 100.0),
-    "comm_safety_s": (2.0, 1e-3, 100.0),
-    "regulator_droop_bar_min_l": (0.0, 0.0, 0.02),
-    "line_volume_l": (0.0, 0.0, 50.0),
-    "valve_time_s": (0.0, 0.0, 10.0),
-    "valve_area_mm2": (50.0, 1.0, 1000.0),
-    "pitch_error_sd": (0.0, 0.0, 0.3),
-    "tachometer_window_s": (0.0, 0.0, 10.0),
-}
 # Called with sample times [ns, shape (n,)], angles [rad] and speeds [rad/s] as they become known; the first sample is
 # the last of the call before.
 Listener = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
+
+
+def _within(value: float, low: float, high: float) -> Any:
+    """A figure that may be changed within bounds."""
+    return field(default=value, metadata={"bounds": (low, high)})
 
 
 @dataclass(frozen=True)
@@ -48,21 +40,25 @@ class LineTruth:
     `tachometer_window_s`: over which a tachometer that is asked takes its mean [s]; 0 when it tells the present speed.
     """
 
-    regulator_lag_s: float = LINE_TRUTH["regulator_lag_s"][0]
-    vent_lag_s: float = LINE_TRUTH["vent_lag_s"][0]
-    regulator_gain: float = LINE_TRUTH["regulator_gain"][0]
-    comm_safety_s: float = LINE_TRUTH["comm_safety_s"][0]
-    regulator_droop_bar_min_l: float = LINE_TRUTH["regulator_droop_bar_min_l"][0]
-    line_volume_l: float = LINE_TRUTH["line_volume_l"][0]
-    valve_time_s: float = LINE_TRUTH["valve_time_s"][0]
-    valve_area_mm2: float = LINE_TRUTH["valve_area_mm2"][0]
-    pitch_error_sd: float = LINE_TRUTH["pitch_error_sd"][0]
-    tachometer_window_s: float = LINE_TRUTH["tachometer_window_s"][0]
+    regulator_lag_s: float = _within(0.3, 1e-3, 100.0)
+    vent_lag_s: float = _within(0.03, 1e-3, 100.0)
+    regulator_gain: float = _within(1.0, 1e-3, 100.0)
+    comm_safety_s: float = _within(2.0, 1e-3, 100.0)
+    regulator_droop_bar_min_l: float = _within(0.0, 0.0, 0.02)
+    line_volume_l: float = _within(0.0, 0.0, 50.0)
+    valve_time_s: float = _within(0.0, 0.0, 10.0)
+    valve_area_mm2: float = _within(50.0, 1.0, 1000.0)
+    pitch_error_sd: float = _within(0.0, 0.0, 0.3)
+    tachometer_window_s: float = _within(0.0, 0.0, 10.0)
 
     @property
     def holds_air(self) -> bool:
         """Whether there is a mass balance to keep."""
         return self.line_volume_l > 0.0 or self.valve_time_s > 0.0 or self.regulator_droop_bar_min_l > 0.0
+
+
+# What the truth may change besides the motor's parameters: its bounds.
+LINE_TRUTH: dict[str, tuple[float, float]] = {one.name: one.metadata["bounds"] for one in fields(LineTruth)}
 
 
 class Turning(Protocol):
@@ -113,11 +109,7 @@ class Turning(Protocol):
         """Order a pressure, now. `pressure_bar_abs`: absolute [bar]; the ambient's or less opens the dump valve."""
 
     def volume_flow_l_min(self, pressure_bar_abs: float, temperature_k: float) -> float:
-        """The present mass flow as a volume flow at a state.
-
-        `pressure_bar_abs`: absolute pressure of the state [bar].
-        `temperature_k`: its temperature [K].
-        """
+        """The present mass flow as a volume flow at a state."""
 
     def advance(self, to_ns: int) -> None:
         """Carry on to a time; an earlier one changes nothing. `to_ns`: time of the bench [ns]."""
@@ -137,7 +129,7 @@ def read_truth(motor: Motor, truth: Mapping[str, float], place: str) -> tuple[Mo
             hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
             mistakes.append(f"{place}: virtual.truth.{name}: no such parameter; {hint}")
         elif name in LINE_TRUTH:
-            _, low, high = LINE_TRUTH[name]
+            low, high = LINE_TRUTH[name]
             if not low <= value <= high:
                 mistakes.append(f"{place}: virtual.truth.{name}: {value:g} is outside {low:g}..{high:g}")
     if mistakes:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -21,10 +19,10 @@ from calibration.systems.look_up import compared
 from calibration.systems.several.sharing import Sharing
 from model.motor import Motor, read_motor
 from rig.recording import Recording, read_recording
+from tests.commands import spinbench
 
 pytestmark = pytest.mark.long
 
-ROOT = Path(__file__).resolve().parents[3]
 LEAK = {"leakage": {"conductance_kg_s_pa2": 2e-14, "exponent": 0.63}}
 TRUE = read_motor("ptm3600")["f_overall"].value
 
@@ -142,12 +140,6 @@ def test_an_instruments_error_explains_a_change_unless_it_is_the_same_instrument
     assert ("flow_scale_changed" in weighed_too) is could
     assert {"pressure_gauge_scale_changed", "leakage_changed", "f_overall_changed"} <= weighed_too
     assert "inertia_changed" not in weighed_too  # without a run in time nothing is said of it
-
-
-def spinbench(*words: object) -> subprocess.CompletedProcess[str]:
-    """The command line as a person runs it."""
-    command = [sys.executable, "-m", "spinbench", *map(str, words)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
 
 def test_a_motor_with_more_friction_is_told_with_how_much_in_json_and_page(

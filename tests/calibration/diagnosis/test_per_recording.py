@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +14,8 @@ from calibration.fit.integrated import Integrated
 from calibration.systems.look_up import compared
 from calibration.systems.several.sharing import Sharing, own_of_each
 from rig.recording import read_recording
+from tests.commands import spinbench
 
-ROOT = Path(__file__).resolve().parents[3]
 LEAK = {"first": 1e-14, "second": 3e-14}  # kg/(s Pa2)
 DATES = {"first": "2026-03-02", "second": "2026-01-20"}
 
@@ -32,12 +30,6 @@ def two_days(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with (folder / name / "recording.toml").open("a", encoding="utf-8") as file:
             file.write(f'[origin]\ndate = "{DATES[name]}"\n')
     return folder
-
-
-def spinbench(*words: object) -> subprocess.CompletedProcess[str]:
-    """The command line as a person runs it."""
-    command = [sys.executable, "-m", "spinbench", *map(str, words)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
 
 @pytest.mark.long

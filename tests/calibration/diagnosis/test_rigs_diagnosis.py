@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +27,7 @@ from calibration.work.sources import DIAGNOSIS, imported
 from rig.exchange.importing import import_files
 from rig.exchange.mapping import read_mapping
 from rig.recording import Column, Recording, RecordingError, read_recording, write_recording
+from tests.commands import spinbench
 
 ROOT = Path(__file__).resolve().parents[3]
 RECORDINGS = Path(os.environ.get("SPINBENCH_RECORDINGS", ROOT.parent / "shared" / "recordings"))
@@ -191,13 +190,6 @@ def test_an_instrument_without_any_noise_is_refused_with_what_to_do() -> None:
     made = rigs.recording({"kind": "free_rotor", "inertia_kg_m2": 0.02}, {"speed_rpm": (0.0, 0.0, 0.0, 0.0)}, files)
     with pytest.raises(RecordingError, match="noise_sd and resolution are both 0"):
         said(made)
-
-
-def spinbench(*words: str) -> subprocess.CompletedProcess[str]:
-    """The command line as a person runs it."""
-    return subprocess.run(
-        [sys.executable, "-m", "spinbench", *words], cwd=ROOT, capture_output=True, text=True, check=False
-    )
 
 
 def test_the_page_has_what_was_found_and_escapes_what_is_foreign(dry_axis: Recording) -> None:

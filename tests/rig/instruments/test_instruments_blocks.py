@@ -13,7 +13,7 @@ from rig.instruments import modbus
 from rig.lines import Line, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
-from rig.replay.port import ReplayPort
+from rig.replay.player import ReplayPort
 from rig.virtual.launch import port_for
 from tests.modbus_peer import ModbusPeer
 from tests.virtual_benches import serving

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from configs import ConfigError
-from rig.bench.instrument import FOLDER, ChannelFile, instrument_of, read_instrument
+from rig.bench.instrument import FOLDER, ChannelFile, instrument_of
 from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x, lutron, manual, modbus
 from rig.instruments.codecs import edge_frames
 from rig.instruments.codecs.blocks import Span, blocks_of
@@ -18,6 +18,7 @@ from rig.instruments.codecs.values import Value, bounded
 from rig.lines import BadReplyError
 from rig.lines import modbus as wire
 from rig.readings import Quality
+from tests.instrument_peers import edge_bytes, lutron_bytes, read_instrument
 
 BAR = ChannelFile(unit="bar", lowest=0.0, highest=10.0)
 
@@ -415,12 +416,12 @@ def test_a_pattern_that_ends_soon_is_taken(pattern):
 )
 def test_a_lutron_frame_survives(display, unit_code, digits, negative, decimals):
     frame = lutron.Frame(display, unit_code, digits / 10**decimals * (-1 if negative else 1))
-    assert lutron.decode(lutron.encode(frame, decimals)) == frame
+    assert lutron.decode(lutron_bytes(frame, decimals)) == frame
 
 
 @given(st.binary(max_size=40), st.binary(max_size=15))
 def test_a_lutron_frame_is_found_in_noise(before, after):
-    frame = lutron.encode(lutron.Frame("1", "08", 431.0), 1)
+    frame = lutron_bytes(lutron.Frame("1", "08", 431.0), 1)
     frames, rest = lutron.cut(before.replace(b"\x02", b"") + frame + after.replace(b"\x02", b""))
     assert (frames, rest) == ([frame], b"")
 
@@ -434,7 +435,7 @@ def test_any_bytes_may_come_to_the_lutron_codec(noise):
 
 @pytest.mark.parametrize("place", [0, 1, 5, 6, 10, 15])
 def test_a_damaged_lutron_byte_is_no_frame(place):
-    frame = bytearray(lutron.encode(lutron.Frame("1", "08", 431.0), 1))
+    frame = bytearray(lutron_bytes(lutron.Frame("1", "08", 431.0), 1))
     frame[place] ^= 0x40
     assert lutron.cut(bytes(frame))[0] == []
 
@@ -474,13 +475,13 @@ def test_the_check_value_of_the_crc_is_the_catalogue_s():
 @given(st.lists(FRAMES, max_size=5), st.binary(max_size=9))
 def test_edge_frames_survive_and_what_is_half_there_waits(frames, tail):
     tail = tail.replace(b"\xa5", b"\x00")[:9]
-    found, rest, skipped = edge_frames.cut(b"".join(map(edge_frames.encode, frames)) + tail)
+    found, rest, skipped = edge_frames.cut(b"".join(map(edge_bytes, frames)) + tail)
     assert (found, rest, skipped) == (frames, tail, 0)
 
 
 @given(FRAMES, st.integers(0, 79))
 def test_one_wrong_bit_is_no_edge_frame(frame, bit):
-    data = bytearray(edge_frames.encode(frame))
+    data = bytearray(edge_bytes(frame))
     data[bit // 8] ^= 1 << bit % 8
     assert edge_frames.cut(bytes(data))[0] == []
 

@@ -11,25 +11,17 @@ import pytest
 
 from rig.acquisition import actions
 from rig.bench.bench import DeviceTable, LineTable, Place
-from rig.bench.instrument import IdentityError, InstrumentError, read_instrument
+from rig.bench.instrument import IdentityError, InstrumentError
 from rig.clock import Clock
 from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x, lutron, manual, modbus
 from rig.lines import Line, LostError, NoReplyError, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
-from rig.replay.port import ReplayPort
+from rig.replay.player import ReplayPort
+from tests.instrument_peers import lutron_bytes, read_instrument
+from tests.modbus_peer import rtu
 
 TIMING = Timing(timeout_s=0.05, slowest_reply_s=0.08, quiet_s=0.005)
-
-
-def rtu(body):
-    """A frame with Modbus' CRC-16, by the bit, written apart from what is tested."""
-    value = 0xFFFF
-    for byte in body:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return body + value.to_bytes(2, "little")
 
 
 class Peer(threading.Thread):
@@ -683,7 +675,7 @@ def test_a_lutron_meter_set_to_another_unit_is_a_fault(bench):
     channel = read_instrument("lutron_tachometer").channels["speed_rpm"].model_dump() | {"unit_codes": ["19"]}
     driver = meter(channels={"speed_rpm": channel})
     line, peer = bench(driver)
-    peer.send(lutron.encode(lutron.Frame("1", "08", 431.0), 1))
+    peer.send(lutron_bytes(lutron.Frame("1", "08", 431.0), 1))
     reading = driver.poll(line)[0]
     assert (reading.value, reading.quality) == (None, Quality.EXCEPTION)
     assert "unit code 08, not 19" in reading.detail

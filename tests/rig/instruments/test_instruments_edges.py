@@ -11,13 +11,14 @@ import tty
 import pytest
 
 from rig.bench.bench import DeviceTable, LineTable, Place
-from rig.bench.instrument import IdentityError, read_instrument
+from rig.bench.instrument import IdentityError
 from rig.clock import Clock
 from rig.instruments import edge_counter
-from rig.instruments.codecs.edge_frames import EDGE, HEARTBEAT, DeviceClock, Frame, encode
+from rig.instruments.codecs.edge_frames import EDGE, HEARTBEAT, DeviceClock, Frame
 from rig.lines import Line, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import NS, Quality
+from tests.instrument_peers import edge_bytes, read_instrument
 
 TIMING = Timing(timeout_s=0.2, slowest_reply_s=0.2, quiet_s=0.005)
 TICKS_A_SECOND = 1_000_000  # of 1000 ns, which a driver assumes until the device has told
@@ -35,7 +36,7 @@ class Counter:
         self.ticks = (self.ticks + round(after_s * TICKS_A_SECOND)) & 0xFFFFFFFF
         self.edges = (self.edges + (kind == EDGE if edges is None else edges)) & 0xFF
         self.sequence = (self.sequence + 1) & 0xFF
-        return encode(Frame(kind, self.sequence, flags, self.ticks, self.edges))
+        return edge_bytes(Frame(kind, self.sequence, flags, self.ticks, self.edges))
 
     def teeth(self, count, after_s, **more):
         return b"".join(self.frame(EDGE, after_s, **more) for _ in range(count))

@@ -4,7 +4,8 @@ import pytest
 
 from configs import ConfigError
 from rig.bench.bench import DeviceTable, LineTable, Place
-from rig.bench.instrument import FOLDER, families, instrument_of, read_instrument
+from rig.bench.instrument import FOLDER, families, instrument_of
+from tests.instrument_peers import read_instrument
 
 NAMES = sorted(path.stem for path in FOLDER.glob("*.toml"))
 SETTERS = {"adam_4024_regulator", "alicat_pc_ascii", "alicat_pc_modbus"}

@@ -255,11 +255,12 @@ def test_a_bench_file_that_cannot_be_read_is_refused_before_the_pressure_is_rais
 
 
 def test_a_watchdog_that_has_died_is_noticed(bench):
-    with Watchdog.start(bench.plan()) as watchdog:
-        assert watchdog.fault() is None
-        os.kill(watchdog.pid, signal.SIGKILL)
-        watchdog._process.wait(5)
-        assert "has ended" in watchdog.fault()
+    watchdog = Watchdog.start(bench.plan())
+    assert watchdog.fault() is None
+    os.kill(watchdog.pid, signal.SIGKILL)
+    watchdog._process.wait(5)
+    assert "has ended" in watchdog.fault()
+    watchdog.release()
 
 
 def test_a_bench_without_a_regulator_has_nothing_to_watch(bench, tmp_path):

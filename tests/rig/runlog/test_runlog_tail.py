@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from rig.runlog import RunError, RunWriter, read_run
-from rig.runlog.bins import BINS, Bins
 from rig.runlog.folder import writer_of
-from rig.runlog.tail import KEPT_EVENTS, Tail
+from rig.runlog.tail import BINS, KEPT_EVENTS, Bins, Tail
 from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of, write_sweep
 
 

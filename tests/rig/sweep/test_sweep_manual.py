@@ -18,7 +18,7 @@ from rig.acquisition import Acquisition
 from rig.bench.bench import read_bench
 from rig.by_hand.conversation import Conversation, ValveHand
 from rig.by_hand.entry import doubt_of_speed
-from rig.by_hand.manual import run_manual
+from rig.by_hand.manual import ManualSweep
 from rig.clock import Clock
 from rig.exchange.export import recording_of
 from rig.interlock.guard import Guard
@@ -32,9 +32,10 @@ from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
 from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
-from rig.sweep.hooks import Hooks, expecting
+from rig.sweep.hooks import expecting
 from rig.sweep.planning import sweep_course
-from rig.virtual.person import answer
+from tests.person import answer
+from tests.sweep_hooks import hooks
 
 GIVEN = Given(1.01325, 20.0, 0.5, "none", 0.0)
 ZERO = "1.01 <10 0"
@@ -86,7 +87,7 @@ class Terminal:
 class Session:
     """A manual run in a thread of its own, with a real acquisition and a real run log."""
 
-    def __init__(self, tmp_path, bench, **hooks):
+    def __init__(self, tmp_path, bench, **given):
         self.bench, self.terminal, self.clock = bench, Terminal(), Clock()
         self.stops = []
         self.ambient = at_start(bench, GIVEN)
@@ -94,19 +95,19 @@ class Session:
         self.conversation = Conversation(port, self.clock, lambda: len(self.stops))
         room = Circumstances(ambient=self.ambient.record())
         self.writer = RunWriter.create(tmp_path, start_record(bench, "manual", self.clock, {}, room), sync_s=60.0)
-        self.acquisition = Acquisition(bench, self.clock, self.writer, self.conversation.ports)
+        self.acquisition = Acquisition(bench, self.clock, self.conversation.ports)
         self.course, _ = sweep_course(bench, self.ambient)
-        self.hooks = Hooks(**hooks)
+        self.hooks = hooks(**given)
         self.outcome = None
         self.thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self):
-        self.acquisition.start()
+        self.acquisition.connect()
+        self.acquisition.begin(self.writer)
         with contextlib.ExitStack() as stack:
             stack.callback(self.acquisition.stop)
-            self.outcome = run_manual(
-                self.acquisition, self.writer, self.bench, self.course, self.conversation, self.hooks
-            )
+            parts = (self.acquisition, self.writer, self.bench, self.course, self.conversation, self.hooks)
+            self.outcome = ManualSweep(*parts).run()
 
     def __enter__(self):
         self.thread.start()
@@ -612,7 +613,7 @@ def test_a_pipe_does_as_well_as_a_terminal(tmp_path):
     read_end, write_end = os.pipe()
     session.conversation.port = KeyboardPort(session.clock, read_end, session.terminal.slave)
     session.conversation.port.open()
-    session.acquisition = Acquisition(session.bench, session.clock, session.writer, session.conversation.ports)
+    session.acquisition = Acquisition(session.bench, session.clock, session.conversation.ports)
     os.write(write_end, f"{ZERO}\n{dials(1.6)}\n1.60\n\n{ZERO}\n".encode())
     with session:
         pass

@@ -10,16 +10,17 @@ from rig.plateaus.plan import Step, SweepError
 from rig.plateaus.plateau import Mean, Plateau
 from rig.runlog import plateaus as table
 from rig.sweep.ambient import at_start
-from rig.sweep.hooks import Hooks, guarded, points_of
+from rig.sweep.hooks import guarded, points_of
 from rig.sweep.planning import capture_course, sweep_course
-from rig.sweep.runner import run_course, set_points
+from rig.sweep.runner import Runner, set_points
+from tests.sweep_hooks import hooks
 from tests.sweep_lab import AMBIENT, LabAcquisition, LabBench
 
 
-def run(acquisition, **hooks):
+def run(acquisition, **given):
     bench = acquisition.bench
     course, _ = sweep_course(bench, at_start(bench, GIVEN))
-    return run_course(acquisition, acquisition, bench, course, Hooks(**hooks))
+    return Runner(acquisition, acquisition, bench, course, hooks(**given)).run()
 
 
 GIVEN = SimpleNamespace(
@@ -217,7 +218,7 @@ def test_a_capture_alone_that_is_lost_twice_is_a_run_that_failed():
 
     acquisition.before["capture start"] = unheard
     course = capture_course(bench, at_start(bench, GIVEN), "spin-up", 2.0)
-    outcome = run_course(acquisition, acquisition, bench, course, Hooks())
+    outcome = Runner(acquisition, acquisition, bench, course, hooks()).run()
     assert outcome.outcome == "failed" and "not known when the pressure began to change" in outcome.reason
 
 
@@ -324,10 +325,10 @@ def plateau_of(pressure, speed):
 
 def test_the_guard_gets_absolute_pressures_and_the_errors_of_the_means():
     plateau = plateau_of(Mean(0.6, 0.001, 30), Mean(230.0, 0.3, 30))
-    (point,) = points_of([plateau], AMBIENT, pressure_sd_bar=0.01)
+    (point,) = points_of([plateau], AMBIENT)
     assert point.pressure_pa == pytest.approx((0.6 + AMBIENT) * 1e5)
     assert point.speed_rad_s == pytest.approx(24.0855, abs=1e-3)
-    assert point.pressure_sd == pytest.approx(1005.0, abs=1.0)
+    assert point.pressure_sd == pytest.approx(100.0, abs=1.0)
 
 
 def test_a_rotor_at_rest_tells_the_guard_something_and_a_speed_off_the_scale_nothing():

@@ -16,10 +16,10 @@ from rig.readings import NS
 from rig.virtual.devices.edge_counter import crossing_ns, wheel
 from rig.virtual.devices.faults import Faults, Place
 from rig.virtual.devices.sensors import Sensor, generator, truth_of
-from rig.virtual.person import FLOW_L_MIN, PRESSURE_BAR_ABS, SPEED_RPM, answer, read_dial
 from rig.virtual.plant.air_line import AirLine
 from rig.virtual.plant.plant import Plant
 from rig.virtual.plant.truth import LineTruth, read_truth
+from tests.person import FLOW_L_MIN, PRESSURE_BAR_ABS, SPEED_RPM, answer, read_dial
 
 MOTOR = read_motor("ptm3600")
 

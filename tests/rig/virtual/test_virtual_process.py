@@ -20,6 +20,7 @@ from rig.bench.bench import read_bench
 from rig.readings import Quality
 from rig.virtual import VirtualBenchError, launch
 from rig.virtual.launch import ask
+from tests.waiting import wait_for
 
 ROOT = configs.FOLDER.parent
 BENCHES = ("virtual", "virtual_alicat")
@@ -42,15 +43,8 @@ def state_folder(tmp_path):
 def start(folder, *more):
     command = [sys.executable, "-m", "rig.virtual", "virtual", "--state", str(folder), *more]
     process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    wait_for((folder / "ports.json").exists, 60.0)
+    wait_for((folder / "ports.json").exists)
     return process
-
-
-def wait_for(done, real_s):
-    give_up = time.monotonic() + real_s
-    while not done():
-        assert time.monotonic() < give_up, f"not within {real_s} s"
-        time.sleep(0.02)
 
 
 def lines_of(bench, running):
@@ -86,9 +80,9 @@ def test_a_set_point_written_by_the_rig_s_driver_moves_the_motor(running):
     regulator.open(line)
     regulator.identify(line)
     assert regulator.write(line, 0.9) == pytest.approx(0.9, abs=0.002)
-    wait_for(lambda: running.control({"do": "state"})["speed_rpm"] > 300.0, 5.0)
+    wait_for(lambda: running.control({"do": "state"})["speed_rpm"] > 300.0)
     regulator.write(line, 0.0)
-    wait_for(lambda: running.control({"do": "state"})["pressure_bar_abs"] < 1.0133, 5.0)
+    wait_for(lambda: running.control({"do": "state"})["pressure_bar_abs"] < 1.0133)
     line.close()
 
 

@@ -11,8 +11,9 @@ from spinbench.console import sweeps
 from spinbench.console.desk import Desk, Showing
 from spinbench.console.planned import Planned
 from spinbench.next_steps import next_steps
-from tests.console_lab import short_bench, wait_for
+from tests.console_lab import short_bench
 from tests.synthetic_runs import start_of, write_sweep
+from tests.waiting import wait_for
 
 SWEEP = Planned("sweep")
 

@@ -17,8 +17,9 @@ from rig.runlog import RunWriter, read_run
 from spinbench.console.access import RefusedError
 from spinbench.console.desk import Desk
 from spinbench.console.entries import SAID, Entries, typed_into
-from tests.console_lab import consoles, ends, has, only_run, short_bench, wait_for
+from tests.console_lab import consoles, ends, has, only_run, short_bench
 from tests.synthetic_runs import start_of
+from tests.waiting import wait_for
 
 READINGS = {"pressure_bar_abs": "1.24", "flow_l_min": "<10", "speed_rpm": "78"}
 

@@ -9,8 +9,9 @@ import warnings
 import pytest
 
 from rig.runlog import RunWriter
-from tests.console_lab import consoles, free_port, short_bench, wait_for
+from tests.console_lab import consoles, free_port, short_bench
 from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.slow
 with warnings.catch_warnings():

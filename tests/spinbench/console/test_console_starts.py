@@ -14,8 +14,9 @@ from spinbench.console import sweeps
 from spinbench.console.access import RefusedError
 from spinbench.console.desk import Desk
 from spinbench.console.planned import Planned, of_command, of_table, planned_of
-from tests.console_lab import consoles, events_of, has, short_bench, start_from, wait_for
+from tests.console_lab import consoles, events_of, has, short_bench, start_from
 from tests.synthetic_runs import start_of, write_sweep
+from tests.waiting import wait_for
 
 COMMAND = "spinbench capture BENCH --kind plateaus --level-bar-abs 1.24"
 TESTS = [

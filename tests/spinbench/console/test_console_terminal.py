@@ -13,8 +13,9 @@ import threading
 import pytest
 
 from rig.runlog import RunWriter, read_run
-from tests.console_lab import ENOUGH_S, PROGRAM, only_run, short_bench, wait_for
+from tests.console_lab import PROGRAM, only_run, short_bench
 from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of
+from tests.waiting import ENOUGH_S, wait_for
 
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
