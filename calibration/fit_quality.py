@@ -51,14 +51,9 @@ def judge(
 ) -> FitQuality:
     """Test the model of a fit; the arguments are those of `calibration.fit.fit.fit`.
 
-    Bad readings are part of the model, as they are of the fit: a single one that stands out is no mismatch.
-
-    Raises
-    ------
-    RecordingError
-        When the recording holds nothing that can be fitted, or the model gives no reading of it at all.
-    EffectsError
-        For an effect that there is not, or that a fit cannot hold.
+    Bad readings are part of the model, as they are of the fit: a single one that stands out is no mismatch. Raises
+    RecordingError when the recording holds nothing that can be fitted, or the model gives no reading of it at all;
+    EffectsError for an effect that there is not, or that a fit cannot hold.
     """
     prepared, measured, _ = fits.prepare(recording, assignments, channels, effects)
     motor = prepared if assignments else None
@@ -164,12 +159,8 @@ def as_fitted(
 ) -> Recording:
     """A recording with nothing in it but what a fit uses: no channel left out; of a fit to plateaus no held rotor.
 
-    Parameters
-    ----------
-    motor : Motor or None
-        Changed by hand: the recording gets its ambient and flywheel.
-    in_time : bool
-        Whether runs in time and the held rotor stay.
+    `motor`: changed by hand: the recording gets its ambient and flywheel.
+    `in_time`: whether runs in time and the held rotor stay.
     """
     if motor is not None:
         recording = replace(recording, ambient=_ambient_of(motor, recording.ambient), added_inertia_kg_m2=0.0)

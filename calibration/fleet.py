@@ -37,19 +37,10 @@ def diagnose_all(
 ) -> list[dict[str, Any]]:
     """Diagnose recordings, and write one table.
 
-    Parameters
-    ----------
-    read : callable
-        Reads one; a function of a module.
-    out : Path
-        Gets ``table.csv``, ``table.parquet`` and a result a recording; what is there is not done again.
-    scheduler : str or None
-        A Dask scheduler instead, whose workers see the folders under the same paths.
-
-    Returns
-    -------
-    list of dict
-        The table's rows.
+    `read`: reads one; a function of a module.
+    `out`: gets ``table.csv``, ``table.parquet`` and a result a recording; what is there is not done again.
+    `scheduler`: a Dask scheduler instead, whose workers see the folders under the same paths.
+    Returns the table's rows.
     """
     task = functools.partial(_diagnose_one, read)
     done = _each(task, folders, {"seed": seed}, out, workers, scheduler, tell)
@@ -69,15 +60,8 @@ def fit_all(
 ) -> list[dict[str, Any]]:
     """Fit recordings as `spinbench fit` does, and write one table.
 
-    Parameters
-    ----------
-    read : callable
-        Reads one; a function of a module.
-
-    Returns
-    -------
-    list of dict
-        The table's rows.
+    `read`: reads one; a function of a module.
+    Returns the table's rows.
     """
     task = functools.partial(_fit_one, read)
     options = {"settings": asdict(settings), "steady_only": steady_only}
@@ -89,10 +73,7 @@ def fit_all(
 def write_trend(out: Path, rows: Sequence[dict[str, Any]]) -> list[str]:
     """Write f_overall and the effects that are named along the dates, as ``trend.csv`` and ``trend.png``.
 
-    Returns
-    -------
-    list of str
-        Each trend in a sentence; none where fewer than two recordings tell of anything.
+    Returns each trend in a sentence; none where fewer than two recordings tell of anything.
     """
     from calibration.report.comparison import trend
 
@@ -107,10 +88,7 @@ def write_trend(out: Path, rows: Sequence[dict[str, Any]]) -> list[str]:
 def recordings_in(folders: Sequence[Path], is_recording: Callable[[Path], bool]) -> list[Path]:
     """The recordings that folders are, or hold one level down; each once, in the order given.
 
-    Raises
-    ------
-    FileNotFoundError
-        When a folder neither is a recording nor holds one.
+    Raises FileNotFoundError when a folder neither is a recording nor holds one.
     """
     found: dict[Path, Path] = {}
     for folder in folders:

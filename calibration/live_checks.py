@@ -45,10 +45,7 @@ Read = Callable[[Path], Recording]
 class Beside:
     """A context manager around a sweep; its value is called with each plateau.
 
-    Parameters
-    ----------
-    read : callable
-        From the folder to the recording so far; a function of a module, as it is called in the other process.
+    `read`: from the folder to the recording so far; a function of a module, as it is called in the other process.
     """
 
     def __init__(
@@ -69,10 +66,7 @@ class Beside:
     def plateau(self, taken: Taken) -> None:
         """Have the sweep looked at, once there is something to see; returns at once.
 
-        Parameters
-        ----------
-        taken : Taken
-            The newest plateau; one that has not settled is no occasion.
+        `taken`: the newest plateau; one that has not settled is no occasion.
         """
         self._settled += taken.settled
         if not taken.settled or self._settled < BEGINS_AT:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import itertools
 import re
 from collections.abc import Iterator
 from functools import cached_property
@@ -38,6 +39,8 @@ GIVEN = (  # what the functions give, without a public name of its own
     "calibration.fit.posterior:FitQuality",
 )
 SECTION = re.compile(r"^(Parameters|Attributes|Returns|Raises)\n-+\n", re.MULTILINE)
+ITEM = re.compile(r"`\w+`(?:, `\w+`)*(?:, shape [^:]+)?: |Returns |Raises ")
+BREAK = re.compile(rf"\n\n|\n(?={ITEM.pattern})")
 WIDTH = 110
 LAST = "What they give"
 
@@ -146,8 +149,12 @@ def _told(docstring: str) -> list[str]:
 
 def _sections(docstring: str) -> tuple[str, dict[str, str]]:
     text, *rest = SECTION.split(docstring)
-    paragraphs = [" ".join(one.split()) for one in text.strip().split("\n\n")]
-    return "\n\n".join(paragraphs), dict(zip(rest[::2], rest[1::2], strict=True))
+    parts = (" ".join(one.split()) for one in re.split(BREAK, text.strip()))
+    told = ""
+    for is_item, group in itertools.groupby(parts, lambda one: bool(ITEM.match(one))):
+        lines = [f"- {one}" if is_item else one for one in group]
+        told += "\n\n" * bool(told) + ("\n" if is_item else "\n\n").join(lines)
+    return told, dict(zip(rest[::2], rest[1::2], strict=True))
 
 
 def _entries(section: str) -> Iterator[tuple[list[str], str, str]]:

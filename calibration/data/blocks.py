@@ -26,18 +26,11 @@ ALIKE = 4.0  # sds of its noise within which a gauge shows the same
 class Plateaus:
     """Steady rows, SI, arrays of shape (n,); a reading that is missing or censored is nan.
 
-    Attributes
-    ----------
-    pressure : ndarray
-        Reading, absolute once a gauge's ambient is added [Pa].
-    flow, speed : ndarray
-        Readings [m3/s], [rad/s].
-    time : ndarray
-        On the recording's clock [s]; 0 throughout where some row has none.
-    untimed : str
-        The first row without a time, as ``file, row``; empty where each has one.
-    up : ndarray
-        1 on the way up, -1 down, 0 where that was not noted [-].
+    `pressure`: reading, absolute once a gauge's ambient is added [Pa].
+    `flow`, `speed`: readings [m3/s], [rad/s].
+    `time`: on the recording's clock [s]; 0 throughout where some row has none.
+    `untimed`: the first row without a time, as ``file, row``; empty where each has one.
+    `up`: 1 on the way up, -1 down, 0 where that was not noted [-].
     """
 
     file: tuple[str, ...]
@@ -61,10 +54,7 @@ class Plateaus:
 class Vented:
     """What the gauge reads with the line vented: in zero files, and in the vented spans of runs in time.
 
-    Attributes
-    ----------
-    pressure, sd : ndarray, shape (n,)
-        Mean reading and its noise [Pa].
+    `pressure`, `sd`, shape (n,): mean reading and its noise [Pa].
     """
 
     file: tuple[str, ...]
@@ -77,14 +67,9 @@ class Vented:
 class Standing:
     """What the flow meter reads while the rotor stands: held at a pressure, or with the line vented in zero files.
 
-    Attributes
-    ----------
-    pressure : ndarray, shape (n,)
-        Mean reading of the gauge [Pa]; nan with the line vented.
-    flow, sd : ndarray, shape (n,)
-        Mean reading and its noise [m3/s].
-    time : ndarray, shape (n,)
-        On the recording's clock [s].
+    `pressure`, shape (n,): mean reading of the gauge [Pa]; nan with the line vented.
+    `flow`, `sd`, shape (n,): mean reading and its noise [m3/s].
+    `time`, shape (n,): on the recording's clock [s].
     """
 
     file: tuple[str, ...]
@@ -109,10 +94,7 @@ class Blocks:
 def blocks_of(recording: Recording) -> Blocks:
     """The parts of a recording.
 
-    Raises
-    ------
-    RecordingError
-        When it has neither plateaus, nor runs in time that can be used, nor zero rows of the gauge.
+    Raises RecordingError when it has neither plateaus, nor runs in time that can be used, nor zero rows of the gauge.
     """
     measured = gather(recording, needs_plateaus=all(file.kind == "steady" for file in recording.files))
     every = [run_of(file, recording) for file in recording.files if file.kind == "transient" and turns(recording, file)]

@@ -24,10 +24,7 @@ def needs_clock(effect: Effect) -> bool:
 def times_of_rows(rows: Sequence[tuple[RecordingFile, int]]) -> tuple[np.ndarray, str]:
     """When some rows were read [s], shape (n,), and the first without a time, as ``file, row``: then 0 throughout.
 
-    Parameters
-    ----------
-    rows : sequence of (RecordingFile, int)
-        File, and number of the row from 1.
+    `rows`: file, and number of the row from 1.
     """
     clocks = {file.file: times_of(file) for file, _ in rows}
     time = np.array([clocks[file.file][number - 1] for file, number in rows])

@@ -17,10 +17,8 @@ GAP_S = 3600.0  # between two recordings on the common clock
 def together(recordings: Sequence[Recording]) -> Recording:
     """One recording with the files of all; the instruments' offsets and scales are then shared by all of them.
 
-    Raises
-    ------
-    RecordingError
-        When they differ in motor, ambient, inertia or in an instrument's figures: what they share could not be said.
+    Raises RecordingError when they differ in motor, ambient, inertia or in an instrument's figures: what they share
+    could not be said.
     """
     first = recordings[0]
     if len(recordings) == 1:
@@ -95,10 +93,7 @@ def by_flywheel(recording: Recording) -> list[Recording]:
 def as_given(recordings: Sequence[Recording], apart: bool = False) -> list[Recording]:
     """Recordings that are diagnosed or fitted together: one wherever they can be one, unless they are to stay apart.
 
-    Raises
-    ------
-    RecordingError
-        When they cannot go together.
+    Raises RecordingError when they cannot go together.
     """
     refuse_unlike(recordings)
     parts = [part for one in recordings for part in by_flywheel(one)]

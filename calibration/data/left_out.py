@@ -21,17 +21,10 @@ ROUNDED = 1e-9  # bar, by which a reading may miss half a digit
 def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Recording]:
     """Recordings without what is left out of them.
 
-    Parameters
-    ----------
-    left_out : sequence of str
-        ``FILE`` or ``FILE:ROWS``, rows as in ``3``, ``3-7`` or ``2,5-6``, 1 the first under the header, or by pressure
-        levels, as in ``2.0bar`` or ``1.2-1.4bar``. Of several recordings a file's name has the recording's ahead,
-        ``NAME/FILE``.
-
-    Raises
-    ------
-    RecordingError
-        When there is no such file, row or level, or rows of a run in time are named.
+    `left_out`: ``FILE`` or ``FILE:ROWS``, rows as in ``3``, ``3-7`` or ``2,5-6``, 1 the first under the header, or by
+        pressure levels, as in ``2.0bar`` or ``1.2-1.4bar``. Of several recordings a file's name has the recording's
+        ahead, ``NAME/FILE``.
+    Raises RecordingError when there is no such file, row or level, or rows of a run in time are named.
     """
     found = list(recordings)
     for asked in left_out:

@@ -19,18 +19,11 @@ PRESSURE_LIMITS_BAR = (0.5, 8.0)  # absolute, of the air properties
 class Rows:
     """Readings of one kind, one entry a row; pressures in bar, flows in L/min, speeds in rpm.
 
-    Attributes
-    ----------
-    file, row : tuple of str, ndarray of int, shape (n,)
-        Where each came from; row 1 is the first under the header.
-    pressure, flow, speed : ndarray, shape (n,)
-        Readings; for a censored one the limit of the instrument's scale.
-    pressure_state, flow_state, speed_state : ndarray of int, shape (n,)
-        OBSERVED, MISSING, BELOW or ABOVE.
-    is_gauge : ndarray of bool, shape (n,)
-        The pressure is counted from the ambient's.
-    noise_scale : ndarray, shape (n,)
-        The file's random noise, times the channel's.
+    `file`, `row`, shape (n,): where each came from; row 1 is the first under the header.
+    `pressure`, `flow`, `speed`, shape (n,): readings; for a censored one the limit of the instrument's scale.
+    `pressure_state`, `flow_state`, `speed_state`, shape (n,): OBSERVED, MISSING, BELOW or ABOVE.
+    `is_gauge`, shape (n,): the pressure is counted from the ambient's.
+    `noise_scale`, shape (n,): the file's random noise, times the channel's.
     """
 
     file: tuple[str, ...]
@@ -53,12 +46,8 @@ class Rows:
 class Measurement:
     """The rows of a recording that a fit uses.
 
-    Attributes
-    ----------
-    steady, zero : Rows
-        Plateaus, and readings with the line vented and the rotor at rest.
-    channels : tuple of str
-        The channels that the likelihood sees, of pressure, flow and speed.
+    `steady`, `zero`: plateaus, and readings with the line vented and the rotor at rest.
+    `channels`: the channels that the likelihood sees, of pressure, flow and speed.
     """
 
     steady: Rows
@@ -72,22 +61,9 @@ def gather(
 ) -> Measurement:
     """Collect the rows that a fit uses.
 
-    Parameters
-    ----------
-    channels : tuple of str
-        Channels to use; flow or speed may be left out.
-    needs_plateaus : bool
-        Whether a recording without any is refused.
-
-    Returns
-    -------
-    Measurement
-        Rows and notes.
-
-    Raises
-    ------
-    RecordingError
-        When no row can be used.
+    `channels`: channels to use; flow or speed may be left out.
+    `needs_plateaus`: whether a recording without any is refused.
+    Returns rows and notes. Raises RecordingError when no row can be used.
     """
     notes = list(recording.warnings)
     blocks: dict[str, list[Rows]] = {"steady": [], "zero": []}

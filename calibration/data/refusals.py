@@ -48,10 +48,7 @@ SHAPE_WRONG, SHAPE_RIGHT = 0.1, 0.03  # relative distances of speeds from the mo
 def refuse_another_kind(recording: Recording) -> None:
     """Refuse the machines that are no radial piston motors: they can be diagnosed, and not fitted.
 
-    Raises
-    ------
-    RecordingError
-        Names the kind.
+    Raises RecordingError: names the kind.
     """
     if not recording.is_of_radial_piston:
         raise RecordingError(
@@ -67,15 +64,8 @@ def _kind_of(recording: Recording) -> str:
 def refuse_unusable(recording: Recording) -> None:
     """Refuse what nothing can be said of, for fit and diagnosis alike.
 
-    Parameters
-    ----------
-    recording : Recording
-        Of a motor by name; another one passes.
-
-    Raises
-    ------
-    RecordingError
-        File and row where there is one, what is wrong, and what to do.
+    `recording`: of a motor by name; another one passes.
+    Raises RecordingError: file and row where there is one, what is wrong, and what to do.
     """
     refuse_starved(recording)
     refuse_out_of_range(recording)
@@ -88,12 +78,8 @@ def refuse_unusable(recording: Recording) -> None:
 def refuse_mistaken_gauge(recording: Recording) -> None:
     """Refuse gauge pressures that are named absolute, or the reverse: the speeds tell.
 
-    They grow with pressure as no motor's do, and as this motor's do with the other kind of pressure.
-
-    Raises
-    ------
-    RecordingError
-        Names the column that it looks like.
+    They grow with pressure as no motor's do, and as this motor's do with the other kind of pressure. Raises
+    RecordingError: names the column that it looks like.
     """
     if not recording.is_of_radial_piston:
         return
@@ -135,10 +121,8 @@ def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray)
 def refuse_mixed_units(recording: Recording) -> None:
     """Refuse flows and speeds that cannot both be in the units of their names: a turn takes in what the cylinders hold.
 
-    Raises
-    ------
-    RecordingError
-        When the plateaus' flow over speed is three times what the displacement allows, or a third of it, at the median.
+    Raises RecordingError when the plateaus' flow over speed is three times what the displacement allows, or a third of
+    it, at the median.
     """
     if not recording.is_of_radial_piston:
         return
@@ -170,11 +154,8 @@ def refuse_mixed_units(recording: Recording) -> None:
 def refuse_wrong_supply(recording: Recording) -> None:
     """Refuse runs in time whose speed contradicts supply_open.
 
-    Raises
-    ------
-    RecordingError
-        When the speed falls by a fifth of its highest while the supply is said or taken to be open, or rises by as much
-        while it is closed.
+    Raises RecordingError when the speed falls by a fifth of its highest while the supply is said or taken to be open,
+    or rises by as much while it is closed.
     """
     if not recording.is_of_radial_piston:
         return
@@ -254,13 +235,7 @@ def _wrong_way(time: np.ndarray, speed: np.ndarray, begin: int, end: int, is_ope
 
 
 def swept_volume(parameters: np.ndarray) -> float:
-    """What the cylinders sweep in a turn [m3].
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (24,)
-        One parameter set [SI].
-    """
+    """What the cylinders sweep in a turn [m3]. `parameters`, shape (24,): one parameter set [SI]."""
     volumes = geometry.table(parameters, np.linspace(0.0, LOBE, ANGLES))["V_m3"]
     return float(np.ptp(volumes)) * N_CYLINDERS * N_LOBES
 
@@ -268,10 +243,7 @@ def swept_volume(parameters: np.ndarray) -> float:
 def refuse_starved(recording: Recording) -> None:
     """Refuse absolute pressures that are not above the room's while the rotor turns: a gauge's, under a wrong name.
 
-    Raises
-    ------
-    RecordingError
-        When this is so in more than half of the steady rows at which the rotor turns.
+    Raises RecordingError when this is so in more than half of the steady rows at which the rotor turns.
     """
     if not recording.is_of_radial_piston:
         return
@@ -299,10 +271,7 @@ def refuse_starved(recording: Recording) -> None:
 def refuse_out_of_range(recording: Recording) -> None:
     """Refuse plateaus at pressures that the air properties do not reach.
 
-    Raises
-    ------
-    RecordingError
-        Names the first such row.
+    Raises RecordingError: names the first such row.
     """
     if not recording.is_of_radial_piston:
         return
@@ -328,10 +297,7 @@ def refuse_out_of_range(recording: Recording) -> None:
 def refuse_at_rest(recording: Recording) -> None:
     """Refuse recordings in which the rotor never turns: there is no speed to compare.
 
-    Raises
-    ------
-    RecordingError
-        When this is so. Rows in which no speed was read say nothing either way.
+    Raises RecordingError when this is so. Rows in which no speed was read say nothing either way.
     """
     if not recording.is_of_radial_piston:
         return

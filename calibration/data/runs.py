@@ -37,14 +37,9 @@ REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 class Line:
     """What the gauge reads in a run in time, SI; readings that are alike are taken together.
 
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        Of the readings [s].
-    group : ndarray of int, shape (n,)
-        The mean that each goes into.
-    pressure, sd : ndarray, shape (m,)
-        Means of the groups and their noise [Pa].
+    `time`, shape (n,): of the readings [s].
+    `group`, shape (n,): the mean that each goes into.
+    `pressure`, `sd`, shape (m,): means of the groups and their noise [Pa].
     """
 
     time: np.ndarray
@@ -53,13 +48,7 @@ class Line:
     sd: np.ndarray
 
     def means(self, at_readings: np.ndarray) -> np.ndarray:
-        """Means over the groups, shape (m,).
-
-        Parameters
-        ----------
-        at_readings : ndarray, shape (n,)
-            One value a reading [own unit].
-        """
+        """Means over the groups, shape (m,). `at_readings`, shape (n,): one value a reading [own unit]."""
         count = np.bincount(self.group, minlength=self.pressure.size)
         return np.bincount(self.group, at_readings, self.pressure.size) / np.maximum(count, 1)
 
@@ -68,31 +57,20 @@ class Line:
 class RunInTime:
     """A transient file, SI.
 
-    Attributes
-    ----------
-    time, begin : ndarray, shape (n,)
-        Each speed reading is the mean from ``begin`` to ``time``, from the file's start [s].
-    speed : ndarray, shape (n,)
-        Readings [rad/s]; negative-free.
-    valve : tuple of Supply
-        Spans of the valve: when it was moved, and where the gauge settled with it open.
-    unseen_s : tuple of float
-        Of each span, how long no row was between the last one before the valve was moved and the first one after [s].
-    settled_sd : float
-        By how much the settled pressure may be off, the gauge's own errors apart [Pa].
-    is_gauge : bool
-        Whether the ambient is to be added to the gauge's readings.
-    start_s : float
-        On the recording's clock [s].
-    noise_scale : ndarray, shape (n,)
-        Of each sample [-].
-    row : ndarray of int, shape (n,)
-        Number of its last row in the file, from 1.
-    from_rest : bool
-        Whether it starts at rest; otherwise in the steady state of its first span.
-    used : ndarray of bool, shape (n,)
-        Samples that are compared: a spin-up's once it is well on its way, a coast-down's from when the valve is moved
-        until it is nearly over. What it turned at before says no more than a plateau, and is seldom as settled.
+    `time`, `begin`, shape (n,): each speed reading is the mean from ``begin`` to ``time``, from the file's start [s].
+    `speed`, shape (n,): readings [rad/s]; negative-free.
+    `valve`: spans of the valve: when it was moved, and where the gauge settled with it open.
+    `unseen_s`: of each span, how long no row was between the last one before the valve was moved and the first one
+        after [s].
+    `settled_sd`: by how much the settled pressure may be off, the gauge's own errors apart [Pa].
+    `is_gauge`: whether the ambient is to be added to the gauge's readings.
+    `start_s`: on the recording's clock [s].
+    `noise_scale`, shape (n,): of each sample [-].
+    `row`, shape (n,): number of its last row in the file, from 1.
+    `from_rest`: whether it starts at rest; otherwise in the steady state of its first span.
+    `used`, shape (n,): samples that are compared: a spin-up's once it is well on its way, a coast-down's from when the
+        valve is moved until it is nearly over. What it turned at before says no more than a plateau, and is seldom as
+        settled.
     """
 
     file: str
@@ -122,13 +100,7 @@ class RunInTime:
 
 
 def run_of(file: RecordingFile, recording: Recording) -> RunInTime:
-    """A transient file as arrays.
-
-    Raises
-    ------
-    RecordingError
-        Without a clock, a speed or a pressure.
-    """
+    """A transient file as arrays. Raises RecordingError: without a clock, a speed or a pressure."""
     name, gauge = pressure_in(file.columns)
     if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:
         raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")

@@ -41,10 +41,7 @@ def turns(recording: Recording, file: RecordingFile) -> bool:
     In a run two in a row are, for one is a lurch. A motor that started from rest and stands again though its supply is
     open has been caught at a dead point, unless it has turned by a whole turn before.
 
-    Parameters
-    ----------
-    file : RecordingFile
-        Of any kind; without speeds nothing says that it stands.
+    `file`: of any kind; without speeds nothing says that it stands.
     """
     column, figures = file.columns.get("speed_rpm"), recording.channels.get("speed_rpm")
     if column is None or figures is None:
@@ -72,10 +69,7 @@ def lone_zeros(speed: np.ndarray) -> np.ndarray:
     and at speeds not farther apart than two to one. A rotor that comes to rest has slowed down before; one that starts
     from rest has not turned before.
 
-    Parameters
-    ----------
-    speed : ndarray, shape (n,)
-        Readings in any unit; nan where there is none.
+    `speed`, shape (n,): readings in any unit; nan where there is none.
     """
     bad = np.zeros(speed.size, dtype=bool)
     known = np.flatnonzero(np.isfinite(speed))
@@ -97,12 +91,9 @@ def repeated(values: np.ndarray, noise: float, resolution: float) -> np.ndarray:
 
     None where noise and resolution alone make as many neighbours equal as there are.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Readings as written; nan where there is none.
-    resolution : float
-        Step in which they are shown, in the same unit; 0 where that is not stated, and then the least between two.
+    `values`, shape (n,): readings as written; nan where there is none.
+    `resolution`: step in which they are shown, in the same unit; 0 where that is not stated, and then the least between
+        two.
     """
     found = np.zeros(values.size, dtype=bool)
     known = np.flatnonzero(np.isfinite(values))
@@ -119,10 +110,7 @@ def repeated(values: np.ndarray, noise: float, resolution: float) -> np.ndarray:
 def placeholders(values: np.ndarray) -> np.ndarray:
     """Values for readings that nobody has taken yet, shape (n,): no two neighbours are equal, but where they are 0.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        About what they are, in any unit.
+    `values`, shape (n,): about what they are, in any unit.
     """
     return values * (1.0 + 1e-9 * np.arange(values.size))
 
@@ -134,12 +122,8 @@ def release(time: np.ndarray, speed: np.ndarray) -> int:
     sides differ by more than noise would make them, what was before falls at most a third as fast, and the speed is
     still near its highest. A coast-down without a drive before it falls most steeply at its beginning.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Increasing [s].
-    speed : ndarray, shape (n,)
-        Of a rotor that turns in every row, in any unit.
+    `time`, shape (n,): increasing [s].
+    `speed`, shape (n,): of a rotor that turns in every row, in any unit.
     """
     n = speed.size
     found: list[tuple[int, int]] = []  # window, row
@@ -199,12 +183,8 @@ def _bend(time: np.ndarray, speed: np.ndarray, row: int, window: int) -> int:
 class CoastDown:
     """Which rows of a file are its coast-down.
 
-    Attributes
-    ----------
-    begin, end : int
-        Of its rows, in the file's: a start, which is not compared, and the first row behind.
-    compared : ndarray of bool, shape (n,)
-        Rows of the file that are compared with a model.
+    `begin`, `end`: of its rows, in the file's: a start, which is not compared, and the first row behind.
+    `compared`, shape (n,): rows of the file that are compared with a model.
     """
 
     begin: int
@@ -216,15 +196,10 @@ class CoastDown:
 def coast_down(time: np.ndarray, speed: np.ndarray, supply_open: np.ndarray | None = None) -> CoastDown:
     """The rows of a file from its release until the rotor stands.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Increasing [s].
-    speed : ndarray, shape (n,)
-        Readings in any unit; nan where there is none.
-    supply_open : ndarray, shape (n,), optional
-        1 while the rotor is driven. The release is where it goes to 0 for the last time, and is looked for in the
-        speeds where it never does.
+    `time`, shape (n,): increasing [s].
+    `speed`, shape (n,): readings in any unit; nan where there is none.
+    `supply_open`, shape (n,): 1 while the rotor is driven. The release is where it goes to 0 for the last time, and is
+        looked for in the speeds where it never does.
     """
     n = speed.size
     lone, known = lone_zeros(speed), np.isfinite(speed)
@@ -257,22 +232,13 @@ def coast_down(time: np.ndarray, speed: np.ndarray, supply_open: np.ndarray | No
 def why_left(left: Mapping[str, np.ndarray]) -> str:
     """Why rows are not used, in words that name them; empty where there are none.
 
-    Parameters
-    ----------
-    left : mapping of str to ndarray of bool, shape (n,)
-        Rows by the reason.
+    `left`, shape (n,): rows by the reason.
     """
     return "; ".join(f"{rows_in_words(mask)}: {why}" for why, mask in left.items() if mask.any())
 
 
 def rows_in_words(mask: np.ndarray) -> str:
-    """Rows by their numbers, from 1, spans joined.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (n,)
-        The rows.
-    """
+    """Rows by their numbers, from 1, spans joined. `mask`, shape (n,): the rows."""
     rows = np.flatnonzero(mask) + 1
     spans = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     words = [f"{span[0]}" if span.size == 1 else f"{span[0]} to {span[-1]}" for span in spans]

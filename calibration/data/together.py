@@ -15,10 +15,7 @@ from rig.recording import Recording, RecordingError
 def refuse_unlike(recordings: Sequence[Recording]) -> None:
     """Refuse recordings of different motors, and a serial number that is of two instruments, or in two places at once.
 
-    Raises
-    ------
-    RecordingError
-        With both folders.
+    Raises RecordingError: with both folders.
     """
     for one in recordings[1:]:
         refuse_another(recordings[0], one)
@@ -80,15 +77,8 @@ def _span(recording: Recording) -> tuple[datetime, datetime] | None:
 def refuse_another(seen: Recording, unseen: Recording) -> None:
     """Refuse a run of another machine, of which nothing can be predicted.
 
-    Parameters
-    ----------
-    seen, unseen : Recording
-        The recording that is diagnosed, and the run held out.
-
-    Raises
-    ------
-    RecordingError
-        When their machines differ.
+    `seen`, `unseen`: the recording that is diagnosed, and the run held out.
+    Raises RecordingError when their machines differ.
     """
     one, other = _machine(seen), _machine(unseen)
     serials = [recording.origin.get("motor_serial", "") for recording in (seen, unseen)]

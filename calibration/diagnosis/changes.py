@@ -43,10 +43,7 @@ class Answer(StrEnum):
 class Moved:
     """A quantity in both recordings.
 
-    Attributes
-    ----------
-    before, after, change : ndarray, shape (n,)
-        Draws of the posterior [the quantity's unit].
+    `before`, `after`, `change`, shape (n,): draws of the posterior [the quantity's unit].
     """
 
     quantity: Unknown
@@ -64,15 +61,8 @@ def compare(
 ) -> Diagnosis:
     """Weigh what may have changed from one recording to another of the same motor.
 
-    Parameters
-    ----------
-    workers : int
-        Processes that refit sets side by side, where there are runs in time; the result is the same [-].
-
-    Raises
-    ------
-    RecordingError
-        When one cannot be used, or they are not of one motor.
+    `workers`: processes that refit sets side by side, where there are runs in time; the result is the same [-].
+    Raises RecordingError when one cannot be used, or they are not of one motor.
     """
     return diagnose([before, after], seed, tell, None, workers, sharing=Sharing(changes=True))
 

@@ -85,22 +85,12 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose a recording, or several of one motor: the motor and the effects are shared, the rest is each one's own.
 
-    Parameters
-    ----------
-    hold_out : Recording or None
-        A run that nothing here has seen, to be predicted once a set is named or listed.
-    workers : int
-        Processes that refit sets side by side, of a recording with runs in time; the result is the same [-].
-    promises : sequence of Promise
-        Of tests that an earlier diagnosis asked for and that are among the recordings now.
-    sharing : Sharing
-        Of which effects each of several recordings has its own sizes.
-
-    Raises
-    ------
-    RecordingError
-        When `refuse_unusable` says so, the run held out is of another motor, or the motor's model gives no reading of
-        the recording at all.
+    `hold_out`: a run that nothing here has seen, to be predicted once a set is named or listed.
+    `workers`: processes that refit sets side by side, of a recording with runs in time; the result is the same [-].
+    `promises`: of tests that an earlier diagnosis asked for and that are among the recordings now.
+    `sharing`: of which effects each of several recordings has its own sizes.
+    Raises RecordingError when `refuse_unusable` says so, the run held out is of another motor, or the motor's model
+    gives no reading of the recording at all.
     """
     several = [recording] if isinstance(recording, Recording) else list(recording)
     for one in several:

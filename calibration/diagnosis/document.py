@@ -178,12 +178,8 @@ def of_a_machine(found: Diagnosis) -> dict[str, Any]:
 def size_as_json(unknown: Unknown, z: float, sd: float, low: float, high: float) -> dict[str, Any]:
     """Mean, spread and 5 and 95 % quantiles of an effect's parameter, within its bounds.
 
-    Parameters
-    ----------
-    z, sd : float
-        Its most probable standard normal number, and the spread of it [-].
-    low, high : float
-        Bounds of its value [SI]; the sd is that of the law which they cut.
+    `z`, `sd`: its most probable standard normal number, and the spread of it [-].
+    `low`, `high`: bounds of its value [SI]; the sd is that of the law which they cut.
     """
     spread = unknown.value(np.array([z - sd, z + sd]))
     mean, q05, q95 = np.clip(unknown.value(np.array([z, z - Q95 * sd, z + Q95 * sd])), low, high)

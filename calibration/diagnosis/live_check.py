@@ -22,14 +22,9 @@ FEWEST = 6  # plateaus: offsets and scales of the instruments, f_overall, lap an
 class Checked:
     """What a check found.
 
-    Attributes
-    ----------
-    p_value : float or None
-        Of the model without anything added [-]; None when it is too early to say.
-    places : list of Place
-        Where the balances do not close, the clearest first; empty where the model explains the recording.
-    extrapolated : bool
-        Whether the p-value lies beyond the draws of its null law.
+    `p_value`: of the model without anything added [-]; None when it is too early to say.
+    `places`: where the balances do not close, the clearest first; empty where the model explains the recording.
+    `extrapolated`: whether the p-value lies beyond the draws of its null law.
     """
 
     p_value: float | None
@@ -47,10 +42,7 @@ class Checked:
 def check(recording: Recording, seed: int = 0) -> Checked:
     """Look at the plateaus of a recording; runs in time are left aside.
 
-    Parameters
-    ----------
-    recording : Recording
-        Of a motor that `model.motor` knows; its plateaus so far.
+    `recording`: of a motor that `model.motor` knows; its plateaus so far.
     """
     steady = tuple(file for file in recording.files if file.kind != "transient")
     swept = replace(recording, files=steady)

@@ -41,17 +41,9 @@ def detect_mismatch(
 ) -> Detected:
     """The first steps of a diagnosis: fit the base model, and test whether anything is missing.
 
-    Parameters
-    ----------
-    workers : int
-        Threads that simulate side by side; the result is the same [-].
-    motor : Motor or None
-        The motor that it names, when left out.
-
-    Raises
-    ------
-    RecordingError
-        When the motor's model gives no reading of it at all.
+    `workers`: threads that simulate side by side; the result is the same [-].
+    `motor`: the motor that it names, when left out.
+    Raises RecordingError when the motor's model gives no reading of it at all.
     """
     comparison, base = fit_base(recording, tell, workers, motor)
     tell("detect")
@@ -67,10 +59,7 @@ def fit_base(
 ) -> tuple[Compared, Mode]:
     """The recording as a vector, and the base model at its most probable point.
 
-    Raises
-    ------
-    RecordingError
-        When the motor's model gives no reading of it at all.
+    Raises RecordingError when the motor's model gives no reading of it at all.
     """
     tell("base model")
     with threads(workers):

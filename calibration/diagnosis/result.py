@@ -26,28 +26,18 @@ from calibration.likelihood.mode import Mode
 class Diagnosis:
     """Everything that was found.
 
-    Attributes
-    ----------
-    residual_p, left : dict
-        Of each set tested: the p-value of what it leaves, and the share of the mismatch that this is, where that is
-        weighed [-].
-    held_out : HeldOut or None
-        Cross-validation: of the set named, or of the smooth correction where no set explains the recording; or the
-        prediction of an unseen run.
-    seconds : dict
-        Time of each step [s].
-    correction : Correction or None
-        A smooth torque or flow that stands for what no set explains.
-    nuisances_corrected : tuple of ndarray or None
-        The nuisances and their sd beside such a correction, whichever it is [-].
-    undetected : dict
-        For each set that f_overall is averaged over, the further effects that may be there unseen.
-    not_described : str
-        How far the base model is off where it does not describe the readings at all, and nothing was looked for.
-    rivals : list of Candidate
-        The sets that the next tests are to tell apart.
-    promised : list of Kept
-        What tests that were asked for before have given.
+    `residual_p`, `left`: of each set tested: the p-value of what it leaves, and the share of the mismatch that this is,
+        where that is weighed [-].
+    `held_out`: Cross-validation: of the set named, or of the smooth correction where no set explains the recording; or
+        the prediction of an unseen run.
+    `seconds`: time of each step [s].
+    `correction`: a smooth torque or flow that stands for what no set explains.
+    `nuisances_corrected`: the nuisances and their sd beside such a correction, whichever it is [-].
+    `undetected`: for each set that f_overall is averaged over, the further effects that may be there unseen.
+    `not_described`: how far the base model is off where it does not describe the readings at all, and nothing was
+        looked for.
+    `rivals`: the sets that the next tests are to tell apart.
+    `promised`: what tests that were asked for before have given.
     """
 
     comparison: Any  # a Compared; the report of a system knows its own better

@@ -37,10 +37,7 @@ class NotConvergedError(ArithmeticError):
 class Fit:
     """A recording, what was assumed of it, and what came out.
 
-    Attributes
-    ----------
-    quality : FitQuality or None
-        Whether the model explains the readings; None where that was not asked.
+    `quality`: whether the model explains the readings; None where that was not asked.
     """
 
     recording: Recording
@@ -86,28 +83,12 @@ def fit(
 ) -> Fit:
     """Fit a recording.
 
-    Parameters
-    ----------
-    assignments : sequence of str
-        ``NAME=VALUE`` changes of the motor, as on the command line.
-    channels : tuple of str
-        Channels that the likelihood sees; pressure always.
-    chain_folder : Path, optional
-        Where the chain is kept as it grows, and continued from.
-
-    Returns
-    -------
-    Fit
-        The result.
-
-    Raises
-    ------
-    RecordingError
-        When the recording holds nothing that can be fitted, or contradicts the motor.
-    EffectsError
-        For an effect that there is not, or that a fit cannot hold.
-    NotConvergedError
-        When the budget is spent.
+    `assignments`: ``NAME=VALUE`` changes of the motor, as on the command line.
+    `channels`: channels that the likelihood sees; pressure always.
+    `chain_folder`: where the chain is kept as it grows, and continued from.
+    Returns the result. Raises RecordingError when the recording holds nothing that can be fitted, or contradicts the
+    motor; EffectsError for an effect that there is not, or that a fit cannot hold; NotConvergedError when the budget is
+    spent.
     """
     begun = time.monotonic()
     motor, measured, likelihood = prepare(recording, assignments, channels, effects)
@@ -128,21 +109,9 @@ def prepare(
 ) -> tuple[Motor, Measurement, Likelihood]:
     """Everything of a fit but the sampling.
 
-    Returns
-    -------
-    motor : Motor
-        At the recording's ambient.
-    measured : Measurement
-        The rows.
-    likelihood : Likelihood
-        Their likelihood.
-
-    Raises
-    ------
-    RecordingError
-        When the recording holds nothing that can be fitted, or contradicts the motor.
-    EffectsError
-        For an effect that there is not, or that a fit cannot hold.
+    Returns `motor`: at the recording's ambient; `measured`: the rows; `likelihood`: their likelihood. Raises
+    RecordingError when the recording holds nothing that can be fitted, or contradicts the motor; EffectsError for an
+    effect that there is not, or that a fit cannot hold.
     """
     refuse_another_kind(recording)
     motor = set_values(priors.at_ambient(read_motor(recording.motor), recording), list(assignments))
@@ -161,22 +130,10 @@ def prepare(
 def with_gauge_class(recording: Recording, accuracy_class: float, span_bar: float) -> Recording:
     """The recording as if its pressure gauge were of another accuracy class.
 
-    Parameters
-    ----------
-    accuracy_class : float
-        EN 837 class: limit of error in percent of the span [-].
-    span_bar : float
-        The gauge's full scale [bar].
-
-    Returns
-    -------
-    Recording
-        The same, its gauge's offset uncertain by the limit over sqrt(3) (a rectangular distribution's sd).
-
-    Raises
-    ------
-    RecordingError
-        When it has no pressure column, or the class or span is not positive.
+    `accuracy_class`: EN 837 class: limit of error in percent of the span [-].
+    `span_bar`: the gauge's full scale [bar].
+    Returns the same, its gauge's offset uncertain by the limit over sqrt(3) (a rectangular distribution's sd). Raises
+    RecordingError when it has no pressure column, or the class or span is not positive.
     """
     column = priors.column_of(recording, "pressure")
     if column is None or not accuracy_class > 0.0 or not span_bar > 0.0:
@@ -194,10 +151,7 @@ def variants(
 ) -> list[tuple[str, list[Recording], tuple[str, ...]]]:
     """The fits that show what f_overall hangs on: a name, the recordings as changed, and the channels used.
 
-    Parameters
-    ----------
-    span_bar : float or None
-        Full scale of the pressure gauge [bar]: one for each accuracy class; none when left out.
+    `span_bar`: full scale of the pressure gauge [bar]: one for each accuracy class; none when left out.
     """
     found: list[tuple[str, list[Recording], tuple[str, ...]]] = []
     if without_flow and "flow" in channels:

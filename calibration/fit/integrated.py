@@ -30,20 +30,12 @@ from calibration.work.threads import each
 class Point:
     """The posterior at a point.
 
-    Attributes
-    ----------
-    log_prob : float
-        Up to a constant [-].
-    z : ndarray, shape (m,)
-        Everything of the recordings, what is a run's own at its most probable value [-].
-    raw : ndarray, shape (n,)
-        The readings expected there [SI].
-    prediction : Prediction
-        The same, what is a run's own as at the mode.
-    root : ndarray, shape (k, k)
-        Of the covariance of what is the runs' own: root times its transpose [-].
-    bad : ndarray, shape (n,)
-        Probability that each reading is bad [-].
+    `log_prob`: up to a constant [-].
+    `z`, shape (m,): everything of the recordings, what is a run's own at its most probable value [-].
+    `raw`, shape (n,): the readings expected there [SI].
+    `prediction`: the same, what is a run's own as at the mode.
+    `root`, shape (k, k): of the covariance of what is the runs' own: root times its transpose [-].
+    `bad`, shape (n,): probability that each reading is bad [-].
     """
 
     log_prob: float
@@ -58,28 +50,15 @@ class Point:
 class Integrated:
     """Log posterior of points that hold what is sampled.
 
-    Parameters
-    ----------
-    mode : Mode
-        The most probable point, about which what is a run's own enters in first order.
-
-    Attributes
-    ----------
-    unknowns : list of Unknown
-        What is sampled: of the recordings first, then the scales of their noise.
-    shared, own : ndarray of int
-        Places in the mode's z of what is sampled, and of what is integrated out.
-    told : ndarray of int
-        Places in ``own`` of what is a recording's and no run's; `of_recordings` says what they are.
-    spread : ndarray, shape (k,)
-        The prior's sd of the logarithm of each noise scale [-].
-    scales_of : list of ndarray of int
-        Which of them each recording has.
-    low, high : ndarray, shape (n_unknowns,)
-        Bounds [-].
-    off : ndarray, shape (own.size,)
-        How far from the mode the derivatives put the most probable point of what is integrated out: at a kink they know
-        one side. Taken off everywhere, so that the mode stays where it was found [-].
+    `mode`: the most probable point, about which what is a run's own enters in first order.
+    `unknowns`: what is sampled: of the recordings first, then the scales of their noise.
+    `shared`, `own`: places in the mode's z of what is sampled, and of what is integrated out.
+    `told`: places in ``own`` of what is a recording's and no run's; `of_recordings` says what they are.
+    `spread`, shape (k,): the prior's sd of the logarithm of each noise scale [-].
+    `scales_of`: which of them each recording has.
+    `low`, `high`, shape (n_unknowns,): bounds [-].
+    `off`, shape (own.size,): how far from the mode the derivatives put the most probable point of what is integrated
+        out: at a kink they know one side. Taken off everywhere, so that the mode stays where it was found [-].
     """
 
     def __init__(self, comparison: Comparison | Several, mode: Mode) -> None:
@@ -140,13 +119,7 @@ class Integrated:
         return np.all((z >= self.low) & (z <= self.high), axis=1)
 
     def log_prob(self, z: np.ndarray) -> np.ndarray:
-        """Log posterior density up to a constant, shape (n,) [-].
-
-        Parameters
-        ----------
-        z : ndarray, shape (n, n_unknowns)
-            Points [-].
-        """
+        """Log posterior density up to a constant, shape (n,) [-]. `z`, shape (n, n_unknowns): points [-]."""
         found = np.full(len(z), -np.inf)
         places = np.flatnonzero(self.inside(z))
         points = each(self.at, z[places])

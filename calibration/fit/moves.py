@@ -40,10 +40,7 @@ class IndependenceMove:
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density of the proposal up to a constant, shape (n_walkers,) [-].
 
-        Parameters
-        ----------
-        x : ndarray, shape (n_walkers, n)
-            Points [-].
+        `x`, shape (n_walkers, n): points [-].
         """
         n = x.shape[1]
         squares = (x / self.spread) ** 2
@@ -68,17 +65,8 @@ class IndependenceMove:
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
         """One step of all walkers, as emcee calls it.
 
-        Parameters
-        ----------
-        state : emcee.State
-            The walkers; changed.
-
-        Returns
-        -------
-        state : emcee.State
-            After the step.
-        accepted : ndarray of bool, shape (n_walkers,)
-            Which walkers moved.
+        `state`: the walkers; changed.
+        Returns `state`: after the step; `accepted`: which walkers moved.
         """
         walkers, n = state.coords.shape
         q = self.draw(model.random, walkers, n)
@@ -99,14 +87,9 @@ class DelayedAcceptance:
     walked backwards, so what is sampled is the true posterior, however wrong the stand-in. How wrong it is says the
     share that is accepted.
 
-    Parameters
-    ----------
-    stand_in : callable
-        Log density of points of shape (n, n_unknowns), returning shape (n,) [-].
-    shape : TransportMap
-        Whose independent numbers the stand-in is nearly normal in.
-    steps : int
-        That the stand-in walks for one of the true posterior [-].
+    `stand_in`: log density of points of shape (n, n_unknowns), returning shape (n,) [-].
+    `shape`: whose independent numbers the stand-in is nearly normal in.
+    `steps`: that the stand-in walks for one of the true posterior [-].
     """
 
     def __init__(self, stand_in: BatchLogProb, shape: TransportMap, steps: int) -> None:
@@ -115,17 +98,8 @@ class DelayedAcceptance:
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
         """One step of all walkers, as emcee calls it.
 
-        Parameters
-        ----------
-        state : emcee.State
-            The walkers; changed.
-
-        Returns
-        -------
-        state : emcee.State
-            After the step.
-        accepted : ndarray of bool, shape (n_walkers,)
-            Which walkers moved.
+        `state`: the walkers; changed.
+        Returns `state`: after the step; `accepted`: which walkers moved.
         """
         walkers, n = state.coords.shape
         begin = self.stand_in(state.coords)

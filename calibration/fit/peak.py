@@ -22,22 +22,9 @@ class NoPeakError(ArithmeticError):
 def find_peak(log_prob: BatchLogProb, candidates: np.ndarray) -> np.ndarray:
     """The highest point found from the best of some candidates.
 
-    Parameters
-    ----------
-    log_prob : callable
-        Log posterior of points of shape (n, n_dimensions), returning shape (n,) [-].
-    candidates : ndarray, shape (n, n_dimensions)
-        Draws from the prior [-].
-
-    Returns
-    -------
-    ndarray, shape (n_dimensions,)
-        The peak [-].
-
-    Raises
-    ------
-    NoPeakError
-        When no candidate has a finite probability.
+    `log_prob`: log posterior of points of shape (n, n_dimensions), returning shape (n,) [-].
+    `candidates`, shape (n, n_dimensions): draws from the prior [-].
+    Returns the peak [-]. Raises NoPeakError when no candidate has a finite probability.
     """
     values = log_prob(candidates)
     if not np.isfinite(values).any():
@@ -61,10 +48,7 @@ def _climb(log_prob: BatchLogProb, start: np.ndarray) -> np.ndarray:
 def spread_at(log_prob: BatchLogProb, peak: np.ndarray) -> np.ndarray:
     """Covariance of the normal distribution with the peak's curvature, shape (n, n) [-].
 
-    Parameters
-    ----------
-    peak : ndarray, shape (n,)
-        The peak [-].
+    `peak`, shape (n,): the peak [-].
     """
     n = peak.size
     pairs = [(i, j) for i in range(n) for j in range(i, n)]
@@ -88,15 +72,8 @@ def scatter(
     Along each of the narrowest directions in turn a parabola through three values finds the ridge, and the point is set
     at random about it with the parabola's own width.
 
-    Parameters
-    ----------
-    peak, covariance : ndarray, shape (n_dimensions,) and (n_dimensions, n_dimensions)
-        Of `find_peak` and `spread_at` [-].
-
-    Returns
-    -------
-    ndarray, shape (n, n_dimensions)
-        The points [-].
+    `peak`, `covariance`, shape (n_dimensions,) and (n_dimensions, n_dimensions): of `find_peak` and `spread_at` [-].
+    Returns the points [-].
     """
     eigenvalues, vectors = np.linalg.eigh(covariance)
     widths = np.sqrt(eigenvalues)

@@ -21,10 +21,8 @@ DRAWS_FOR_ROWS = 400  # draws over which the rows' probabilities and predictions
 class Estimate:
     """One unknown's posterior.
 
-    Attributes
-    ----------
-    sd_of_prior : float
-        Posterior sd over prior sd, in the prior's standard normal number: 1 when the recording says nothing [-].
+    `sd_of_prior`: posterior sd over prior sd, in the prior's standard normal number: 1 when the recording says nothing
+        [-].
     """
 
     unknown: Unknown
@@ -48,12 +46,8 @@ class SuspectRow:
 class FitQuality:
     """Whether the model explains the readings that it was fitted to.
 
-    Attributes
-    ----------
-    p_value : float
-        How often chance alone leaves as much: uniform where the model is right [-].
-    why : str
-        What stands out, or that nothing does; in words.
+    `p_value`: how often chance alone leaves as much: uniform where the model is right [-].
+    `why`: what stands out, or that nothing does; in words.
     """
 
     p_value: float
@@ -65,12 +59,9 @@ class FitQuality:
 class Posterior:
     """A fit's result.
 
-    Attributes
-    ----------
-    estimates : tuple of Estimate
-        Of what was sampled, then of what was integrated out.
-    z, values : ndarray, shape (n_draws, n_estimates)
-        Draws of all of them, as standard normal numbers and in the unknowns' units.
+    `estimates`: of what was sampled, then of what was integrated out.
+    `z`, `values`, shape (n_draws, n_estimates): draws of all of them, as standard normal numbers and in the unknowns'
+        units.
     """
 
     estimates: tuple[Estimate, ...]
@@ -110,23 +101,13 @@ def summarise(
 ) -> Posterior:
     """Summarise a chain.
 
-    Parameters
-    ----------
-    unknowns : sequence of Unknown
-        That were sampled.
-    suspects : sequence of SuspectRow
-        Readings that are probably bad, in any order.
-    seconds : float
-        Wall time of the fit [s].
-    beside : sequence of Unknown
-        That were integrated out.
-    draws : ndarray or None, shape (n_draws, n_unknowns)
-        Draws of what was sampled and of what was integrated out; left out where nothing was [-].
-
-    Returns
-    -------
-    Posterior
-        The summary.
+    `unknowns`: that were sampled.
+    `suspects`: readings that are probably bad, in any order.
+    `seconds`: wall time of the fit [s].
+    `beside`: that were integrated out.
+    `draws`, shape (n_draws, n_unknowns): draws of what was sampled and of what was integrated out; left out where
+        nothing was [-].
+    Returns the summary.
     """
     flat = chain.flat()
     values = values_of(unknowns, flat)
@@ -143,10 +124,7 @@ def summarise(
 def thinned(flat: np.ndarray, most: int = DRAWS_FOR_ROWS) -> np.ndarray:
     """Evenly spaced draws of a flat chain, shape (<= most, n_unknowns) [-].
 
-    Parameters
-    ----------
-    flat : ndarray, shape (n_samples, n_unknowns)
-        All draws [-].
+    `flat`, shape (n_samples, n_unknowns): all draws [-].
     """
     return flat[:: -(-len(flat) // most)]
 
@@ -156,12 +134,8 @@ def as_json(
 ) -> dict[str, Any]:
     """As posterior/1.
 
-    Parameters
-    ----------
-    quality : FitQuality or None
-        Whether the model explains the readings; null where that was not asked.
-    files : sequence of dict
-        Rows of each file and how many of them were used, of `calibration.data.rows_used`.
+    `quality`: whether the model explains the readings; null where that was not asked.
+    `files`: rows of each file and how many of them were used, of `calibration.data.rows_used`.
     """
     chain = posterior.chain
     return {

@@ -60,12 +60,8 @@ def draw(
 class _Generation:
     """Points that were drawn from a known density.
 
-    Attributes
-    ----------
-    log_density : ndarray, shape (n,)
-        Of each point where it was drawn from, up to a constant [-].
-    shape : TransportMap or None
-        What they were drawn with; None for a normal law.
+    `log_density`, shape (n,): of each point where it was drawn from, up to a constant [-].
+    `shape`: what they were drawn with; None for a normal law.
     """
 
     points: np.ndarray
@@ -152,10 +148,7 @@ def heaviness(log_weights: Sequence[float] | np.ndarray) -> float:
     Above 0.7 a mean under these weights cannot be trusted (Vehtari et al. 2024, arXiv:1507.02646); infinite where a
     weight is not a number or all are 0.
 
-    Parameters
-    ----------
-    log_weights : ndarray, shape (n,)
-        Logarithms of true density over proposed [-].
+    `log_weights`, shape (n,): logarithms of true density over proposed [-].
     """
     logs = np.sort(np.asarray(log_weights, dtype=float))
     if np.isnan(logs).any() or not np.isfinite(logs[-1]):

@@ -51,15 +51,11 @@ STEADY, WHOLE = (10_000, 12_000), (2000, 400)  # effective samples and steps tha
 class Settings:
     """How long to sample.
 
-    Attributes
-    ----------
-    effective_samples, most_steps : int
-        Of every unknown, and of each ensemble; 0 for what is usual, which `within` puts in.
-    warm_up_blocks : int
-        Blocks that the map is fitted to, not kept. `sample` doubles them where
-        the chain drawn after them forgets too slowly.
-    block : int
-        Steps between looks at convergence.
+    `effective_samples`, `most_steps`: of every unknown, and of each ensemble; 0 for what is usual, which `within` puts
+        in.
+    `warm_up_blocks`: blocks that the map is fitted to, not kept. `sample` doubles them where the chain drawn after them
+        forgets too slowly.
+    `block`: steps between looks at convergence.
     """
 
     seed: int = 1
@@ -80,14 +76,9 @@ class Settings:
 class Chain:
     """Samples and what is known of their quality.
 
-    Attributes
-    ----------
-    samples : ndarray, shape (n_ensembles, n_steps, n_walkers, n_unknowns)
-        Standard normal numbers; burn-in left out.
-    tau : ndarray, shape (n_unknowns,)
-        Integrated autocorrelation time in steps.
-    rhat, effective : ndarray, shape (n_unknowns,)
-        Between-ensemble R-hat, and effective sample size.
+    `samples`, shape (n_ensembles, n_steps, n_walkers, n_unknowns): standard normal numbers; burn-in left out.
+    `tau`, shape (n_unknowns,): integrated autocorrelation time in steps.
+    `rhat`, `effective`, shape (n_unknowns,): Between-ensemble R-hat, and effective sample size.
     """
 
     samples: np.ndarray
@@ -109,12 +100,8 @@ class Chain:
 class Begun:
     """Where a chain begins that need not find its peak, and how it goes on.
 
-    Attributes
-    ----------
-    points : ndarray, shape (n, n_unknowns)
-        That look like the posterior; as many as there are walkers at least [-].
-    moves : callable or None
-        Moves that need no straightened coordinates, and so no warm-up.
+    `points`, shape (n, n_unknowns): that look like the posterior; as many as there are walkers at least [-].
+    `moves`: moves that need no straightened coordinates, and so no warm-up.
     """
 
     points: np.ndarray
@@ -133,33 +120,15 @@ def sample(
 ) -> Chain:
     """Draw from a posterior until every unknown has enough effective samples, or the budget is spent.
 
-    Parameters
-    ----------
-    log_prob : callable
-        Log posterior of points of shape (n, n_unknowns), returning shape (n,) [-].
-    factors : callable
-        At a point of shape (n_unknowns,), what one unit of each coordinate multiplies its unknown by, same shape; 1
-        where it adds [-].
-    folder : Path, optional
-        Where the chain is kept as it grows; a chain that is there already is continued.
-    fingerprint : str
-        Of recording, motor and settings: a chain with another is refused.
-    begun : Begun or None
-        Where to begin; the posterior's peak when left out.
-
-    Returns
-    -------
-    Chain
-        Look at ``converged`` before use.
-
-    Raises
-    ------
-    ChainError
-        When the folder holds another fit's chain.
-    ArithmeticError
-        When no point of the prior explains the data, or hardly one about the peak is possible.
-    ValueError
-        When the settings leave no step to keep.
+    `log_prob`: log posterior of points of shape (n, n_unknowns), returning shape (n,) [-].
+    `factors`: at a point of shape (n_unknowns,), what one unit of each coordinate multiplies its unknown by, same
+        shape; 1 where it adds [-].
+    `folder`: where the chain is kept as it grows; a chain that is there already is continued.
+    `fingerprint`: of recording, motor and settings: a chain with another is refused.
+    `begun`: where to begin; the posterior's peak when left out.
+    Look at ``converged`` before use. Raises ChainError when the folder holds another fit's chain; ArithmeticError when
+    no point of the prior explains the data, or hardly one about the peak is possible; ValueError when the settings
+    leave no step to keep.
     """
     started = time.monotonic()
     store = Store(folder, fingerprint)

@@ -20,10 +20,7 @@ class ChainError(ValueError):
 def refuse_another(folder: Path, fingerprint: str) -> None:
     """Refuse a folder that holds the chain of another fit.
 
-    Raises
-    ------
-    ChainError
-        When it does, or nothing says whose chain it holds.
+    Raises ChainError when it does, or nothing says whose chain it holds.
     """
     mark = folder / MARK
     if mark.exists():

@@ -32,15 +32,10 @@ LEFT_OUT = 0.01  # of twice a nat: what directions that are left out may add at 
 class _AlongNoise:
     """How the misfit and the normalisation go with the noise scales.
 
-    Attributes
-    ----------
-    form : ndarray, shape (p, p)
-        The misfit as a quadratic form of `Surrogate.terms` at the mode's noise.
-    changes : list of _Changes
-        What the form changes by with the noise scales of each recording.
-    tables : ndarray, shape (NODES.size, k)
-        Minus the log likelihood at the mode along each scale, at `NODES`, less that at the mode's noise, and less half
-        of what the form there changes by [-].
+    `form`, shape (p, p): the misfit as a quadratic form of `Surrogate.terms` at the mode's noise.
+    `changes`: what the form changes by with the noise scales of each recording.
+    `tables`, shape (NODES.size, k): minus the log likelihood at the mode along each scale, at `NODES`, less that at the
+        mode's noise, and less half of what the form there changes by [-].
     """
 
     form: np.ndarray
@@ -52,12 +47,9 @@ class _AlongNoise:
 class _Changes:
     """Quadratic forms of `Surrogate.terms`, in the few directions in which they are not 0.
 
-    Attributes
-    ----------
-    basis : ndarray, shape (p, r)
-        The directions.
-    forms : ndarray, shape (FORMS.size to the number of scales, r, r)
-        At all combinations of `FORMS`, the last scale running fastest.
+    `basis`, shape (p, r): the directions.
+    `forms`, shape (FORMS.size to the number of scales, r, r): at all combinations of `FORMS`, the last scale running
+        fastest.
     """
 
     basis: np.ndarray
@@ -71,12 +63,8 @@ class _Changes:
 class Surrogate:
     """The stand-in for a target.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n_points, n_unknowns)
-        Where the target was simulated [-].
-    readings : ndarray, shape (n_points, m)
-        What was expected there [SI].
+    `points`, shape (n_points, n_unknowns): where the target was simulated [-].
+    `readings`, shape (n_points, m): what was expected there [SI].
     """
 
     def __init__(self, target: Integrated, points: np.ndarray, readings: np.ndarray) -> None:
@@ -104,13 +92,7 @@ class Surrogate:
         return np.hstack([np.ones((len(x), 1)), x, x[:, self._pairs[0]] * x[:, self._pairs[1]], x**3])
 
     def log_prob(self, z: np.ndarray) -> np.ndarray:
-        """Log posterior density up to a constant, shape (n,) [-].
-
-        Parameters
-        ----------
-        z : ndarray, shape (n, n_unknowns)
-            Points [-].
-        """
+        """Log posterior density up to a constant, shape (n,) [-]. `z`, shape (n, n_unknowns): points [-]."""
         target, n = self.target, self.target.shared.size
         found = np.full(len(z), -np.inf)
         near = target.inside(z)

@@ -45,12 +45,8 @@ class Plain:
 class TransportMap:
     """The map, fitted to samples.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (n_samples, n)
-        Draws that look like the posterior [-].
-    factors : ndarray, shape (n,)
-        The factor that one unit of each coordinate stands for; 1 where it is additive [-].
+    `samples`, shape (n_samples, n): draws that look like the posterior [-].
+    `factors`, shape (n,): the factor that one unit of each coordinate stands for; 1 where it is additive [-].
     """
 
     def __init__(self, samples: np.ndarray, factors: np.ndarray) -> None:
@@ -82,17 +78,9 @@ class TransportMap:
     def push(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points from independent numbers.
 
-        Parameters
-        ----------
-        e : ndarray, shape (n_points, n)
-            Independent numbers [-].
-
-        Returns
-        -------
-        points : ndarray, shape (n_points, n)
-            Points; what lies beyond ten times `REACH` is brought back to there [-].
-        log_volume : ndarray, shape (n_points,)
-            Logarithm of the map's Jacobian, up to a constant [-].
+        `e`, shape (n_points, n): independent numbers [-].
+        Returns `points`: points; what lies beyond ten times `REACH` is brought back to there [-]; `log_volume`:
+        logarithm of the map's Jacobian, up to a constant [-].
         """
         points, log_volume = np.empty_like(e), np.empty(len(e))
         _push(e, *self._kernel, points, log_volume)

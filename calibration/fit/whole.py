@@ -40,10 +40,7 @@ COLUMN = {"flow": "flow_l_min", "speed": "speed_rpm"}
 class WholeFit:
     """Recordings, and what came out.
 
-    Attributes
-    ----------
-    bands : ndarray, shape (5, m)
-        What new readings would be at the places of the old ones, at `LEVELS` [SI].
+    `bands`, shape (5, m): what new readings would be at the places of the old ones, at `LEVELS` [SI].
     """
 
     recordings: tuple[Recording, ...]
@@ -96,21 +93,11 @@ def fit(
 ) -> WholeFit:
     """Sample the posterior about its most probable point.
 
-    Parameters
-    ----------
-    mode : Mode
-        The most probable point, with the effects that the model holds.
-    chain_folder : Path, optional
-        Where the chain is kept as it grows, and continued from.
-    workers : int
-        Processes; the result is the same [-].
-
-    Raises
-    ------
-    NotConvergedError
-        When the budget is spent.
-    NoPeakError
-        When the most probable point lies where nothing is ever proposed.
+    `mode`: the most probable point, with the effects that the model holds.
+    `chain_folder`: where the chain is kept as it grows, and continued from.
+    `workers`: processes; the result is the same [-].
+    Raises NotConvergedError when the budget is spent; NoPeakError when the most probable point lies where nothing is
+    ever proposed.
     """
     begun = time.monotonic()
     target = Integrated(comparison, mode)

@@ -31,13 +31,7 @@ Chosen = dict[str, dict[str, float]]
 
 
 class Row(NamedTuple):
-    """A reading that is a row of a file by itself.
-
-    Attributes
-    ----------
-    pressure_pa : float
-        Of the row [Pa].
-    """
+    """A reading that is a row of a file by itself. `pressure_pa`: of the row [Pa]."""
 
     file: str
     row: int
@@ -48,10 +42,7 @@ class Row(NamedTuple):
 class Problem(Protocol):
     """The unknowns of a recording, and the predictions of its readings.
 
-    Attributes
-    ----------
-    friction : str
-        The nuisance that every machine has: its viscous friction.
+    `friction`: the nuisance that every machine has: its viscous friction.
     """
 
     friction: str
@@ -82,10 +73,7 @@ class Problem(Protocol):
     def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
         """Values of the effects' parameters [own units], by effect.
 
-        Parameters
-        ----------
-        z : ndarray, shape (k,)
-            The effects' share of the point [-].
+        `z`, shape (k,): the effects' share of the point [-].
         """
 
     def place(self, name: str) -> int | None:
@@ -108,16 +96,10 @@ class Problem(Protocol):
     ) -> Prediction:
         """What the instruments would read.
 
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        like, runs
-            A prediction that all but these runs are taken from.
-        smooth : bool
-            Whether pulses whose phase nobody knows are left out.
-        around
-            Of `neighbourhood`, where first order will do.
+        `z`, shape (n_nuisances,): nuisances [-].
+        `like`, `runs`: a prediction that all but these runs are taken from.
+        `smooth`: whether pulses whose phase nobody knows are left out.
+        `around`: of `neighbourhood`, where first order will do.
         """
 
     def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: Prediction) -> Any:
@@ -127,12 +109,8 @@ class Problem(Protocol):
 class Whitener(Protocol):
     """The map from differences of readings to standard normal numbers.
 
-    Attributes
-    ----------
-    scale : ndarray, shape (m,)
-        sd of each reading given those before it [SI]; 1 where there is none.
-    log_scale : float
-        Sum of the logarithms of the sds that hang on the noise [-].
+    `scale`, shape (m,): sd of each reading given those before it [SI]; 1 where there is none.
+    `log_scale`: sum of the logarithms of the sds that hang on the noise [-].
     """
 
     @property
@@ -148,14 +126,9 @@ class Whitener(Protocol):
 class Noise(Protocol):
     """The noise as a function of u.
 
-    Attributes
-    ----------
-    spread : ndarray, shape (k,)
-        Standard deviations of u's prior [-].
-    scales : slice
-        Places of the scales in u, the first ones.
-    free : ndarray of bool, shape (k,)
-        Places of u that the recording can speak of.
+    `spread`, shape (k,): standard deviations of u's prior [-].
+    `scales`: places of the scales in u, the first ones.
+    `free`, shape (k,): places of u that the recording can speak of.
     """
 
     spread: np.ndarray
@@ -185,28 +158,16 @@ class NoiseTest(Protocol):
 class Compared(Protocol):
     """A recording as a vector of readings.
 
-    Attributes
-    ----------
-    read : ndarray, shape (m,)
-        Readings [SI]; nan where there is none.
-    known : ndarray of bool, shape (m,)
-        Where there is one.
-    end : int
-        Readings behind this place are means of many, of which none is bad by itself [-].
-    of_a_kind, again : tuple of ndarray of int
-        Places of the readings of each kind, and of those of a state that was visited more than once.
-    rows : list of Row
-        The first readings that are rows by themselves.
-    in_time : bool
-        Whether there are runs in time: a refit takes seconds.
-    thorough : bool
-        Whether every effect is refitted, whatever the linear model says of it.
-    trusting : bool
-        Whether no reading is taken for bad.
-    check : tuple of str
-        What to look at where the base model does not describe the readings.
-    rig : str
-        The kind of a machine that is written out in its recording; empty for the article's motor. Of such a machine
+    `read`, shape (m,): readings [SI]; nan where there is none.
+    `known`, shape (m,): where there is one.
+    `end`: readings behind this place are means of many, of which none is bad by itself [-].
+    `of_a_kind`, `again`: places of the readings of each kind, and of those of a state that was visited more than once.
+    `rows`: the first readings that are rows by themselves.
+    `in_time`: whether there are runs in time: a refit takes seconds.
+    `thorough`: whether every effect is refitted, whatever the linear model says of it.
+    `trusting`: whether no reading is taken for bad.
+    `check`: what to look at where the base model does not describe the readings.
+    `rig`: the kind of a machine that is written out in its recording; empty for the article's motor. Of such a machine
         noise and zeros are known less well than they are declared, and a fit takes milliseconds.
     """
 
@@ -250,16 +211,11 @@ class Compared(Protocol):
     ) -> tuple[np.ndarray, np.ndarray]:
         """One step of the noise towards what suits differences, and the information that there is of it [-].
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
-        weight : ndarray, shape (m,)
-            Of each, below 1 where a reading is bad [-].
-        columns : ndarray, shape (m, l) or None
-            Derivatives that the prediction was fitted with, whose share of the noise is allowed for [SI].
-        correlated : bool
-            Whether more than the scales is stepped.
+        `difference`, shape (m,): readings less predictions [SI].
+        `weight`, shape (m,): of each, below 1 where a reading is bad [-].
+        `columns`, shape (m, l): derivatives that the prediction was fitted with, whose share of the noise is allowed
+            for [SI].
+        `correlated`: whether more than the scales is stepped.
         """
 
     def drawn_noise(self, predicted: Prediction, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -58,17 +58,10 @@ def find(
 ) -> Mode:
     """The most probable point of the base model with a set of effects.
 
-    Parameters
-    ----------
-    *starts : Mode or None
-        Modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is given.
-    best : float
-        Cost of another set. A search that stays far behind ends early [-].
-
-    Raises
-    ------
-    ArithmeticError
-        When the model gives no reading at any start.
+    `*starts`: modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is
+        given.
+    `best`: cost of another set. A search that stays far behind ends early [-].
+    Raises ArithmeticError when the model gives no reading at any start.
     """
     f = Function(comparison, names)
     ends = []
@@ -97,10 +90,7 @@ def _cost(comparison: Compared, at: _Point, found: bool = False) -> float:
 def _begun(
     comparison: Compared, f: Function, starts: Sequence[Mode | None], first: dict[tuple[str, str], float]
 ) -> list[_Point]:
-    """The points to start from.
-
-    A start at which the model gives no reading is left out where another does.
-    """
+    """The points to start from. A start at which the model gives no reading is left out where another does."""
     found = []
     for start in starts:
         with contextlib.suppress(ArithmeticError):

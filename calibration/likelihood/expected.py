@@ -19,18 +19,12 @@ LEAST_OPEN = 1e-9  # of the most open direction's variance: what is less open is
 class Expected:
     """What a test would read if an explanation holds.
 
-    Attributes
-    ----------
-    mean : ndarray, shape (m,)
-        At the most probable point, in standard deviations of the noise [-].
-    slopes : ndarray, shape (m, k)
-        What the readings do along each direction in which the recording leaves the point open, by one sd [-].
-    inexact : ndarray, shape (m, m)
-        Covariance of what the model has wrong, the same in each repeat [-].
-    own : ndarray, shape (m, m)
-        Covariance of noise and of all that is new in each repeat [-].
-    at : callable or None
-        From a place along the directions, shape (k,) [-], to the readings there; nan where there are none. None: they
+    `mean`, shape (m,): at the most probable point, in standard deviations of the noise [-].
+    `slopes`, shape (m, k): what the readings do along each direction in which the recording leaves the point open, by
+        one sd [-].
+    `inexact`, shape (m, m): covariance of what the model has wrong, the same in each repeat [-].
+    `own`, shape (m, m): covariance of noise and of all that is new in each repeat [-].
+    `at`: from a place along the directions, shape (k,) [-], to the readings there; nan where there are none. None: they
         are straight.
     """
 
@@ -53,14 +47,9 @@ def directions(covariance: np.ndarray) -> np.ndarray:
 class Capture:
     """What is taken in a test, where the bench can take it by itself.
 
-    Attributes
-    ----------
-    kind : str
-        ``coast-down``, ``spin-up``, ``plateaus`` or ``zero``, as `spinbench capture` calls it.
-    level_bar_abs : float or None
-        Absolute pressure before or after the valve turns, or of the plateaus [bar]; None of a zero.
-    added_inertia_kg_m2 : float
-        Of a flywheel on the shaft [kg m2].
+    `kind`: ``coast-down``, ``spin-up``, ``plateaus`` or ``zero``, as `spinbench capture` calls it.
+    `level_bar_abs`: absolute pressure before or after the valve turns, or of the plateaus [bar]; None of a zero.
+    `added_inertia_kg_m2`: of a flywheel on the shaft [kg m2].
     """
 
     kind: str
@@ -80,16 +69,11 @@ class Capture:
 class Test:
     """A test.
 
-    Attributes
-    ----------
-    words : str
-        What to do.
-    needs : str
-        The instrument that it needs and the bench may not have; empty otherwise.
-    expected : callable
-        From modes, one an explanation, to what it would read under each; an ArithmeticError where it has no reading.
-    capture : Capture or None
-        What is taken; None where the bench cannot take it by itself.
+    `words`: what to do.
+    `needs`: the instrument that it needs and the bench may not have; empty otherwise.
+    `expected`: from modes, one an explanation, to what it would read under each; an ArithmeticError where it has no
+        reading.
+    `capture`: what is taken; None where the bench cannot take it by itself.
     """
 
     __test__ = False  # no test of pytest's

@@ -22,12 +22,8 @@ Predicts = Callable[..., Prediction]  # of a point, and of what else `Function` 
 class Function:
     """Predictions of a point, within the effects' bounds.
 
-    Attributes
-    ----------
-    low, high : ndarray, shape (m,)
-        Bounds of each unknown [-].
-    log_step : ndarray, shape (m,)
-        Change of an unknown's logarithm per unit of z; 0 where it is not log-normal [-].
+    `low`, `high`, shape (m,): bounds of each unknown [-].
+    `log_step`, shape (m,): change of an unknown's logarithm per unit of z; 0 where it is not log-normal [-].
     """
 
     def __init__(self, comparison: Compared, names: Sequence[str]) -> None:
@@ -44,22 +40,13 @@ class Function:
         self.log_step = np.array([math.log(one.b) if one.kind == "lognormal" else 0.0 for one in everything])
 
     def clip(self, z: np.ndarray) -> np.ndarray:
-        """The nearest point within the bounds [-].
-
-        Parameters
-        ----------
-        z : ndarray, shape (m,)
-            A point [-].
-        """
+        """The nearest point within the bounds [-]. `z`, shape (m,): a point [-]."""
         return np.clip(z, self.low, self.high)
 
     def advance(self, z: np.ndarray, move: np.ndarray) -> np.ndarray:
         """A step that is straight in the quantities themselves: of a log-normal one, z is the logarithm [-].
 
-        Parameters
-        ----------
-        z, move : ndarray, shape (m,)
-            Where from, and how far [-].
+        `z`, `move`, shape (m,): where from, and how far [-].
         """
         found: np.ndarray = z + move
         for i in np.flatnonzero(self.log_step):
@@ -69,10 +56,7 @@ class Function:
     def straight(self, z: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """The step in the quantities themselves that leads from one point to another: the inverse of `advance` [-].
 
-        Parameters
-        ----------
-        z, moved : ndarray, shape (m,)
-            Where from, and where to [-].
+        `z`, `moved`, shape (m,): where from, and where to [-].
         """
         found: np.ndarray = moved - z
         curved = self.log_step != 0.0
@@ -82,12 +66,8 @@ class Function:
     def along_valley(self, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray) -> np.ndarray:
         """A step that follows the curved valley in which a system's good fits lie [-], shape (m,).
 
-        Parameters
-        ----------
-        z, tried : ndarray, shape (m,)
-            Where from, and the end of the straight step [-].
-        D : ndarray, shape (n, m)
-            Derivatives there [SI].
+        `z`, `tried`, shape (m,): where from, and the end of the straight step [-].
+        `D`, shape (n, m): derivatives there [SI].
         """
         return self.comparison.along_valley(self, z, tried, here, D)
 
@@ -108,16 +88,10 @@ class Function:
     ) -> np.ndarray:
         """Forward differences of the predictions [SI], the plateaus' from what is known of them close to the point.
 
-        Parameters
-        ----------
-        z : ndarray, shape (m,)
-            The point [-].
-        D : ndarray, shape (n, m)
-            Derivatives so far, for the size of the steps; 0 where nothing is known [SI].
-        u : ndarray, shape (k,)
-            The noise, to size the steps [-].
-        of : callable or None
-            Differentiated; this function when left out.
+        `z`, shape (m,): the point [-].
+        `D`, shape (n, m): derivatives so far, for the size of the steps; 0 where nothing is known [SI].
+        `u`, shape (k,): the noise, to size the steps [-].
+        `of`: differentiated; this function when left out.
         """
         of = of or self
         raw, white = self.comparison.raw(here), self.comparison.whitener(here, u)

@@ -17,16 +17,10 @@ GOOD = 0.5  # readings that are more probably bad than this are left aside
 class Linearized:
     """A recording as y = J z + noise, standard normal both; what is added are further columns.
 
-    Attributes
-    ----------
-    mode : Mode
-        The point; no reading of it is bad where bad ones count.
-    good : ndarray, shape (m,)
-        1, or 0 where a reading is bad [-].
-    J : ndarray, shape (m, k)
-        Derivatives with the unknowns of the mode [-].
-    y : ndarray, shape (m,)
-        What is to be explained [-].
+    `mode`: the point; no reading of it is bad where bad ones count.
+    `good`, shape (m,): 1, or 0 where a reading is bad [-].
+    `J`, shape (m, k): derivatives with the unknowns of the mode [-].
+    `y`, shape (m,): what is to be explained [-].
     """
 
     comparison: Compared
@@ -39,10 +33,7 @@ class Linearized:
     def columns(self, changes: np.ndarray) -> np.ndarray:
         """Whitened columns of changes of the readings [-], shape (m, k).
 
-        Parameters
-        ----------
-        changes : ndarray, shape (m, k)
-            Of the readings [SI].
+        `changes`, shape (m, k): of the readings [SI].
         """
         found: np.ndarray = self.white(changes) * self.good[:, None]
         return found
@@ -51,23 +42,14 @@ class Linearized:
 def freed(white: np.ndarray) -> np.ndarray:
     """Whitened columns, each of a size that leaves its coefficient free [-], shape (m, k).
 
-    Parameters
-    ----------
-    white : ndarray, shape (m, k)
-        The columns [-].
+    `white`, shape (m, k): the columns [-].
     """
     found: np.ndarray = white * (FREE / np.maximum(np.linalg.norm(white, axis=0), 1e-12))
     return found
 
 
 def linearize(comparison: Compared, mode: Mode, u: np.ndarray, every: bool = False) -> Linearized:
-    """The linear problem at a mode.
-
-    Parameters
-    ----------
-    u : ndarray, shape (k,)
-        The noise [-].
-    """
+    """The linear problem at a mode. `u`, shape (k,): the noise [-]."""
     if every:
         mode = replace(mode, bad=np.zeros(mode.bad.size))
     white = comparison.whitener(mode.prediction, u)

@@ -29,24 +29,14 @@ NOISE_STEPS = 4
 class Mode:
     """A model at its most probable point.
 
-    Attributes
-    ----------
-    z : ndarray, shape (m,)
-        Nuisances, then the effects' unknowns [-].
-    u : ndarray, shape (k,)
-        The noise [-].
-    D : ndarray, shape (n, m)
-        Derivatives of the predictions with z [SI].
-    J : ndarray, shape (n, m)
-        The same, whitened [-].
-    r : ndarray, shape (n,)
-        Whitened residuals [-].
-    covariance : ndarray, shape (m, m)
-        Of z [-].
-    log_evidence : float
-        Natural logarithm, up to a constant that all models of a recording share.
-    bad : ndarray, shape (n,)
-        Probability that each residual's reading is bad [-].
+    `z`, shape (m,): nuisances, then the effects' unknowns [-].
+    `u`, shape (k,): the noise [-].
+    `D`, shape (n, m): derivatives of the predictions with z [SI].
+    `J`, shape (n, m): the same, whitened [-].
+    `r`, shape (n,): whitened residuals [-].
+    `covariance`, shape (m, m): of z [-].
+    `log_evidence`: natural logarithm, up to a constant that all models of a recording share.
+    `bad`, shape (n,): probability that each residual's reading is bad [-].
     """
 
     names: tuple[str, ...]
@@ -64,13 +54,7 @@ class Mode:
 def close(
     comparison: Compared, names: Sequence[str], z: np.ndarray, u: np.ndarray, D: np.ndarray, predicted: Prediction
 ) -> Mode:
-    """A mode of what a search found: its covariance and its evidence.
-
-    Parameters
-    ----------
-    D : ndarray
-        Derivatives there [SI].
-    """
+    """A mode of what a search found: its covariance and its evidence. `D`: derivatives there [SI]."""
     white = comparison.whitener(predicted, u)
     r, J = white(comparison.read - comparison.raw(predicted)), white(D)
     weight, bad = robust_weights(r, comparison, found=True)
@@ -88,16 +72,11 @@ def suiting_noise(
 ) -> np.ndarray:
     """The noise that suits a prediction best [-], shape (k,).
 
-    Parameters
-    ----------
-    u : ndarray, shape (k,)
-        Where to start from [-].
-    D : ndarray, shape (n, m)
-        Derivatives of the prediction with the unknowns, for what these took up of the noise [SI].
-    correlated : bool
-        Whether the correlations are set too: near a good fit only; far from it they would pass a misfit for noise.
-    found : bool
-        Whether it is the end of a search, as in `robust_weights`.
+    `u`, shape (k,): where to start from [-].
+    `D`, shape (n, m): derivatives of the prediction with the unknowns, for what these took up of the noise [SI].
+    `correlated`: whether the correlations are set too: near a good fit only; far from it they would pass a misfit for
+        noise.
+    `found`: whether it is the end of a search, as in `robust_weights`.
     """
     difference = comparison.read - comparison.raw(predicted)
     for _ in range(NOISE_STEPS):
@@ -109,13 +88,7 @@ def suiting_noise(
 def minus_log_posterior(
     r: np.ndarray, log_scale: float, z: np.ndarray, u: np.ndarray, comparison: Compared, found: bool = False
 ) -> float:
-    """Minus the log posterior, up to a constant [-].
-
-    Parameters
-    ----------
-    r : ndarray, shape (n,)
-        Whitened residuals [-].
-    """
+    """Minus the log posterior, up to a constant [-]. `r`, shape (n,): whitened residuals [-]."""
     good = -0.5 * r**2 + math.log(1.0 - BAD)
     _, bad = robust_weights(r, comparison, found)
     fit = np.where(bad > 0.0, np.logaddexp(good, log_bad(r)), good)
@@ -125,12 +98,8 @@ def minus_log_posterior(
 def cost_at(comparison: Compared, z: np.ndarray, u: np.ndarray, predicted: Prediction, found: bool = False) -> float:
     """The cost of a point with a noise: minus the log posterior, up to a constant [-].
 
-    Parameters
-    ----------
-    z : ndarray, shape (m,)
-        The point [-].
-    u : ndarray, shape (k,)
-        The noise [-].
+    `z`, shape (m,): the point [-].
+    `u`, shape (k,): the noise [-].
     """
     white = comparison.whitener(predicted, u)
     r = white(comparison.read - comparison.raw(predicted))
@@ -157,10 +126,7 @@ def robust_weights(r: np.ndarray, comparison: Compared, found: bool = False) -> 
     was visited, it is the model that is off, and they count. Of a level that is told at the end of a search alone: on
     the way two misread rows may look alike, in a noise that they make seem loud.
 
-    Parameters
-    ----------
-    r : ndarray, shape (n,)
-        Whitened residuals [-].
+    `r`, shape (n,): whitened residuals [-].
     """
     if comparison.size < 6 or comparison.trusting:
         return np.ones_like(r), np.zeros_like(r)

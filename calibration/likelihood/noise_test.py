@@ -15,12 +15,9 @@ CORRELATION_PASSES = 3  # of the correlations, from those of the law
 class NoiseTest:
     """Estimates of the noise from differences of readings.
 
-    Parameters
-    ----------
-    every : ndarray, shape (m, k)
-        What the unknowns, the effects and the free forces do to the readings, standard normal numbers all [SI].
-    good : ndarray, shape (m,)
-        1, or 0 where a reading is bad [-].
+    `every`, shape (m, k): what the unknowns, the effects and the free forces do to the readings, standard normal
+        numbers all [SI].
+    `good`, shape (m,): 1, or 0 where a reading is bad [-].
     """
 
     def __init__(self, comparison: Compared, mode: Mode, every: np.ndarray, good: np.ndarray) -> None:
@@ -31,12 +28,8 @@ class NoiseTest:
     def of(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """The noise of differences that is correlated as given, its scales beside all forces [-], shape (k,).
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
-        noise : ndarray, shape (k,)
-            For its correlations [-].
+        `difference`, shape (m,): readings less predictions [SI].
+        `noise`, shape (k,): for its correlations [-].
         """
         u = self._of_declared_size(noise)
         for _ in range(PASSES):
@@ -47,12 +40,8 @@ class NoiseTest:
     def of_a_draw(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """A draw's noise as the search for a mode finds it; beside the forces correlations would be anyone's guess.
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Drawn [SI].
-        noise : ndarray, shape (k,)
-            That it was drawn about [-].
+        `difference`, shape (m,): drawn [SI].
+        `noise`, shape (k,): that it was drawn about [-].
         """
         u = noise
         if self.correlated:
@@ -67,10 +56,7 @@ class NoiseTest:
         Its scales are those beside all forces, what they take up of it allowed for. A scale's law is skew: its
         logarithm's mean lies above the most probable one by the variance, as that of a chi-squared's does.
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
+        `difference`, shape (m,): readings less predictions [SI].
         """
         u, mode = self._of_declared_size(self.mode.u), self.mode
         for _ in range(LOUDNESS_PASSES):

@@ -16,12 +16,8 @@ Pieces = Callable[[np.ndarray], np.ndarray]  # shares of k pieces at n values, s
 class Along:
     """One coordinate, at every reading.
 
-    Attributes
-    ----------
-    plateaus : ndarray, shape (n,)
-        Its value at each plateau; nan where it has none [own unit].
-    runs : tuple of ndarray, shape (n_i,)
-        Its values at each run's samples that are compared; nan where it has none [own unit].
+    `plateaus`, shape (n,): its value at each plateau; nan where it has none [own unit].
+    `runs`, shape (n_i,): its values at each run's samples that are compared; nan where it has none [own unit].
     """
 
     name: str
@@ -41,14 +37,9 @@ class Along:
 class Force:
     """A free-form force or error along one coordinate.
 
-    Attributes
-    ----------
-    columns : ndarray, shape (m, k)
-        Change of the readings per unit of each piece [SI].
-    places : ndarray, shape (k, 2)
-        Where each piece acts [own unit].
-    file, recording : str
-        Of the run in time, where it is of one run alone; of the recording, where there are several.
+    `columns`, shape (m, k): change of the readings per unit of each piece [SI].
+    `places`, shape (k, 2): where each piece acts [own unit].
+    `file`, `recording`: of the run in time, where it is of one run alone; of the recording, where there are several.
     """
 
     channel: str
@@ -65,14 +56,9 @@ class Force:
 class Balance:
     """What may be off, and along what.
 
-    Attributes
-    ----------
-    scale : float
-        What its sizes are shares of [N m], [m3/s], [Pa] or [rad/s].
-    values : ndarray
-        Of the coordinate, where it would show [own unit].
-    columns : callable
-        From pieces of the coordinate to changes of the readings by 1 of each piece, shape (m, k) [SI].
+    `scale`: what its sizes are shares of [N m], [m3/s], [Pa] or [rad/s].
+    `values`: of the coordinate, where it would show [own unit].
+    `columns`: from pieces of the coordinate to changes of the readings by 1 of each piece, shape (m, k) [SI].
     """
 
     channel: str
@@ -88,18 +74,11 @@ class Balance:
 class Form:
     """A term that may be in the law.
 
-    Attributes
-    ----------
-    balance, kind : str
-        torque or mass; its form without numbers.
-    unit : float
-        From the size at the top of the coordinate to the coefficient.
-    threshold : float
-        Where it sets in, in shares of the top; 0 where it has none [-].
-    columns : ndarray, shape (m, k)
-        Change of the readings by one sd of its prior [SI]; a harmonic has two for each run.
-    size : float
-        That sd, at the top of the coordinate [N m] or [m3/s].
+    `balance`, `kind`: torque or mass; its form without numbers.
+    `unit`: from the size at the top of the coordinate to the coefficient.
+    `threshold`: where it sets in, in shares of the top; 0 where it has none [-].
+    `columns`, shape (m, k): change of the readings by one sd of its prior [SI]; a harmonic has two for each run.
+    `size`: that sd, at the top of the coordinate [N m] or [m3/s].
     """
 
     balance: str
@@ -121,17 +100,11 @@ class Form:
 class StepsInTime:
     """What is otherwise from one moment on, for each of several moments.
 
-    Attributes
-    ----------
-    moments : ndarray, shape (k,)
-        On the recording's clock [s].
-    end_s : float
-        The recording's end [s].
-    within : ndarray of bool, shape (m, k)
-        Readings of the plateau during which each moment may be.
-    columns : callable
-        From a comparison and a mode to what one sd of each kind of step, by channel and balance, does to the readings
-        [SI], shape (m, k).
+    `moments`, shape (k,): on the recording's clock [s].
+    `end_s`: the recording's end [s].
+    `within`, shape (m, k): readings of the plateau during which each moment may be.
+    `columns`: from a comparison and a mode to what one sd of each kind of step, by channel and balance, does to the
+        readings [SI], shape (m, k).
     """
 
     moments: np.ndarray
@@ -143,12 +116,8 @@ class StepsInTime:
 def hats(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Smooth pieces, each 1 in the middle of its span and 0 one span away [-], shape (n, k).
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Where [own unit].
-    edges : ndarray, shape (k + 1,)
-        Of the spans [own unit].
+    `x`, shape (n,): where [own unit].
+    `edges`, shape (k + 1,): of the spans [own unit].
     """
     middle, width = 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)
     found: np.ndarray = np.maximum(0.0, 1.0 - np.abs(x[:, None] - middle) / width)
@@ -156,11 +125,5 @@ def hats(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def spans(edges: np.ndarray) -> np.ndarray:
-    """Where the pieces of `hats` act [own unit], shape (k, 2).
-
-    Parameters
-    ----------
-    edges : ndarray, shape (k + 1,)
-        Of the spans [own unit].
-    """
+    """Where the pieces of `hats` act [own unit], shape (k, 2). `edges`, shape (k + 1,): of the spans [own unit]."""
     return np.column_stack([edges[:-1], edges[1:]])

@@ -26,12 +26,9 @@ SHAPES = (-1.0, 0.0, 1.5)  # shape parameters scanned, in sds of their prior
 class Signature:
     """One effect with its shape parameters fixed.
 
-    Attributes
-    ----------
-    unknowns : dict
-        (effect, parameter) to its standard normal number where the column was taken [-].
-    column : ndarray, shape (m,)
-        Change of the readings per unit of the amplitude: its prior's sd, or its centre where that is not 0 [SI].
+    `unknowns`: (effect, parameter) to its standard normal number where the column was taken [-].
+    `column`, shape (m,): change of the readings per unit of the amplitude: its prior's sd, or its centre where that is
+        not 0 [SI].
     """
 
     effect: str
@@ -87,17 +84,8 @@ def answer(
     It is taken along the valley that f_overall makes, and written as if on a straight line: what f_overall takes up is
     projected out later in any case.
 
-    Parameters
-    ----------
-    mode : Mode
-        The point; it does not hold the effect.
-
-    Returns
-    -------
-    column : ndarray, shape (m,)
-        Change per unit [SI].
-    probe : float
-        Amplitude at which it was taken, in that unit [-].
+    `mode`: the point; it does not hold the effect.
+    Returns `column`: change per unit [SI]; `probe`: amplitude at which it was taken, in that unit [-].
     """
     f = Function(comparison, (*mode.names, effect.id))
     unknown = [u for _, u in comparison.problem.effect_unknowns([effect.id])]
@@ -131,12 +119,8 @@ def answer(
 def log_gain(signature: Signature, g: np.ndarray, g_perp: np.ndarray, r: np.ndarray) -> tuple[float, float]:
     """Log evidence that a signature adds in the linear model, and the amplitude's most probable z [-].
 
-    Parameters
-    ----------
-    g, g_perp : ndarray, shape (m,)
-        Whitened column, and the same with the nuisances projected out [-].
-    r : ndarray, shape (m,)
-        Whitened residuals at the most probable nuisances [-].
+    `g`, `g_perp`, shape (m,): whitened column, and the same with the nuisances projected out [-].
+    `r`, shape (m,): whitened residuals at the most probable nuisances [-].
     """
     n, s, w = float(g @ g_perp), float(g @ r), signature.sd**-2
     precision = n + w
@@ -151,12 +135,8 @@ def log_gain(signature: Signature, g: np.ndarray, g_perp: np.ndarray, r: np.ndar
 def project(J: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Columns with the nuisances, whose priors are standard normal, projected out.
 
-    Parameters
-    ----------
-    J : ndarray, shape (m, k)
-        Whitened derivatives with the nuisances [-].
-    columns : ndarray, shape (m,) or (m, l)
-        Whitened columns [-].
+    `J`, shape (m, k): whitened derivatives with the nuisances [-].
+    `columns`, shape (m,): whitened columns [-].
     """
     projected: np.ndarray = columns - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ columns)
     return projected

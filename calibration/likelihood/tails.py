@@ -30,12 +30,8 @@ FARTHEST = 12.0  # of asinh(z), where the readings say nothing
 class Reweighed:
     """Sizes under the prior with the longer tails, within their bounds.
 
-    Attributes
-    ----------
-    log_gain : float
-        Of the evidence, over that with normal priors without bounds.
-    z, sd : ndarray, shape (n,)
-        Mean and spread, in the scale of each size [-].
+    `log_gain`: of the evidence, over that with normal priors without bounds.
+    `z`, `sd`, shape (n,): mean and spread, in the scale of each size [-].
     """
 
     log_gain: float
@@ -60,14 +56,9 @@ def reweighed(z: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.n
     Importance sampling, one size after the other: each is drawn from its law given those before it, as if those after
     it were hardly known beforehand. The last is summed over.
 
-    Parameters
-    ----------
-    z : ndarray, shape (n,)
-        The most probable point [-].
-    covariance : ndarray, shape (n, n)
-        There [-].
-    low, high : ndarray, shape (n,)
-        Bounds [-].
+    `z`, shape (n,): the most probable point [-].
+    `covariance`, shape (n, n): there [-].
+    `low`, `high`, shape (n,): bounds [-].
     """
     n = z.size
     if not n:
@@ -128,10 +119,7 @@ def _law(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of one size, a grid in its bounds, the mass about each point, shape (draws, POINTS), and the log of all [-].
 
-    Parameters
-    ----------
-    middle : ndarray, shape (draws,)
-        With a normal prior, as `variance` [-].
+    `middle`, shape (draws,): with a normal prior, as `variance` [-].
     """
     told = 1.0 / variance - prior_sd**-2  # precision of what the readings say without the prior
     there, width = (middle / variance / told, told**-0.5) if told > 1e-9 else (np.zeros_like(middle), math.inf)
@@ -152,12 +140,8 @@ def reweighed_sizes(
 ) -> tuple[list[tuple[str, str]], Reweighed]:
     """The sizes of a set's effects, by effect and parameter; figures of a shape are none.
 
-    Parameters
-    ----------
-    z : ndarray, shape (m,)
-        The most probable point, with normal priors [-].
-    covariance : ndarray, shape (m, m)
-        There [-].
+    `z`, shape (m,): the most probable point, with normal priors [-].
+    `covariance`, shape (m, m): there [-].
     """
     members, places, bounds = [], [], []
     for i, (name, unknown) in enumerate(problem.effect_unknowns(names), start=len(problem.nuisances)):

@@ -27,10 +27,7 @@ BAND = "#DCE9F3"
 class Point:
     """A figure of one recording, with its 5 and 95 % quantiles.
 
-    Attributes
-    ----------
-    taken : datetime or None
-        When it was recorded; points of a panel stand side by side where one has no date.
+    `taken`: when it was recorded; points of a panel stand side by side where one has no date.
     """
 
     recording: str
@@ -42,13 +39,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Panel:
-    """Points of one quantity.
-
-    Attributes
-    ----------
-    line : tuple of ndarray or None
-        A line's value at the points, and the sd of that.
-    """
+    """Points of one quantity. `line`: a line's value at the points, and the sd of that."""
 
     title: str
     quantity: str

@@ -36,10 +36,7 @@ class Measured(Protocol):
 class Residuals:
     """Readings less the simulated values at their times.
 
-    Attributes
-    ----------
-    time_s, measured, simulated : ndarray, shape (n,)
-        Time [s], and values in the unit.
+    `time_s`, `measured`, `simulated`, shape (n,): time [s], and values in the unit.
     """
 
     name: str
@@ -55,13 +52,7 @@ class Residuals:
 
 
 def compare(measured: Measured, simulated: Simulated) -> list[Residuals]:
-    """Speed and flow at the times of their readings.
-
-    Returns
-    -------
-    list of Residuals
-        Of the channels with anything to compare.
-    """
+    """Speed and flow at the times of their readings. Of the channels with anything to compare."""
     found = []
     for name, unit, factor, time_s, values, modelled in (
         ("speed", "rpm", RPM, measured.speed_time_s, measured.speed_rad_s, simulated.speed_rad_s),

@@ -10,10 +10,7 @@ from model.effects import effects
 def titles(names: Sequence[str]) -> str:
     """A set of effects as people call them, each in quotes with its id.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Effect ids; what is none stands as it is.
+    `names`: effect ids; what is none stands as it is.
     """
     known = effects()
     return listed([f"“{title(name)}”" if name in known else name for name in names]) or "nothing left out"

@@ -72,17 +72,8 @@ def drawing(
 ) -> Iterator[tuple[Figure, Any]]:
     """An empty figure; what is drawn inside the ``with`` has the style.
 
-    Parameters
-    ----------
-    height_in : float
-        Height [in]; the width is the same for all.
-
-    Yields
-    ------
-    figure : Figure
-        The figure, for `png`.
-    axes : Axes or ndarray of Axes
-        Its panels.
+    `height_in`: height [in]; the width is the same for all.
+    Yields `figure`: the figure, for `png`; `axes`: its panels.
     """
     import matplotlib
 
@@ -94,10 +85,7 @@ def drawing(
 def label(quantity: str, unit: str) -> str:
     """The label of an axis: a quantity is never without its unit.
 
-    Parameters
-    ----------
-    quantity, unit : str
-        ``"speed"`` and ``"rpm"``; the unit ``"1"`` is left out.
+    `quantity`, `unit`: ``"speed"`` and ``"rpm"``; the unit ``"1"`` is left out.
     """
     return quantity if unit == "1" else f"{quantity} ({unit})"
 

@@ -25,17 +25,10 @@ def compared(
 ) -> Compared:
     """A recording, or several of one motor, as their system compares them.
 
-    Parameters
-    ----------
-    motor : Motor or None
-        The motor that it names, when left out.
-    sharing : Sharing
-        Of which effects each recording has its own sizes.
-
-    Raises
-    ------
-    RecordingError
-        When one holds nothing that its system can compare, or several are of machines that are written out in them.
+    `motor`: the motor that it names, when left out.
+    `sharing`: of which effects each recording has its own sizes.
+    Raises RecordingError when one holds nothing that its system can compare, or several are of machines that are
+    written out in them.
     """
     given = [recordings] if isinstance(recordings, Recording) else recordings
     parts = [part for one in given for part in by_flywheel(one)]

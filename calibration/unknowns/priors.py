@@ -70,18 +70,13 @@ def full_name(own: str, whose: str) -> str:
 class Unknown:
     """One coordinate of the fit.
 
-    Attributes
-    ----------
-    own : str
-        Its name among the unknowns of one recording.
-    kind : str
-        normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z), loguniform (between ``a`` and ``b``), size (``a`` + ``b``
-        sinh z: Johnson's S_U law) or halfsize (such a law folded at ``a``, but rising with z, so that it has one peak).
-    of : OfInstrument, OfEffect, OfRun or None
-        What it belongs to; None where that is the motor.
-    whose : str
-        Of several recordings the one that has it for itself, or the instrument's serial number; empty where all share
-        it.
+    `own`: its name among the unknowns of one recording.
+    `kind`: normal (``a`` + ``b`` z), lognormal (``a`` ``b``^z), loguniform (between ``a`` and ``b``), size (``a`` +
+        ``b`` sinh z: Johnson's S_U law) or halfsize (such a law folded at ``a``, but rising with z, so that it has one
+        peak).
+    `of`: what it belongs to; None where that is the motor.
+    `whose`: of several recordings the one that has it for itself, or the instrument's serial number; empty where all
+        share it.
     """
 
     own: str
@@ -145,10 +140,7 @@ def values_of(found: Sequence[Unknown], z: np.ndarray) -> np.ndarray:
 def factors_at(found: Sequence[Unknown], z: np.ndarray) -> np.ndarray:
     """What one unit of each coordinate multiplies its unknown by, near a point, shape (n_unknowns,); 1: it adds.
 
-    Parameters
-    ----------
-    z : ndarray, shape (n_unknowns,)
-        The point [-].
+    `z`, shape (n_unknowns,): the point [-].
     """
     return np.array([unknown.factor(float(at)) for unknown, at in zip(found, z, strict=True)])
 
@@ -156,15 +148,8 @@ def factors_at(found: Sequence[Unknown], z: np.ndarray) -> np.ndarray:
 def unknowns(motor: Motor, recording: Recording) -> list[Unknown]:
     """All unknowns of a fit: the motor's parameters that carry a prior, then the errors of each instrument.
 
-    Parameters
-    ----------
-    motor : Motor
-        The motor, already moved to the recording's ambient by `at_ambient`.
-
-    Returns
-    -------
-    list of Unknown
-        In a fixed order; an instrument's error whose prior has no width is left out.
+    `motor`: the motor, already moved to the recording's ambient by `at_ambient`.
+    In a fixed order; an instrument's error whose prior has no width is left out.
     """
     found = [_of_motor(motor, recording, name) for name in QUANTITIES if motor[name].prior is not None]
     for channel in CHANNELS:
@@ -197,15 +182,7 @@ def noise_scale(channel: str, why: str) -> Unknown:
 def at_ambient(motor: Motor, recording: Recording) -> Motor:
     """The motor in the recording's ambient, with its flywheel; what the recording leaves out keeps the motor's default.
 
-    Returns
-    -------
-    Motor
-        The changed motor.
-
-    Raises
-    ------
-    configs.ConfigError
-        When the recorded ambient is outside the motor's bounds.
+    Returns the changed motor. Raises configs.ConfigError when the recorded ambient is outside the motor's bounds.
     """
     ambient = recording.ambient
     values: dict[str, float] = {}

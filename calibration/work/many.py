@@ -42,14 +42,9 @@ class ClusterError(OSError):
 class Item:
     """One thing to do.
 
-    Attributes
-    ----------
-    name : str
-        Of its result file; letters, digits, dots, dashes and underscores.
-    argument : object
-        What the task is called with; has to survive pickling.
-    mark : str
-        What the result hangs on besides; a result with another mark is computed anew.
+    `name`: of its result file; letters, digits, dots, dashes and underscores.
+    `argument`: what the task is called with; has to survive pickling.
+    `mark`: what the result hangs on besides; a result with another mark is computed anew.
     """
 
     name: str
@@ -61,12 +56,8 @@ class Item:
 class Result:
     """What became of an item.
 
-    Attributes
-    ----------
-    error : str
-        Why there is no value, in words; empty when there is one.
-    seconds : float
-        Wall time of the task in its worker [s].
+    `error`: why there is no value, in words; empty when there is one.
+    `seconds`: wall time of the task in its worker [s].
     """
 
     name: str
@@ -85,26 +76,13 @@ def run_many(
 ) -> list[Result]:
     """Do all items that are not done yet, and return what became of all, in their order.
 
-    Parameters
-    ----------
-    task : callable
-        A function of a module, or a partial of one: it is called in other processes. What it raises becomes the item's
-        error, and the item is tried again the next time.
-    items : sequence of Item
-        What to do; names differ.
-    workers : int
-        Processes; 0 works in this one [-].
-    scheduler : str, optional
-        Address of a Dask scheduler, ``tcp://host:port``, whose workers are used instead of processes.
-    tell : callable
-        Told how many are done, of how many, and the last one's name.
-
-    Raises
-    ------
-    ClusterError
-        When no scheduler answers, or it is lost on the way.
-    ValueError
-        When two items have one name.
+    `task`: a function of a module, or a partial of one: it is called in other processes. What it raises becomes the
+        item's error, and the item is tried again the next time.
+    `items`: what to do; names differ.
+    `workers`: processes; 0 works in this one [-].
+    `scheduler`: address of a Dask scheduler, ``tcp://host:port``, whose workers are used instead of processes.
+    `tell`: told how many are done, of how many, and the last one's name.
+    Raises ClusterError when no scheduler answers, or it is lost on the way; ValueError when two items have one name.
     """
     names = [item.name for item in items]
     if len(set(names)) < len(names):

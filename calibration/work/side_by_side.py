@@ -25,10 +25,7 @@ class SideBySide:
 
     Its processes are started by `begin`, so that they have loaded what they need when there is work.
 
-    Parameters
-    ----------
-    workers : int
-        Processes; with less than 2 everything is done in this one [-].
+    `workers`: processes; with less than 2 everything is done in this one [-].
     """
 
     def __init__(self, workers: int) -> None:

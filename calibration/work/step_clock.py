@@ -11,12 +11,8 @@ Tell = Callable[[str], None]
 class StepClock:
     """Called with the name of a step when it begins, and with an empty one after the last.
 
-    Attributes
-    ----------
-    tell : callable
-        As given; what it is told besides is no step of its own.
-    seconds : dict of str to float
-        Of each step that has ended; of one that came again, together [s].
+    `tell`: as given; what it is told besides is no step of its own.
+    `seconds`: of each step that has ended; of one that came again, together [s].
     """
 
     def __init__(self, tell: Tell) -> None:

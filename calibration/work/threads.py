@@ -18,10 +18,7 @@ _pool: ContextVar[ThreadPoolExecutor | None] = ContextVar("pool", default=None)
 def threads(count: int) -> Iterator[None]:
     """Have `each` use threads; none of theirs uses further ones.
 
-    Parameters
-    ----------
-    count : int
-        Threads; with less than 2 everything is done in this one [-].
+    `count`: threads; with less than 2 everything is done in this one [-].
     """
     if count < 2:
         yield

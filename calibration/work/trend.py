@@ -16,18 +16,12 @@ LARGER_P = 0.01  # below it the scatter is larger than the uncertainties say
 class Line:
     """A weighed straight line.
 
-    Attributes
-    ----------
-    slope, slope_sd : float
-        Per unit of the coordinate; the sd grown with the scatter where that is larger than the uncertainties say.
-    value, value_sd : ndarray, shape (n,)
-        The line at the figures.
-    scatter : float
-        Root of chi-squared over the degrees of freedom; 1 where it is as the uncertainties say [-].
-    scatter_p : float
-        How often the scatter would be as large, were the uncertainties right and independent [-].
-    change_p : float
-        How often figures of one constant would slope, or lie apart, as much as these [-].
+    `slope`, `slope_sd`: per unit of the coordinate; the sd grown with the scatter where that is larger than the
+        uncertainties say.
+    `value`, `value_sd`, shape (n,): the line at the figures.
+    `scatter`: root of chi-squared over the degrees of freedom; 1 where it is as the uncertainties say [-].
+    `scatter_p`: how often the scatter would be as large, were the uncertainties right and independent [-].
+    `change_p`: how often figures of one constant would slope, or lie apart, as much as these [-].
     """
 
     slope: float
@@ -47,12 +41,8 @@ class Line:
 def line_through(at: Sequence[float], mean: Sequence[float], sd: Sequence[float]) -> Line | None:
     """The line; None where there are too few figures, or all at one place.
 
-    Parameters
-    ----------
-    at : sequence of float
-        Coordinates [any unit].
-    mean, sd : sequence of float
-        Figures and their standard deviations [the figure's unit].
+    `at`: coordinates [any unit].
+    `mean`, `sd`: figures and their standard deviations [the figure's unit].
     """
     x, y, s = (np.asarray(one, dtype=float) for one in (at, mean, sd))
     if x.size < FEWEST or np.ptp(x) == 0.0 or not np.all(s > 0.0):

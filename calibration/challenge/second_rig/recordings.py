@@ -66,12 +66,8 @@ def follow_up(truth: Truth, test: str | Mapping[str, Any], folder: Path) -> None
 def another_day(truth: Truth, capture: Mapping[str, Any], day: int, folder: Path) -> None:
     """Write a recording of the test that was asked for alone, taken with the same instruments in another room.
 
-    Parameters
-    ----------
-    capture : mapping
-        ``kind``, ``level_bar_abs`` and ``added_inertia_kg_m2``, as in ``next_tests`` of a diagnosis.
-    day : int
-        Draws the room and the noise [-].
+    `capture`: ``kind``, ``level_bar_abs`` and ``added_inertia_kg_m2``, as in ``next_tests`` of a diagnosis.
+    `day`: draws the room and the noise [-].
     """
     kind, inertia = str(capture["kind"]), float(capture["added_inertia_kg_m2"])
     level = float(np.clip(capture["level_bar_abs"] or RUN_BAR, *LIMITS_BAR))

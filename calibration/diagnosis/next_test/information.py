@@ -24,10 +24,7 @@ PROBE = 0.05  # sd, for derivatives
 def pair_weights(probabilities: Sequence[float]) -> dict[tuple[int, int], float]:
     """What each pair of explanations counts for [-], adding up to 1: a pair is worth a test if both are probable.
 
-    Parameters
-    ----------
-    probabilities : sequence of float
-        Of the explanations, two or more; where no pair is probable all count alike [-].
+    `probabilities`: of the explanations, two or more; where no pair is probable all count alike [-].
     """
     pairs = list(itertools.combinations(range(len(probabilities)), 2))
     both = [probabilities[i] * probabilities[j] for i, j in pairs]
@@ -41,12 +38,8 @@ def log_density(one: Expected, read: np.ndarray, repeats: int = 1) -> float:
     What the recording leaves open of the explanation is fitted to the readings: an effect of which hardly a size is
     known may be gone one sd away, and then reads as the model without it.
 
-    Parameters
-    ----------
-    read : ndarray, shape (m,)
-        The readings, in standard deviations of the noise [-].
-    repeats : int
-        Of the test, averaged: what is not known of the motor stays [-].
+    `read`, shape (m,): the readings, in standard deviations of the noise [-].
+    `repeats`: of the test, averaged: what is not known of the motor stays [-].
     """
     root = np.linalg.cholesky(one.inexact + one.own / repeats)
 
@@ -89,12 +82,8 @@ def given_nats(
     counted for the true one. Over the pairs together it is as often more as less, each explanation being true as often
     as it is probable; of a pair it is the mean over the two.
 
-    Parameters
-    ----------
-    read : sequence of Expected
-        What the test would read under each explanation.
-    probabilities : sequence of float
-        Of the explanations, before it [-].
+    `read`: what the test would read under each explanation.
+    `probabilities`: of the explanations, before it [-].
     """
     if not any(probabilities):
         probabilities = [1.0] * len(read)
@@ -118,10 +107,7 @@ def _median(values: np.ndarray, weights: Sequence[float]) -> float:
 def repeats_needed(nats: Callable[[int], float]) -> int | None:
     """The fewest repeats after which odds of 150 to 1 are expected; None where a hundred do not bring them.
 
-    Parameters
-    ----------
-    nats : callable
-        Expected nats of a number of repeats; it never falls.
+    `nats`: expected nats of a number of repeats; it never falls.
     """
     if nats(1) >= SETTLED_NATS:
         return 1

@@ -70,12 +70,8 @@ def asked_for(
 ) -> Promise | None:
     """The promise of the tests that new recordings hold; of several that were taken together the largest.
 
-    Parameters
-    ----------
-    tests : sequence of (str, float, Capture)
-        What was asked for, the nats promised [-], and what is to be taken.
-    rivals : mapping
-        The sets that they were to tell apart.
+    `tests`: what was asked for, the nats promised [-], and what is to be taken.
+    `rivals`: the sets that they were to tell apart.
     """
     held = [capture for one in taken for capture in captures_of(one)]
     found = [(words, nats) for words, nats, wanted in tests if any(_is_like(wanted, one) for one in held)]

@@ -29,16 +29,10 @@ LEAST_NATS = 0.1
 class NextTest:
     """A test, and what it would tell.
 
-    Attributes
-    ----------
-    separates : tuple of tuple of str
-        Sets of effects; the empty one is the base model.
-    repeats : int or None
-        That bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
-    needs : str
-        The instrument that it needs and the bench may not have; empty otherwise.
-    capture : Capture or None
-        What is taken; None where the bench cannot take it by itself.
+    `separates`: sets of effects; the empty one is the base model.
+    `repeats`: that bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
+    `needs`: the instrument that it needs and the bench may not have; empty otherwise.
+    `capture`: what is taken; None where the bench cannot take it by itself.
     """
 
     test: str

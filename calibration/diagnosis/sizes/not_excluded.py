@@ -30,10 +30,7 @@ FEWEST = 40  # draws that are possible; with fewer the effect is next to impossi
 class Undetected:
     """A further effect beside a set.
 
-    Attributes
-    ----------
-    f_overall_z : ndarray, shape (n,)
-        Draws of f_overall with it, as its standard normal number [-].
+    `f_overall_z`, shape (n,): draws of f_overall with it, as its standard normal number [-].
     """
 
     effect: str

@@ -29,14 +29,9 @@ LEAST_APART = 1e-6  # of 1 - rho: nearer ones are one
 class Resolved:
     """From which size on a recording shows an effect.
 
-    Attributes
-    ----------
-    seen_from : float or None
-        Size that would be seen [own unit]; None where none that is believable would be.
-    nearest : str
-        The effect whose signature is most like its own; empty where there is no other.
-    told_from : float or None
-        Size that would be told from it [own unit]; None where none that is believable would be.
+    `seen_from`: size that would be seen [own unit]; None where none that is believable would be.
+    `nearest`: the effect whose signature is most like its own; empty where there is no other.
+    `told_from`: size that would be told from it [own unit]; None where none that is believable would be.
     """
 
     effect: str
@@ -50,10 +45,7 @@ class Resolved:
 def resolved(comparison: Compared, mode: Mode, u: np.ndarray, found: Sequence[Signature]) -> list[Resolved]:
     """What a recording can tell of each effect, the one that it sees soonest beside its ordinary size first.
 
-    Parameters
-    ----------
-    u : ndarray, shape (k,)
-        The noise [-].
+    `u`, shape (k,): the noise [-].
     """
     here = linearize(comparison, mode, u)
     G = here.columns(np.column_stack([one.column for one in found])) if found else np.zeros((here.good.size, 0))

@@ -23,11 +23,8 @@ STEP = 1e-3  # in z, for the slope of a value
 class Size:
     """One parameter of an effect.
 
-    Attributes
-    ----------
-    z, sd : float
-        Of a size the mean, in its scale, and its spread, with what is not known of the law; of a figure of the shape
-        its most probable standard normal number, and likewise [-].
+    `z`, `sd`: of a size the mean, in its scale, and its spread, with what is not known of the law; of a figure of the
+        shape its most probable standard normal number, and likewise [-].
     """
 
     effect: str

@@ -35,14 +35,9 @@ WORTH_A_REFIT = -40.0  # nats over the member in the linear model
 class Step:
     """A step in the running time.
 
-    Attributes
-    ----------
-    start_s, end_s : float
-        From when on, at the most probable, and the recording's end [s].
-    gain : float
-        Log evidence over nothing in its place, every moment as likely [-].
-    over : float
-        What it adds to the log evidence in the place of what it stands in for [-].
+    `start_s`, `end_s`: from when on, at the most probable, and the recording's end [s].
+    `gain`: log evidence over nothing in its place, every moment as likely [-].
+    `over`: what it adds to the log evidence in the place of what it stands in for [-].
     """
 
     channel: str
@@ -76,10 +71,7 @@ class Step:
 def step_instead(comparison: Compared, mode: Mode) -> Step | None:
     """The step in time that does best in the place of a member of a set; None where the recording has no clock for one.
 
-    Parameters
-    ----------
-    mode : Mode
-        Of the set; of the base model a step is tried in the place of the readings that it takes for bad.
+    `mode`: of the set; of the base model a step is tried in the place of the readings that it takes for bad.
     """
     steps = comparison.steps_in_time(mode)
     if steps is None:
@@ -133,18 +125,10 @@ class _Rest:
 
     The noise is what suits each: a set that needs loud noise to be true is not helped by it here.
 
-    Parameters
-    ----------
-    mine : ndarray of int
-        Places of the member's unknowns; none where the readings taken for bad are left out.
-    within : ndarray of bool, shape (m, moments)
-        Readings of the plateau during which each moment may be: what of the step they show is free, where it stands
-        for a member.
-
-    Attributes
-    ----------
-    instead : float
-        With the member, or with the bad readings taken for bad [-].
+    `mine`: places of the member's unknowns; none where the readings taken for bad are left out.
+    `within`, shape (m, moments): readings of the plateau during which each moment may be: what of the step they show is
+        free, where it stands for a member.
+    `instead`: with the member, or with the bad readings taken for bad [-].
     """
 
     def __init__(self, comparison: Compared, mode: Mode, mine: np.ndarray, within: np.ndarray) -> None:

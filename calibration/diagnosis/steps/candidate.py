@@ -51,16 +51,10 @@ def no_larger(name: str) -> Refusal:
 class Candidate(Generic[Fitted]):
     """A set of effects, refitted.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Ids, sorted; empty for the base model.
-    log_evidence : float
-        Conditional on its nuisance-like members being beyond three sd [-].
-    log_probability : float
-        Natural logarithm: sets may be thousands of nats apart [-].
-    refused : Refusal or None
-        Why it cannot be named; None where it can.
+    `names`: ids, sorted; empty for the base model.
+    `log_evidence`: conditional on its nuisance-like members being beyond three sd [-].
+    `log_probability`: natural logarithm: sets may be thousands of nats apart [-].
+    `refused`: why it cannot be named; None where it can.
     """
 
     names: tuple[str, ...]

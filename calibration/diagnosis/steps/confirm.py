@@ -45,18 +45,11 @@ SELECTED = {
 class HeldOut:
     """What the held-out readings say.
 
-    Attributes
-    ----------
-    folds, same : int
-        Folds, and those in which the same set was the most probable [-].
-    before, after : dict
-        rmse by channel, of the base model and of the sets weighed [SI].
-    gain, gain_se : float
-        In log predictive density, and its standard error over the blocks [-].
-    declared : float
-        The same of the declared figures, each predicted from the readings and the other figures [-].
-    size : dict
-        Root mean square of the readings themselves by channel [SI]; empty where it is not told.
+    `folds`, `same`: folds, and those in which the same set was the most probable [-].
+    `before`, `after`: rmse by channel, of the base model and of the sets weighed [SI].
+    `gain`, `gain_se`: in log predictive density, and its standard error over the blocks [-].
+    `declared`: the same of the declared figures, each predicted from the readings and the other figures [-].
+    `size`: root mean square of the readings themselves by channel [SI]; empty where it is not told.
     """
 
     folds: int
@@ -76,10 +69,7 @@ def cross_validate(
 ) -> HeldOut:
     """Predict each block from the others.
 
-    Parameters
-    ----------
-    choose : bool
-        Whether the sets are weighed anew in each fold; otherwise ``names`` alone predicts.
+    `choose`: whether the sets are weighed anew in each fold; otherwise ``names`` alone predicts.
     """
     blocks = comparison.folds()[0]
     others = [c for c in found if not c.refused or not c.names]
@@ -115,12 +105,8 @@ def _declared(comparison: Compared, z: np.ndarray, A: np.ndarray) -> np.ndarray:
 
     What belongs to a run in time alone, such as the angle at which it starts, nobody has declared.
 
-    Parameters
-    ----------
-    z : ndarray, shape (n,)
-        The most probable point [-].
-    A : ndarray, shape (n, n)
-        Its precision [-].
+    `z`, shape (n,): the most probable point [-].
+    `A`, shape (n, n): its precision [-].
     """
     figures = [i for i in range(len(comparison.problem.nuisances)) if comparison.problem.run_of(i) is None]
     # Without its own prior, N(0, 1), the variance of a figure is v and its mean m: 1 / v = 1 / C_ii - 1.
@@ -140,12 +126,8 @@ def summed_up(
 ) -> HeldOut:
     """What the folds say together.
 
-    Parameters
-    ----------
-    folds : sequence of ndarray of bool, shape (m,)
-        Readings held out in each.
-    errors : dict
-        Of the readings held out in each, ``before`` and ``after`` [SI].
+    `folds`, shape (m,): readings held out in each.
+    `errors`: of the readings held out in each, ``before`` and ``after`` [SI].
     """
     index = np.concatenate([np.flatnonzero(held) for held in folds])
     rmse = {key: by_channel(comparison, index, np.concatenate(errors[key])) for key in errors}
@@ -158,19 +140,8 @@ def summed_up(
 def fit_on(comparison: Compared, mode: Mode, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Most probable point, precision and log evidence on some of the readings, in the linear model of a mode.
 
-    Parameters
-    ----------
-    used : ndarray of bool, shape (m,)
-        Readings that are used.
-
-    Returns
-    -------
-    z : ndarray, shape (k,)
-        The point [-].
-    A : ndarray, shape (k, k)
-        Its precision [-].
-    evidence : float
-        Natural logarithm [-].
+    `used`, shape (m,): readings that are used.
+    Returns `z`: the point [-]; `A`: its precision [-]; `evidence`: natural logarithm [-].
     """
     width, price = _as_read(mode)
     weight = used / width
@@ -191,18 +162,10 @@ def predict_held(
 ) -> tuple[float, np.ndarray]:
     """Log density of held-out readings, and their errors.
 
-    Parameters
-    ----------
-    held : ndarray of bool, shape (m,)
-        Readings held out.
-
-    Returns
-    -------
-    density : float
-        Natural logarithm, up to a constant that all models share: all readings held out count in each of them, those
-        that it takes for bad with a wide error and at the price of a bad one.
-    error : ndarray
-        Readings less predictions, those held out alone [SI].
+    `held`, shape (m,): readings held out.
+    Returns `density`: natural logarithm, up to a constant that all models share: all readings held out count in each of
+    them, those that it takes for bad with a wide error and at the price of a bad one; `error`: readings less
+    predictions, those held out alone [SI].
     """
     width, price = _as_read(mode)
     r = ((mode.r + mode.J @ (mode.z - z)) / width)[held]
@@ -226,13 +189,7 @@ def _as_read(mode: Mode) -> tuple[np.ndarray, np.ndarray]:
 
 
 def by_channel(comparison: Compared, index: np.ndarray, error: np.ndarray) -> dict[str, float]:
-    """Root mean square of errors by channel [SI].
-
-    Parameters
-    ----------
-    error : ndarray
-        Readings less predictions [SI].
-    """
+    """Root mean square of errors by channel [SI]. `error`: readings less predictions [SI]."""
     found = {}
     for key, of_channel in comparison.channels().items():
         mine = of_channel[index]

@@ -34,20 +34,13 @@ SURE, LARGE = 1.0, 0.5  # sds from 0, and share of its largest value, where a cu
 class Correction:
     """A smooth torque or flow along one coordinate.
 
-    Attributes
-    ----------
-    at : ndarray, shape (k,)
-        Where it is known [own unit].
-    mean, sd : ndarray, shape (k,)
-        The curve: a torque that brakes [N m], a flow beyond the model's [m3/s], or an instrument's error [SI].
-    gain : float
-        Log evidence over no correction, lengths and sizes averaged over [-].
-    column : ndarray, shape (m,)
-        What its mean does to the readings [SI].
-    z, z_sd : ndarray, shape (n,)
-        The nuisances beside it, and their sd [-].
-    size : float
-        The sd that its prior has, sizes weighed by their evidence [as the curve].
+    `at`, shape (k,): where it is known [own unit].
+    `mean`, `sd`, shape (k,): the curve: a torque that brakes [N m], a flow beyond the model's [m3/s], or an
+        instrument's error [SI].
+    `gain`: log evidence over no correction, lengths and sizes averaged over [-].
+    `column`, shape (m,): what its mean does to the readings [SI].
+    `z`, `z_sd`, shape (n,): the nuisances beside it, and their sd [-].
+    `size`: the sd that its prior has, sizes weighed by their evidence [as the curve].
     """
 
     channel: str
@@ -70,10 +63,7 @@ def nuisances_beside(comparison: Compared, mode: Mode, found: Sequence[Correctio
     A torque of unknown form may have a part in proportion to speed, as large as the process is believed to be: no
     recording tells that from viscous friction. The spread of f_overall holds it.
 
-    Parameters
-    ----------
-    found : sequence of Correction
-        Those of all coordinates; they are averaged over by their evidence.
+    `found`: those of all coordinates; they are averaged over by their evidence.
     """
     weight = softmax([one.gain for one in found])
     means, sds = np.array([one.z for one in found]), np.array([one.z_sd for one in found])
@@ -92,12 +82,8 @@ def nuisances_beside(comparison: Compared, mode: Mode, found: Sequence[Correctio
 def corrections(comparison: Compared, mode: Mode, u: np.ndarray, meters: bool = False) -> list[Correction]:
     """The smooth torques and flows along each coordinate, one at a time, that of most evidence first.
 
-    Parameters
-    ----------
-    u : ndarray, shape (k,)
-        The noise that the detection found [-].
-    meters : bool
-        Whether the instruments' errors, each along its own range, are given too [Pa], [m3/s] or [rad/s].
+    `u`, shape (k,): the noise that the detection found [-].
+    `meters`: whether the instruments' errors, each along its own range, are given too [Pa], [m3/s] or [rad/s].
     """
     problem = linearize(comparison, mode, u)
     every = np.ones(comparison.read.size, dtype=bool)
@@ -109,10 +95,7 @@ def corrections(comparison: Compared, mode: Mode, u: np.ndarray, meters: bool = 
 def hold_out(comparison: Compared, mode: Mode, u: np.ndarray) -> HeldOut | None:
     """Whether a smooth correction predicts readings that it has not seen; None where nothing can be corrected.
 
-    Parameters
-    ----------
-    u : ndarray, shape (k,)
-        The noise that the detection found [-].
+    `u`, shape (k,): the noise that the detection found [-].
     """
     problem = linearize(comparison, mode, u)
     listed = _of_balances(problem)
@@ -138,12 +121,8 @@ def hold_out(comparison: Compared, mode: Mode, u: np.ndarray) -> HeldOut | None:
 class Process:
     """A Gaussian process before the readings are looked at.
 
-    Attributes
-    ----------
-    knots : ndarray, shape (k,)
-        Where it is known [own unit].
-    hats, white : ndarray, shape (m, k)
-        What each knot does to the readings [SI], and the same whitened [-].
+    `knots`, shape (k,): where it is known [own unit].
+    `hats`, `white`, shape (m, k): what each knot does to the readings [SI], and the same whitened [-].
     """
 
     of: Balance
@@ -203,10 +182,7 @@ class _Fitted:
 def evidence(problem: Linearized, process: Process, beside: np.ndarray | None = None) -> float:
     """Log evidence of a process over none, lengths and sizes averaged over [-].
 
-    Parameters
-    ----------
-    beside : ndarray, shape (m, k) or None
-        Whitened columns of something that is free in any case [-].
+    `beside`, shape (m, k): whitened columns of something that is free in any case [-].
     """
     every = np.ones(problem.y.size, dtype=bool)
     if beside is not None:

@@ -36,14 +36,9 @@ MISMATCH_P = 0.01  # below it something is missing
 class Detection:
     """Whether anything is missing.
 
-    Attributes
-    ----------
-    u : ndarray, shape (k,)
-        The noise, its scales with all forces taken out [-].
-    pulled : str
-        The nuisance that is pulled farther than can be believed; empty where none is.
-    gain : float
-        What the forces together take off the sum of squares, where what is left is weighed by it; else 0 [-].
+    `u`, shape (k,): the noise, its scales with all forces taken out [-].
+    `pulled`: the nuisance that is pulled farther than can be believed; empty where none is.
+    `gain`: what the forces together take off the sum of squares, where what is left is weighed by it; else 0 [-].
     """
 
     p_value: float
@@ -91,10 +86,7 @@ def detect(
 def rarity(statistic: float, null: np.ndarray) -> tuple[float, bool]:
     """How often chance gives a statistic as large [-], and whether that lies beyond the draws of its law.
 
-    Parameters
-    ----------
-    null : ndarray, shape (n,)
-        Draws of it where nothing is missing [-].
+    `null`, shape (n,): draws of it where nothing is missing [-].
     """
     null = np.sort(null)
     above = int(np.sum(null >= statistic))
@@ -191,10 +183,7 @@ def _quadratic(P: np.ndarray, b: np.ndarray) -> tuple[float, int]:
 def log_tail(Q: float, k: int) -> float:
     """Natural logarithm of how often k squares of standard normal numbers add up to more.
 
-    Parameters
-    ----------
-    k : int
-        How many; none add up to nothing [-].
+    `k`: how many; none add up to nothing [-].
     """
     tail = float(chdtrc(k, Q)) if k else 1.0
     return math.log(tail) if tail > 0.0 else -0.5 * Q

@@ -30,14 +30,10 @@ UNITS = {"torque": "N m", "mass": "m3/s"}
 class Term:
     """A torque or a flow found from the data.
 
-    Attributes
-    ----------
-    gain : float
-        Log evidence over the base model, in the linear model, prices paid [-].
-    column : ndarray
-        What it does to the readings [SI].
-    stability : tuple of float
-        Of each term of the sum, the share of the recordings drawn from this one in which it was found again [-].
+    `gain`: log evidence over the base model, in the linear model, prices paid [-].
+    `column`: what it does to the readings [SI].
+    `stability`: of each term of the sum, the share of the recordings drawn from this one in which it was found again
+        [-].
     """
 
     balance: str
@@ -53,10 +49,7 @@ def discover(
 ) -> Term | None:
     """The few terms that explain a mismatch of a balance best; None where none is stable.
 
-    Parameters
-    ----------
-    u : ndarray, shape (k,)
-        The noise that the detection found [-].
+    `u`, shape (k,): the noise that the detection found [-].
     """
     listed = [one for one in comparison.forms(mode) if one.balance == balance]
     if not listed:

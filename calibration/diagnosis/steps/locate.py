@@ -56,13 +56,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Place:
-    """One place, as in diagnosis/1; numbers SI.
-
-    Attributes
-    ----------
-    recording : str
-        Of several recordings the one that it is in.
-    """
+    """One place, as in diagnosis/1; numbers SI. `recording`: of several recordings the one that it is in."""
 
     kind: Kind
     channel: str
@@ -95,10 +89,7 @@ def locate(
 ) -> list[Place]:
     """Places of a mismatch, the clearest first.
 
-    Parameters
-    ----------
-    acts_in : str
-        Where the effect that explains it acts, when one does: then a flow is the instrument's or the balance's.
+    `acts_in`: where the effect that explains it acts, when one does: then a flow is the instrument's or the balance's.
     """
     problem = linearize(comparison, mode, detection.u)
     smooth = {one.key: one for one in processes(problem)}
@@ -260,10 +251,7 @@ def force_along(one: Balance) -> Force:
 def rows_as_places(bad: Sequence[tuple[str, int, str, float]]) -> list[Place]:
     """Single readings that nothing explains, as places.
 
-    Parameters
-    ----------
-    bad : sequence of (str, int, str, float)
-        File, row, channel and the probability that the reading is bad.
+    `bad`: file, row, channel and the probability that the reading is bad.
     """
     # By Markov's inequality a Bayes factor of b has p < 1/b; the prior odds of a bad reading, 1 : 99, price 99 of them.
     return [_row_place(file, row, channel, 1.0 - probability) for file, row, channel, probability in bad]

@@ -30,10 +30,7 @@ def bad_rows(comparison: Compared, mode: Mode) -> list[BadRow]:
 def by_chance(comparison: Compared, mode: Mode) -> float:
     """How often one of all readings would lie as far out as the worst, of noise with heavy tails [-].
 
-    Parameters
-    ----------
-    mode : Mode
-        The model; 1 where it takes no reading for bad.
+    `mode`: the model; 1 where it takes no reading for bad.
     """
     bad = _bad(comparison, mode)
     if not bad.size:

@@ -31,10 +31,7 @@ FURTHER = 10.0  # how much rarer each further effect is: rigs seldom have two fa
 def evidence_p(comparison: Compared, modes: dict[tuple[str, ...], Mode]) -> float:
     """Bound on how often chance alone favours some effect as much: 1 over the mean Bayes factor (Markov) [-].
 
-    Parameters
-    ----------
-    modes : dict
-        By set; effects that were not refitted count as worth nothing.
+    `modes`: by set; effects that were not refitted count as worth nothing.
     """
     base = modes[()].log_evidence
     gains = [mode.log_evidence - base for key, mode in modes.items() if key and not refusal(comparison, mode)]
@@ -53,19 +50,10 @@ def screen(
 ) -> list[tuple[str, float, dict[tuple[str, str], float]]]:
     """Effects by what they would add in the linear model, with values to start a refit from.
 
-    Parameters
-    ----------
-    u : ndarray, shape (k,)
-        The noise [-].
-    worth : float
-        Log evidence below which an effect is left out [-].
-    without : str
-        A member of the mode's set in whose place they are to stand; what they add is over the set without it.
-
-    Returns
-    -------
-    list of (str, float, dict)
-        Effect, log evidence that it adds [-], and its unknowns to start from [-]; the most promising first.
+    `u`, shape (k,): the noise [-].
+    `worth`: log evidence below which an effect is left out [-].
+    `without`: a member of the mode's set in whose place they are to stand; what they add is over the set without it.
+    Returns effect, log evidence that it adds [-], and its unknowns to start from [-]; the most promising first.
     """
     white = comparison.whitener(mode.prediction, u)
     good = (mode.bad < GOOD).astype(float)
@@ -156,10 +144,7 @@ def _size_at(
 def declared_size(problem: Problem, name: str, parameter: str) -> tuple[float, int | None] | None:
     """An effect's ordinary size in declared sds of the nuisance that it has the form of [-], and that one's place.
 
-    Returns
-    -------
-    tuple of (float, int or None), or None
-        Without a place where the nuisance is no unknown of the recording; None where the effect has the form of none.
+    Without a place where the nuisance is no unknown of the recording; None where the effect has the form of none.
     """
     effect, declared = problem.effect(name), problem.nuisance_of(name, parameter)
     scale = problem.amplitude(name).scale

@@ -24,12 +24,9 @@ NEAR = 10.0  # factor about the threshold within which a residual is tested agai
 class Residuals:
     """Tests of what sets leave.
 
-    Attributes
-    ----------
-    p, left : dict
-        By set: the p-value of what it leaves, and the share of the mismatch that this is, where that is weighed [-].
-    mismatch : float
-        What free forces take off the base model's sum of squares [-].
+    `p`, `left`: by set: the p-value of what it leaves, and the share of the mismatch that this is, where that is
+        weighed [-].
+    `mismatch`: what free forces take off the base model's sum of squares [-].
     """
 
     def __init__(self, comparison: Compared, rng: np.random.Generator, side_by_side: SideBySide) -> None:

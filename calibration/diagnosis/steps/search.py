@@ -63,10 +63,7 @@ class _Job:
 class Search:
     """The sets of effects of a recording that were refitted.
 
-    Parameters
-    ----------
-    side_by_side : SideBySide or None
-        Does the refits; this process alone when left out.
+    `side_by_side`: does the refits; this process alone when left out.
     """
 
     def __init__(
@@ -80,14 +77,9 @@ class Search:
     def singles(self, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH, every: bool = False) -> None:
         """Refit the most promising single effects, with runs in time those that hide too, then the base model.
 
-        Parameters
-        ----------
-        u : ndarray, shape (k,)
-            The noise that the detection found [-].
-        worth : float
-            Log evidence gained in the linear model below which an effect is not refitted [-].
-        every : bool
-            Whether all effects are refitted, whatever the linear model says.
+        `u`, shape (k,): the noise that the detection found [-].
+        `worth`: log evidence gained in the linear model below which an effect is not refitted [-].
+        `every`: whether all effects are refitted, whatever the linear model says.
         """
         base, comparison = self.modes[()], self.comparison
         self._signatures[()] = list(found)

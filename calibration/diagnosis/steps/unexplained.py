@@ -20,12 +20,8 @@ WORTHLESS = 10.0  # nats a reading; a smooth correction that predicts worse by s
 class Unexplained:
     """What stands in the place of a name.
 
-    Attributes
-    ----------
-    why : str
-        The verdict's reason, with what else speaks against the base model.
-    nuisances : tuple of ndarray or None
-        The nuisances and their sd beside the correction [-].
+    `why`: the verdict's reason, with what else speaks against the base model.
+    `nuisances`: the nuisances and their sd beside the correction [-].
     """
 
     why: str
@@ -45,12 +41,8 @@ def unexplained(
 ) -> Unexplained:
     """A smooth correction and a law in the place of a name.
 
-    Parameters
-    ----------
-    why : str
-        The verdict's reason.
-    unseen_run : HeldOut or None
-        What an unseen run said of the set that was named.
+    `why`: the verdict's reason.
+    `unseen_run`: what an unseen run said of the set that was named.
     """
     if loud := comparison.noise.too_loud(np.maximum(detection.u, base.u)):
         why = f"{why}; the {loud[0]}'s noise would be {loud[1]:.1f} times as large as declared"

@@ -23,15 +23,8 @@ PASSES = 6
 def predict_unseen(seen: Compared, base: Mode, chosen: Mode, unseen: Recording) -> HeldOut:
     """What a run says of the set over the base model, both fitted without it.
 
-    Parameters
-    ----------
-    base, chosen : Mode
-        The base model and the named set, fitted to it.
-
-    Raises
-    ------
-    RecordingError
-        When it is of another motor.
+    `base`, `chosen`: the base model and the named set, fitted to it.
+    Raises RecordingError when it is of another motor.
     """
     there = seen.of(unseen)
     found = {}

@@ -31,14 +31,9 @@ Kind = Literal["consistent", "named", "confounded", "unresolved"]
 class Verdict(Generic[Fitted]):
     """What is said.
 
-    Attributes
-    ----------
-    chosen : Candidate or None
-        What the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
-    alternatives : tuple of tuple of str
-        Sets that cannot be told from it; the empty one is the base model.
-    set_probability : float
-        Of the chosen set, or of the base model [-].
+    `chosen`: what the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
+    `alternatives`: sets that cannot be told from it; the empty one is the base model.
+    `set_probability`: of the chosen set, or of the base model [-].
     """
 
     kind: Kind
@@ -73,10 +68,7 @@ def judge(
 ) -> Verdict[Fitted]:
     """Weigh everything.
 
-    Returns
-    -------
-    Verdict
-        Where an instrument's error as large as declared explains the recording, its `set_probability` is of that.
+    Where an instrument's error as large as declared explains the recording, its `set_probability` is of that.
     """
     base = next((c for c in found if not c.names), None)
     if p_value >= MISMATCH_P:

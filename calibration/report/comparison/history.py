@@ -15,12 +15,8 @@ from rig.recording import Recording
 def report(rows: Sequence[Mapping[str, Any]], recordings: Mapping[str, Recording]) -> dict[str, bytes]:
     """Files of the page by name: ``report.html``.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Of the table of diagnoses.
-    recordings : mapping of str to Recording
-        Those that could be read, by their name in the table.
+    `rows`: of the table of diagnoses.
+    `recordings`: those that could be read, by their name in the table.
     """
     found = trend.trends(rows)
     motors = [_of_motor(motor, found, rows, recordings) for motor in _motors(rows)]

@@ -19,15 +19,8 @@ MOST_NAMED, MOST_LABEL = 8, 30
 def picture(recordings: Sequence[Recording]) -> bytes | None:
     """The plateaus, and beneath them what is more than a parabola through all of them; as PNG.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Oldest first.
-
-    Returns
-    -------
-    bytes or None
-        None where fewer than two have plateaus.
+    `recordings`: oldest first.
+    None where fewer than two have plateaus.
     """
     swept = [(one, rows) for one in recordings if (rows := _plateaus(one)) is not None]
     if len(swept) < 2:

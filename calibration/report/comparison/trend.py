@@ -38,10 +38,7 @@ PERIODS = (
 class Figure:
     """One quantity in one recording.
 
-    Attributes
-    ----------
-    mean, sd : float
-        [the quantity's unit]
+    `mean`, `sd`: [the quantity's unit]
     """
 
     recording: str
@@ -54,14 +51,9 @@ class Figure:
 class Trend:
     """One quantity along the dates, or along the order given where one recording has none.
 
-    Attributes
-    ----------
-    effect : str
-        Whose size it is; empty for f_overall.
-    motor : str
-        The serial number of the motor; empty where none is noted.
-    per : str
-        What the line's slope is per.
+    `effect`: whose size it is; empty for f_overall.
+    `motor`: the serial number of the motor; empty where none is noted.
+    `per`: what the line's slope is per.
     """
 
     effect: str
@@ -81,10 +73,7 @@ class Trend:
 def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
     """Of each motor and quantity that two recordings at least tell of, f_overall first.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Of the table of fits or of diagnoses; what is not to be relied on is left out.
+    `rows`: of the table of fits or of diagnoses; what is not to be relied on is left out.
     """
     found: dict[tuple[str, str], list[Figure]] = {}
     for row in rows:

@@ -32,10 +32,7 @@ DECADES = 8.0  # odds beyond which a bar goes on no longer
 def residuals(found: Diagnosis, models: Sequence[Model], whitened: bool) -> bytes:
     """Residuals of the plateaus: a row a channel, a column a coordinate, before and after in one panel.
 
-    Parameters
-    ----------
-    models : sequence of Model
-        The base model, and the one that the verdict rests on.
+    `models`: the base model, and the one that the verdict rests on.
     """
     along, channels = numbers.coordinates(found), numbers.channels(found)
     shape: dict[str, Any] = {"sharey": "row", "sharex": "col", "squeeze": False}
@@ -66,10 +63,7 @@ def runs(found: Diagnosis, models: Sequence[Model]) -> bytes:
 def held_rotor(found: Diagnosis, models: Sequence[Model]) -> bytes:
     """Flow with the rotor held, against pressure: read, and what the models say.
 
-    Parameters
-    ----------
-    models : sequence of Model
-        The base model, and the one that the verdict rests on.
+    `models`: the base model, and the one that the verdict rests on.
     """
     standing = found.comparison.problem.blocks.standing
     mine = np.flatnonzero(found.comparison.kind == STANDING)
@@ -120,10 +114,7 @@ def essentials(
 ) -> Figure:
     """One picture of the whole: the verdict, the place, the sets, f_overall.
 
-    Parameters
-    ----------
-    curves : sequence of Curve
-        Free-form forces; the first two are drawn.
+    `curves`: Free-form forces; the first two are drawn.
     """
     import textwrap
 

@@ -30,10 +30,7 @@ SAME = 1e-9
 class Model:
     """A model beside the readings, arrays of shape (m,) as in the diagnosis's comparison.
 
-    Attributes
-    ----------
-    difference : ndarray
-        Readings less what the model says [SI].
+    `difference`: readings less what the model says [SI].
     """
 
     name: str
@@ -43,13 +40,7 @@ class Model:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """What residuals are drawn against.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        Of each plateau [own unit].
-    """
+    """What residuals are drawn against. `values`, shape (n,): of each plateau [own unit]."""
 
     name: str
     unit: str
@@ -60,16 +51,10 @@ class Coordinate:
 class Curve:
     """A smooth torque, flow or error of an instrument with its uncertainty.
 
-    Attributes
-    ----------
-    title, quantity, unit : str
-        What it is: torque, flow or error, and its unit.
-    along : Coordinate
-        Where it is known [own unit].
-    mean, sd : ndarray, shape (k,)
-        There [own unit].
-    spans : tuple of (float, float)
-        Where it was found to stand out [unit of the coordinate].
+    `title`, `quantity`, `unit`: what it is: torque, flow or error, and its unit.
+    `along`: where it is known [own unit].
+    `mean`, `sd`, shape (k,): there [own unit].
+    `spans`: where it was found to stand out [unit of the coordinate].
     """
 
     title: str

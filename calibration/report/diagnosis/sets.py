@@ -60,10 +60,7 @@ def sizes(found: Diagnosis, one: Candidate) -> str:
 def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
     """What each effect of a set amounts to at the highest level, in words, by effect id.
 
-    Parameters
-    ----------
-    one : Candidate or None
-        The set; without one there is nothing to say.
+    `one`: the set; without one there is nothing to say.
     """
     if one is None or not found.comparison.problem.blocks.plateaus.size:
         return {}

@@ -22,12 +22,8 @@ VARIABLES = (("omega", "ω", "rad/s"), ("P", "P", "Pa"), ("t", "t", "s"), ("thet
 def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, excluded: str = "") -> str:
     """The verdict as a person would say it.
 
-    Parameters
-    ----------
-    at_top : mapping of str to str, optional
-        What an effect amounts to at the highest level, by its id, for laws whose figure says nothing to a person.
-    excluded : str
-        What is excluded, in a sentence, for a verdict that names.
+    `at_top`: what an effect amounts to at the highest level, by its id, for laws whose figure says nothing to a person.
+    `excluded`: what is excluded, in a sentence, for a verdict that names.
     """
     verdict, chance = found["verdict"], p_in_words(found["mismatch"]["p_value"])
     if verdict == "consistent":
@@ -107,14 +103,9 @@ def law_in_words(term: Mapping[str, Any]) -> str:
 def quantity(mean: float, sd: float, unit: str, name: str = "") -> str:
     """A figure with its uncertainty and unit, the uncertainty to two digits.
 
-    Parameters
-    ----------
-    mean, sd : float
-        The figure [own unit].
-    unit : str
-        Its unit; - where it has none.
-    name : str
-        The parameter's name: shares and scales are told in percent.
+    `mean`, `sd`: the figure [own unit].
+    `unit`: its unit; - where it has none.
+    `name`: the parameter's name: shares and scales are told in percent.
     """
     mean, sd, unit = for_people(mean, sd, unit, name)
     size = max(abs(mean), sd)
@@ -168,13 +159,7 @@ def of_each_in_words(effect: Mapping[str, Any]) -> str:
 
 
 def steps_in_words(seconds: Mapping[str, float]) -> str:
-    """The time of each step, those of a kind together, in a line.
-
-    Parameters
-    ----------
-    seconds : mapping of str to float
-        ``seconds`` of a diagnosis [s].
-    """
+    """The time of each step, those of a kind together, in a line. `seconds`: ``seconds`` of a diagnosis [s]."""
     kinds: dict[str, float] = {}
     for step, one in seconds.items():
         kind = step.partition(" of ")[0]

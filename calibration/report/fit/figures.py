@@ -70,10 +70,7 @@ def forest(posterior: Posterior, variants: Variants) -> bytes:
 def essentials(found: Fit, shown: list[Channel], suspects: list[Suspect], variants: Variants, sentence: str) -> Figure:
     """One picture of the whole: the fit, its residuals, f_overall, and what it hangs on.
 
-    Parameters
-    ----------
-    variants : sequence of (str, Posterior)
-        Other fits; without any, the trade-off that is strongest is drawn instead.
+    `variants`: other fits; without any, the trade-off that is strongest is drawn instead.
     """
     from matplotlib.gridspec import GridSpec
 

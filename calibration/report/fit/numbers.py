@@ -30,16 +30,10 @@ WEAK, MOST = 0.25, 4  # a correlation below it is not worth a word; how many are
 class Expected:
     """What the fit expects an instrument to read: a new reading, with the noise and rounding of all instruments.
 
-    Attributes
-    ----------
-    pressure_bar : ndarray, shape (n,)
-        What the pressure gauge reads [bar].
-    mean, sd : ndarray, shape (n,)
-        In the channel's unit.
-    quantiles : ndarray, shape (5, n)
-        At `LEVELS`, in the channel's unit.
-    slope_per_bar : ndarray, shape (n,)
-        How the mean grows with the pressure [unit/bar].
+    `pressure_bar`, shape (n,): what the pressure gauge reads [bar].
+    `mean`, `sd`, shape (n,): in the channel's unit.
+    `quantiles`, shape (5, n): at `LEVELS`, in the channel's unit.
+    `slope_per_bar`, shape (n,): how the mean grows with the pressure [unit/bar].
     """
 
     pressure_bar: np.ndarray
@@ -53,14 +47,10 @@ class Expected:
 class Channel:
     """One channel's readings beside what the fit expects.
 
-    Attributes
-    ----------
-    reading, error : ndarray, shape (n_rows,)
-        Readings, and one standard deviation of their declared noise and rounding, in the unit.
-    state : ndarray of int, shape (n_rows,)
-        OBSERVED, MISSING, BELOW or ABOVE.
-    at_rows, curve : Expected
-        At the rows' pressures, and over the range of pressures.
+    `reading`, `error`, shape (n_rows,): readings, and one standard deviation of their declared noise and rounding, in
+        the unit.
+    `state`, shape (n_rows,): OBSERVED, MISSING, BELOW or ABOVE.
+    `at_rows`, `curve`: at the rows' pressures, and over the range of pressures.
     """
 
     name: str
@@ -76,10 +66,7 @@ class Channel:
 class Suspect:
     """A reading that is probably bad, beside what the fit expects it to be; figures in the column's unit.
 
-    Attributes
-    ----------
-    reading, expected, sd : float
-        As read, and the mean and sd of what the fit expects, in the channel's unit.
+    `reading`, `expected`, `sd`: as read, and the mean and sd of what the fit expects, in the channel's unit.
     """
 
     row: SuspectRow
@@ -123,21 +110,11 @@ def expected(
 ) -> dict[str, Expected]:
     """What speed and flow would read where the pressure gauge reads this, over draws from the posterior.
 
-    Parameters
-    ----------
-    pressure_bar : ndarray, shape (n,)
-        What the gauge reads [bar].
-    is_gauge : ndarray of bool, shape (n,)
-        The pressure is counted from the ambient's.
-    noise_scale : ndarray, shape (n,)
-        The file's random noise, times the channel's [-].
-    time : ndarray, shape (n,)
-        On the recording's clock, for effects that change with it [s].
-
-    Returns
-    -------
-    dict of str to Expected
-        By channel: speed and flow.
+    `pressure_bar`, shape (n,): what the gauge reads [bar].
+    `is_gauge`, shape (n,): the pressure is counted from the ambient's.
+    `noise_scale`, shape (n,): the file's random noise, times the channel's [-].
+    `time`, shape (n,): on the recording's clock, for effects that change with it [s].
+    By channel: speed and flow.
     """
     motor, z = found.motor, thinned(found.posterior.chain.flat())
     parameters, errors = found.likelihood.split(z)
@@ -224,19 +201,9 @@ def density_regions(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
     """A smoothed density of samples in the plane, and the heights that enclose given shares of them.
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        Samples, each in its own unit.
-
-    Returns
-    -------
-    x_centre, y_centre : ndarray, shape (n_bins,)
-        In the samples' units.
-    density : ndarray, shape (n_bins, n_bins)
-        Rows go with y [-].
-    heights : list of float
-        Rising, one a share [-].
+    `x`, `y`, shape (n,): samples, each in its own unit.
+    Returns `x_centre, y_centre`: in the samples' units; `density`: rows go with y [-]; `heights`: rising, one a share
+    [-].
     """
     counts, x_edge, y_edge = np.histogram2d(x, y, bins=BINS)
     density = gaussian_filter(counts.T, 1.5)

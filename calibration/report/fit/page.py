@@ -30,10 +30,7 @@ Variants = list[tuple[str, Posterior]]
 def report(found: Fit, variants: Variants) -> dict[str, bytes]:
     """Files of the report by name: ``report.html``, ``report.png``.
 
-    Parameters
-    ----------
-    variants : list of (str, Posterior)
-        Name and result of each fit that it is compared with.
+    `variants`: name and result of each fit that it is compared with.
     """
     shown, suspects = numbers.channels(found), numbers.suspects(found)
     posterior, sentence = found.posterior, on_the_picture(found)

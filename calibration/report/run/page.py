@@ -24,16 +24,10 @@ from configs.units import BAR
 class Told:
     """What is told of a run beside its readings.
 
-    Attributes
-    ----------
-    what, outcome : str
-        Its kind and bench; how it ended, with the reason.
-    wrong : list of str
-        What went wrong, a sentence each.
-    commands : list of (str, str)
-        What can be done next: what for, and the command.
-    why_not : str
-        Why its readings were not held against the model; empty where they were.
+    `what`, `outcome`: its kind and bench; how it ended, with the reason.
+    `wrong`: what went wrong, a sentence each.
+    `commands`: what can be done next: what for, and the command.
+    `why_not`: why its readings were not held against the model; empty where they were.
     """
 
     name: str

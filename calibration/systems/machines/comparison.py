@@ -40,14 +40,9 @@ OF_SLIDE = {"N m": "N", "rad/s": "m/s", "N m s2": "N s2/m2", "N m s": "N s/m"}
 class Comparison:
     """A recording as a vector.
 
-    Attributes
-    ----------
-    read : ndarray, shape (m,)
-        Readings [SI].
-    known : ndarray of bool, shape (m,)
-        True throughout.
-    of_a_kind : tuple of ndarray of int
-        Places of the readings of each array.
+    `read`, shape (m,): readings [SI].
+    `known`, shape (m,): True throughout.
+    `of_a_kind`: places of the readings of each array.
     """
 
     in_time = False
@@ -138,14 +133,8 @@ class Comparison:
     def carried(self, other: Comparison, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What another recording of the machine says of this one's unknowns, its instruments' errors included.
 
-        Returns
-        -------
-        z : ndarray, shape (k,)
-            The point [-].
-        covariance : ndarray, shape (k, k)
-            Of it [-]; of what is this recording's alone nothing is known.
-        u : ndarray, shape (2 l,)
-            The noise of each array: that of its channel in the other one [-].
+        Returns `z`: the point [-]; `covariance`: of it [-]; of what is this recording's alone nothing is known; `u`:
+        the noise of each array: that of its channel in the other one [-].
         """
         here = [*self.problem.nuisances, *(one for _, one in self.problem.effect_unknowns(mode.names))]
         there = [*other.problem.nuisances, *(one for _, one in other.problem.effect_unknowns(mode.names))]

@@ -29,13 +29,7 @@ SERIES = 40  # plateaus from which on their order in time says something of the 
 
 
 class DisplacementMachine:
-    """The plateaus of a recording, from its steady files.
-
-    Raises
-    ------
-    RecordingError
-        When there is none.
-    """
+    """The plateaus of a recording, from its steady files. Raises RecordingError when there is none."""
 
     kind = "displacement_machine"
     effects = (

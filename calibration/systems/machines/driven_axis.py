@@ -35,10 +35,7 @@ Files = list[tuple[RecordingFile, Blocks]]
 class DrivenAxis:
     """The runs of a recording in blocks, without those in which the axis may have stood still.
 
-    Raises
-    ------
-    RecordingError
-        When there is none.
+    Raises RecordingError when there is none.
     """
 
     kind = "driven_axis"
@@ -225,10 +222,7 @@ def _covariance(inertia: float, blocks: Blocks, drive_sd: float, speed_sd: float
 def loaded(values: Mapping[str, float], chosen: Chosen) -> Chosen:
     """A set of effects for `drive`: friction grows with the gas force on the piston that is fitted.
 
-    Parameters
-    ----------
-    values : mapping of str to float
-        Of flats and unknowns by their names [SI].
+    `values`: of flats and unknowns by their names [SI].
     """
     if "load_friction" not in chosen:
         return chosen

@@ -14,13 +14,7 @@ SAME = 0.98  # rank correlation above which two coordinates are one
 
 
 def forces_of(problem: Problem, friction: float) -> list[Force]:
-    """Free-form forces of a recording.
-
-    Parameters
-    ----------
-    friction : float
-        Viscous coefficient, by which a rotor forgets a force [N m s].
-    """
+    """Free-form forces of a recording. `friction`: viscous coefficient, by which a rotor forgets a force [N m s]."""
     found = []
     for channel, balance, coordinate in problem.system.balances:
         mine = [not channel or one.channel == channel for one in problem.readings]

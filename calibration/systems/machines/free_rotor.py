@@ -26,10 +26,7 @@ SAMPLES = 60  # of a coast-down that is planned
 class FreeRotor:
     """The coast-downs of a recording, each from its release until the rotor stands.
 
-    Raises
-    ------
-    RecordingError
-        When there is none.
+    Raises RecordingError when there is none.
     """
 
     kind = "free_rotor"
@@ -139,10 +136,7 @@ class FreeRotor:
 def _falls(speed: np.ndarray) -> bool:
     """Whether a run ends slower than it begins, by the means of its first and last third.
 
-    Parameters
-    ----------
-    speed : ndarray, shape (n,)
-        In any unit.
+    `speed`, shape (n,): in any unit.
     """
     third = max(speed.size // 3, 1)
     return bool(speed.size > 1 and np.mean(speed[-third:]) < np.mean(speed[:third]))

@@ -16,13 +16,7 @@ STEP, LEAST_STEP, SHARE = 0.1, 1e-5, 0.1  # of a derivative: at most, at least, 
 
 
 def tests(problem: Problem, rivals: Sequence[Mode]) -> Iterator[Test]:
-    """Tests that a machine could make.
-
-    Parameters
-    ----------
-    rivals : sequence of Mode
-        The explanations, the most probable first.
-    """
+    """Tests that a machine could make. `rivals`: the explanations, the most probable first."""
     for words, simulate in problem.system.tests(partial(_noise, problem, rivals[0])).items():
         yield Test(words, "", partial(_each, problem, simulate))
 

@@ -25,10 +25,7 @@ LEAST_SQUARE = 1e-12
 def uncorrelated(white: np.ndarray, rho: float) -> np.ndarray:
     """Take the correlation of neighbours out of whitened residuals [-].
 
-    Parameters
-    ----------
-    white : ndarray, shape (n,) or (n, k)
-        Residuals in units of their noise [-].
+    `white`, shape (n,): residuals in units of their noise [-].
     """
     if not rho:
         return white
@@ -39,33 +36,21 @@ def uncorrelated(white: np.ndarray, rho: float) -> np.ndarray:
 class Whitener:
     """The map from differences of readings to standard normal numbers, array by array.
 
-    Attributes
-    ----------
-    u : ndarray, shape (2 l,)
-        The noise of the l arrays [-].
+    `u`, shape (2 l,): the noise of the l arrays [-].
     """
 
     readings: Sequence[Readings]
     u: np.ndarray
 
     def __call__(self, difference: np.ndarray) -> np.ndarray:
-        """Whitened differences.
-
-        Parameters
-        ----------
-        difference : ndarray, shape (m,) or (m, k)
-            Differences of readings [SI].
-        """
+        """Whitened differences. `difference`, shape (m,): differences of readings [SI]."""
         parts = np.split(difference, ends(self.readings)[:-1])
         return np.concatenate([self.of_array(i, part) for i, part in enumerate(parts)])
 
     def of_array(self, i: int, difference: np.ndarray) -> np.ndarray:
         """Whitened differences of one array [-], shape (n,) or (n, k).
 
-        Parameters
-        ----------
-        difference : ndarray, shape (n,) or (n, k)
-            Differences of its readings [SI].
+        `difference`, shape (n,): differences of its readings [SI].
         """
         white = self.readings[i].white(difference) * math.exp(-self.u[i])
         return uncorrelated(white, self._rho(i))
@@ -96,12 +81,8 @@ class Whitener:
 class Noise:
     """The noise of a recording as a function of u.
 
-    Attributes
-    ----------
-    spread : ndarray, shape (2 l,)
-        Standard deviations of u's prior [-].
-    scales : slice
-        Places of the scales in u.
+    `spread`, shape (2 l,): standard deviations of u's prior [-].
+    `scales`: places of the scales in u.
     """
 
     def __init__(self, readings: Sequence[Readings]) -> None:
@@ -115,13 +96,7 @@ class Noise:
         return None
 
     def told(self, u: np.ndarray) -> list[dict[str, Any]]:
-        """The noise of each array, with its label.
-
-        Parameters
-        ----------
-        u : ndarray, shape (2 l,)
-            The noise [-].
-        """
+        """The noise of each array, with its label. `u`, shape (2 l,): the noise [-]."""
         count = len(self.readings)
         return [
             {"readings": one.label, "scale": math.exp(u[i]), "correlation": math.tanh(u[count + i])}
@@ -138,24 +113,12 @@ class Noise:
     ) -> tuple[np.ndarray, np.ndarray]:
         """The step to the noise that suits differences best, and the information that there is of it [-].
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
-        u : ndarray, shape (2 l,)
-            Where to step from [-].
-        columns : ndarray, shape (m, k) or None
-            Derivatives with unknowns, standard normal a priori, that the prediction was fitted with: what they took up
-            of the noise is allowed for [SI].
-        correlated : bool
-            Whether correlations are set too.
-
-        Returns
-        -------
-        step : ndarray, shape (2 l,)
-            To add to u [-].
-        information : ndarray, shape (2 l, 2 l)
-            With the prior's [-].
+        `difference`, shape (m,): readings less predictions [SI].
+        `u`, shape (2 l,): where to step from [-].
+        `columns`, shape (m, k): derivatives with unknowns, standard normal a priori, that the prediction was fitted
+            with: what they took up of the noise is allowed for [SI].
+        `correlated`: whether correlations are set too.
+        Returns `step`: to add to u [-]; `information`: with the prior's [-].
         """
         count, found = len(self.readings), u.copy()
         taken = np.zeros(count) if columns is None else self._taken_up(columns, u)
@@ -177,13 +140,7 @@ class Noise:
         return found - u, np.diag(information)
 
     def draw(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Noise of the readings [SI], shape (m,).
-
-        Parameters
-        ----------
-        u : ndarray, shape (2 l,)
-            The noise [-].
-        """
+        """Noise of the readings [SI], shape (m,). `u`, shape (2 l,): the noise [-]."""
         drawn, count = [], len(self.readings)
         for i, one in enumerate(self.readings):
             rho, noise = math.tanh(float(u[count + i])), rng.standard_normal(one.value.size)
@@ -196,13 +153,7 @@ class Noise:
         return np.concatenate(drawn)
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
-        """A vector, or rows of a matrix, array by array.
-
-        Parameters
-        ----------
-        values : ndarray, shape (m,) or (m, k)
-            In any unit.
-        """
+        """A vector, or rows of a matrix, array by array. `values`, shape (m,): in any unit."""
         return np.split(values, ends(self.readings)[:-1])
 
     def _taken_up(self, columns: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -24,10 +24,8 @@ SMALL = 1e-9
 class NoiseTest:
     """Estimates of the noise from differences of readings.
 
-    Parameters
-    ----------
-    every : ndarray, shape (m, k)
-        What the unknowns, the effects and the free forces do to the readings, those of the mode first [SI].
+    `every`, shape (m, k): what the unknowns, the effects and the free forces do to the readings, those of the mode
+        first [SI].
     """
 
     def __init__(self, readings: Sequence[Readings], mode: Mode, every: np.ndarray) -> None:
@@ -41,12 +39,8 @@ class NoiseTest:
     def of(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """The noise of differences, beside everything that may be missing [-], shape (2 l,).
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
-        noise : ndarray, shape (2 l,)
-            Not looked at.
+        `difference`, shape (m,): readings less predictions [SI].
+        `noise`, shape (2 l,): not looked at.
         """
         parts = np.split(difference, self._ends)
         both = [
@@ -57,22 +51,15 @@ class NoiseTest:
     def of_a_draw(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """The noise of drawn differences, found as that of the readings is [-], shape (2 l,).
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Drawn [SI].
-        noise : ndarray, shape (2 l,)
-            Not looked at.
+        `difference`, shape (m,): drawn [SI].
+        `noise`, shape (2 l,): not looked at.
         """
         return self.of(difference, noise)
 
     def law(self, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The noise that the law is drawn with [-], and that it has no spread, shape (2 l,) each.
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
+        `difference`, shape (m,): readings less predictions [SI].
         """
         u = self.of(difference, difference)
         return u, np.zeros(u.size)
@@ -81,12 +68,8 @@ class NoiseTest:
 class _Array:
     """One array of readings, and the directions beside which its noise is estimated.
 
-    Parameters
-    ----------
-    every : ndarray, shape (n, k)
-        In units of the declared noise [-].
-    own : int
-        The first so many columns are the mode's: all their directions count.
+    `every`, shape (n, k): in units of the declared noise [-].
+    `own`: the first so many columns are the mode's: all their directions count.
     """
 
     def __init__(self, readings: Readings, every: np.ndarray, own: int) -> None:
@@ -108,10 +91,7 @@ class _Array:
     def noise(self, white: np.ndarray) -> tuple[float, float]:
         """Logarithm of the scale, and the inverse hyperbolic tangent of the correlation [-].
 
-        Parameters
-        ----------
-        white : ndarray, shape (n,)
-            Differences in units of the declared noise [-].
+        `white`, shape (n,): differences in units of the declared noise [-].
         """
         if not white.size:
             return 0.0, 0.0

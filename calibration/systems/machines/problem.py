@@ -29,22 +29,10 @@ Chosen = dict[str, dict[str, float]]
 class Problem:
     """A recording of a machine that is not the article's motor.
 
-    Parameters
-    ----------
-    recording : Recording
-        With an inline motor of another kind than the radial piston motor.
-
-    Raises
-    ------
-    RecordingError
-        When the columns that its kind needs are missing.
-
-    Attributes
-    ----------
-    friction : str
-        The nuisance that every machine has: its viscous friction.
-    wide : ndarray of bool, shape (n_nuisances,)
-        Nuisances of which nothing is known.
+    `recording`: with an inline motor of another kind than the radial piston motor.
+    `friction`: the nuisance that every machine has: its viscous friction.
+    `wide`, shape (n_nuisances,): nuisances of which nothing is known.
+    Raises RecordingError when the columns that its kind needs are missing.
     """
 
     friction = "viscous_friction"
@@ -129,13 +117,7 @@ class Problem:
         return found
 
     def values(self, z: np.ndarray) -> dict[str, float]:
-        """Values of the nuisances by their names [SI].
-
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-        """
+        """Values of the nuisances by their names [SI]. `z`, shape (n_nuisances,): nuisances [-]."""
         return {one.name: float(one.value(np.asarray(at_z))) for one, at_z in zip(self.nuisances, z, strict=True)}
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -24,16 +24,11 @@ MOST_ALIKE = 0.9
 class Readings:
     """Readings that are compared, shape (n,).
 
-    Attributes
-    ----------
-    value, sd : ndarray
-        [SI].
-    serial : bool
-        Whether neighbours follow each other in time, and their noise may be correlated.
-    label : str
-        Names these readings: they share a noise level and a correlation.
-    whitener : ndarray, shape (n, n), or None
-        What makes their noise independent and of deviation 1 where they share readings; else ``sd`` does.
+    `value`, `sd`: [SI].
+    `serial`: whether neighbours follow each other in time, and their noise may be correlated.
+    `label`: names these readings: they share a noise level and a correlation.
+    `whitener`, shape (n, n): what makes their noise independent and of deviation 1 where they share readings; else
+        ``sd`` does.
     """
 
     channel: str
@@ -44,13 +39,7 @@ class Readings:
     whitener: np.ndarray | None = None
 
     def white(self, residual: np.ndarray) -> np.ndarray:
-        """Residuals in units of their declared noise [-].
-
-        Parameters
-        ----------
-        residual : ndarray, shape (n,) or (n, k)
-            Readings less predictions [SI].
-        """
+        """Residuals in units of their declared noise [-]. `residual`, shape (n,): readings less predictions [SI]."""
         if self.whitener is not None:
             return self.whitener @ residual
         return residual / (self.sd if residual.ndim == 1 else self.sd[:, None])
@@ -80,12 +69,8 @@ def plateaus(speed: np.ndarray, pressure: np.ndarray, file: np.ndarray) -> np.nd
     A table logged row by row has its true noise from plateau to plateau, not from row to row. Where most rows are
     states of their own each stays one.
 
-    Parameters
-    ----------
-    speed, pressure : ndarray, shape (n,)
-        [rad/s], [Pa].
-    file : ndarray of int, shape (n,)
-        Number of the file.
+    `speed`, `pressure`, shape (n,): [rad/s], [Pa].
+    `file`, shape (n,): number of the file.
     """
     found = np.zeros(speed.size, dtype=int)
     first = 0
@@ -102,12 +87,8 @@ def plateaus(speed: np.ndarray, pressure: np.ndarray, file: np.ndarray) -> np.nd
 def means(values: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean of each group, and its noise in units of a row's: neighbours that are alike tell less.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Of the rows [SI]; nan where there is none.
-    group : ndarray of int, shape (n,)
-        Number of each row's group, from 0.
+    `values`, shape (n,): of the rows [SI]; nan where there is none.
+    `group`, shape (n,): number of each row's group, from 0.
     """
     has = np.isfinite(values)
     n = int(group[-1]) + 1

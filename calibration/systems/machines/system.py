@@ -27,18 +27,11 @@ Coordinates = dict[str, np.ndarray]
 class System(Protocol):
     """A recording of one kind of machine.
 
-    Attributes
-    ----------
-    kind : str
-        As ``kind`` of the motor table has it.
-    balances : tuple of (str, str, str)
-        Where a mismatch may be: channel of the readings, or all where it is empty; balance; coordinate.
-    weight : float or None
-        The drive where that is constant, as of a falling weight [N m, N].
-    timed : bool
-        Whether it is known when each reading was taken.
-    files : list of dict
-        Rows used of each file that was looked at, of `table.rows_used`.
+    `kind`: as ``kind`` of the motor table has it.
+    `balances`: where a mismatch may be: channel of the readings, or all where it is empty; balance; coordinate.
+    `weight`: the drive where that is constant, as of a falling weight [N m, N].
+    `timed`: whether it is known when each reading was taken.
+    `files`: rows used of each file that was looked at, of `table.rows_used`.
     """
 
     readings: list[Readings]
@@ -65,12 +58,8 @@ class System(Protocol):
     def predict(self, values: Mapping[str, float], chosen: Chosen) -> list[np.ndarray]:
         """What the instruments would read, an array for each of ``readings`` [SI].
 
-        Parameters
-        ----------
-        values : mapping of str to float
-            Of flats and unknowns by their names [SI].
-        chosen : mapping
-            Effect id to the values of its parameters.
+        `values`: of flats and unknowns by their names [SI].
+        `chosen`: effect id to the values of its parameters.
         """
 
     def coordinates(self) -> list[Coordinates]:
@@ -79,12 +68,8 @@ class System(Protocol):
     def answer(self, i: int, pieces: np.ndarray, balance: str, friction: float) -> np.ndarray:
         """What torques, forces or flows do to the readings ``i`` [SI], shape (n, k).
 
-        Parameters
-        ----------
-        pieces : ndarray, shape (n, k)
-            Against the motion [SI].
-        friction : float
-            Viscous coefficient [N m s].
+        `pieces`, shape (n, k): against the motion [SI].
+        `friction`: viscous coefficient [N m s].
         """
 
     def folds(self) -> tuple[list[np.ndarray], str]:
@@ -93,10 +78,7 @@ class System(Protocol):
     def tests(self, noise: Callable[[str], float]) -> dict[str, Simulate]:
         """Tests that the rig could make, by their words.
 
-        Parameters
-        ----------
-        noise : callable
-            Of a channel: sd of one reading as the best explanation has it [SI].
+        `noise`: of a channel: sd of one reading as the best explanation has it [SI].
         """
 
 
@@ -112,15 +94,8 @@ def systems() -> dict[str, type[System]]:
 def add_system(system: type[System], table: type[MotorTable]) -> None:
     """Have a further kind of machine diagnosed, until this process ends; one that was added before is replaced.
 
-    Parameters
-    ----------
-    table : type of MotorTable
-        The keys of its ``[motor]`` in recording.toml.
-
-    Raises
-    ------
-    RecordingError
-        When the kind comes with the program, or the two are not of the same kind.
+    `table`: the keys of its ``[motor]`` in recording.toml.
+    Raises RecordingError when the kind comes with the program, or the two are not of the same kind.
     """
     field, name = table.model_fields.get("kind"), getattr(system, "kind", None)
     known = systems().get(str(name))

@@ -20,16 +20,10 @@ from rig.recording import Recording, RecordingFile
 class MachineTable:
     """A rig as its recording describes it.
 
-    Attributes
-    ----------
-    ambient : float
-        Pressure around it [Pa].
-    room : float
-        Temperature around it [K].
-    slides : bool
-        Whether it moves along a line and does not turn.
-    inertia : float
-        Flywheels included [kg m2]; a slide's mass [kg].
+    `ambient`: pressure around it [Pa].
+    `room`: temperature around it [K].
+    `slides`: whether it moves along a line and does not turn.
+    `inertia`: flywheels included [kg m2]; a slide's mass [kg].
     """
 
     recording: Recording
@@ -62,10 +56,7 @@ def transients(recording: Recording, *columns: str) -> list[RecordingFile]:
 def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """What is used of a file, as an entry of ``files`` of diagnosis/1.
 
-    Parameters
-    ----------
-    left : mapping of str to ndarray of bool, shape (rows,)
-        Rows that are not used, by the reason.
+    `left`, shape (rows,): rows that are not used, by the reason.
     """
     not_used = int(np.sum(np.any([*left.values()], axis=0))) if left else 0
     return {"file": file.file, "rows": file.rows, "rows_used": file.rows - not_used, "why": why_left(left)}

@@ -23,10 +23,7 @@ OFF = 5.0  # sds beyond which a reading that stands out from its neighbours says
 def base_of(comparison: Comparison) -> Mode:
     """The base model at its most probable point; found once more with runs in time, with the pulses' swing taken there.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        The recording; what its pulses do, and their swing, are changed.
+    `comparison`: the recording; what its pulses do, and their swing, are changed.
     """
     begun = _by_plateaus(comparison)
     base = find(comparison, (), begun)

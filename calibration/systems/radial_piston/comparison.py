@@ -58,24 +58,15 @@ DRAWN_SEGMENTS = 6  # of each run in time, drawn like the pressure levels
 class Comparison:
     """A recording as a vector.
 
-    Attributes
-    ----------
-    read : ndarray, shape (m,)
-        Readings [SI]; nan where there is none.
-    kind : ndarray of int, shape (m,)
-        FLOW, SPEED, RUN + i, VENTED, STANDING, or LINE.
-    index : ndarray of int, shape (m,)
-        Row of the plateaus, or sample of the run.
-    of_a_kind : tuple of ndarray of int
-        Places of the readings that there are, kind by kind.
-    again : tuple of ndarray of int
-        Places of an instrument's readings at each pressure level that was visited more than once.
-    end : int
-        Where the runs' samples end and the readings beside them begin [-].
-    swing : ndarray, shape (end - 2 n,)
-        How far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms [rad].
-    in_time : bool
-        Whether there are runs in time: to predict those takes seconds.
+    `read`, shape (m,): readings [SI]; nan where there is none.
+    `kind`, shape (m,): FLOW, SPEED, RUN + i, VENTED, STANDING, or LINE.
+    `index`, shape (m,): row of the plateaus, or sample of the run.
+    `of_a_kind`: places of the readings that there are, kind by kind.
+    `again`: places of an instrument's readings at each pressure level that was visited more than once.
+    `end`: where the runs' samples end and the readings beside them begin [-].
+    `swing`, shape (end - 2 n,): how far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms
+        [rad].
+    `in_time`: whether there are runs in time: to predict those takes seconds.
     """
 
     rig = ""
@@ -118,10 +109,7 @@ class Comparison:
     def see_pulses(self, z: np.ndarray) -> None:
         """Take the swing of the pulses anew, from simulations at a point of the base model.
 
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            The point [-].
+        `z`, shape (n_nuisances,): the point [-].
         """
         swings = self.problem.see_pulses(z)
         self.swing = np.concatenate(
@@ -164,12 +152,8 @@ class Comparison:
         correlated: bool = True,
     ) -> tuple[np.ndarray, np.ndarray]:
         """One scoring step of the noise for given differences, and the information that there is of it [-].
-        Returns
-        -------
-        step : ndarray, shape (5,)
-            To add to u [-].
-        information : ndarray, shape (5, 5)
-            With the prior's [-].
+
+        Returns `step`: to add to u [-]; `information`: with the prior's [-].
         """
         return self.noise.step_of(difference, u, _slopes(predicted), self.angle_sd, weight, columns, correlated)
 
@@ -236,14 +220,7 @@ class Comparison:
     def carried(self, other: Comparison, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What another recording says of the motor and the effects of this one.
 
-        Returns
-        -------
-        z : ndarray, shape (k,)
-            The point [-].
-        covariance : ndarray, shape (k, k)
-            Of it [-].
-        u : ndarray, shape (5,)
-            The noise [-].
+        Returns `z`: the point [-]; `covariance`: of it [-]; `u`: the noise [-].
         """
         z, covariance, _ = carried(other.problem, mode, self.problem, OF_THE_MOTOR)
         return z, covariance, mode.u

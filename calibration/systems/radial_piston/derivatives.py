@@ -22,14 +22,9 @@ def known_derivative(
 ) -> np.ndarray | None:
     """What a nuisance does to the readings [SI], shape (m,); None where only a simulation tells.
 
-    Parameters
-    ----------
-    z : ndarray, shape (n,)
-        The point [-].
-    raw : ndarray, shape (m,)
-        The prediction there [SI].
-    names : sequence of str
-        The effects of the point.
+    `z`, shape (n,): the point [-].
+    `raw`, shape (m,): the prediction there [SI].
+    `names`: the effects of the point.
     """
     problem = comparison.problem
     of = problem.nuisances[i].of

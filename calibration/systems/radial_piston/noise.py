@@ -35,18 +35,12 @@ Slopes = tuple[np.ndarray, np.ndarray]
 class Whitener:
     """The map from differences of readings to standard normal numbers.
 
-    Attributes
-    ----------
-    plateaus : ndarray, shape (2 n, 2 n)
-        Cholesky factor of the covariance of the plateaus' flows, then speeds [SI].
-    follow : ndarray, shape (k,)
-        What each sample of the runs takes over from the one before [-].
-    band : ndarray, shape (3, k)
-        Cholesky factor of what is left of the samples then, in lower banded form [SI].
-    beside : ndarray, shape (v,)
-        sd of what is read beside plateaus and runs: the gauge vented, the flow meter while the rotor stands [SI].
-    known : ndarray of bool, shape (m,)
-        Entries that there are.
+    `plateaus`, shape (2 n, 2 n): cholesky factor of the covariance of the plateaus' flows, then speeds [SI].
+    `follow`, shape (k,): what each sample of the runs takes over from the one before [-].
+    `band`, shape (3, k): cholesky factor of what is left of the samples then, in lower banded form [SI].
+    `beside`, shape (v,): sd of what is read beside plateaus and runs: the gauge vented, the flow meter while the rotor
+        stands [SI].
+    `known`, shape (m,): entries that there are.
     """
 
     plateaus: np.ndarray
@@ -56,13 +50,7 @@ class Whitener:
     known: np.ndarray
 
     def __call__(self, difference: np.ndarray) -> np.ndarray:
-        """Whitened differences.
-
-        Parameters
-        ----------
-        difference : ndarray, shape (m,) or (m, k)
-            Differences of readings [SI].
-        """
+        """Whitened differences. `difference`, shape (m,): differences of readings [SI]."""
         rows = (slice(None), None) if difference.ndim > 1 else (slice(None),)
         given = np.where(self.known[rows], difference, 0.0)
         out = np.empty_like(given)
@@ -89,23 +77,12 @@ class Whitener:
 class Noise:
     """The noise of a recording as a function of u.
 
-    Parameters
-    ----------
-    known : ndarray of bool, shape (m,)
-        Readings that there are: plateaus' flows, their speeds, samples, readings beside them.
-    step : ndarray, shape (k,)
-        Time over which each sample is a mean [s].
-    apart : ndarray of bool, shape (k,)
-        Samples that do not begin where the one before ends.
-
-    Attributes
-    ----------
-    free : ndarray of bool, shape (5,)
-        Places of u that the recording can speak of; the correlations are 0 where it is too short.
-    spread : ndarray, shape (5,)
-        Standard deviations of u's prior [-].
-    scales : slice
-        Places of the scales in u.
+    `known`, shape (m,): readings that there are: plateaus' flows, their speeds, samples, readings beside them.
+    `step`, shape (k,): time over which each sample is a mean [s].
+    `apart`, shape (k,): samples that do not begin where the one before ends.
+    `free`, shape (5,): places of u that the recording can speak of; the correlations are 0 where it is too short.
+    `spread`, shape (5,): standard deviations of u's prior [-].
+    `scales`: places of the scales in u.
     """
 
     spread, scales = SPREAD, SCALES
@@ -145,10 +122,7 @@ class Noise:
     def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
         """The loudest channel and its noise in declared ones [-], where that is not believable; None where it is.
 
-        Parameters
-        ----------
-        u : ndarray, shape (5,)
-            The noise [-].
+        `u`, shape (5,): the noise [-].
         """
         i = int(np.argmax(u[SCALES]))
         return (CHANNELS[i], math.exp(u[i])) if u[i] > LOUDEST * NOISE_SD else None
@@ -156,12 +130,8 @@ class Noise:
     def leave_alone(self, rows: np.ndarray, in_one: np.ndarray) -> None:
         """Take the noise of some plateaus for their own: of a misread row its neighbours know nothing.
 
-        Parameters
-        ----------
-        rows : ndarray of bool, shape (n,)
-            The plateaus.
-        in_one : ndarray of bool, shape (n,)
-            Those of which one reading is misread: of it the other knows nothing either.
+        `rows`, shape (n,): the plateaus.
+        `in_one`, shape (n,): those of which one reading is misread: of it the other knows nothing either.
         """
         self.parted = self.parted | in_one
         apart = (rows[:, None] | rows) & ~np.eye(self.n, dtype=bool)
@@ -171,14 +141,9 @@ class Noise:
     def whitener(self, u: np.ndarray, slopes: Slopes, angle: np.ndarray) -> Whitener:
         """The map to standard normal numbers.
 
-        Parameters
-        ----------
-        u : ndarray, shape (5,)
-            The noise [-].
-        slopes : tuple of ndarray, shape (n,) each
-            Of flow and speed with pressure, at the plateaus [SI].
-        angle : ndarray, shape (k,)
-            To what the shaft's angle is known at each sample [rad].
+        `u`, shape (5,): the noise [-].
+        `slopes`, shape (n,): of flow and speed with pressure, at the plateaus [SI].
+        `angle`, shape (k,): to what the shaft's angle is known at each sample [rad].
         """
         alike, factor, rest = self._plateaus(u, slopes, self.known)
         root = np.linalg.cholesky(alike * (factor @ factor.T) + rest)
@@ -196,28 +161,15 @@ class Noise:
     ) -> tuple[np.ndarray, np.ndarray]:
         """One scoring step of u for given differences, and the information that there is of u [-].
 
-        Parameters
-        ----------
-        difference : ndarray, shape (m,)
-            Readings less predictions [SI].
-        u : ndarray, shape (5,)
-            Where to step from [-].
-        slopes : tuple of ndarray, shape (n,) each
-            Of flow and speed with pressure, at the plateaus [SI].
-        angle : ndarray, shape (k,)
-            To what the shaft's angle is known at each sample [rad].
-        weight : ndarray, shape (m,)
-            Of each entry, below 1 where a reading is bad [-].
-        columns : ndarray, shape (m, l) or None
-            Derivatives with unknowns, standard normal a priori, to which the differences were fitted; what that fit
-            took up of the plateaus' noise is allowed for [SI].
-
-        Returns
-        -------
-        step : ndarray, shape (5,)
-            To add to u [-].
-        information : ndarray, shape (5, 5)
-            With the prior's; of what the samples say of a correlation that is not stepped, nothing [-].
+        `difference`, shape (m,): readings less predictions [SI].
+        `u`, shape (5,): where to step from [-].
+        `slopes`, shape (n,): of flow and speed with pressure, at the plateaus [SI].
+        `angle`, shape (k,): to what the shaft's angle is known at each sample [rad].
+        `weight`, shape (m,): of each entry, below 1 where a reading is bad [-].
+        `columns`, shape (m, l): derivatives with unknowns, standard normal a priori, to which the differences were
+            fitted; what that fit took up of the plateaus' noise is allowed for [SI].
+        Returns `step`: to add to u [-]; `information`: with the prior's; of what the samples say of a correlation that
+        is not stepped, nothing [-].
         """
         slope, information = -u / SPREAD**2, np.diag(SPREAD**-2.0)
         for add in (
@@ -235,10 +187,7 @@ class Noise:
     def draw_plateaus(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Noise of the plateaus' pressures, flows and speeds, rounding apart [SI], shape (3, n).
 
-        Parameters
-        ----------
-        u : ndarray, shape (5,)
-            The noise [-].
+        `u`, shape (5,): the noise [-].
         """
         factor = np.linalg.cholesky(self._alike(u)) if self.n else np.zeros((0, 0))
         sd = self.declared * np.exp(u[SCALES])
@@ -247,10 +196,7 @@ class Noise:
     def draw_samples(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Noise of the samples of the runs, pulses and rounding apart [SI], shape (k,).
 
-        Parameters
-        ----------
-        u : ndarray, shape (5,)
-            The noise [-].
+        `u`, shape (5,): the noise [-].
         """
         rho, drawn = math.tanh(u[SAMPLES]), rng.standard_normal(self.step.size)
         new = math.sqrt(1.0 - rho * rho)

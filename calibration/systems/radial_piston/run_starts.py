@@ -37,12 +37,8 @@ def turned(
 ) -> tuple[np.ndarray, Prediction]:
     """A point with each of its angles at the best of a few, and the prediction there.
 
-    Parameters
-    ----------
-    z : ndarray, shape (n,)
-        The point [-].
-    u : ndarray, shape (5,)
-        The noise [-].
+    `z`, shape (n,): the point [-].
+    `u`, shape (5,): the noise [-].
     """
     if not follows_angle(f.names):
         return z, here
@@ -64,12 +60,8 @@ def turned(
 def with_lines(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) -> np.ndarray:
     """A point with the line of each run where it suits the readings best, all else as it is [-], shape (n,).
 
-    Parameters
-    ----------
-    z : ndarray, shape (n,)
-        The point [-].
-    u : ndarray, shape (5,)
-        The noise [-].
+    `z`, shape (n,): the point [-].
+    `u`, shape (5,): the noise [-].
     """
     for run in range(len(comparison.problem.blocks.runs)):
         z = _with_line(f, comparison, z, u, run)
@@ -83,12 +75,8 @@ def loosened(
 
     The point itself where they turn already, or where neither helps.
 
-    Parameters
-    ----------
-    z : ndarray, shape (n,)
-        The point [-].
-    D : ndarray, shape (m, n)
-        Derivatives there [SI].
+    `z`, shape (n,): the point [-].
+    `D`, shape (m, n): derivatives there [SI].
     """
     names = [unknown.name for unknown in comparison.problem.nuisances]
     speeds = slice(comparison.n, 2 * comparison.n)

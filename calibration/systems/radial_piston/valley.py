@@ -24,12 +24,8 @@ def along_valley(
     alone: the good fits lie along a curved valley, which a straight step leaves. The inertia goes with f_overall,
     for their ratio is what a coast-down shows.
 
-    Parameters
-    ----------
-    z, tried : ndarray, shape (m,)
-        Where from, and the end of the straight step [-].
-    D : ndarray, shape (n, m)
-        Derivatives there [SI].
+    `z`, `tried`, shape (m,): where from, and the end of the straight step [-].
+    `D`, shape (n, m): derivatives there [SI].
     """
     n, names = comparison.n, [u.name for u in comparison.problem.nuisances]
     speeds = slice(n, 2 * n)

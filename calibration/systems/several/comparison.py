@@ -29,12 +29,8 @@ class Several:
 
     Its first readings are all plateaus, then come the samples of all runs, then what is read beside them.
 
-    Parameters
-    ----------
-    names : sequence of str
-        What each recording is called, each another.
-    sharing : Sharing
-        Of which effects each has its own sizes.
+    `names`: what each recording is called, each another.
+    `sharing`: of which effects each has its own sizes.
     """
 
     rig = ""
@@ -126,13 +122,7 @@ class Several:
         return self.parts[-1].of(recording)
 
     def carried(self, other: Any, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Several recordings are never held out.
-
-        Raises
-        ------
-        NotImplementedError
-            Always.
-        """
+        """Several recordings are never held out. Raises NotImplementedError: always."""
         raise NotImplementedError("several recordings are never held out")
 
     def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Predictions]:
@@ -306,13 +296,7 @@ class Several:
         ]
 
     def of_part(self, k: int, mode: Mode) -> Mode:
-        """A mode as one of the recordings has it.
-
-        Parameters
-        ----------
-        mode : Mode
-            Of all recordings.
-        """
+        """A mode as one of the recordings has it. `mode`: of all recordings."""
         at, share = self.at[k], self.problem.share(k, mode.names)
         return replace(
             mode,

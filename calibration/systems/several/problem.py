@@ -25,17 +25,12 @@ Predictions = tuple[Prediction, ...]
 class SeveralProblem:
     """The unknowns of several recordings.
 
-    Attributes
-    ----------
-    parts : sequence of Problem
-        Of each recording.
-    at : list of ndarray of int
-        Where each recording's nuisances stand among those of all. Where an instrument has drifted since another day, it
-        is where the drift stands, the offset of that day being in ``before``.
-    scale : list of ndarray
-        What a nuisance of all is multiplied by to be that of each recording: of a drift its sd over the offset's [-].
-    before : list of dict of int to int
-        For each recording, the places of offsets that are another day's and a drift, and where that day's stands.
+    `parts`: of each recording.
+    `at`: where each recording's nuisances stand among those of all. Where an instrument has drifted since another day,
+        it is where the drift stands, the offset of that day being in ``before``.
+    `scale`: what a nuisance of all is multiplied by to be that of each recording: of a drift its sd over the offset's
+        [-].
+    `before`: for each recording, the places of offsets that are another day's and a drift, and where that day's stands.
     """
 
     friction = "f_overall"
@@ -91,10 +86,7 @@ class SeveralProblem:
     def of_part(self, k: int, z: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
         """One recording's share of a point [-]: with another flywheel the rotor keeps its own inertia.
 
-        Parameters
-        ----------
-        z : ndarray, shape (m,)
-            Of all: nuisances, then the unknowns of the effects ``names`` [-].
+        `z`, shape (m,): of all: nuisances, then the unknowns of the effects ``names`` [-].
         """
         n = len(self.nuisances)
         chosen = self.chosen(names, z[n:])
@@ -222,12 +214,8 @@ class SeveralProblem:
     ) -> list[tuple[Unknown, np.ndarray, np.ndarray]]:
         """What changed, in the first recording and in the last: the quantity and its values there, shape (n,) each.
 
-        Parameters
-        ----------
-        change : str
-            A member of a set of effects ``names``.
-        z : ndarray, shape (n, m)
-            Points: nuisances, then the unknowns of the set [-].
+        `change`: a member of a set of effects ``names``.
+        `z`, shape (n, m): points: nuisances, then the unknowns of the set [-].
         """
         n = len(self.nuisances)
         mine = {

@@ -25,12 +25,8 @@ CHANGE = EffectParameter("share", "-", -0.8, 3.0, 0.2, text="change, as a share 
 class Sharing:
     """How effects are shared.
 
-    Attributes
-    ----------
-    own : frozenset of str
-        Ids of the effects whose sizes are each recording's own.
-    changes : bool
-        Whether what changed from the first recording to the last is looked for.
+    `own`: ids of the effects whose sizes are each recording's own.
+    `changes`: whether what changed from the first recording to the last is looked for.
     """
 
     own: frozenset[str] = frozenset()
@@ -67,17 +63,10 @@ def shared(name: str) -> Effect:
 def own_of_each(names: Sequence[str], recordings: int, held: Sequence[str] | None = None) -> Sharing:
     """Effects whose sizes are to be each recording's own.
 
-    Parameters
-    ----------
-    recordings : int
-        How many there are [-].
-    held : sequence of str, optional
-        The effects that the model holds, where they are given.
-
-    Raises
-    ------
-    EffectsError
-        For an id that there is not (the nearest is named), or that the model does not hold; for a single recording.
+    `recordings`: how many there are [-].
+    `held`: the effects that the model holds, where they are given.
+    Raises EffectsError for an id that there is not (the nearest is named), or that the model does not hold; for a
+    single recording.
     """
     refuse_effects(names, effects())
     if names and recordings < 2:

@@ -28,10 +28,7 @@ class EffectsError(ValueError):
 class Effects:
     """The effects of a fit.
 
-    Attributes
-    ----------
-    time : ndarray, shape (n_rows,)
-        Of each steady row on the recording's clock [s]; zeros where a row has none.
+    `time`, shape (n_rows,): of each steady row on the recording's clock [s]; zeros where a row has none.
     """
 
     names: tuple[str, ...]
@@ -43,13 +40,7 @@ class Effects:
         return [sampled(name, parameter) for name, parameter in self._parameters()]
 
     def chosen(self, values: np.ndarray) -> list[Chosen]:
-        """The set that each point stands for.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n, k)
-            Of their unknowns, in their order [own units].
-        """
+        """The set that each point stands for. `values`, shape (n, k): of their unknowns, in their order [own units]."""
         found: list[Chosen] = []
         for row in values:
             one: dict[str, dict[str, float]] = {name: {} for name in self.names}
@@ -61,10 +52,7 @@ class Effects:
     def inside(self, values: np.ndarray) -> np.ndarray:
         """Which points lie within the effects' bounds, shape (n,).
 
-        Parameters
-        ----------
-        values : ndarray, shape (n, k)
-            As in `chosen` [own units].
+        `values`, shape (n, k): as in `chosen` [own units].
         """
         low = np.array([parameter.low for _, parameter in self._parameters()])
         high = np.array([parameter.high for _, parameter in self._parameters()])
@@ -77,10 +65,8 @@ class Effects:
 def in_fit(names: Sequence[str], motor: Motor, recording: Recording, measured: Measurement) -> Effects | None:
     """The effects that a fit was asked for; None where it was asked for none.
 
-    Raises
-    ------
-    EffectsError
-        For an id that there is not (the nearest is named), or an effect of which steady rows say nothing.
+    Raises EffectsError for an id that there is not (the nearest is named), or an effect of which steady rows say
+    nothing.
     """
     if not names:
         return None
@@ -107,15 +93,8 @@ def seen(names: Sequence[str], channels: Sequence[str]) -> list[str]:
 def refuse_effects(names: Sequence[str], could: Container[str]) -> None:
     """Refuse effects that a fit to everything in its recordings cannot hold.
 
-    Parameters
-    ----------
-    could : container of str
-        Effects that these recordings could show.
-
-    Raises
-    ------
-    EffectsError
-        For an id that there is not (the nearest is named), or an effect that they could not show.
+    `could`: effects that these recordings could show.
+    Raises EffectsError for an id that there is not (the nearest is named), or an effect that they could not show.
     """
     for name in names:
         _check_name(name, names)

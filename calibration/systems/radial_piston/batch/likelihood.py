@@ -50,10 +50,7 @@ ERRORS = (Error.OFFSET, Error.SCALE, Error.NOISE)
 class Likelihood:
     """Log posterior of a batch of parameter vectors, in the standard normal numbers of `calibration.unknowns.priors`.
 
-    Parameters
-    ----------
-    bad : float, optional
-        Probability that a reading is bad [-]; `BAD`, or 0 with fewer than `FEW_ROWS` rows, when left out.
+    `bad`: probability that a reading is bad [-]; `BAD`, or 0 with fewer than `FEW_ROWS` rows, when left out.
     """
 
     def __init__(
@@ -97,22 +94,13 @@ class Likelihood:
         return factors_at(self.unknowns, z)
 
     def log_prob(self, z: np.ndarray) -> np.ndarray:
-        """Log posterior density up to a constant, shape (n,) [-].
-
-        Parameters
-        ----------
-        z : ndarray, shape (n, n_unknowns)
-            Points [-].
-        """
+        """Log posterior density up to a constant, shape (n,) [-]. `z`, shape (n, n_unknowns): points [-]."""
         return -0.5 * np.sum(z * z, axis=1) + self.log_likelihood(z)
 
     def log_likelihood(self, z: np.ndarray) -> np.ndarray:
         """Log likelihood, shape (n,), -inf where a parameter leaves its physical bounds [-].
 
-        Parameters
-        ----------
-        z : ndarray, shape (n, n_unknowns)
-            Points [-].
+        `z`, shape (n, n_unknowns): points [-].
         """
         parameters, errors, inside = self._split(z)
         result = np.full(len(z), -np.inf)
@@ -134,10 +122,7 @@ class Likelihood:
     def polynomials(self, z: np.ndarray) -> Polynomials | None:
         """Polynomials in the place of the model; None where at many points a rotor stands or a bound is passed.
 
-        Parameters
-        ----------
-        z : ndarray, shape (points_wanted, n_unknowns)
-            Points, about where the posterior has its mass [-].
+        `z`, shape (points_wanted, n_unknowns): points, about where the posterior has its mass [-].
         """
         parameters, errors, inside = self._split(z)
         if inside.any():
@@ -150,10 +135,7 @@ class Likelihood:
     def log_prob_by(self, polynomials: Polynomials, z: np.ndarray) -> np.ndarray:
         """`log_prob` with polynomials in the place of the model, shape (n,) [-].
 
-        Parameters
-        ----------
-        z : ndarray, shape (n, n_unknowns)
-            Points [-].
+        `z`, shape (n, n_unknowns): points [-].
         """
         parameters, errors, inside = self._split(z)
         x = polynomials.coordinates(self.values(z)[:, self._moving])
@@ -173,10 +155,7 @@ class Likelihood:
     def bad_probability(self, z: np.ndarray) -> np.ndarray:
         """Probability that each reading is bad, averaged over points, shape (n_rows, 3): pressure, flow, speed [-].
 
-        Parameters
-        ----------
-        z : ndarray, shape (n, n_unknowns)
-            Draws from the posterior [-].
+        `z`, shape (n, n_unknowns): draws from the posterior [-].
         """
         parameters, errors, _ = self._split(z)
         out = self.predict(parameters, errors, self.chosen(z))
@@ -187,14 +166,9 @@ class Likelihood:
     def predict(self, parameters: np.ndarray, errors: np.ndarray, chosen: Sequence[Chosen] = ()) -> np.ndarray:
         """Steady states at each row's pressure reading, corrected for offset and scale; `steady.solve`'s array.
 
-        Parameters
-        ----------
-        parameters : ndarray, shape (n, n_parameters)
-            Parameter sets [SI].
-        errors : ndarray, shape (n, 3, 3)
-            Offset [bar, L/min, rpm], scale [-] and noise scale [-] of pressure, flow and speed.
-        chosen : sequence of mapping
-            The effects of each set, of `chosen`; nothing where the fit has none.
+        `parameters`, shape (n, n_parameters): parameter sets [SI].
+        `errors`, shape (n, 3, 3): offset [bar, L/min, rpm], scale [-] and noise scale [-] of pressure, flow and speed.
+        `chosen`: the effects of each set, of `chosen`; nothing where the fit has none.
         """
         rows = self.measured.steady
         time = self.effects.time if self.effects else None
@@ -212,20 +186,12 @@ class Likelihood:
     ) -> np.ndarray:
         """Steady states where the pressure gauge reads this; `steady.solve`'s array.
 
-        Parameters
-        ----------
-        parameters : ndarray, shape (n, n_parameters)
-            Parameter sets [SI].
-        errors : ndarray, shape (n, 3, 3)
-            As in `predict`.
-        pressure_bar : ndarray, shape (n_rows,)
-            What the gauge reads [bar].
-        is_gauge : ndarray of bool, shape (n_rows,)
-            The pressure is counted from the ambient's.
-        gas : ndarray, shape (n_rows, 12)
-            Of `steady.gas_table`.
-        time : ndarray, shape (n_rows,), or None
-            On the recording's clock [s]; effects alone ask for it.
+        `parameters`, shape (n, n_parameters): parameter sets [SI].
+        `errors`, shape (n, 3, 3): as in `predict`.
+        `pressure_bar`, shape (n_rows,): what the gauge reads [bar].
+        `is_gauge`, shape (n_rows,): the pressure is counted from the ambient's.
+        `gas`, shape (n_rows, 12): of `steady.gas_table`.
+        `time`, shape (n_rows,): on the recording's clock [s]; effects alone ask for it.
         """
         true = (pressure_bar - errors[:, 0, 0:1]) / (1.0 + errors[:, 0, 1:2])
         above = np.where(is_gauge, parameters[:, self._position["ambient_pressure"]][:, None], 0)
@@ -238,20 +204,14 @@ class Likelihood:
     def chosen(self, z: np.ndarray) -> Sequence[Chosen]:
         """The effects at each point with their values; nothing where the fit has none.
 
-        Parameters
-        ----------
-        z : ndarray, shape (n, n_unknowns)
-            Points [-].
+        `z`, shape (n, n_unknowns): points [-].
         """
         return self.effects.chosen(self.values(z)[:, self._first_of_effects :]) if self.effects else ()
 
     def split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameter sets [SI], shape (n, n_parameters), and instrument errors, shape (n, 3, 3), of points ``z`` [-].
 
-        Parameters
-        ----------
-        z : ndarray, shape (n, n_unknowns)
-            Points [-].
+        `z`, shape (n, n_unknowns): points [-].
         """
         parameters, errors, _ = self._split(z)
         return parameters, errors

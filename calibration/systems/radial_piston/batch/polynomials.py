@@ -21,17 +21,9 @@ PENALTY = 1e-6  # on each coefficient, of coordinates with unit spread
 class Polynomials:
     """The polynomials, fitted to what the model gives at some points.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n_points, k)
-        Of the unknowns that move the plateaus [own units].
-    states : ndarray, shape (n_points, n_rows, 9)
-        Of `model.solvers.steady.solve` there [SI].
-
-    Attributes
-    ----------
-    coefficients : ndarray, shape (n_terms, n_rows, 4)
-        Of each product of three of 1 and the coordinates, for `COLUMNS` [SI].
+    `values`, shape (n_points, k): of the unknowns that move the plateaus [own units].
+    `states`, shape (n_points, n_rows, 9): of `model.solvers.steady.solve` there [SI].
+    `coefficients`, shape (n_terms, n_rows, 4): of each product of three of 1 and the coordinates, for `COLUMNS` [SI].
     """
 
     def __init__(self, values: np.ndarray, states: np.ndarray) -> None:
@@ -76,12 +68,8 @@ def sum_rows_by(
 ) -> None:
     """`rows.sum_rows` with polynomials in the place of the model.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n, k)
-        Of `Polynomials.coordinates` [-].
-    coefficients : ndarray, shape (n_terms, n_rows, 4)
-        Of `Polynomials` [SI].
+    `x`, shape (n, k): of `Polynomials.coordinates` [-].
+    `coefficients`, shape (n_terms, n_rows, 4): of `Polynomials` [SI].
     """
     n_rows, n_columns = coefficients.shape[1:]
     states, ones = np.zeros((n_rows, steady.N_OUT)), np.ones(x.shape[1] + 1)

@@ -30,13 +30,7 @@ Way = Literal["at once", "row by row", "in passes"]
 
 
 def way_of(names: Sequence[str], motor: Motor, time: np.ndarray) -> Way:
-    """How a set of effects is solved.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n_rows,)
-        Of the rows on the recording's clock [s].
-    """
+    """How a set of effects is solved. `time`, shape (n_rows,): of the rows on the recording's clock [s]."""
     middle = {name: {p.name: p.scale for p in effects()[name].parameters} for name in names}
     vector, P = motor.vector(), np.linspace(1.5e5, 2.5e5, time.size)
     slow, fast = (_changed(middle, vector, P, time, speed) for speed in SPEEDS)
@@ -57,26 +51,14 @@ def solve(
 ) -> np.ndarray:
     """Steady states as `model.solvers.steady.solve` gives them, speed and flow as the instruments take them up.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (n_sets, 24)
-        Parameter sets [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    shown : ndarray, shape (n_sets, n_rows)
-        What the gauge shows, its own offset and scale undone [Pa].
-    above : ndarray, shape (n_sets, n_rows)
-        What that is counted from: the ambient's pressure, or 0 [Pa].
-    gas : ndarray, shape (n_rows, 12)
-        Of `model.solvers.steady.gas_table`.
-    time : ndarray, shape (n_rows,)
-        On the recording's clock [s].
-
-    Returns
-    -------
-    ndarray, shape (n_sets, n_rows, 9)
-        Columns as in `solvers.steady.solve`; speed, flow, their slopes and the status are with the effects. A row that
-        the passes of an effect give up counts as one where the motor stands still.
+    `parameters`, shape (n_sets, 24): parameter sets [SI].
+    `readings`, shape (5,): `model.motor.Readings.vector`.
+    `shown`, shape (n_sets, n_rows): what the gauge shows, its own offset and scale undone [Pa].
+    `above`, shape (n_sets, n_rows): what that is counted from: the ambient's pressure, or 0 [Pa].
+    `gas`, shape (n_rows, 12): of `model.solvers.steady.gas_table`.
+    `time`, shape (n_rows,): on the recording's clock [s].
+    Returns columns as in `solvers.steady.solve`; speed, flow, their slopes and the status are with the effects. A row
+    that the passes of an effect give up counts as one where the motor stands still.
     """
     P = np.array([laws.behind_the_gauge(one, row) for one, row in zip(chosen, shown, strict=True)]) + above
     P = np.clip(P, LOWEST_PA, HIGHEST_PA)

@@ -47,12 +47,8 @@ ANCHOR = "anchor.csv"  # one plateau, which a recording must have; it is not loo
 class Planned:
     """A test.
 
-    Attributes
-    ----------
-    recording : Recording
-        What it would be read as; speeds and flows are placeholders.
-    capture : Capture or None
-        What is taken; None where the bench cannot take it by itself.
+    `recording`: what it would be read as; speeds and flows are placeholders.
+    `capture`: what is taken; None where the bench cannot take it by itself.
     """
 
     words: str
@@ -64,10 +60,7 @@ class Planned:
 class Level:
     """A pressure that a test asks for, to the hundredth of a bar: the same in its words, its command and its model.
 
-    Attributes
-    ----------
-    bar_abs, read_bar : float
-        The pressure, and what the recording's gauge shows at it [bar].
+    `bar_abs`, `read_bar`: the pressure, and what the recording's gauge shows at it [bar].
     """
 
     bar_abs: float
@@ -227,12 +220,8 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
 
     The motor, the effects and the errors of instruments that have a serial number are known as well as the recording
     tells, but for a drift that is declared; what is new on another day, such as the room or the shaft's angle, is
-    anybody's guess.
-
-    Raises
-    ------
-    ArithmeticError
-        When the rotor would not turn in a run in time, or the bench's tachometer gives too few readings of it.
+    anybody's guess. Raises ArithmeticError when the rotor would not turn in a run in time, or the bench's tachometer
+    gives too few readings of it.
     """
     there = seen.of(plan.recording)
     stays = of_any_day(seen.problem)
@@ -286,10 +275,8 @@ def _mean(there: Comparison, names: tuple[str, ...]) -> Predicts:
 def _as_captured(recording: Recording, planned: RunInTime, speed: np.ndarray) -> Recording:
     """With the speeds that are likely, as long as the bench would record it.
 
-    Raises
-    ------
-    FloatingPointError
-        When the bench would refuse it: too few readings of the tachometer would fall in the event.
+    Raises FloatingPointError when the bench would refuse it: too few readings of the tachometer would fall in the
+    event.
     """
     anchor, run = recording.files
     name = next(name for name in run.columns if name.startswith("speed_rpm"))

@@ -37,14 +37,9 @@ Chosen = dict[str, dict[str, float]]
 class Quantity:
     """Something to be read once.
 
-    Attributes
-    ----------
-    words, needs : str
-        What to do; the instrument that it needs, empty where the bench has it.
-    sd : float
-        Of the reading [SI].
-    value : callable
-        Of the motor's parameters, the instruments' errors and the effects [SI].
+    `words`, `needs`: what to do; the instrument that it needs, empty where the bench has it.
+    `sd`: of the reading [SI].
+    `value`: of the motor's parameters, the instruments' errors and the effects [SI].
     """
 
     words: str
@@ -56,10 +51,7 @@ class Quantity:
 def quantities(comparison: Comparison, best: Mode) -> list[Quantity]:
     """What could be read of a motor at its highest level, at standstill, and driven.
 
-    Parameters
-    ----------
-    best : Mode
-        The most probable explanation, for the state at the highest level.
+    `best`: the most probable explanation, for the state at the highest level.
     """
     problem = comparison.problem
     state = best.prediction.state

@@ -17,13 +17,7 @@ UNITS = {"speed": "rad/s", "pressure": "Pa", "flow": "m3/s", "time": "s", "direc
 
 
 def coordinates(comparison: Comparison, mode: Mode) -> dict[str, Along]:
-    """Every coordinate of a recording, by name.
-
-    Parameters
-    ----------
-    mode : Mode
-        A model, for speed and flow: its own, which hold no noise.
-    """
+    """Every coordinate of a recording, by name. `mode`: a model, for speed and flow: its own, which hold no noise."""
     problem, plateaus = comparison.problem, comparison.problem.blocks.plateaus
     ambient = problem.motor.si("ambient_pressure")
     runs = problem.blocks.runs

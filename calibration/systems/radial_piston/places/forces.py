@@ -77,10 +77,7 @@ def torque_column(comparison: Comparison, mode: Mode) -> np.ndarray:
 class TorqueAnswer:
     """What torques do to the readings, of first order: a plateau's speed at once, a run's with its damping.
 
-    Parameters
-    ----------
-    torque : ndarray, shape (m,)
-        Of `torque_column`: change of the readings per N m of a constant torque [SI].
+    `torque`, shape (m,): of `torque_column`: change of the readings per N m of a constant torque [SI].
     """
 
     def __init__(self, comparison: Comparison, torque: np.ndarray) -> None:
@@ -94,12 +91,8 @@ class TorqueAnswer:
     def __call__(self, steady: np.ndarray, runs: Sequence[np.ndarray]) -> np.ndarray:
         """Changes of the readings [SI], shape (m, k).
 
-        Parameters
-        ----------
-        steady : ndarray, shape (n, k)
-            Torques at the plateaus [N m].
-        runs : sequence of ndarray, shape (n_i, k)
-            Torques at the samples of each run that are compared [N m].
+        `steady`, shape (n, k): torques at the plateaus [N m].
+        `runs`, shape (n_i, k): torques at the samples of each run that are compared [N m].
         """
         comparison = self.comparison
         n = comparison.n

@@ -31,19 +31,8 @@ def carried(
 
     A flywheel's own inertia is known: with another one the rotor keeps what was found of it.
 
-    Parameters
-    ----------
-    names : collection of str or None
-        Nuisances that are carried over, all if left out; the effects' unknowns always are.
-
-    Returns
-    -------
-    z : ndarray, shape (n,)
-        The point [-].
-    covariance : ndarray, shape (n, n)
-        Of it [-].
-    new : ndarray of bool, shape (n,)
-        Unknowns that have their prior.
+    `names`: nuisances that are carried over, all if left out; the effects' unknowns always are.
+    Returns `z`: the point [-]; `covariance`: of it [-]; `new`: unknowns that have their prior.
     """
     k, size = len(seen.nuisances), len(there.nuisances) + mode.z.size - len(seen.nuisances)
     old = {unknown.name: i for i, unknown in enumerate(seen.nuisances)}

@@ -18,14 +18,9 @@ def true_pressure(
 ) -> np.ndarray:
     """True line pressure behind a gauge's reading, its errors and the effects on it undone [Pa].
 
-    Parameters
-    ----------
-    reading : ndarray, shape (n,)
-        Of the gauge [Pa].
-    ambient_pa : float
-        Ambient pressure [Pa].
-    errors : tuple of float
-        Offset [Pa] and scale [-].
+    `reading`, shape (n,): of the gauge [Pa].
+    `ambient_pa`: ambient pressure [Pa].
+    `errors`: offset [Pa] and scale [-].
     """
     offset, scale = errors
     true = behind_the_gauge(chosen, (reading - offset) / (1.0 + scale))
@@ -37,14 +32,9 @@ def vented_readings(
 ) -> np.ndarray:
     """The gauge at ambient pressure [Pa]: its span may count from there, from vacuum, or from anywhere between.
 
-    Parameters
-    ----------
-    share : float
-        Of its span error that shows at ambient pressure [-].
-    ambient_pa : float
-        Ambient pressure [Pa].
-    errors : tuple of float
-        Offset [Pa] and scale [-].
+    `share`: of its span error that shows at ambient pressure [-].
+    `ambient_pa`: ambient pressure [Pa].
+    `errors`: offset [Pa] and scale [-].
     """
     if not vented.pressure.size:
         return vented.pressure

@@ -50,26 +50,15 @@ def follows_angle(names: Iterable[str]) -> bool:
 class Plan:
     """What a simulation of a run in time takes.
 
-    Attributes
-    ----------
-    parameters : ndarray, shape (24,)
-        Of the motor [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    time : ndarray, shape (k,)
-        Sample times, those of a steady part ahead among them [s].
-    start : ndarray, shape (23,)
-        State at the first of them.
-    line : ndarray, shape (n, 3)
-        The supply as rows of start [s], pressure [Pa], and 1 where it is open.
-    clock : float
-        The recording's clock at time 0 of the run [s].
-    begin, end : ndarray of int, shape (wanted,)
-        Where the mean of each begins and ends among the times.
-    lag_s : float
-        The tachometer's own, as stated [s].
-    angle, set_at : float
-        Angle of the shaft [rad], and the time at which it has that [s].
+    `parameters`, shape (24,): of the motor [SI].
+    `readings`, shape (5,): `model.motor.Readings.vector`.
+    `time`, shape (k,): sample times, those of a steady part ahead among them [s].
+    `start`, shape (23,): state at the first of them.
+    `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
+    `clock`: the recording's clock at time 0 of the run [s].
+    `begin`, `end`, shape (wanted,): where the mean of each begins and ends among the times.
+    `lag_s`: the tachometer's own, as stated [s].
+    `angle`, `set_at`: angle of the shaft [rad], and the time at which it has that [s].
     """
 
     parameters: np.ndarray
@@ -125,10 +114,7 @@ class Plan:
     def read(self, mean: np.ndarray) -> np.ndarray:
         """What the tachometer makes of mean speeds, of the samples wanted [rad/s], shape (wanted,).
 
-        Parameters
-        ----------
-        mean : ndarray, shape (k,)
-            Since the time before [rad/s].
+        `mean`, shape (k,): since the time before [rad/s].
         """
         lagged = effect_transient.lagged(mean, self.time, self.lag_s) if self.lag_s else mean
         lagged = effect_transient.read_with_lag(lagged, self.time, self.chosen)
@@ -139,10 +125,7 @@ class Plan:
     def angle_of(self, mean: np.ndarray) -> np.ndarray:
         """The shaft's angle at the samples [rad], shape (k,), counted so that it is the plan's where that is set.
 
-        Parameters
-        ----------
-        mean : ndarray, shape (k,)
-            Mean speeds since the sample before [rad/s].
+        `mean`, shape (k,): mean speeds since the sample before [rad/s].
         """
         turned = np.append(0.0, np.cumsum(mean[1:] * np.diff(self.time)))
         found: np.ndarray = turned - np.interp(self.set_at, self.time, turned) + self.angle
@@ -152,15 +135,8 @@ class Plan:
 class Pulses:
     """What the cylinders' pulses add to the angle of the shaft, as a function of that angle.
 
-    Parameters
-    ----------
-    angles : int
-        Angles within a pulse that are averaged over; 1 for that of the plan alone [-].
-
-    Attributes
-    ----------
-    mean, angle : ndarray, shape (k,)
-        That run by its mean torque: speeds [rad/s] and angles [rad].
+    `angles`: angles within a pulse that are averaged over; 1 for that of the plan alone [-].
+    `mean`, `angle`, shape (k,): that run by its mean torque: speeds [rad/s] and angles [rad].
     """
 
     def __init__(self, planned: Plan, angles: int = 1) -> None:
@@ -212,25 +188,13 @@ def plan(
 ) -> Plan:
     """Plan a run.
 
-    Parameters
-    ----------
-    motor : Motor
-        For its readings of the article and its state at rest.
-    parameters : ndarray, shape (24,)
-        Of the motor [SI].
-    line : ndarray, shape (n, 3)
-        The supply as rows of start [s], pressure [Pa], and 1 where it is open.
-    angle : float
-        Of the shaft where the run begins to be compared, or when its valve is moved [rad].
-    begun : float
-        Share by which a start from rest is faster there than by the mean torque [-].
-    lag_s : float
-        The tachometer's own [s].
-
-    Returns
-    -------
-    Plan
-        A start from rest begins where it is compared from, with the speed that the mean torque has given it by then.
+    `motor`: for its readings of the article and its state at rest.
+    `parameters`, shape (24,): of the motor [SI].
+    `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
+    `angle`: of the shaft where the run begins to be compared, or when its valve is moved [rad].
+    `begun`: share by which a start from rest is faster there than by the mean torque [-].
+    `lag_s`: the tachometer's own [s].
+    A start from rest begins where it is compared from, with the speed that the mean torque has given it by then.
     """
     readings = motor.readings.vector()
     compared = np.flatnonzero(run.used)

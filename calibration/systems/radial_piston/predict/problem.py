@@ -50,20 +50,12 @@ FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
 class Prediction:
     """What the model says at a point.
 
-    Attributes
-    ----------
-    flow, speed : ndarray, shape (n,)
-        Readings expected of the plateaus [m3/s], [rad/s].
-    flow_slope, speed_slope : ndarray, shape (n,)
-        With the true pressure [m3/s/Pa], [rad/s/Pa].
-    runs : tuple of ndarray
-        Speed readings expected of each run in time [rad/s].
-    vented : ndarray, shape (k,)
-        Gauge readings expected with the line vented [Pa].
-    standing : ndarray, shape (l,)
-        Flow readings expected while the rotor stands [m3/s].
-    line : ndarray, shape (p,)
-        Gauge readings expected in the runs in time, one run after the other [Pa].
+    `flow`, `speed`, shape (n,): readings expected of the plateaus [m3/s], [rad/s].
+    `flow_slope`, `speed_slope`, shape (n,): with the true pressure [m3/s/Pa], [rad/s/Pa].
+    `runs`: speed readings expected of each run in time [rad/s].
+    `vented`, shape (k,): gauge readings expected with the line vented [Pa].
+    `standing`, shape (l,): flow readings expected while the rotor stands [m3/s].
+    `line`, shape (p,): gauge readings expected in the runs in time, one run after the other [Pa].
     """
 
     flow: np.ndarray
@@ -80,20 +72,11 @@ class Prediction:
 class Problem:
     """A recording, its motor, and every nuisance.
 
-    Parameters
-    ----------
-    motor : Motor or None
-        The motor that it names, when left out.
-    any_turn : bool
-        Whether it is held against effects that another recording showed: how the shaft stood in that one is not known
-        here, of no run.
-
-    Attributes
-    ----------
-    given : dict
-        Values of effects' parameters that are no unknowns, by (effect, parameter) [own unit].
-    friction : str
-        The nuisance that every machine has: its viscous friction.
+    `motor`: the motor that it names, when left out.
+    `any_turn`: whether it is held against effects that another recording showed: how the shaft stood in that one is not
+        known here, of no run.
+    `given`: values of effects' parameters that are no unknowns, by (effect, parameter) [own unit].
+    `friction`: the nuisance that every machine has: its viscous friction.
     """
 
     friction = "f_overall"
@@ -135,10 +118,7 @@ class Problem:
     def giving(self, given: Mapping[tuple[str, str], float]) -> Problem:
         """The same recording and nuisances, with other parameters of effects given.
 
-        Parameters
-        ----------
-        given : mapping
-            Values by (effect, parameter) [own unit].
+        `given`: values by (effect, parameter) [own unit].
         """
         other = copy(self)
         other.given = dict(given)
@@ -183,10 +163,7 @@ class Problem:
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
         """The unknowns of a set of effects, in the order of the set.
 
-        Returns
-        -------
-        list of (str, Unknown)
-            Effect id and unknown; its prior is that of `model.effects.EffectParameter`.
+        Returns effect id and unknown; its prior is that of `model.effects.EffectParameter`.
         """
         return all_searched(names, self.given)
 
@@ -240,20 +217,10 @@ class Problem:
     def split(self, z: np.ndarray) -> Split:
         """The nuisances' values: the motor's parameters, each channel's errors, and what is each run's own.
 
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances [-].
-
-        Returns
-        -------
-        parameters : ndarray, shape (24,)
-            Of the motor [SI].
-        errors : dict
-            Offset [SI] and scale [-] of each channel; the share of the gauge's span error that shows at ambient
-            pressure is the offset of VENTED [-].
-        own : dict
-            By file what is the run's own, by the ends of its unknowns' names [own unit].
+        `z`, shape (n_nuisances,): nuisances [-].
+        Returns `parameters`: of the motor [SI]; `errors`: offset [SI] and scale [-] of each channel; the share of the
+        gauge's span error that shows at ambient pressure is the offset of VENTED [-]; `own`: by file what is the run's
+        own, by the ends of its unknowns' names [own unit].
         """
         parameters = self._base.copy()
         errors = {channel: [0.0, 0.0] for channel in (*CHANNELS, VENTED)}
@@ -314,13 +281,7 @@ class Problem:
     def gauge_in(
         self, run: RunInTime, split: Split, chosen: dict[str, dict[str, float]], time: np.ndarray
     ) -> np.ndarray:
-        """What the gauge reads in a run in time [Pa], shape (n,).
-
-        Parameters
-        ----------
-        time : ndarray, shape (n,)
-            On the run's clock [s].
-        """
+        """What the gauge reads in a run in time [Pa], shape (n,). `time`, shape (n,): on the run's clock [s]."""
         own, nothing = split[2][run.file], np.zeros(1)
         bottom = self._vented(Vented((run.file,), nothing, nothing, np.array([run.is_gauge])), split, chosen)[0]
         bottom += own.get("floor", 0.0)
@@ -360,15 +321,8 @@ class Problem:
     def see_pulses(self, z: np.ndarray) -> list[np.ndarray]:
         """Take anew what the pulses of the cylinders add to the runs in time; predictions hold it from then on.
 
-        Parameters
-        ----------
-        z : ndarray, shape (n_nuisances,)
-            Nuisances of the base model [-].
-
-        Returns
-        -------
-        list of ndarray, shape (n,)
-            How far they swing the shaft in each run [rad].
+        `z`, shape (n_nuisances,): nuisances of the base model [-].
+        Returns how far they swing the shaft in each run [rad].
         """
         plans = [self.plan(i, self.split(z), {}) for i in range(len(self.blocks.runs))]
         for run, planned in zip(self.blocks.runs, plans, strict=True):

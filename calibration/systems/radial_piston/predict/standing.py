@@ -24,18 +24,11 @@ def standing_flow(
 ) -> np.ndarray:
     """The flow meter with the rotor held [m3/s], shape (n,).
 
-    Parameters
-    ----------
-    pressure : ndarray, shape (n,)
-        True pressure of the line [Pa]; that of the ambient where it is vented.
-    time : ndarray, shape (n,)
-        On the recording's clock [s].
-    gas_constant : ndarray, shape (n,)
-        Of the air [J/(kg K)].
-    parameters : ndarray, shape (24,)
-        Of the motor [SI].
-    errors : tuple of float
-        Offset [m3/s] and scale [-] of the meter.
+    `pressure`, shape (n,): True pressure of the line [Pa]; that of the ambient where it is vented.
+    `time`, shape (n,): on the recording's clock [s].
+    `gas_constant`, shape (n,): of the air [J/(kg K)].
+    `parameters`, shape (24,): of the motor [SI].
+    `errors`: offset [m3/s] and scale [-] of the meter.
     """
     offset, scale = errors
     none, one = np.zeros_like(pressure), np.ones_like(pressure)

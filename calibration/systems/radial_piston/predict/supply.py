@@ -92,12 +92,8 @@ def _constant(stated: float | None, sd: float | None, otherwise: float, factor: 
 class Course:
     """The line of a run at a point.
 
-    Attributes
-    ----------
-    own : mapping of str to float
-        The run's own unknowns, by the ends of their names.
-    over : float
-        When the last sample that is compared ends [s].
+    `own`: the run's own unknowns, by the ends of their names.
+    `over`: when the last sample that is compared ends [s].
     """
 
     valve: tuple[Supply, ...]
@@ -107,10 +103,7 @@ class Course:
     def share(self, time: np.ndarray) -> np.ndarray:
         """Share of the settled pressure above the vented one [-], same shape as ``time``.
 
-        Parameters
-        ----------
-        time : ndarray
-            On the run's clock [s].
+        `time`: on the run's clock [s].
         """
         found = np.full(np.shape(time), 1.0 if self.valve[0].is_open else 0.0)
         for span in self.valve[1:]:
@@ -124,12 +117,8 @@ class Course:
     def staircase(self, settled_pa: float, vented_pa: float, shut_pa: float) -> np.ndarray:
         """The line as spans of constant pressure: rows of start [s], pressure [Pa], and 1 where it is open.
 
-        Parameters
-        ----------
-        settled_pa, vented_pa : float
-            True pressure of the settled and of the vented line [Pa].
-        shut_pa : float
-            Pressure from which on downwards the inlet holds what a vented one does [Pa].
+        `settled_pa`, `vented_pa`: True pressure of the settled and of the vented line [Pa].
+        `shut_pa`: pressure from which on downwards the inlet holds what a vented one does [Pa].
         """
         begins = [np.array([self.valve[0].start_s])]
         for k, span in enumerate(self.valve[1:], start=1):

@@ -79,10 +79,7 @@ def seen(run: RunInTime, what: str) -> np.ndarray:
 def added(run: RunInTime, own: Mapping[str, float]) -> np.ndarray:
     """What the wheel adds to the samples of a run [rad/s], shape (n,).
 
-    Parameters
-    ----------
-    own : mapping of str to float
-        The run's own unknowns, by the ends of their names.
+    `own`: the run's own unknowns, by the ends of their names.
     """
     found = np.zeros(run.size)
     for what, value in own.items():
