@@ -59,7 +59,7 @@ def solve(
 
     Parameters
     ----------
-    parameters : ndarray, shape (n_sets, 24)
+    parameters : ndarray, shape (n_sets, 26)
         Parameter sets [SI].
     readings : ndarray, shape (5,)
         `model.motor.Readings.vector`.
@@ -144,7 +144,7 @@ def _read(out: np.ndarray, chosen: Chosen, state: State) -> None:
 def _changed(
     chosen: Chosen, parameters: np.ndarray, P: np.ndarray, time: np.ndarray, speed: float = 20.0
 ) -> np.ndarray:
-    """Parameters of each row with the effects in them, at some speed, shape (n_rows, 24)."""
+    """Parameters of each row with the effects in them, at some speed, shape (n_rows, 26)."""
     rows = laws.with_factors(np.tile(parameters, (time.size, 1)), chosen)
     out = np.zeros((time.size, steady.N_OUT))
     out[:, steady.SPEED_OUT], out[:, steady.MASS_FLOW] = speed, 1e-4 * speed

@@ -32,7 +32,7 @@ def standing_flow(
         On the recording's clock [s].
     gas_constant : ndarray, shape (n,)
         Of the air [J/(kg K)].
-    parameters : ndarray, shape (24,)
+    parameters : ndarray, shape (26,)
         Of the motor [SI].
     errors : tuple of float
         Offset [m3/s] and scale [-] of the meter.
