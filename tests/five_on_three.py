@@ -1,4 +1,4 @@
-"""A motor with other counts than the article's: five pistons on three lobes, with pistons short enough for the stroke."""
+"""A motor with other counts than the article's: five pistons on three lobes, short enough for the stroke."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from model.motor import MOTORS, Motor, read_motor
 def text() -> str:
     """Its motor file."""
     published = (MOTORS / "ptm3600.toml").read_text(encoding="utf-8")
-    named = published.replace('name = "ptm3600"', 'name = "five_on_three"\nn_pistons = 5\nn_lobes = 3')
-    return named.replace("value = 35.07", "value = 25.0")
+    counted = published.replace("n_pistons = 7", "n_pistons = 5").replace("n_lobes = 4", "n_lobes = 3")
+    return counted.replace('name = "ptm3600"', 'name = "five_on_three"').replace("value = 35.07", "value = 25.0")
 
 
 def five_on_three(folder: Path) -> Motor:

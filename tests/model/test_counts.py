@@ -40,8 +40,10 @@ def counted(n_pistons: object = 7, n_lobes: object = 4, **values: float) -> Moto
 
 
 def test_a_file_that_states_no_counts_has_seven_pistons_on_four_lobes() -> None:
+    told = PUBLISHED.model_dump()
+    del told["n_pistons"], told["n_lobes"]
+    assert read_motor(told) == PUBLISHED
     assert (PUBLISHED.n_pistons, PUBLISHED.n_lobes) == (7, 4)
-    assert counted() == PUBLISHED
 
 
 def test_the_counts_stand_behind_everything_else_in_the_solvers_vector() -> None:
