@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from calibration.data.blocks import Blocks, blocks_of
-from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply
+from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply, swept_volume
 from calibration.data.rows_used import few_used
 from calibration.data.runs import READ_LATE_S, scatter
 from calibration.data.runs_in_time import coast_down, lone_zeros, release
@@ -33,6 +33,7 @@ from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
 from spinbench.progress import sampling
 from tests.diagnosis_recordings import add_coast_down, add_spin_up, polled, sweep
+from tests.five_on_three import five_on_three
 from tests.rig_recordings import axis, with_force
 from tests.spinbench.test_cli import refused
 
@@ -211,6 +212,13 @@ def test_other_mixed_up_units_are_told_by_their_factor(tmp_path: Path, flow: flo
 
 def test_a_large_leak_is_not_taken_for_another_unit(tmp_path: Path) -> None:
     refuse_mixed_units(sweep(tmp_path / "leaks", 2, {"leakage": {"conductance_kg_s_pa2": 1.5e-13, "exponent": 1.0}}))
+
+
+def test_a_turn_sweeps_every_piston_on_every_lobe(tmp_path):
+    """Five pistons, three lobes, a stroke of 26.24 mm by hand: L1 + L5 less L2 - L6."""
+    area = 0.25 * np.pi * 0.02403**2
+    stroke = 36.495e-3 + 31.015e-3 - (0.5 * 36.495e-3 + np.sqrt(66.535e-3**2 - 0.75 * 36.495e-3**2) - 35.52e-3)
+    assert swept_volume(five_on_three(tmp_path).vector()) == pytest.approx(5 * 3 * area * stroke, rel=1e-6)
 
 
 RUN = """format = "recording/1"
