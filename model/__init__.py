@@ -16,13 +16,13 @@ Parameters
 ----------
 motor : Motor
     The motor.
-parameters : ndarray, shape (24,)
+parameters : ndarray, shape (26,)
     One parameter set [SI], in the order of `layout`.
 readings : ndarray, shape (5,)
     Which equations are read as printed, and which not: `motor.Readings.vector`.
 gas : ndarray, shape (12,)
     Gas of an operating point, of `gas.cylinder.gas_state`.
-c : ndarray, shape (8,)
+c : ndarray, shape (12,)
     The guide curve, of `geometry.curve`.
 P_in : float
     Absolute inlet pressure [Pa].

@@ -1,7 +1,8 @@
 """Section 2.1 of the article: the guide curve and the cylinder volume, Eq. 1-11, and the angle phi, Eq. 23-24.
 
-The angle ``psi`` of a cylinder runs over one lobe, 0 to pi/2: at 0 the piston is farthest out (largest volume), at pi/4
-farthest in. Eq. 7 and 10 describe 0..pi/4; the other half is its mirror image.
+The angle ``psi`` of a cylinder runs over one lobe: at 0 the piston is farthest out (largest volume), half a lobe on
+farthest in. Eq. 7 and 10 describe that half; the other is its mirror image. The article prints the equations for four
+lobes: its pi/4 is half a lobe here, and its sqrt2/2 the sine and the cosine of that.
 
 Parameters
 ----------
@@ -19,6 +20,8 @@ L4 : float
     Motor centre to roller centre [m], Eq. 7 and 10.
 L5, L6 : float
     Roller centre to the centres of the concave and the convex circle [m], Eq. 6 and 9.
+half : float
+    Half a lobe [rad], pi/4 in the article.
 beta, gamma : float
     Angles at the convex and the concave circle's centre [rad], Eq. 2 and 3.
 th : float
@@ -42,15 +45,21 @@ def concave_centre(R6: float, R2: float) -> float:
 
 
 @njit(error_model="numpy", cache=True)
-def angle_beta(L1: float, R2: float, R3: float) -> float:
-    """Angle beta at the convex circle's centre [rad], Eq. 2."""
-    return math.asin(math.sqrt(0.5) * L1 / (R2 + R3))
+def square_of_sine(half: float) -> float:
+    """The square of the sine of half a lobe [-], by the whole lobe: just 1/2 for four lobes."""
+    return 0.5 * (1.0 + math.cos(math.pi - 2.0 * half))
 
 
 @njit(error_model="numpy", cache=True)
-def angle_gamma(beta: float) -> float:
+def angle_beta(L1: float, R2: float, R3: float, half: float) -> float:
+    """Angle beta at the convex circle's centre [rad], Eq. 2."""
+    return math.asin(math.sqrt(square_of_sine(half)) * L1 / (R2 + R3))
+
+
+@njit(error_model="numpy", cache=True)
+def angle_gamma(beta: float, half: float) -> float:
     """Angle gamma at the concave circle's centre [rad], Eq. 3."""
-    return 0.75 * math.pi - beta
+    return math.pi - half - beta
 
 
 @njit(error_model="numpy", cache=True)
@@ -80,9 +89,10 @@ def reach_concave(th: float, L1: float, L5: float) -> float:
 
 
 @njit(error_model="numpy", cache=True)
-def convex_centre(L1: float, R2: float, R3: float) -> float:
+def convex_centre(L1: float, R2: float, R3: float, half: float) -> float:
     """Distance L2 of the convex circle's centre from the motor centre [m], Eq. 8."""
-    return math.sqrt(0.5) * L1 + math.sqrt((R2 + R3) ** 2 - 0.5 * L1 * L1)
+    cosine = math.sqrt(0.5 * (1.0 + math.cos(2.0 * half)))
+    return cosine * L1 + math.sqrt((R2 + R3) ** 2 - square_of_sine(half) * L1 * L1)
 
 
 @njit(error_model="numpy", cache=True)
@@ -92,9 +102,9 @@ def convex_arm(R3: float, R5: float) -> float:
 
 
 @njit(error_model="numpy", cache=True)
-def reach_convex(th: float, L2: float, L6: float) -> float:
-    """Motor centre to roller centre, L4, on the convex arc [m], Eq. 10; valid for alpha <= th <= pi/2 - alpha."""
-    u = 0.25 * math.pi - th
+def reach_convex(th: float, L2: float, L6: float, half: float) -> float:
+    """Motor centre to roller centre, L4, on the convex arc [m], Eq. 10; valid for alpha <= th <= 2 half - alpha."""
+    u = half - th
     s = L2 * math.sin(u)
     return L2 * math.cos(u) - math.sqrt(L6 * L6 - s * s)
 
@@ -124,15 +134,29 @@ def sin_phi_concave(th: float, L1: float, L5: float) -> float:
 
 
 @njit(error_model="numpy", cache=True)
-def sin_phi_convex(th: float, L2: float, L6: float) -> float:
+def sin_phi_convex(th: float, L2: float, L6: float, half: float) -> float:
     """Magnitude of sin(phi) on the convex arc [-], Eq. 24.
 
     Parameters
     ----------
     th : float
-        Angle from the far point, alpha..pi/4 [rad].
+        Angle from the far point, alpha..half [rad].
     """
-    return L2 * math.sin(0.25 * math.pi - th) / L6
+    return L2 * math.sin(half - th) / L6
+
+
+@njit(error_model="numpy", cache=True)
+def lobe_angle(parameters: np.ndarray) -> float:
+    """Angle of a lobe of the curve [rad]."""
+    angle: float = 2.0 * math.pi / parameters[at.N_LOBES]
+    return angle
+
+
+@njit(error_model="numpy", cache=True)
+def pulse_angle(parameters: np.ndarray) -> float:
+    """Angle after which the sum of the cylinders repeats [rad]; the counts have no common divisor."""
+    angle: float = lobe_angle(parameters) / parameters[at.N_PISTONS]
+    return angle
 
 
 @njit(error_model="numpy", cache=True)
@@ -141,22 +165,26 @@ def curve(parameters: np.ndarray, c: np.ndarray) -> None:
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
+    parameters : ndarray, shape (26,)
         One parameter set [SI], in the order of `model.layout`.
-    c : ndarray, shape (8,)
-        Filled with L1, L2, L5, L6 [m], alpha [rad], R5 [m], the volume offset [m] and Ap [m2]; NaN where the lengths
-        give no curve.
+    c : ndarray, shape (12,)
+        Filled with L1, L2, L5, L6 [m], alpha [rad], R5 [m], the volume offset [m] and Ap [m2], NaN where the lengths
+        give no curve; and the angles of half a lobe, a lobe, a pulse, and from cylinder to cylinder [rad].
     """
     R2 = 0.5 * parameters[at.R2_DIAMETER]
     R3 = 0.5 * parameters[at.R3_DIAMETER]
     R5 = 0.5 * parameters[at.R5_DIAMETER]
     L1 = concave_centre(parameters[at.R6], R2)
     c[:] = np.nan
-    if L1 <= 0.0 or R2 <= R5 or math.sqrt(0.5) * L1 >= R2 + R3:
+    c[at.LOBE_ANGLE] = lobe_angle(parameters)
+    c[at.PULSE_ANGLE] = pulse_angle(parameters)
+    c[at.PITCH] = parameters[at.N_LOBES] * c[at.PULSE_ANGLE]
+    c[at.HALF_LOBE] = half = 0.5 * c[at.LOBE_ANGLE]
+    if L1 <= 0.0 or R2 <= R5 or math.sqrt(square_of_sine(half)) * L1 >= R2 + R3:
         return
-    gamma = angle_gamma(angle_beta(L1, R2, R3))
+    gamma = angle_gamma(angle_beta(L1, R2, R3, half), half)
     c[at.L1] = L1
-    c[at.L2] = convex_centre(L1, R2, R3)
+    c[at.L2] = convex_centre(L1, R2, R3, half)
     c[at.L5] = concave_arm(R2, R5)
     c[at.L6] = convex_arm(R3, R5)
     c[at.ALPHA] = junction_angle(R2, R5, gamma, junction_distance(L1, R2, R5, gamma))
@@ -176,32 +204,46 @@ def place(psi: float, c: np.ndarray) -> tuple[float, float, float, float]:
     Parameters
     ----------
     psi : float
-        Cylinder angle within a lobe, 0..pi/2 [rad].
+        Cylinder angle within a lobe [rad].
     """
-    if psi <= 0.25 * math.pi:
+    half = c[at.HALF_LOBE]
+    if psi <= half:
         th = psi
         sign = -1.0
     else:
-        th = 0.5 * math.pi - psi
+        th = c[at.LOBE_ANGLE] - psi
         sign = 1.0
     if th <= c[at.ALPHA]:
         L4 = reach_concave(th, c[at.L1], c[at.L5])
         s = sin_phi_concave(th, c[at.L1], c[at.L5])
     else:
-        L4 = reach_convex(th, c[at.L2], c[at.L6])
-        s = sin_phi_convex(th, c[at.L2], c[at.L6])
+        L4 = reach_convex(th, c[at.L2], c[at.L6], half)
+        s = sin_phi_convex(th, c[at.L2], c[at.L6], half)
     cos_phi = math.sqrt(1.0 - s * s)
     r = math.sqrt(L4 * L4 + c[at.R5] * c[at.R5] + 2.0 * L4 * c[at.R5] * cos_phi)
     return L4, sign * s, cos_phi, r
 
 
 def lowest_volume(parameters: np.ndarray) -> float:
-    """Volume of a cylinder with the piston farthest in, at 45 deg [m3]; NaN where the lengths give no curve."""
+    """Volume of a cylinder with the piston farthest in [m3]; NaN where the lengths give no curve."""
     c = np.empty(at.N_CURVE)
     curve(parameters, c)
-    if not c[at.L2] * math.sin(0.25 * math.pi - c[at.ALPHA]) < c[at.L6]:
+    if not c[at.L2] * math.sin(c[at.HALF_LOBE] - c[at.ALPHA]) < c[at.L6]:
         return math.nan
     return float(volume(c[at.L2] - c[at.L6], c[at.A_P], c[at.V_OFFSET]))
+
+
+def rooms(parameters: np.ndarray) -> tuple[float, float]:
+    """Largest diameters of cylinders and of rollers that stand side by side [m].
+
+    Cylinders: where the piston's upper surface is farthest out. Rollers: as two neighbours pass a near point together.
+    """
+    c = np.empty(at.N_CURVE)
+    curve(parameters, c)
+    between = math.pi / parameters[at.N_PISTONS]
+    surface = place(0.0, c)[0] + c[at.R5] - parameters[at.LP]
+    roller = place((c[at.HALF_LOBE] - between) % c[at.LOBE_ANGLE], c)[0]
+    return 2.0 * surface * math.tan(between), 2.0 * roller * math.sin(between)
 
 
 def table(parameters: np.ndarray, psi: np.ndarray) -> dict[str, np.ndarray]:
@@ -216,7 +258,7 @@ def table(parameters: np.ndarray, psi: np.ndarray) -> dict[str, np.ndarray]:
     """
     c = np.empty(at.N_CURVE)
     curve(parameters, c)
-    rows = np.array([place(float(angle), c) for angle in np.mod(psi, at.LOBE)])
+    rows = np.array([place(float(angle), c) for angle in np.mod(psi, c[at.LOBE_ANGLE])])
     L4, sin_phi, cos_phi, r = rows.T
     return {
         "L4_m": L4,

@@ -1,21 +1,13 @@
 """Where each figure stands in the arrays that the compiled solvers take. numba treats these as constants.
 
-A parameter set is one row in SI units, in the order of `model.motor.QUANTITIES` (a test holds the two together); the
-readings of the article are a row of flags. `N_CYLINDERS` and `N_LOBES` are the machine's: Eq. 1-11 are written for four
-lobes, and seven cylinders on four lobes repeat every 1/28 turn.
+A parameter set is one row in SI units, in the order of `model.motor.QUANTITIES` (a test holds the two together), with
+the motor's counts at its end; the readings of the article are a row of flags.
 """
 
 from __future__ import annotations
 
-import math
-
 from configs.units import L_MIN as L_MIN
 from configs.units import RPM as RPM
-
-N_CYLINDERS = 7
-N_LOBES = 4
-LOBE = 2.0 * math.pi / N_LOBES  # angle of one lobe [rad]
-PULSE = LOBE / N_CYLINDERS  # angle after which the sum of the cylinders repeats [rad]
 
 # Parameters.
 R2_DIAMETER = 0
@@ -43,7 +35,9 @@ N_SOLVER_PARAMETERS = 20  # what follows (housing diameter, speed limit) enters 
 # solvers through them (model/effects). Neutral, they change no bit.
 EXTRA_TORQUE = 22  # opposes the motion, beside roller friction [N m]
 HEAT_FACTOR = 23  # times the heat of Eq. 18 [-]
-N_VECTOR = 24
+N_PISTONS = 24
+N_LOBES = 25
+N_VECTOR = 26
 NEUTRAL = (0.0, 1.0)
 
 # Readings.
@@ -53,7 +47,7 @@ FRICTION_AS_PRINTED = 2
 CONSTANT_AIR = 3
 HEAT_TRANSFER = 4
 
-# Curve: what Eq. 1-10 give from the parameters.
+# Curve: what Eq. 1-10 and the counts give from the parameters.
 L1 = 0
 L2 = 1
 L5 = 2
@@ -62,7 +56,11 @@ ALPHA = 4
 R5 = 5
 V_OFFSET = 6  # V = Ap (L4 + V_OFFSET)
 A_P = 7
-N_CURVE = 8
+HALF_LOBE = 8  # from a far point to the next near point [rad]
+LOBE_ANGLE = 9  # angle of one lobe [rad]
+PULSE_ANGLE = 10  # angle after which the sum of the cylinders repeats [rad]
+PITCH = 11  # from one cylinder to the next [rad]
+N_CURVE = 12
 
 # Gas of one operating point: R, cp, and quartics in T for viscosity and conductivity, lowest order first.
 GAS_R = 0

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -56,6 +57,7 @@ QUANTITIES: dict[str, Quantity] = {
 }
 SUFFIX = {"mm": "mm", "deg": "deg", "1": "", "N m s": "n_m_s", "kg m2": "kg_m2", "Pa": "pa", "K": "k", "rpm": "rpm"}
 SUFFIX |= {"W/(m2 K)": "w_m2k", "W/(m K)": "w_mk"}
+ROUND = ("cylinder_diameter", "roller_diameter")  # what stands side by side in the star
 
 
 class Prior(Strict):
@@ -126,26 +128,37 @@ else:
 
 
 class Motor(Strict):
-    """A radial piston motor: its parameters, and how the article is read."""
+    """A radial piston motor: its counts and parameters, and how the article is read."""
 
     format: Literal["motor/1"]
     name: str = pydantic.Field(pattern=r"^[a-z0-9_\-]{1,40}$")
     kind: Literal["radial_piston"]
     description: str = pydantic.Field(default="", max_length=300)
+    n_pistons: int = pydantic.Field(default=7, ge=3, le=15)
+    n_lobes: int = pydantic.Field(default=4, ge=2, le=8)
     readings: Readings
     parameters: Parameters
 
     @pydantic.model_validator(mode="after")
     def _is_a_motor(self) -> Motor:
-        problems = [problem for name in QUANTITIES for problem in self._problems_of(name)]
+        problems = [*self._count_problems(), *(text for name in QUANTITIES for text in self._problems_of(name))]
         if not problems:
             problems = self._geometry_problems()
         if problems:
             raise ValueError("\n".join(problems))
         return self
 
+    def _count_problems(self) -> list[str]:
+        shared = math.gcd(self.n_pistons, self.n_lobes)
+        if shared == 1:
+            return []
+        return [
+            f"n_pistons: {self.n_pistons} pistons on {self.n_lobes} lobes share the divisor {shared}, so {shared} "
+            "pistons would move as one; the model is for counts without a common divisor"
+        ]
+
     def _problems_of(self, name: str) -> list[str]:
-        quantity, parameter = QUANTITIES[name], self[name]
+        quantity, parameter = self.quantity(name), self[name]
         if parameter.unit != quantity.unit:
             return [f"parameters.{name}: the unit is '{quantity.unit}', not '{parameter.unit}'; convert the value"]
         if not quantity.low <= parameter.value <= quantity.high:
@@ -156,22 +169,33 @@ class Motor(Strict):
         return []
 
     def _geometry_problems(self) -> list[str]:
+        inmost = f"{180 / self.n_lobes:g} deg"
         if self.readings.piston_length == "roller_centre":
             lowest = geometry.lowest_volume(self.vector()) - np.pi / 4 * self.si("cylinder_diameter") ** 2 * (
                 self.si("roller_diameter") / 2
             )
             if lowest <= 0:
                 return [
-                    f"readings.piston_length: Eq. 11 as printed gives a volume of {lowest * 1e6:.2f} cm3 at 45 deg; "
+                    f"readings.piston_length: Eq. 11 as printed gives a volume of {lowest * 1e6:.2f} cm3 at {inmost}; "
                     "use 'roller_surface' (erratum 1)"
                 ]
         lowest = geometry.lowest_volume(self.vector())
         if not lowest > 0:
             return [
-                "parameters: these lengths give no curve, or a cylinder volume that is not positive at 45 deg "
+                f"parameters: these lengths give no curve, or a cylinder volume that is not positive at {inmost} "
                 f"({lowest * 1e6:.3g} cm3); check the diameters, concave_reach and piston_length"
             ]
-        return []
+        return [
+            f"parameters.{name}: {self.n_pistons} {what} of {self[name].value:g} mm do not fit side by side; "
+            f"each has room for {1e3 * room:.1f} mm"
+            for name, what, room in zip(ROUND, ("cylinders", "rollers"), geometry.rooms(self.vector()), strict=True)
+            if self.si(name) >= room
+        ]
+
+    def quantity(self, name: str) -> Quantity:
+        """Unit and bounds of a parameter in this motor: the port lap leaves each port a tenth of its half lobe."""
+        quantity = QUANTITIES[name]
+        return replace(quantity, high=min(quantity.high, 81.0 / self.n_lobes)) if name == "port_lap" else quantity
 
     def __getitem__(self, name: str) -> Parameter:
         """The parameter of that name."""
@@ -182,8 +206,8 @@ class Motor(Strict):
         return float(self[name].value * QUANTITIES[name].to_si)
 
     def vector(self) -> np.ndarray:
-        """All parameters in SI units, shape (24,), in the order of `QUANTITIES`, and behind them `layout.NEUTRAL`."""
-        return np.array([*(self.si(name) for name in QUANTITIES), *layout.NEUTRAL])
+        """All parameters in SI units, shape (26,): those of `QUANTITIES` in order, `layout.NEUTRAL`, and the counts."""
+        return np.array([*(self.si(name) for name in QUANTITIES), *layout.NEUTRAL, self.n_pistons, self.n_lobes])
 
     def with_values(self, values: Mapping[str, float]) -> Motor:
         """A motor with some values changed.

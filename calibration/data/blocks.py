@@ -91,13 +91,14 @@ class Blocks:
     measured: Measurement
 
 
-def blocks_of(recording: Recording) -> Blocks:
-    """The parts of a recording.
+def blocks_of(recording: Recording, pulse_rad: float) -> Blocks:
+    """The parts of a recording; `pulse_rad`: angle of a pulse of the motor's cylinders.
 
     Raises RecordingError when it has neither plateaus, nor runs in time that can be used, nor zero rows of the gauge.
     """
     measured = gather(recording, needs_plateaus=all(file.kind == "steady" for file in recording.files))
-    every = [run_of(file, recording) for file in recording.files if file.kind == "transient" and turns(recording, file)]
+    in_time = [file for file in recording.files if file.kind == "transient" and turns(recording, file)]
+    every = [run_of(file, recording, pulse_rad) for file in in_time]
     plateaus = _plateaus(recording, measured)
     runs = tuple(_told(run, plateaus) for run in every if int(run.used.sum()) >= FEWEST_SAMPLES)
     vented = _vented(recording)

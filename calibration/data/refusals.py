@@ -12,7 +12,8 @@ from calibration.data.runs_in_time import lone_zeros, release, turns
 from calibration.unknowns.priors import at_ambient
 from configs.units import BAR
 from model import geometry
-from model.layout import LOBE, N_CYLINDERS, N_LOBES, RPM
+from model import layout as at
+from model.layout import RPM
 from model.motor import Motor, read_motor
 from model.solvers import steady
 from rig.recording import Recording, RecordingError
@@ -235,9 +236,9 @@ def _wrong_way(time: np.ndarray, speed: np.ndarray, begin: int, end: int, is_ope
 
 
 def swept_volume(parameters: np.ndarray) -> float:
-    """What the cylinders sweep in a turn [m3]. `parameters`, shape (24,): one parameter set [SI]."""
-    volumes = geometry.table(parameters, np.linspace(0.0, LOBE, ANGLES))["V_m3"]
-    return float(np.ptp(volumes)) * N_CYLINDERS * N_LOBES
+    """What the cylinders sweep in a turn [m3]. `parameters`, shape (26,): one parameter set [SI]."""
+    volumes = geometry.table(parameters, np.linspace(0.0, geometry.lobe_angle(parameters), ANGLES))["V_m3"]
+    return float(np.ptp(volumes)) * float(parameters[at.N_PISTONS] * parameters[at.N_LOBES])
 
 
 def refuse_starved(recording: Recording) -> None:

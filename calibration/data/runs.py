@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.data.runs_in_time import lone_zeros, repeated
 from configs.units import BAR
-from model.layout import PULSE, RPM
+from model.layout import RPM
 from model.solvers.transient import Supply
 from rig.recording import Channel, Recording, RecordingError, RecordingFile
 from rig.recording.columns import pressure_in
@@ -99,8 +99,11 @@ class RunInTime:
         return float(self.time[self.used][-1]) if self.used.any() else float(self.time[-1])
 
 
-def run_of(file: RecordingFile, recording: Recording) -> RunInTime:
-    """A transient file as arrays. Raises RecordingError: without a clock, a speed or a pressure."""
+def run_of(file: RecordingFile, recording: Recording, pulse_rad: float) -> RunInTime:
+    """A transient file as arrays; `pulse_rad`: angle of a pulse of the motor's cylinders.
+
+    Raises RecordingError: without a clock, a speed or a pressure.
+    """
     name, gauge = pressure_in(file.columns)
     if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:
         raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")
@@ -120,7 +123,7 @@ def run_of(file: RecordingFile, recording: Recording) -> RunInTime:
         begin = _at_the_tooth_before(time, begin, speed, tachometer.pulses_per_rev)
     row, scale = np.flatnonzero(sampled) + 1, np.full(time.size, file.noise_scale)
     if window is None:
-        time, begin, speed, row, scale = _by_pulses(time, begin, speed, row, scale)
+        time, begin, speed, row, scale = _by_pulses(time, begin, speed, row, scale, pulse_rad)
     elif tachometer.noise_sd:
         scale = np.hypot(scale, _asked_late(time, speed, tachometer) / tachometer.noise_sd)
     used = _useful(speed, time, begin, valve, from_rest)
@@ -162,7 +165,7 @@ def _at_the_tooth_before(time: np.ndarray, begin: np.ndarray, speed: np.ndarray,
 
 
 def _by_pulses(
-    time: np.ndarray, begin: np.ndarray, speed: np.ndarray, row: np.ndarray, scale: np.ndarray
+    time: np.ndarray, begin: np.ndarray, speed: np.ndarray, row: np.ndarray, scale: np.ndarray, pulse_rad: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Samples one after the other taken together until the shaft has turned by most of a pulse of the cylinders.
 
@@ -173,7 +176,7 @@ def _by_pulses(
     since, last = turned[0] if time.size else 0.0, 0
     gap = np.append(False, begin[1:] > time[:-1] + 1e-9)
     for k in range(1, time.size):
-        full = turned[k - 1] - since >= LEAST_PULSE * PULSE
+        full = turned[k - 1] - since >= LEAST_PULSE * pulse_rad
         if full or speed[k] == 0.0 or speed[k - 1] == 0.0 or k == 1 or gap[k]:
             last += 1
             since = turned[k - 1]

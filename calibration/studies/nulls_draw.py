@@ -22,7 +22,7 @@ from calibration.unknowns.priors import CHANNELS, OfRun
 from model.effects.effect import unknown_state
 from model.effects.laws import readings_of
 from model.effects.transient import simulate
-from model.layout import PULSE
+from model.geometry import pulse_angle
 from model.solvers.crank_angle import THETA
 from model.solvers.transient import rest_state
 from rig.recording import Ambient, Channel, Column, Recording, RecordingFile
@@ -158,7 +158,7 @@ def _speeds(problem: Problem, i: int, z: np.ndarray, chosen: Chosen, rng: np.ran
     run, split = problem.blocks.runs[i], problem.split(z)
     planned, angle = (
         problem.plan(i, split, {name: dict(values) for name, values in chosen.items()}),
-        float(rng.uniform(0.0, PULSE)),
+        float(rng.uniform(0.0, pulse_angle(problem.motor.vector()))),
     )
     start = rest_state(problem.motor, angle) if run.from_rest else planned.start.copy()
     start[THETA] = angle

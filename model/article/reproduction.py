@@ -132,7 +132,7 @@ def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
         friction_rpm=np.array([averaged_speeds(motor, SWEEP_PA, f_overall=f) for f in FRICTIONS]),
         diameters_mm=diameters,
         diameter_rpm=np.array([averaged_speeds(motor, SWEEP_PA, cylinder_diameter=d) for d in diameters]),
-        cycle=last_cycle(run),
+        cycle=last_cycle(run, geometry.lobe_angle(motor.vector())),
         step_rows=study_steps(motor),
         peak_rows=tuple(peaks(motor, dt) for dt in TIME_STEPS_S),
         measured=measured,
@@ -177,20 +177,22 @@ def best_friction(motor: Motor, measured: Measured, rounds: int = 4) -> float:
     return f
 
 
-def last_cycle(run: March) -> March:
+def last_cycle(run: March, lobe_rad: float) -> March:
     """The last whole cycle of the first cylinder, its angle counted from the start of the lobe.
 
     Parameters
     ----------
     run : March
         A run with at least two lobes in it.
+    lobe_rad : float
+        Angle of a lobe [rad].
     """
-    lobe = np.floor(run.angle_rad / at.LOBE)
+    lobe = np.floor(run.angle_rad / lobe_rad)
     last = lobe == lobe[-1] - 1
     return March(
         time_s=run.time_s[last],
         speed_rad_s=run.speed_rad_s[last],
-        angle_rad=run.angle_rad[last] % at.LOBE,
+        angle_rad=run.angle_rad[last] % lobe_rad,
         pressure_pa=run.pressure_pa[last],
         mass_kg=run.mass_kg[last],
         inlet_kg_s=run.inlet_kg_s[last],

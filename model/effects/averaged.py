@@ -55,7 +55,7 @@ def speeds(
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
+    parameters : ndarray, shape (26,)
         Base parameters [SI].
     supply : sequence of Supply, or ndarray, shape (n, 3)
         The line, true pressures; as rows of start [s], pressure [Pa], and 1 where it is open.

@@ -68,7 +68,7 @@ def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
 
     Parameters
     ----------
-    parameters : ndarray, shape (..., 24)
+    parameters : ndarray, shape (..., 26)
         Parameter sets [SI].
     """
     for effect, values in members(chosen):
@@ -178,11 +178,11 @@ def _add_torques(rows: np.ndarray, torques: np.ndarray, speed: np.ndarray, load:
 def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_friction: float = -np.inf) -> np.ndarray:
     """Parameters of each row with the set's torques and pressure losses in them, at the state as it stands.
 
-    Returns an array, shape (n, 24): a copy.
+    Returns an array, shape (n, 26): a copy.
 
     Parameters
     ----------
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         With the factors on them [SI].
     least_friction : float
         Share of f_overall that is left where a torque falls with speed [-]; unbounded when left out.
@@ -209,7 +209,7 @@ def add_losses(rows: np.ndarray, those: Members, state: State) -> None:
 
     Parameters
     ----------
-    rows : ndarray, shape (n, 24)
+    rows : ndarray, shape (n, 26)
         Parameters [SI], changed.
     those : list of (Effect, mapping)
         Of `members`.

@@ -28,7 +28,7 @@ class Neighbourhood:
     state : State
         The solution, of `model.effects.steady.solve`. Rows of it that stall, or that a pass does not lead back to, are
         solved in full each time.
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         Base parameters of each row [SI].
     readings : ndarray, shape (5,)
         `model.motor.Readings.vector`.
@@ -76,7 +76,7 @@ class Neighbourhood:
 
         Parameters
         ----------
-        parameters : ndarray, shape (n, 24)
+        parameters : ndarray, shape (n, 26)
             Base parameters of each row [SI].
         pressures : ndarray, shape (n,)
             True line pressures [Pa].

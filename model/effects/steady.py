@@ -61,7 +61,7 @@ def solve(
 
     Parameters
     ----------
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         Base parameters of each row [SI].
     pressures : ndarray, shape (n,)
         True line pressures [Pa].
@@ -120,7 +120,7 @@ def given_state(parameters: np.ndarray, pressures: np.ndarray, gas: np.ndarray, 
 
     Parameters
     ----------
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         With the effects' factors on them [SI].
     pressures : ndarray, shape (n,)
         True line pressures [Pa].
@@ -153,7 +153,7 @@ def one_pass(
 
     Parameters
     ----------
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         With the effects' factors on them [SI].
     state : State
         At which the laws are taken.

@@ -74,13 +74,13 @@ def simulate(
 
     Parameters
     ----------
-    parameters : ndarray, shape (24,)
+    parameters : ndarray, shape (26,)
         Base parameters [SI].
     supply : sequence of Supply
         The line, true pressures.
     time : ndarray, shape (n,)
         Increasing sample times [s]; the first is the start.
-    start : ndarray, shape (23,)
+    start : ndarray, shape (9 + 2 n,)
         State at the start.
     clock : float
         Time of the recording's clock at time 0 of the run [s].
@@ -206,7 +206,7 @@ def _ahead(
 
 
 def _row(case: _Case, those: laws.Members, state: State, speed: float) -> np.ndarray:
-    """Parameters with the tangent of these torques in them, shape (1, 24)."""
+    """Parameters with the tangent of these torques in them, shape (1, 26)."""
     row = case.parameters[None, :].copy()
     if those:
         T = laws.sum_of_torques(those, state, np.full(3, speed < 0.0))
@@ -265,8 +265,8 @@ def _fill(state: State, y: np.ndarray, flow: float, case: _Case, start: float, e
 def _load(y: np.ndarray, curve: np.ndarray, ambient: float) -> float:
     """Roller torque per unit of f_r, Eq. 25, at the cylinders' present pressures [N m]."""
     total = 0.0
-    for i in range(at.N_CYLINDERS):
-        psi = (y[THETA] + i * 4.0 * at.PULSE) % at.LOBE
+    for i in range((y.size - P0) // 2):
+        psi = (y[THETA] + i * curve[at.PITCH]) % curve[at.LOBE_ANGLE]
         _, _, cos_phi, r = geometry.place(psi, curve)
         total += motion.roller_torque(
             abs(motion.piston_force(curve[at.A_P], y[P0 + i], ambient)), 1.0, cos_phi, r, True

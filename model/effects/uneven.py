@@ -43,7 +43,7 @@ def share_of_speed(parameters: np.ndarray, chosen: laws.Chosen, speed: np.ndarra
 
     Parameters
     ----------
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         Base parameters of each row [SI].
     chosen : mapping
         Effect id to the values of its parameters, one value for all rows.

@@ -11,7 +11,6 @@ from 0 K. With P V = m R T, Eq. 12 and its rearrangements 13-15 become one rate 
 from __future__ import annotations
 
 import functools
-import math
 
 import numpy as np
 from numba import njit
@@ -33,20 +32,22 @@ DRY_K = np.polynomial.Polynomial.fit(_T_FIT, transport.sutherland_conductivity(_
 
 
 @njit(error_model="numpy", cache=True)
-def port_at(psi: float, lap: float) -> int:
+def port_at(psi: float, lap: float, lobe: float) -> int:
     """Which port a cylinder sees at an angle: OUTLET, INLET or CLOSED.
 
     Parameters
     ----------
     psi : float
-        Cylinder angle within a lobe, 0..pi/2 [rad].
+        Cylinder angle within a lobe [rad].
     lap : float
         Closed angle on each side of both dead centres [rad].
+    lobe : float
+        Angle of a lobe [rad].
     """
-    half = 0.25 * math.pi
+    half = 0.5 * lobe
     if lap <= psi < half - lap:
         return OUTLET
-    if half + lap <= psi < at.LOBE - lap:
+    if half + lap <= psi < lobe - lap:
         return INLET
     return CLOSED
 

@@ -55,13 +55,13 @@ def place_nodes(
     node : ndarray, shape (24, 11)
         Filled.
     """
-    A_p, lap, half = c[at.A_P], parameters[at.LAP], 0.25 * math.pi
+    A_p, lap, half, lobe = c[at.A_P], parameters[at.LAP], c[at.HALF_LOBE], c[at.LOBE_ANGLE]
     virtual_work = readings[at.VIRTUAL_WORK] > 0.0
-    ends = np.array([lap, half - lap, half, half + lap, at.LOBE - lap, at.LOBE, at.LOBE + lap])
+    ends = np.array([lap, half - lap, half, half + lap, lobe - lap, lobe, lobe + lap])
     for n in range(N_NODES):
         s = n // N_GAUSS
         span = ends[s + 1] - ends[s]
-        psi = (ends[s] + span * GAUSS_POINT[n % N_GAUSS]) % at.LOBE
+        psi = (ends[s] + span * GAUSS_POINT[n % N_GAUSS]) % lobe
         L4, sin_phi, cos_phi, r = geometry.place(psi, c)
         V = geometry.volume(L4, A_p, c[at.V_OFFSET])
         reach = L4 * sin_phi / cos_phi
@@ -77,9 +77,9 @@ def place_nodes(
         node[n, LOG_V] = math.log(V)
         node[n, V_POWER] = math.exp(-gamma * node[n, LOG_V])
         node[n, SPAN] = span
-        node[n, PHASE] = psi % at.PULSE
+        node[n, PHASE] = psi % c[at.PULSE_ANGLE]
     V_low = geometry.volume(geometry.place(half - lap, c)[0], A_p, c[at.V_OFFSET])
-    V_high = geometry.volume(geometry.place(at.LOBE - lap, c)[0], A_p, c[at.V_OFFSET])
+    V_high = geometry.volume(geometry.place(lobe - lap, c)[0], A_p, c[at.V_OFFSET])
     return V_low, V_high
 
 
@@ -104,7 +104,7 @@ def heat_per_angle(
         Pressure [Pa], temperature [K] and speed [rad/s].
     node : ndarray, shape (11,)
         The point.
-    parameters, gas : ndarray, shapes (24,) and (12,)
+    parameters, gas : ndarray, shapes (26,) and (12,)
         Parameter set and gas.
     printed : bool
         The wall's resistance as printed (erratum 2).
@@ -164,7 +164,7 @@ def pass_cycle(
         Volumes at the port edges [m3].
     table_gamma : float
         Ratio of specific heats that the points were placed with [-].
-    parameters, readings, node, gas : ndarray, shapes (24,), (5,), (24, 11) and (12,)
+    parameters, readings, node, gas : ndarray, shapes (26,), (5,), (24, 11) and (12,)
         Parameter set, readings, points and gas.
     stage : ndarray, shape (24,)
         What heat adds at the points: to T [K] in discharge, to P V^gamma when closed, to the mass [kg] in suction.
@@ -275,7 +275,7 @@ def _closed(
 
 @njit(error_model="numpy", cache=True)
 def friction_below_ambient(
-    P_s: float, P_a: float, gamma: float, V_high: float, f_r: float, readings: np.ndarray, node: np.ndarray
+    P_s: float, gamma: float, V_high: float, parameters: np.ndarray, readings: np.ndarray, node: np.ndarray
 ) -> float:
     """Mean torque that roller friction takes beyond f_r F, where a closed cylinder falls below P_a (erratum 5) [N m].
 
@@ -283,21 +283,22 @@ def friction_below_ambient(
 
     Parameters
     ----------
-    P_s, P_a : float
-        Pressure in suction and of the ambient [Pa].
+    P_s : float
+        Pressure in suction [Pa].
     gamma : float
         Ratio of specific heats that the points were placed with [-].
     V_high : float
         Volume when the inlet shuts [m3].
-    readings, node : ndarray, shapes (5,) and (24, 11)
-        Readings and points.
+    parameters, readings, node : ndarray, shapes (26,), (5,) and (24, 11)
+        Parameter set, readings and points.
     """
     if readings[at.FRICTION_AS_PRINTED] > 0.0:
         return 0.0
+    P_a, f_r = parameters[at.P_A], parameters[at.F_R]
     power = math.exp(gamma * math.log(V_high))
     lost = 0.0
     for n in range(4 * N_GAUSS, N_NODES):
         F = P_s * node[n, V_POWER] * power - P_a
         if F < 0.0:
             lost -= 2.0 * node[n, SPAN] * GAUSS_WEIGHT[n % N_GAUSS] * F * f_r * node[n, ARM_ROLL]
-    return lost * at.N_CYLINDERS / at.LOBE
+    return lost * parameters[at.N_PISTONS] / geometry.lobe_angle(parameters)

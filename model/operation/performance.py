@@ -40,7 +40,7 @@ class OperatingPoint:
     pressure_bar_abs, speed_rpm, flow_l_min, mass_flow_kg_s : float
         Inlet pressure, mean speed, mean flow at inlet pressure and temperature, and as mass.
     speed_ripple_rpm : float
-        Peak to peak, 28 pulses a turn.
+        Peak to peak, within a pulse.
     torque_reading : str
         The reading of Eq. 25 that the torques and ``indicated_power_w`` are in.
     gas_torque_nm, roller_torque_nm, f_overall_torque_nm : float

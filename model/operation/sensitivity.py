@@ -83,7 +83,7 @@ def sensitivities(motor: Motor, pressures: Sequence[float]) -> list[Sensitivity]
 def _percent_pair(motor: Motor, name: str) -> Pair:
     """The values of the central difference, kept within the parameter's bounds."""
     value = motor[name].value
-    return _bounded(name, value * (1.0 - RELATIVE_STEP), value * (1.0 + RELATIVE_STEP))
+    return _bounded(motor, name, value * (1.0 - RELATIVE_STEP), value * (1.0 + RELATIVE_STEP))
 
 
 def _prior_pair(motor: Motor, name: str) -> Pair:
@@ -91,9 +91,9 @@ def _prior_pair(motor: Motor, name: str) -> Pair:
     value, prior = motor[name].value, motor[name].prior
     assert prior is not None  # noqa: S101
     if prior.kind == "normal":
-        return _bounded(name, value - prior.sd, value + prior.sd)  # type: ignore[operator]
+        return _bounded(motor, name, value - prior.sd, value + prior.sd)  # type: ignore[operator]
     ratio = math.exp(_log_sd(prior))
-    return _bounded(name, value / ratio, value * ratio)
+    return _bounded(motor, name, value / ratio, value * ratio)
 
 
 def _log_sd(prior: Prior) -> float:
@@ -103,8 +103,9 @@ def _log_sd(prior: Prior) -> float:
     return math.log(prior.high / prior.low) / math.sqrt(12.0)  # type: ignore[operator]
 
 
-def _bounded(name: str, low: float, high: float) -> Pair:
-    return max(low, QUANTITIES[name].low), min(high, QUANTITIES[name].high)
+def _bounded(motor: Motor, name: str, low: float, high: float) -> Pair:
+    quantity = motor.quantity(name)
+    return max(low, quantity.low), min(high, quantity.high)
 
 
 def _in_words(motor: Motor, name: str) -> str:

@@ -13,11 +13,11 @@ take a sixth less time, and what comes out of a division by 0 is told by its sta
 
 Parameters
 ----------
-y : ndarray, shape (23,)
-    State of the motor [SI], laid out as in `crank_angle`.
-work : ndarray, shape (6, 23)
+y : ndarray, shape (9 + 2 n,)
+    State of the motor [SI], laid out as in `crank_angle`, of a motor with n cylinders.
+work : ndarray, shape (6, 9 + 2 n)
     Rates k1..k4 (``work[0]`` the rate at the start), the state at the end, and scratch.
-port : ndarray, shape (7,)
+port : ndarray, shape (n,)
     Which port each cylinder sees: OUTLET, INLET or CLOSED.
 sense : float
     Direction of motion that friction opposes, +1 or -1 [-].

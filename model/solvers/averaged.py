@@ -82,13 +82,13 @@ def torques_of_line(
     gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
     pulse.tabulate(parameters, readings, gamma, c, table)
     V_low, V_high = heat_cycle.place_nodes(parameters, readings, gamma, c, node)
-    P_a, f_r = parameters[at.P_A], parameters[at.F_R]
+    P_a, f_r, period = parameters[at.P_A], parameters[at.F_R], c[at.PULSE_ANGLE]
     P_d = P_a + parameters[at.DP_OUT]
     for k in range(pressures.size):
         stage = np.zeros(heat_cycle.N_NODES)
         P_s = pressures[k] - parameters[at.DP_IN]
-        net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, 0.0, f_r, table, steps)
-        lost = heat_cycle.friction_below_ambient(P_s, P_a, gamma, V_high, f_r, readings, node)
+        net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, 0.0, f_r, period, table, steps)
+        lost = heat_cycle.friction_below_ambient(P_s, gamma, V_high, parameters, readings, node)
         T_first = parameters[at.T_IN] * min(P_d / P_s, 1.0) ** (1.0 - 1.0 / gamma)
         T, m_in = T_first, 0.0
         for i in range(omega.size):
@@ -106,12 +106,12 @@ def torques_of_line(
                 stage[:] = 0.0
                 out[k, i, NET] = np.nan
                 continue
-            out[k, i, NET] = net - lost + np.sum(work) / at.PULSE
-            out[k, i, MASS_FLOW] = m_in / at.PULSE * omega[i]
+            out[k, i, NET] = net - lost + np.sum(work) / period
+            out[k, i, MASS_FLOW] = m_in / period * omega[i]
             out[k, i, LOAD] = (gas_torque - net + lost) / max(f_r, 1e-9)
         for i in range(omega.size - 2, -1, -1):  # there the gas has the wall's temperature, as at the next speed
             if not np.isfinite(out[k, i, NET]):
                 out[k, i] = out[k, i + 1]
                 out[k, i, MASS_FLOW] *= omega[i] / omega[i + 1]
-        slopes[k, 0] = pulse.gain(table, pulse.GAS_S, pulse.ROLL_S, f_r)
-        slopes[k, 1] = pulse.gain(table, pulse.GAS_D, pulse.ROLL_D, f_r)
+        slopes[k, 0] = pulse.gain(table, pulse.GAS_S, pulse.ROLL_S, f_r, period)
+        slopes[k, 1] = pulse.gain(table, pulse.GAS_D, pulse.ROLL_D, f_r, period)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
 
@@ -12,30 +10,28 @@ from model import layout as at
 from model.gas.cylinder import CLOSED, INLET, closed_rate, open_flow, phase_of
 from model.gas.heat_transfer import cylinder_heat
 
-# State vector: angle, speed, pressures, temperatures, then what has passed since the start.
+# State vector: angle, speed, what has passed since the start, then the cylinders' pressures and their temperatures.
 THETA = 0
 OMEGA = 1
-P0 = 2
-T0 = P0 + at.N_CYLINDERS
-M_IN = T0 + at.N_CYLINDERS  # mass in through the inlet [kg]
+M_IN = 2  # mass in through the inlet [kg]
 M_OUT = M_IN + 1  # mass out through the outlet [kg]
 H_IN = M_OUT + 1  # enthalpy in through the inlet [J]
 H_OUT = H_IN + 1  # enthalpy out through the outlet [J]
 Q_IN = H_OUT + 1  # heat into the gas [J]
 W_GAS = Q_IN + 1  # work of the gas torque on the rotor [J]
 W_ROLLER = W_GAS + 1  # work lost in roller friction [J]
-N_STATE = W_ROLLER + 1
+P0 = W_ROLLER + 1  # pressure of the first cylinder [Pa]; behind the last one's, their temperatures [K]
 N_EDGES = 8
 
 
 @njit(error_model="numpy", cache=True)
 def edges(parameters: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Rotor angles within 1/28 turn where some cylinder passes a port edge, an arc junction or a dead centre [rad]."""
-    lap, half = parameters[at.LAP], 0.25 * math.pi
+    """Rotor angles within a pulse where some cylinder passes a port edge, an arc junction or a dead centre [rad]."""
+    lap, half, lobe = parameters[at.LAP], c[at.HALF_LOBE], c[at.LOBE_ANGLE]
     psi = np.array(
-        [lap, half - lap, half + lap, at.LOBE - lap, c[at.ALPHA], at.LOBE - c[at.ALPHA], half, 0.0], dtype=np.float64
+        [lap, half - lap, half + lap, lobe - lap, c[at.ALPHA], lobe - c[at.ALPHA], half, 0.0], dtype=np.float64
     )
-    edge = np.sort(psi % at.PULSE)
+    edge = np.sort(psi % c[at.PULSE_ANGLE])
     for i in range(1, N_EDGES):  # edges that coincide are set apart by what no one can see
         edge[i] = max(edge[i], edge[i - 1] + 1e-9)
     return edge
@@ -60,17 +56,18 @@ def rates(
 
     Parameters
     ----------
-    y, dy : ndarray, shape (23,)
+    y, dy : ndarray, shape (9 + 2 n,)
         State [SI] and, filled, its rate.
     """
     R, cp = gas[at.GAS_R], gas[at.GAS_CP]
     gamma = cp / (cp - R)
     A_p, omega = c[at.A_P], y[OMEGA]
+    T0 = P0 + port.size
     drive = 0.0
     friction = 0.0
-    dy[M_IN:] = 0.0
-    for i in range(at.N_CYLINDERS):
-        psi = (y[THETA] + i * (4.0 * at.PULSE)) % at.LOBE
+    dy[M_IN:P0] = 0.0
+    for i in range(port.size):
+        psi = (y[THETA] + i * c[at.PITCH]) % c[at.LOBE_ANGLE]
         L4, sin_phi, cos_phi, r = geometry.place(psi, c)
         V = geometry.volume(L4, A_p, c[at.V_OFFSET])
         dL4dt = L4 * sin_phi / cos_phi * omega

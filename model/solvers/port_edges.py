@@ -17,7 +17,6 @@ from model.solvers.crank_angle import (
     M_OUT,
     OMEGA,
     P0,
-    T0,
     THETA,
     runge_kutta,
 )
@@ -91,25 +90,30 @@ def locate(
 
 
 @njit(error_model="numpy", cache=True)
-def take_port(y: np.ndarray, i: int, which: int, P_p: float, T_p: float, c: np.ndarray, gas: np.ndarray) -> None:
+def take_port(
+    y: np.ndarray, i: int, which: int, P_p: float, T_p: float, n: int, c: np.ndarray, gas: np.ndarray
+) -> None:
     """Cylinder ``i`` takes the pressure of a port at once; the exchange is booked.
 
     Parameters
     ----------
-    y : ndarray, shape (23,)
+    y : ndarray, shape (9 + 2 n,)
         State [SI], changed.
     i, which : int
         Cylinder, and OUTLET or INLET.
     P_p, T_p : float
         Pressure [Pa] and temperature [K] behind the port.
+    n : int
+        Cylinders [-].
     """
-    psi = (y[THETA] + i * (4.0 * at.PULSE)) % at.LOBE
+    P, T = P0 + i, P0 + n + i
+    psi = (y[THETA] + i * c[at.PITCH]) % c[at.LOBE_ANGLE]
     L4, _, _, _ = geometry.place(psi, c)
     V = geometry.volume(L4, c[at.A_P], c[at.V_OFFSET])
     R, cp = gas[at.GAS_R], gas[at.GAS_CP]
-    U = (cp - R) / R * y[P0 + i] * V
-    y[T0 + i], dm = open_port(y[P0 + i], y[T0 + i], V, P_p, T_p, gas)
-    y[P0 + i] = P_p
+    U = (cp - R) / R * y[P] * V
+    y[T], dm = open_port(y[P], y[T], V, P_p, T_p, gas)
+    y[P] = P_p
     dU = (cp - R) / R * P_p * V - U
     if which == INLET:
         y[M_IN] += dm
@@ -134,9 +138,9 @@ def set_ports(
 
     Parameters
     ----------
-    y : ndarray, shape (23,)
+    y : ndarray, shape (9 + 2 n,)
         State [SI], changed.
-    port : ndarray, shape (7,)
+    port : ndarray, shape (n,)
         Ports, changed.
     mid : float
         An angle inside the interval that begins [rad].
@@ -145,7 +149,8 @@ def set_ports(
     lap : float
         Port lap [rad].
     """
-    for i in range(at.N_CYLINDERS):
-        port[i] = port_at((mid + i * (4.0 * at.PULSE)) % at.LOBE, lap)
+    lobe = c[at.LOBE_ANGLE]
+    for i in range(port.size):
+        port[i] = port_at((mid + i * c[at.PITCH]) % lobe, lap, lobe)
         if port[i] != CLOSED and y[P0 + i] != P_port[port[i]]:
-            take_port(y, i, port[i], P_port[port[i]], T_port[port[i]], c, gas)
+            take_port(y, i, port[i], P_port[port[i]], T_port[port[i]], port.size, c, gas)

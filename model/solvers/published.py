@@ -1,4 +1,4 @@
-"""The article's own algorithm (section 2.4 and 3), kept plain: explicit steps of 75 us, seven cylinders.
+"""The article's own algorithm (section 2.4 and 3), kept plain: explicit steps of 75 us.
 
 Each step solves the motion from the old gas state, moves the angle, then the volume, the phase and the gas. It is the
 reference that the other solvers are held to, and it carries the article's own error: 0.3 % in speed, most of it
@@ -75,12 +75,12 @@ def march_kernel(
         Filled with speed [rad/s], angle [rad], pressure [Pa] and mass [kg] of the first cylinder, inlet and outlet
         flow of all [kg/s].
     """
-    n = at.N_CYLINDERS
+    n, lobes = int(parameters[at.N_PISTONS]), parameters[at.N_LOBES]
     c = np.empty(at.N_CURVE)
     geometry.curve(parameters, c)
     R, cp = gas[at.GAS_R], gas[at.GAS_CP]
     cv = cp - R
-    A_p, lap, P_a = c[at.A_P], parameters[at.LAP], parameters[at.P_A]
+    A_p, lap, P_a, lobe = c[at.A_P], parameters[at.LAP], parameters[at.P_A], c[at.LOBE_ANGLE]
     P_port = np.array([P_a + parameters[at.DP_OUT], P_in - parameters[at.DP_IN]])
     T_port = np.array([parameters[at.T_A], parameters[at.T_IN]])
     virtual_work = readings[at.VIRTUAL_WORK] > 0.0
@@ -96,10 +96,10 @@ def march_kernel(
     flow = np.zeros(n)
     port = np.empty(n, np.int64)
     for i in range(n):
-        psi = (i * at.LOBE * 4.0 / n) % at.LOBE
+        psi = (i * lobe * lobes / n) % lobe
         L4, _, _, _ = geometry.place(psi, c)
         V[i] = geometry.volume(L4, A_p, c[at.V_OFFSET])
-        port[i] = port_at(psi, lap)
+        port[i] = port_at(psi, lap, lobe)
         if port[i] == INLET:
             T[i], _ = open_port(P[i], T[i], V[i], P_port[INLET], T_port[INLET], gas)
             P[i] = P_port[INLET]
@@ -112,7 +112,7 @@ def march_kernel(
         drive = 0.0
         friction = 0.0
         for i in range(n):
-            L4, sin_phi, cos_phi, r = geometry.place((theta + i * at.LOBE * 4.0 / n) % at.LOBE, c)
+            L4, sin_phi, cos_phi, r = geometry.place((theta + i * lobe * lobes / n) % lobe, c)
             F = motion.piston_force(A_p, P[i], P_a)
             drive += F * motion.gas_arm(L4, sin_phi, cos_phi, r, virtual_work)
             friction += motion.roller_torque(F, parameters[at.F_R], cos_phi, r, as_printed)
@@ -125,11 +125,11 @@ def march_kernel(
         # Volume, phase and gas, at the new angle.
         through = np.zeros(2)
         for i in range(n):
-            psi = (theta + i * at.LOBE * 4.0 / n) % at.LOBE
+            psi = (theta + i * lobe * lobes / n) % lobe
             L4, sin_phi, cos_phi, _ = geometry.place(psi, c)
             V_new = geometry.volume(L4, A_p, c[at.V_OFFSET])
             dV = V_new - V[i]
-            now = port_at(psi, lap)
+            now = port_at(psi, lap, lobe)
             Q = 0.0
             if heated:
                 V_p = abs(L4 * sin_phi / cos_phi * omega)

@@ -1,4 +1,4 @@
-"""The torque over one of the 28 pulses a turn, and the ripple of the speed that it makes.
+"""The torque over one pulse, 28 a turn for seven pistons on four lobes, and the ripple of the speed that it makes.
 
 With the ports open a cylinder stands at the port's pressure; without heat a closed one follows P V^gamma. So the torque
 at every angle is linear in P_s, P_d and P_a, and its integrals over small steps of angle are tabulated once for a
@@ -41,29 +41,30 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
     table : ndarray, shape (n_steps, 11)
         Filled.
     """
-    A_p, lap, half = c[at.A_P], parameters[at.LAP], 0.25 * math.pi
+    A_p, lap, half, lobe = c[at.A_P], parameters[at.LAP], c[at.HALF_LOBE], c[at.LOBE_ANGLE]
+    pulse, n = c[at.PULSE_ANGLE], int(parameters[at.N_PISTONS])
     virtual_work = readings[at.VIRTUAL_WORK] > 0.0
     V_low = geometry.volume(geometry.place(half - lap, c)[0], A_p, c[at.V_OFFSET])
-    V_high = geometry.volume(geometry.place(at.LOBE - lap, c)[0], A_p, c[at.V_OFFSET])
+    V_high = geometry.volume(geometry.place(lobe - lap, c)[0], A_p, c[at.V_OFFSET])
     edge = edges(parameters, c)
     table[:] = 0.0
     for step in range(N_STEPS):
         k = step // STEPS_PER_EDGE
-        hi = edge[k + 1] if k < N_EDGES - 1 else edge[0] + at.PULSE
+        hi = edge[k + 1] if k < N_EDGES - 1 else edge[0] + pulse
         width = (hi - edge[k]) / STEPS_PER_EDGE
         row = table[step]
         row[WIDTH] = width
         for g in range(2):
             th = edge[k] + width * (step % STEPS_PER_EDGE + 0.5 + (GAUSS if g else -GAUSS))
-            for i in range(at.N_CYLINDERS):
-                psi = (th + i * at.PULSE) % at.LOBE
+            for i in range(n):
+                psi = (th + i * pulse) % lobe
                 L4, sin_phi, cos_phi, r = geometry.place(psi, c)
                 weight = 0.5 * width * A_p
                 gas_arm = weight * motion.gas_arm(L4, sin_phi, cos_phi, r, virtual_work)
                 roll_arm = weight * cos_phi * r
                 row[GAS_A] += gas_arm
                 row[ROLL_A] += roll_arm
-                port = port_at(psi, lap)
+                port = port_at(psi, lap, lobe)
                 if port == INLET:
                     row[GAS_S] += gas_arm
                     row[ROLL_S] += roll_arm
@@ -72,7 +73,7 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
                     row[ROLL_D] += roll_arm
                 else:
                     V = geometry.volume(L4, A_p, c[at.V_OFFSET])
-                    inner = lap <= psi < at.LOBE - lap  # shut at P_d around the inner dead centre, at P_s the outer
+                    inner = lap <= psi < lobe - lap  # shut at P_d around the inner dead centre, at P_s the outer
                     log = math.log((V_low if inner else V_high) / V)
                     rise = math.exp(gamma * log)
                     if inner:
@@ -91,7 +92,14 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
 
 @njit(error_model="numpy", cache=True)
 def torque_steps(
-    P_s: float, P_d: float, P_a: float, d_gamma: float, f_r: float, table: np.ndarray, step_work: np.ndarray
+    P_s: float,
+    P_d: float,
+    P_a: float,
+    d_gamma: float,
+    f_r: float,
+    pulse: float,
+    table: np.ndarray,
+    step_work: np.ndarray,
 ) -> tuple[float, float]:
     """Adiabatic torque at given pressures.
 
@@ -103,6 +111,8 @@ def torque_steps(
         Pressure in suction, in discharge and of the ambient [Pa].
     d_gamma : float
         The point's gamma less the table's [-].
+    pulse : float
+        Angle of a pulse [rad].
     table : ndarray, shape (n_steps, 11)
         Of `tabulate`.
     step_work : ndarray, shape (n_steps,)
@@ -118,11 +128,11 @@ def torque_steps(
         step_work[j] = of_gas - f_r * (rolling - P_a * row[ROLL_A])
         net += step_work[j]
         gas += of_gas
-    return net / at.PULSE, gas / at.PULSE
+    return net / pulse, gas / pulse
 
 
 @njit(error_model="numpy", cache=True, nogil=True)
-def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float) -> float:
+def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float, pulse: float) -> float:
     """What the mean torque less roller friction gains per pressure [N m/Pa].
 
     Parameters
@@ -131,15 +141,24 @@ def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float) -> float:
         Of `tabulate`.
     of_gas, rolling : int
         Columns of the pressure: GAS_S and ROLL_S, or GAS_D and ROLL_D [-].
+    pulse : float
+        Angle of a pulse [rad].
     """
-    found: float = (np.sum(table[:, of_gas]) - f_r * np.sum(table[:, rolling])) / at.PULSE
+    found: float = (np.sum(table[:, of_gas]) - f_r * np.sum(table[:, rolling])) / pulse
     return found
 
 
 # In one piece, its parts share their running values: `model.solvers`.
 @njit(error_model="numpy", cache=True)
 def ripple(
-    w: float, step_work: np.ndarray, table: np.ndarray, f: float, J: float, stride: int, speed: np.ndarray
+    w: float,
+    step_work: np.ndarray,
+    table: np.ndarray,
+    f: float,
+    J: float,
+    pulse: float,
+    stride: int,
+    speed: np.ndarray,
 ) -> tuple[float, float, float]:
     """The periodic speed within one pulse, w dw/dth = (torque - f w) / J.
 
@@ -158,6 +177,8 @@ def ripple(
         For the steps' widths [rad].
     f, J : float
         f_overall [N m s] and inertia [kg m2].
+    pulse : float
+        Angle of a pulse [rad].
     stride : int
         Steps of the table taken as one: 1, or 2 for the coarse solution that `rippled_mean` extrapolates from.
     speed : ndarray, shape (n_steps + 1,)
@@ -198,7 +219,7 @@ def ripple(
             continue
         miss = v - w
         if abs(miss) <= 1e-11 * w:
-            return w, at.PULSE / time, fastest - slowest
+            return w, pulse / time, fastest - slowest
         gain = gain_up / gain_down
         # Newton; while the start is being raised, the rotor's own approach, which cannot overshoot into a stall.
         w = w + miss / (1.0 - gain) if failed == 0 and gain < 1.0 else v
@@ -210,7 +231,14 @@ def ripple(
 
 @njit(error_model="numpy", cache=True)
 def rippled_mean(
-    w: float, step_work: np.ndarray, table: np.ndarray, f: float, J: float, speed: np.ndarray, coarse_speed: np.ndarray
+    w: float,
+    step_work: np.ndarray,
+    table: np.ndarray,
+    f: float,
+    J: float,
+    pulse: float,
+    speed: np.ndarray,
+    coarse_speed: np.ndarray,
 ) -> tuple[float, float, float]:
     """`ripple`, its mean speed extrapolated from two step widths (Richardson): the error falls to fourth order.
 
@@ -218,15 +246,15 @@ def rippled_mean(
 
     Parameters
     ----------
-    w, step_work, table, f, J, speed
+    w, step_work, table, f, J, pulse, speed
         As in `ripple`.
     coarse_speed : ndarray, shape (n_steps + 1,)
         Scratch [rad/s].
     """
-    w, fine, peak_to_peak = ripple(w, step_work, table, f, J, 1, speed)
+    w, fine, peak_to_peak = ripple(w, step_work, table, f, J, pulse, 1, speed)
     if w < 0.0:
         return w, fine, peak_to_peak
-    w_coarse, coarse, _ = ripple(w, step_work, table, f, J, 2, coarse_speed)
+    w_coarse, coarse, _ = ripple(w, step_work, table, f, J, pulse, 2, coarse_speed)
     return w, fine if w_coarse < 0.0 else fine + (fine - coarse) / 3.0, peak_to_peak
 
 
@@ -265,7 +293,7 @@ def speeds_at(
 
 
 @njit(error_model="numpy", cache=True)
-def steps_of(phase: np.ndarray, table: np.ndarray, first: float, step: np.ndarray) -> None:
+def steps_of(phase: np.ndarray, table: np.ndarray, first: float, pulse: float, step: np.ndarray) -> None:
     """The step of the table in which each angle lies.
 
     Parameters
@@ -276,12 +304,14 @@ def steps_of(phase: np.ndarray, table: np.ndarray, first: float, step: np.ndarra
         For the steps' widths [rad].
     first : float
         Angle of the first edge [rad].
+    pulse : float
+        Angle of a pulse [rad].
     step : ndarray, shape (n,)
         Filled [-].
     """
     for n in range(phase.size):
         if phase[n] < first:
-            phase[n] += at.PULSE
+            phase[n] += pulse
         j = 0
         end = first + table[0, WIDTH]
         while j < N_STEPS - 1 and phase[n] > end:

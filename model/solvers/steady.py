@@ -116,7 +116,7 @@ def solve_rows(
 
     Parameters
     ----------
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         Parameter sets in SI units, one a row.
     gas : ndarray, shape (n, 12)
         Gas of each row, of `gas_table`.
@@ -156,7 +156,7 @@ def solve(
 
     Parameters
     ----------
-    parameters : ndarray, shape (n_sets, 24)
+    parameters : ndarray, shape (n_sets, 26)
         Parameter sets in SI units, in the order of `model.motor.QUANTITIES`.
     pressures : ndarray, shape (n_sets, n_points)
         Absolute inlet pressures [Pa].

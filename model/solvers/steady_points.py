@@ -52,6 +52,8 @@ class _Tables(NamedTuple):
         The step of the pulse that each node lies in [-].
     V_low, V_high : float
         Volumes at the port edges [m3].
+    period : float
+        Angle of a pulse [rad].
     """
 
     gamma: float
@@ -61,6 +63,7 @@ class _Tables(NamedTuple):
     step: np.ndarray
     V_low: float
     V_high: float
+    period: float
 
 
 @njit(error_model="numpy", cache=True)
@@ -73,8 +76,9 @@ def _tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float) -> _Ta
     geometry.curve(parameters, c)
     first = pulse.tabulate(parameters, readings, gamma, c, table)
     V_low, V_high = heat_cycle.place_nodes(parameters, readings, gamma, c, node)
-    pulse.steps_of(node[:, heat_cycle.PHASE], table, first, step)
-    return _Tables(gamma, table, first, node, step, V_low, V_high)
+    period = c[at.PULSE_ANGLE]
+    pulse.steps_of(node[:, heat_cycle.PHASE], table, first, period, step)
+    return _Tables(gamma, table, first, node, step, V_low, V_high, period)
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
@@ -105,12 +109,12 @@ def _solve_point(
     speed, coarse_speed = scratch[2, : pulse.N_STEPS + 1], scratch[3, : pulse.N_STEPS + 1]
     omega, work = scratch[4, : heat_cycle.N_NODES], scratch[5, : heat_cycle.N_NODES]
     stage = known[KNOWN_STAGE:]
-    table, node = tables.pulse, tables.node
+    table, node, period = tables.pulse, tables.node, tables.period
 
     gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
-    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, gamma - tables.gamma, f_r, table, base)
+    net, gas_torque = pulse.torque_steps(P_s, P_d, P_a, gamma - tables.gamma, f_r, period, table, base)
     extra = parameters[at.EXTRA_TORQUE]
-    lost = heat_cycle.friction_below_ambient(P_s, P_a, tables.gamma, tables.V_high, f_r, readings, node) + extra
+    lost = heat_cycle.friction_below_ambient(P_s, tables.gamma, tables.V_high, parameters, readings, node) + extra
     if net - lost <= 0.0 or P_s <= P_d:
         known[:] = 0.0
         return
@@ -144,7 +148,7 @@ def _solve_point(
         step_work[:] = base
         for n in range(heat_cycle.N_NODES):
             step_work[tables.step[n]] += work[n]
-        w, new, ripple = pulse.rippled_mean(w, step_work, table, f, J, speed, coarse_speed)
+        w, new, ripple = pulse.rippled_mean(w, step_work, table, f, J, period, speed, coarse_speed)
         if w < 0.0:
             out[STATUS] = STALLED
             known[:] = 0.0
@@ -156,10 +160,10 @@ def _solve_point(
             out[STATUS] = RUNNING
             break
     out[SPEED_OUT] = mean
-    out[MASS_FLOW] = m_in / at.PULSE * mean
+    out[MASS_FLOW] = m_in / period * mean
     out[VOLUME_FLOW] = out[MASS_FLOW] * gas[at.GAS_R] * parameters[at.T_IN] / P_in
-    out[TORQUE] = gas_torque + heat_gas / at.PULSE
-    out[ROLLER] = out[TORQUE] - np.sum(step_work) / at.PULSE - extra
+    out[TORQUE] = gas_torque + heat_gas / period
+    out[ROLLER] = out[TORQUE] - np.sum(step_work) / period - extra
     out[RIPPLE] = ripple
     known[KNOWN_T], known[KNOWN_SHARE] = T, mean / adiabatic
     if out[STATUS] != RUNNING:
@@ -185,9 +189,9 @@ def _add_slopes(
         # The adiabatic torque and charge are linear in P_s; what heat and ripple change in them is below 1 % here.
         gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - gas[at.GAS_R])
         swept = (tables.V_high - tables.V_low + tables.V_low / gamma) / (gas[at.GAS_R] * parameters[at.T_IN])
-        gain = pulse.gain(tables.pulse, pulse.GAS_S, pulse.ROLL_S, parameters[at.F_R])
+        gain = pulse.gain(tables.pulse, pulse.GAS_S, pulse.ROLL_S, parameters[at.F_R], tables.period)
         row[SPEED_SLOPE] = gain / parameters[at.F_OVERALL]
-        growth = row[SPEED_SLOPE] / row[SPEED_OUT] + swept * row[SPEED_OUT] / (at.PULSE * row[MASS_FLOW]) - 1.0 / P
+        growth = row[SPEED_SLOPE] / row[SPEED_OUT] + swept * row[SPEED_OUT] / (tables.period * row[MASS_FLOW]) - 1.0 / P
         row[FLOW_SLOPE] = row[VOLUME_FLOW] * growth
         return
     P_1 = P * (1.0 + SLOPE_STEP)
@@ -241,7 +245,8 @@ def _solve_span(
 @njit(error_model="numpy", cache=True)
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two parameter sets share their tables."""
-    return bool(np.all(one[: at.LAP + 1] == other[: at.LAP + 1]))
+    alike = np.all(one[: at.LAP + 1] == other[: at.LAP + 1])
+    return bool(alike and np.all(one[at.N_PISTONS :] == other[at.N_PISTONS :]))
 
 
 @njit(error_model="numpy", cache=True, parallel=True)
@@ -252,7 +257,7 @@ def solve_batch(
 
     Parameters
     ----------
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         One set a row [SI].
     pressures : ndarray, shape (n, k)
         Absolute [Pa].
@@ -284,7 +289,7 @@ def solve_each_row(
 
     Parameters
     ----------
-    parameters : ndarray, shape (n, 24)
+    parameters : ndarray, shape (n, 26)
         One set a row [SI].
     pressures : ndarray, shape (n,)
         Absolute [Pa].

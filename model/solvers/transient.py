@@ -2,7 +2,7 @@
 
 Between two neighbouring port edges, arc junctions and dead centres everything is smooth, so the integrator (classical
 Runge-Kutta of fourth order) steps from one such angle to the next and lands on each exactly: ports open where they
-open, and the order of convergence is kept. The seven cylinders share their edges modulo 1/28 turn.
+open, and the order of convergence is kept. The cylinders share their edges modulo a pulse.
 """
 
 from __future__ import annotations
@@ -23,10 +23,8 @@ from model.solvers.crank_angle import (
     M_IN,
     M_OUT,
     N_EDGES,
-    N_STATE,
     OMEGA,
     P0,
-    T0,
     THETA,
     angle_step,
     edges,
@@ -60,7 +58,7 @@ class Transient:
         Mass that has passed the inlet (in) and the outlet (out) since the start.
     pressure_pa, mass_kg : ndarray, shape (n,)
         Of the cylinder that starts at angle 0.
-    state : ndarray, shape (23,)
+    state : ndarray, shape (9 + 2 n,)
         At the end; give it to `simulate` to go on.
     """
 
@@ -81,13 +79,13 @@ class Transient:
 
 
 @njit(error_model="numpy", cache=True)
-def _interval(theta: float, edge: np.ndarray) -> tuple[int, int]:
+def _interval(theta: float, edge: np.ndarray, pulse: float) -> tuple[int, int]:
     """The pulse an angle lies in, and k: it is in [edge k, edge k + 1) of it; edge 8 is edge 0 of the next."""
-    block = math.floor(theta / at.PULSE)
+    block = math.floor(theta / pulse)
     k = 0
-    while k < N_EDGES - 1 and theta >= block * at.PULSE + edge[k + 1]:
+    while k < N_EDGES - 1 and theta >= block * pulse + edge[k + 1]:
         k += 1
-    if theta < block * at.PULSE + edge[0]:
+    if theta < block * pulse + edge[0]:
         return block - 1, N_EDGES - 1
     return block, k
 
@@ -128,8 +126,9 @@ def _fill_sample(row: np.ndarray, s: float, h: float, y: np.ndarray, new: np.nda
     row[2] = (1.0 - s) * y[M_IN] + s * new[M_IN]
     row[3] = (1.0 - s) * y[M_OUT] + s * new[M_OUT]
     row[4] = (1.0 - s) * y[P0] + s * new[P0]
-    V = geometry.volume(geometry.place(row[0] % at.LOBE, c)[0], c[at.A_P], c[at.V_OFFSET])
-    row[5] = row[4] * V / (R * ((1.0 - s) * y[T0] + s * new[T0]))
+    V = geometry.volume(geometry.place(row[0] % c[at.LOBE_ANGLE], c)[0], c[at.A_P], c[at.V_OFFSET])
+    first = (y.size + P0) // 2
+    row[5] = row[4] * V / (R * ((1.0 - s) * y[first] + s * new[first]))
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
@@ -154,7 +153,7 @@ def integrate(
 
     Parameters
     ----------
-    y : ndarray, shape (23,)
+    y : ndarray, shape (9 + 2 n,)
         State at the start [SI]; holds the end on return.
     t_start : float
         Time of the start [s].
@@ -165,7 +164,7 @@ def integrate(
     samples : ndarray, shape (n, 6)
         Filled: angle, speed, inlet mass, outlet mass, pressure and mass of the first cylinder [SI].
     pulse_t : ndarray, shape (p,)
-        Filled with the times at which the rotor has turned another 1/28 turn [s]; the run ends when it is full.
+        Filled with the times at which the rotor has turned another pulse [s]; the run ends when it is full.
     refine : int
         Steps between two edges [-].
     """
@@ -173,13 +172,14 @@ def integrate(
     geometry.curve(parameters, c)
     edge = edges(parameters, c)
     lap, R = parameters[at.LAP], gas[at.GAS_R]
-    work = np.empty((6, N_STATE))
-    port = np.full(at.N_CYLINDERS, CLOSED)
+    pulse = c[at.PULSE_ANGLE]
+    work = np.empty((6, y.size))
+    port = np.full((y.size - P0) // 2, CLOSED)
     P_vent = parameters[at.P_A] + parameters[at.DP_OUT]
     P_port = np.array([P_vent, P_vent])
     T_port = np.array([parameters[at.T_A], parameters[at.T_A]])
 
-    block, k = _interval(y[THETA], edge)
+    block, k = _interval(y[THETA], edge, pulse)
     t = t_start
     t_end = sample_t[-1]
     span = -1
@@ -200,8 +200,8 @@ def integrate(
             P_port[INLET] = span_P[span] - parameters[at.DP_IN] if opened else P_vent
             T_port[INLET] = parameters[at.T_IN] if opened else parameters[at.T_A]
             entering = True
-        lo = block * at.PULSE + edge[k]
-        hi = block * at.PULSE + edge[k + 1] if k < N_EDGES - 1 else (block + 1) * at.PULSE + edge[0]
+        lo = block * pulse + edge[k]
+        hi = block * pulse + edge[k + 1] if k < N_EDGES - 1 else (block + 1) * pulse + edge[0]
         if entering:
             set_ports(y, port, 0.5 * (lo + hi), P_port, T_port, lap, c, gas)
             entering = False
@@ -222,7 +222,7 @@ def integrate(
                     entering = True
                     if y[THETA] > lo:
                         y[THETA] = lo
-                    lo_new = block * at.PULSE + edge[k]
+                    lo_new = block * pulse + edge[k]
                     set_ports(y, port, 0.5 * (lo_new + lo), P_port, T_port, lap, c, gas)
                     entering = False
                     hi = lo
@@ -290,17 +290,17 @@ def integrate(
 def rest_state(motor: Motor, angle_rad: float = 0.0) -> np.ndarray:
     """The motor at rest with the line vented: every cylinder at P_d and T_a.
 
-    Returns an array, shape (23,): state for `simulate`.
+    Returns an array, shape (9 + 2 n,): state for `simulate`.
 
     Parameters
     ----------
     angle_rad : float
         Rotor angle [rad].
     """
-    y = np.zeros(N_STATE)
+    y = np.zeros(P0 + 2 * motor.n_pistons)
     y[THETA] = angle_rad
-    y[P0:T0] = motor.si("ambient_pressure") + motor.si("outlet_pressure_drop")
-    y[T0:M_IN] = motor.si("ambient_temperature")
+    y[P0:] = motor.si("ambient_pressure") + motor.si("outlet_pressure_drop")
+    y[P0 + motor.n_pistons :] = motor.si("ambient_temperature")
     return y
 
 
@@ -313,8 +313,8 @@ def simulate(
 ) -> Transient:
     """Simulate the motor from the first to the last sample time.
 
-    Returns samples and the final state. Raises ValueError when the times do not increase, ArithmeticError when the
-    integration fails.
+    Returns samples and the final state. Raises ValueError when the times do not increase or the state is of another
+    motor, ArithmeticError when the integration fails.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ def simulate(
         The line, in the order of time; before the first span it is vented.
     time_s : ndarray, shape (n,)
         Increasing sample times [s]; the first is the start.
-    state : ndarray, shape (23,), optional
+    state : ndarray, shape (9 + 2 n,), optional
         State at the start; at rest at angle 0 when left out.
     refine : int
         Steps between two neighbouring edges [-]; more for smaller errors.
@@ -330,7 +330,10 @@ def simulate(
     time_s = np.asarray(time_s, dtype=np.float64)
     if time_s.ndim != 1 or time_s.size < 2 or not np.all(np.diff(time_s) > 0):
         raise ValueError("simulate: the sample times must be at least two and increase")
-    y = rest_state(motor) if state is None else np.array(state, dtype=np.float64)
+    at_rest = rest_state(motor)
+    y = at_rest if state is None else np.array(state, dtype=np.float64)
+    if y.shape != at_rest.shape:
+        raise ValueError(f"simulate: a state of shape {y.shape} is not of a motor with {motor.n_pistons} pistons")
     samples = np.empty((time_s.size, 6))
     status, _, _ = _run(motor, supply, time_s, y, samples, np.empty(0), refine)
     if status != DONE:
@@ -344,8 +347,8 @@ def periodic_state(
 ) -> tuple[np.ndarray, float]:
     """Run at constant pressure until the speed repeats.
 
-    Returns `state`, shape (23,): state at angle 0, with nothing passed yet; `mean_speed`: mean speed in time [rad/s]; 0
-    when the motor stalls. Raises ArithmeticError when the speed does not settle.
+    Returns `state`, shape (9 + 2 n,): state at angle 0, with nothing passed yet; `mean_speed`: mean speed in time
+    [rad/s]; 0 when the motor stalls. Raises ArithmeticError when the speed does not settle.
 
     Parameters
     ----------
@@ -361,16 +364,16 @@ def periodic_state(
     last = -1.0
     for _ in range(most_turns):
         y[THETA] = 0.0  # after a whole turn the cylinders stand as they stood; counting on would lose digits
-        pulse_t = np.full(at.N_LOBES * at.N_CYLINDERS, np.nan)
+        pulse_t = np.full(motor.n_lobes * motor.n_pistons, np.nan)
         status, _, pulses = _run(motor, [Supply(0.0, P_in)], np.array([0.0, 5.0]), y, np.empty((2, 6)), pulse_t, refine)
         if status != DONE:
             break
         if pulses < pulse_t.size:
             return y, 0.0
-        mean = at.PULSE / (pulse_t[-1] - pulse_t[-2])
+        mean = geometry.pulse_angle(motor.vector()) / (pulse_t[-1] - pulse_t[-2])
         if abs(mean - last) <= 1e-10 * mean:
             y[THETA] = 0.0
-            y[M_IN:] = 0.0
+            y[M_IN:P0] = 0.0
             return y, mean
         last = mean
     raise ArithmeticError(f"the speed does not settle at {P_in / 1e5:g} bar within {most_turns} turns")

@@ -84,7 +84,7 @@ class Guard:
         self._off_pa = normal[:, 1] * level_sd_pa
         self._sets = np.tile(motor.vector(), (DRAWS, 1))
         for column, name in enumerate(others, start=2):
-            quantity = QUANTITIES[name]
+            quantity = motor.quantity(name)
             values = np.clip(_of_prior(motor, name, normal[:, column]), quantity.low, quantity.high)
             self._sets[:, list(QUANTITIES).index(name)] = values * quantity.to_si
         self._log_f = self._prior.quantiles(F_SHARES)

@@ -20,10 +20,8 @@ from model.gas.cylinder import CLOSED, gas_state
 from model.motor import Motor
 from model.solvers import crank_angle, port_edges, transient
 
-N = crank_angle.M_IN  # the states that matter: angle, speed, pressures, temperatures; what has passed is left out
-SCALE = np.array([1.0, 1.0] + [1e5] * at.N_CYLINDERS + [100.0] * at.N_CYLINDERS)  # of the absolute tolerance
+PASSED, P0 = crank_angle.M_IN, crank_angle.P0  # the states between are left out: what has passed
 LADDER = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)  # relative tolerances tried, coarse first
-PULSES = at.N_LOBES * at.N_CYLINDERS  # in a turn
 METHODS = ("LSODA", "RK45")
 SETTLED = 1e-6  # relative change of the speed from turn to turn
 
@@ -88,20 +86,20 @@ def rate(
     gas: np.ndarray,
     readings: np.ndarray,
 ) -> np.ndarray:
-    """Rate of angle, speed, pressures and temperatures, shape (16,) [SI per s].
+    """Rate of angle, speed, pressures and temperatures, shape (2 + 2 n,) [SI per s].
 
     Parameters
     ----------
-    y : ndarray, shape (16,)
+    y : ndarray, shape (2 + 2 n,)
         State [SI].
     port, T_port, parameters, curve, gas, readings : ndarray
         As in `model.solvers.crank_angle.rates` [SI].
     """
-    state = np.zeros(crank_angle.N_STATE)
-    state[:N] = y
-    found = np.empty(crank_angle.N_STATE)
+    state = np.zeros(y.size + P0 - PASSED)
+    state[:PASSED], state[P0:] = y[:PASSED], y[PASSED:]
+    found = np.empty(state.size)
     crank_angle.rates(state, found, port, 1.0, T_port, parameters, curve, gas, readings)
-    return found[:N].copy()
+    return np.concatenate((found[:PASSED], found[P0:]))
 
 
 def run(
@@ -124,15 +122,18 @@ def run(
 
     Returns
     -------
-    y : ndarray, shape (23,)
+    y : ndarray, shape (9 + 2 n,)
         State at the end [SI].
     pulses : list of float
-        Times at which the rotor has turned another 1/28 turn [s].
+        Times at which the rotor has turned another pulse [s].
     """
     y = p.start.copy()
     y[crank_angle.OMEGA] = start_rad_s
-    port = np.full(at.N_CYLINDERS, CLOSED)
-    marks = np.append(p.edges, p.edges[0] + at.PULSE)
+    n, pulse = (y.size - P0) // 2, p.curve[at.PULSE_ANGLE]
+    kept = np.r_[0:PASSED, P0 : y.size]
+    scale = np.repeat([1.0, 1e5, 100.0], [PASSED, n, n])  # of the absolute tolerance
+    port = np.full(n, CLOSED)
+    marks = np.append(p.edges, p.edges[0] + pulse)
     block, k, t = 0, int(np.searchsorted(p.edges, 0.0, side="right")) - 1, 0.0
     if k < 0:
         block, k = -1, crank_angle.N_EDGES - 1
@@ -143,7 +144,7 @@ def run(
         return found
 
     while t < t_end:
-        low, high = block * at.PULSE + marks[k], block * at.PULSE + marks[k + 1]
+        low, high = block * pulse + marks[k], block * pulse + marks[k + 1]
         port_edges.set_ports(y, port, 0.5 * (low + high), p.P_port, p.T_port, p.parameters[at.LAP], p.curve, p.gas)
 
         def at_edge(_: float, state: np.ndarray, edge: float = high) -> float:
@@ -151,8 +152,8 @@ def run(
 
         at_edge.terminal = True  # type: ignore[attr-defined]
         at_edge.direction = 1.0  # type: ignore[attr-defined]
-        done = solve_ivp(rates, (t, t_end), y[:N], method=method, rtol=rtol, atol=rtol * SCALE, events=at_edge)
-        y[:N], t = done.y[:, -1], float(done.t[-1])
+        done = solve_ivp(rates, (t, t_end), y[kept], method=method, rtol=rtol, atol=rtol * scale, events=at_edge)
+        y[kept], t = done.y[:, -1], float(done.t[-1])
         if done.status != 1:
             break
         y[crank_angle.THETA] = high
@@ -197,15 +198,16 @@ def steady_speed(p: Problem, start_rad_s: float, method: str, rtol: float) -> fl
     rtol : float
         Relative tolerance [-].
     """
+    in_a_turn = int(p.parameters[at.N_PISTONS] * p.parameters[at.N_LOBES])
 
     def settled(pulses: list[float]) -> bool:
-        if len(pulses) % PULSES or len(pulses) < 2 * PULSES:
+        if len(pulses) % in_a_turn or len(pulses) < 2 * in_a_turn:
             return False
-        last, before = (pulses[i] - pulses[i - 1] for i in (-1, -1 - PULSES))
+        last, before = (pulses[i] - pulses[i - 1] for i in (-1, -1 - in_a_turn))
         return abs(last - before) <= SETTLED * last
 
     _, pulses = run(p, start_rad_s, 60.0, method, rtol, settled)
-    return at.PULSE / (pulses[-1] - pulses[-2])
+    return float(p.curve[at.PULSE_ANGLE]) / (pulses[-1] - pulses[-2])
 
 
 def tune(solve: Callable[[str, float], object], error_of: Callable[[object], float], most: float, method: str) -> Tuned:

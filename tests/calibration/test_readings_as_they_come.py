@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from calibration.data.blocks import Blocks, blocks_of
-from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply
+from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply, swept_volume
 from calibration.data.rows_used import few_used
 from calibration.data.runs import READ_LATE_S, scatter
 from calibration.data.runs_in_time import coast_down, lone_zeros, release
@@ -33,9 +33,11 @@ from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
 from spinbench.progress import sampling
 from tests.diagnosis_recordings import add_coast_down, add_spin_up, polled, sweep
+from tests.five_on_three import five_on_three
 from tests.rig_recordings import axis, with_force
 from tests.spinbench.test_cli import refused
 
+PULSE = 2.0 * np.pi / 28  # rad
 ROTOR = """format = "recording/1"
 [motor]
 kind = "free_rotor"
@@ -212,6 +214,13 @@ def test_a_large_leak_is_not_taken_for_another_unit(tmp_path: Path) -> None:
     refuse_mixed_units(sweep(tmp_path / "leaks", 2, {"leakage": {"conductance_kg_s_pa2": 1.5e-13, "exponent": 1.0}}))
 
 
+def test_a_turn_sweeps_every_piston_on_every_lobe(tmp_path):
+    """Five pistons, three lobes, a stroke of 26.24 mm by hand: L1 + L5 less L2 - L6."""
+    area = 0.25 * np.pi * 0.02403**2
+    stroke = 36.495e-3 + 31.015e-3 - (0.5 * 36.495e-3 + np.sqrt(66.535e-3**2 - 0.75 * 36.495e-3**2) - 35.52e-3)
+    assert swept_volume(five_on_three(tmp_path).vector()) == pytest.approx(5 * 3 * area * stroke, rel=1e-6)
+
+
 RUN = """format = "recording/1"
 motor = "ptm3600"
 [channels.speed_rpm]
@@ -291,7 +300,7 @@ def gauged(folder: Path, cells: list[str]) -> Blocks:
     read = enumerate(zip(cells, FALLING, strict=True))
     rows = [f"{0.01 * (i + 1):.2f},{P},{n:.1f},{int(i < 30)}" for i, (P, n) in read]
     (folder / "run.csv").write_text("\n".join(["time_s,pressure_bar_abs,speed_rpm,supply_open", *rows]) + "\n", "utf-8")
-    return blocks_of(read_recording(folder))
+    return blocks_of(read_recording(folder), PULSE)
 
 
 def test_a_pressure_that_is_written_again_until_the_gauge_is_read_is_one_reading(tmp_path: Path) -> None:
@@ -319,7 +328,7 @@ def test_after_lost_teeth_a_sample_is_the_last_tooth_s(tmp_path: Path) -> None:
     (folder / "recording.toml").write_text(teeth + plateau, encoding="utf-8")
     (folder / "plateau.csv").write_text("pressure_bar_abs,speed_rpm\n2.0,390.0\n", encoding="utf-8")
     (folder / "run.csv").write_text("\n".join(["time_s,pressure_bar_abs,speed_rpm", *rows]) + "\n", encoding="utf-8")
-    (run,) = blocks_of(read_recording(folder)).runs
+    (run,) = blocks_of(read_recording(folder), PULSE).runs
     (gap,) = np.flatnonzero(run.begin[1:] > run.time[:-1] + 1e-6)
     assert run.begin[gap + 1] == pytest.approx(time[22], abs=1e-5)
 
@@ -539,15 +548,15 @@ def test_a_gauge_that_was_read_only_while_the_line_filled_does_not_tell_the_leve
 def test_a_level_that_neither_gauge_nor_plateau_tells_is_refused(tmp_path: Path) -> None:
     recording = run_of_motor(tmp_path / "run", ~OPEN_FIRST, RISING)
     _read_once_while_it_fills(tmp_path / "run" / "run.csv")
-    blocks_of(recording)
+    blocks_of(recording, PULSE)
     with pytest.raises(RecordingError, match=r"run\.csv: the gauge has no reading in the second half .*\(--without\)"):
-        blocks_of(read_recording(tmp_path / "run"))
+        blocks_of(read_recording(tmp_path / "run"), PULSE)
 
 
 def test_a_coast_down_that_begins_with_the_supply_shut_needs_no_level(tmp_path: Path) -> None:
     """Nothing is open in it: there is no level that a gauge could have told."""
     shut = np.zeros(FALLING.size, dtype=bool)
-    (run,) = blocks_of(run_of_motor(tmp_path / "run", shut, FALLING)).runs
+    (run,) = blocks_of(run_of_motor(tmp_path / "run", shut, FALLING), PULSE).runs
     assert not any(span.is_open for span in run.valve)
 
 
@@ -587,7 +596,7 @@ def test_a_speed_over_a_window_counts_for_less_where_it_changes_and_answers_were
         text = (tmp_path / "recording.toml").read_text(encoding="utf-8")
         (tmp_path / "recording.toml").write_text(text.replace("window_s = 0.02\n", ""), encoding="utf-8")
         recording = read_recording(tmp_path)
-    (run,) = blocks_of(recording).runs
+    (run,) = blocks_of(recording, PULSE).runs
     declared = recording.files[1].noise_scale
     if not (late_s and is_window):
         assert np.all(run.noise_scale <= declared)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from model import geometry, layout, motor
 
 PTM3600 = motor.read_motor("ptm3600")
+LOBE = 0.5 * math.pi
 
 # psi deg, L4 mm, phi deg, r mm, V cm3; two independent implementations agree on the digits shown.
 REFERENCE = [
@@ -73,17 +74,18 @@ def test_the_arcs_meet_at_the_reference_angle():
     assert math.degrees(curve_of(PTM3600.vector())[layout.ALPHA]) == pytest.approx(30.7871, abs=5e-5)
 
 
-def test_the_angles_and_lengths_of_equations_1_to_5_close_the_triangle():
+@pytest.mark.parametrize("lobes", [2, 3, 4, 5, 8])
+def test_the_angles_and_lengths_of_equations_1_to_5_close_the_triangle(lobes):
     """The junction seen from the concave centre and from the convex centre is one point."""
     R2, R3, R5, R6 = 40.115, 26.42, 9.1, 76.61
-    L1 = geometry.concave_centre(R6, R2)
-    beta = geometry.angle_beta(L1, R2, R3)
-    gamma = geometry.angle_gamma(beta)
+    L1, half = geometry.concave_centre(R6, R2), math.pi / lobes
+    beta = geometry.angle_beta(L1, R2, R3, half)
+    gamma = geometry.angle_gamma(beta, half)
     L3 = geometry.junction_distance(L1, R2, R5, gamma)
     alpha = geometry.junction_angle(R2, R5, gamma, L3)
     # The line between the two circles' centres is R2 + R3 long; the roller's centre divides it at R2 - R5.
     concave = np.array([L1, 0.0])
-    convex = geometry.convex_centre(L1, R2, R3) * np.array([math.sqrt(0.5), math.sqrt(0.5)])
+    convex = geometry.convex_centre(L1, R2, R3, half) * np.array([math.cos(half), math.sin(half)])
     assert np.linalg.norm(convex - concave) == pytest.approx(R2 + R3, rel=1e-14)
     junction = concave + (convex - concave) * (R2 - R5) / (R2 + R3)
     assert np.hypot(*junction) == pytest.approx(L3, rel=1e-14)
@@ -113,19 +115,19 @@ def test_the_volume_counts_the_piston_from_the_rollers_surface():
 
 @given(angles)
 def test_phi_is_negative_while_the_piston_is_pushed_in_and_positive_while_it_comes_out(psi):
-    within = psi % layout.LOBE
-    assume(1e-6 < within < layout.LOBE - 1e-6 and abs(within - 0.25 * math.pi) > 1e-6)
+    within = psi % LOBE
+    assume(1e-6 < within < LOBE - 1e-6 and abs(within - 0.25 * math.pi) > 1e-6)
     found = table_at(psi)
     pushed_in = within < 0.25 * math.pi
     assert (found["phi_rad"][0] < 0.0) == pushed_in
     assert (found["dL4_dpsi_m"][0] < 0.0) == pushed_in
 
 
-@given(motors(), st.floats(0.0, layout.LOBE))
+@given(motors(), st.floats(0.0, LOBE))
 def test_the_reach_changes_by_its_tangent(parameters, psi):
     h = 1e-5
     alpha = curve_of(parameters)[layout.ALPHA]
-    assume(min(abs(psi - edge) for edge in (0.0, alpha, layout.LOBE - alpha, layout.LOBE)) > 2.0 * h)
+    assume(min(abs(psi - edge) for edge in (0.0, alpha, LOBE - alpha, LOBE)) > 2.0 * h)
     below, here, above = table_at(psi - h, psi, psi + h, parameters=parameters)["L4_m"]
     slope = table_at(psi, parameters=parameters)
     assert slope["dL4_dpsi_m"][0] == pytest.approx((above - below) / (2.0 * h), abs=2e-10)
@@ -139,7 +141,7 @@ def test_the_volume_is_positive_everywhere(parameters, psi):
 
 @given(angles, st.integers(-8, 8))
 def test_the_curve_repeats_with_every_lobe(psi, lobes):
-    here, there = table_at(psi), table_at(psi + lobes * layout.LOBE)
+    here, there = table_at(psi), table_at(psi + lobes * LOBE)
     for name in here:
         np.testing.assert_allclose(there[name], here[name], rtol=1e-11, atol=1e-13)
 
@@ -156,13 +158,13 @@ def test_the_arcs_join_in_place_and_in_slope(parameters):
     c = curve_of(parameters)
     alpha = c[layout.ALPHA]
     concave = geometry.reach_concave(alpha, c[layout.L1], c[layout.L5])
-    convex = geometry.reach_convex(alpha, c[layout.L2], c[layout.L6])
+    convex = geometry.reach_convex(alpha, c[layout.L2], c[layout.L6], 0.5 * LOBE)
     assert concave == pytest.approx(convex, rel=1e-13)
     steep = geometry.sin_phi_concave(alpha, c[layout.L1], c[layout.L5])
-    assert steep == pytest.approx(geometry.sin_phi_convex(alpha, c[layout.L2], c[layout.L6]), rel=1e-12)
+    assert steep == pytest.approx(geometry.sin_phi_convex(alpha, c[layout.L2], c[layout.L6], 0.5 * LOBE), rel=1e-12)
 
 
-@given(motors(), st.floats(0.0, layout.LOBE))
+@given(motors(), st.floats(0.0, LOBE))
 def test_the_touch_point_lies_a_roller_radius_from_its_centre_along_the_normal(parameters, psi):
     L4, sin_phi, cos_phi, r = geometry.place(psi, curve_of(parameters))
     R5 = 0.5 * parameters[layout.R5_DIAMETER]
@@ -184,5 +186,5 @@ def test_the_curve_is_the_same_plain_and_compiled():
     plain = np.empty(layout.N_CURVE)
     geometry.curve.py_func(parameters, plain)
     np.testing.assert_allclose(curve_of(parameters), plain, rtol=1e-15)
-    for psi in np.linspace(0.0, layout.LOBE, 61):
+    for psi in np.linspace(0.0, LOBE, 61):
         np.testing.assert_allclose(geometry.place(psi, plain), geometry.place.py_func(psi, plain), rtol=1e-14)

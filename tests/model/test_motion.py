@@ -12,6 +12,7 @@ from model import geometry, layout, motion, motor
 PTM3600 = motor.read_motor("ptm3600")
 CURVE = np.empty(layout.N_CURVE)
 geometry.curve(PTM3600.vector(), CURVE)
+LOBE = 0.5 * math.pi
 CALLS = {
     motion.piston_force: (4.5e-4, 1.99e5, 101325.0),
     motion.gas_arm: (0.06, -0.3, math.sqrt(0.91), 0.069, False),
@@ -38,7 +39,7 @@ def test_the_arm_of_virtual_work_integrates_to_the_stroke():
     psi, weight = np.polynomial.legendre.leggauss(20)
     alpha = CURVE[layout.ALPHA]
     stroke = 0.0
-    for low, high in ((0.25 * math.pi, layout.LOBE - alpha), (layout.LOBE - alpha, layout.LOBE)):
+    for low, high in ((0.25 * math.pi, LOBE - alpha), (LOBE - alpha, LOBE)):
         for x, w in zip(psi, weight, strict=True):
             L4, s, c, r = geometry.place(0.5 * (low + high + (high - low) * x), CURVE)
             stroke += 0.5 * (high - low) * w * motion.gas_arm(L4, s, c, r, True)
@@ -49,12 +50,12 @@ def test_the_published_arm_does_two_and_a_half_per_cent_too_much_work():
     """Erratum 4, over a full stroke at constant force."""
     work = {}
     for virtual_work in (False, True):
-        psi = np.linspace(0.25 * math.pi, layout.LOBE, 20001)
+        psi = np.linspace(0.25 * math.pi, LOBE, 20001)
         work[virtual_work] = np.trapezoid([motion.gas_arm(*geometry.place(x, CURVE), virtual_work) for x in psi], psi)
     assert work[False] / work[True] == pytest.approx(1.025, abs=5e-4)
 
 
-@given(st.floats(0.0, layout.LOBE))
+@given(st.floats(0.0, LOBE))
 def test_both_arms_push_the_same_way(psi):
     L4, s, c, r = geometry.place(psi, CURVE)
     published, virtual = (motion.gas_arm(L4, s, c, r, reading) for reading in (False, True))

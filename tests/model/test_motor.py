@@ -62,8 +62,9 @@ def test_the_order_of_the_quantities_is_that_of_the_solvers():
     assert {name: names.index(name) for name in LAYOUT} == LAYOUT
     assert len(LAYOUT) == layout.N_SOLVER_PARAMETERS
     assert not set(names[: layout.N_SOLVER_PARAMETERS]) - set(LAYOUT)
-    # What effects add lies behind the quantities.
-    assert [len(names), len(names) + 1, len(names) + 2] == [layout.EXTRA_TORQUE, layout.HEAT_FACTOR, layout.N_VECTOR]
+    # What effects add lies behind the quantities, and behind it the counts.
+    behind = [layout.EXTRA_TORQUE, layout.HEAT_FACTOR, layout.N_PISTONS, layout.N_LOBES, layout.N_VECTOR]
+    assert behind == [len(names) + i for i in range(5)]
 
 
 def test_the_order_of_the_readings_is_that_of_the_solvers():
@@ -261,7 +262,7 @@ def test_a_value_is_taken_exactly_within_its_bounds_or_refused_by_name(name, val
         assert PTM3600.with_values({name: value})[name].value == value
         assert quantity.low <= value <= quantity.high
     except ConfigError as error:
-        assert re.search(rf"parameters\.{name}|these lengths give no curve", str(error))
+        assert re.search(rf"parameters\.{name}|these lengths give no curve|do not fit side by side", str(error))
 
 
 def test_the_motor_file_says_where_each_figure_comes_from():

@@ -13,6 +13,7 @@ import pytest
 
 from rig.recording import Recording, read_recording
 from tests import chain
+from tests.five_on_three import five_on_three
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUE_F_OVERALL = 0.0625  # of configs/motors/ptm3600.toml, which stands behind the virtual bench
@@ -71,6 +72,37 @@ def test_a_line_that_holds_air_behind_a_gauge_with_one_value_a_second_is_explain
     assert found["p_value"] > LEAST_P and found["named"] == []
     for figure in (found["fit"], found["f_overall"]):
         assert abs(figure["mean"] - TRUE_F_OVERALL) < 4.0 * figure["sd"]
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_a_bench_of_a_motor_with_five_pistons_on_three_lobes_is_fitted_and_explained(tmp_path: Path, done_here) -> None:
+    """The motor's file stands beside the bench's; the run and the recording hold it in full."""
+    five_on_three(tmp_path)
+    text = (ROOT / "configs" / "benches" / "virtual.toml").read_text(encoding="utf-8")
+    for before, after in (
+        ('motor = "ptm3600"', 'motor = "five_on_three"'),
+        ('order = "up-down"', 'order = "up"'),
+        ("rate = 20.0", "rate = 8.0"),
+    ):
+        assert before in text
+        text = text.replace(before, after)
+    (tmp_path / "bench.toml").write_text(text, encoding="utf-8")
+    spinbench("sweep", "bench.toml", "--minutes-running", "0", "--operator", "test", folder=tmp_path)
+    done_here("runs", "export", "last", "-o", "recording", folder=tmp_path)
+    (tmp_path / "five_on_three.toml").unlink()
+    recording = read_recording(tmp_path / "recording")
+    assert isinstance(recording.motor, dict) and recording.motor["n_pistons"] == 5
+    fit = ("fit", "recording", "-o", "fit", "--seed", "1", "--effective-samples", "300", "--steady-only")
+    done_here(*fit, folder=tmp_path)
+    posterior = json.loads((tmp_path / "fit" / "posterior.json").read_text(encoding="utf-8"))
+    done_here("diagnose", "recording", "--workers", "1", "--json", "verdict.json", "--seed", "1", folder=tmp_path)
+    said = json.loads((tmp_path / "verdict.json").read_text(encoding="utf-8"))
+    assert posterior["fit_quality"]["p_value"] > LEAST_P and said["mismatch"]["p_value"] > LEAST_P
+    assert said["effects"] == []
+    for figure in (posterior["parameters"]["f_overall"], said["f_overall_after"]):
+        assert abs(figure["mean"] - TRUE_F_OVERALL) < 4.0 * figure["sd"]
+        assert figure["sd"] < 0.005
 
 
 @pytest.mark.long

@@ -36,6 +36,7 @@ from rig.virtual.serve import motor_in_room, serve
 
 FAMILY = "proof"
 MOST_DRAWS = 1000
+COUNTS = (7, 4)  # pistons and lobes of the second rig
 ON_THE_WIRE = "bad_reading"  # single readings are of a sheet that a person fills in; a bench has its menu of faults
 SETTLES_S, RAMPS_S = 4.0, 2.0  # of a plateau, besides its window and its dwell
 # What is drawn of a line: even in the logarithm between the two.
@@ -120,9 +121,15 @@ def opened_or_drawn(bench: Bench, seal: Path, key: Path, seed: int | None, only:
 
     `seed`: of what is drawn; drawn itself when left out.
     `only`: an effect's id or a category that is to be drawn; anything when empty.
-    Raises ConcealError when a seal that is there holds something else than what is asked for, or the key lies in the
-    seal's folder.
+    Raises ConcealError when a seal that is there holds something else than what is asked for, the key lies in the
+    seal's folder, or the bench's motor has other counts than the second rig's.
     """
+    rotor = motor_in_room(bench)
+    if (rotor.n_pistons, rotor.n_lobes) != COUNTS:
+        raise ConcealError(
+            f"{bench.name}: its motor has {rotor.n_pistons} pistons on {rotor.n_lobes} lobes; only a motor with "
+            f"{COUNTS[0]} on {COUNTS[1]} can conceal something"
+        )
     if seal.resolve() in key.resolve().parents:
         raise ConcealError(f"{key}: the key lies in the seal's own folder; name a place elsewhere with --key")
     if sealing.is_sealed(seal):

@@ -17,7 +17,7 @@ from model.gas.air import gas_constant, water_fraction
 from model.gas.cylinder import gas_state
 from model.layout import RPM
 from model.motor import Motor
-from model.solvers.crank_angle import M_IN, OMEGA, THETA
+from model.solvers.crank_angle import M_IN, OMEGA, P0, THETA
 from model.solvers.transient import DONE, Supply, integrate, rest_state
 from rig.readings import NS
 from rig.virtual.plant.air_line import AirLine
@@ -129,7 +129,7 @@ class Plant:
         every = samples // pieces
         self._follow(pressures, np.diff(run[::every, 2]), span_ns / pieces, run[every::every, 1])
         start_ns, self.time_ns = self.time_ns, to_ns
-        self.state[M_IN:] = 0.0  # counting on would lose digits
+        self.state[M_IN:P0] = 0.0  # counting on would lose digits
         times_ns = start_ns + time_s * NS
         for listener in self.listeners:
             listener(times_ns, run[:, 0], run[:, 1])

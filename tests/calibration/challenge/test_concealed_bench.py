@@ -38,6 +38,7 @@ from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 from rig.virtual import VirtualBenchError, launch
 from rig.virtual.plant.truth import LineTruth
+from tests.five_on_three import five_on_three
 from tests.virtual_benches import MODBUS, bench
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -186,6 +187,15 @@ def test_what_cannot_be_concealed_is_refused_in_words():
         contents_of(read_bench(Path("virtual")), 1, "magic")
     with pytest.raises(ConcealError, match="takes no captures"):
         contents_of(bench(MODBUS), 1, "speed_lag")  # only a run in time shows it
+
+
+def test_a_bench_whose_motor_has_other_counts_than_the_second_rig_conceals_nothing(tmp_path):
+    five_on_three(tmp_path)
+    text = (FOLDER / "virtual.toml").read_text(encoding="utf-8").replace('"ptm3600"', '"five_on_three"')
+    (tmp_path / "bench.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ConcealError, match="5 pistons on 3 lobes; only a motor with 7 on 4 can conceal something"):
+        opened_or_drawn(read_bench(tmp_path / "bench.toml"), tmp_path / "seal", tmp_path / "key", 1, "")
+    assert not (tmp_path / "seal").exists() and not (tmp_path / "key").exists()
 
 
 def test_a_bench_file_that_sets_the_motor_s_figures_cannot_conceal_any():

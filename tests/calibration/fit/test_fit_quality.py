@@ -15,6 +15,7 @@ from rig.recording import Recording, read_recording
 from tests.diagnosis_recordings import add_coast_down, add_held_rotor, sweep
 
 WINDAGE = {"windage": {"drag_nm_s2": 1.5e-4}}
+PULSE = 2.0 * math.pi / 28  # rad
 HEADER = "pressure_bar_abs,flow_l_min,speed_rpm\n"
 
 
@@ -119,7 +120,7 @@ def test_a_fit_lists_the_rows_of_each_file_that_it_used(mixed):
 
 
 def test_a_diagnosis_uses_the_flow_of_a_held_rotor_and_no_row_at_rest(mixed):
-    sweep_file, zero, run = rows_used.by_diagnosis(mixed, blocks_of(mixed))
+    sweep_file, zero, run = rows_used.by_diagnosis(mixed, blocks_of(mixed, PULSE))
     assert (sweep_file["rows_used"], zero["rows_used"], run["rows_used"]) == (3, 1, 0)
     assert sweep_file["why"] == f"1 row: the rotor is held; 2 rows: {rows_used.NOTHING_READ}"
     assert run["why"] == rows_used.OUTSIDE
@@ -128,7 +129,7 @@ def test_a_diagnosis_uses_the_flow_of_a_held_rotor_and_no_row_at_rest(mixed):
 def test_a_diagnosis_counts_the_samples_of_a_run_that_it_compares(tmp_path):
     sweep(tmp_path / "bench", 1, {})
     recording = add_coast_down(tmp_path / "bench", 1, {})
-    blocks = blocks_of(recording)
+    blocks = blocks_of(recording, PULSE)
     listed = {one["file"]: one for one in rows_used.by_diagnosis(recording, blocks)}
     run = blocks.runs[0]
     read_at = recording.files[-1].columns["time_s"].values

@@ -69,7 +69,7 @@ class Likelihood:
         self._base = motor.vector()
         self._readings = motor.readings.vector()
         self._position = {name: i for i, name in enumerate(QUANTITIES)}
-        self._bounds = [(i, QUANTITIES[u.name]) for i, u in enumerate(found) if u.name in QUANTITIES]
+        self._bounds = [(i, motor.quantity(u.name)) for i, u in enumerate(found) if u.name in QUANTITIES]
         self._moving = [i for i, unknown in enumerate(found) if _moves_plateaus(unknown.of)]
         rows = measured.steady
         P_a = motor.si("ambient_pressure") / BAR

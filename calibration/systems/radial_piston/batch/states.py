@@ -51,7 +51,7 @@ def solve(
 ) -> np.ndarray:
     """Steady states as `model.solvers.steady.solve` gives them, speed and flow as the instruments take them up.
 
-    `parameters`, shape (n_sets, 24): parameter sets [SI].
+    `parameters`, shape (n_sets, 26): parameter sets [SI].
     `readings`, shape (5,): `model.motor.Readings.vector`.
     `shown`, shape (n_sets, n_rows): what the gauge shows, its own offset and scale undone [Pa].
     `above`, shape (n_sets, n_rows): what that is counted from: the ambient's pressure, or 0 [Pa].
@@ -126,7 +126,7 @@ def _read(out: np.ndarray, chosen: Chosen, state: State) -> None:
 def _changed(
     chosen: Chosen, parameters: np.ndarray, P: np.ndarray, time: np.ndarray, speed: float = 20.0
 ) -> np.ndarray:
-    """Parameters of each row with the effects in them, at some speed, shape (n_rows, 24)."""
+    """Parameters of each row with the effects in them, at some speed, shape (n_rows, 26)."""
     rows = laws.with_factors(np.tile(parameters, (time.size, 1)), chosen)
     out = np.zeros((time.size, steady.N_OUT))
     out[:, steady.SPEED_OUT], out[:, steady.MASS_FLOW] = speed, 1e-4 * speed

@@ -11,10 +11,10 @@ from scipy.interpolate import PchipInterpolator
 
 from calibration.data.runs import RunInTime
 from calibration.work.threads import each
-from model import layout as at
 from model.effects import averaged, effects
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
+from model.geometry import pulse_angle
 from model.motor import Motor
 from model.solvers import steady as base_steady
 from model.solvers.crank_angle import OMEGA, THETA
@@ -50,10 +50,10 @@ def follows_angle(names: Iterable[str]) -> bool:
 class Plan:
     """What a simulation of a run in time takes.
 
-    `parameters`, shape (24,): of the motor [SI].
+    `parameters`, shape (26,): of the motor [SI].
     `readings`, shape (5,): `model.motor.Readings.vector`.
     `time`, shape (k,): sample times, those of a steady part ahead among them [s].
-    `start`, shape (23,): state at the first of them.
+    `start`, shape (9 + 2 n,): state at the first of them.
     `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
     `clock`: the recording's clock at time 0 of the run [s].
     `begin`, `end`, shape (wanted,): where the mean of each begins and ends among the times.
@@ -142,9 +142,10 @@ class Pulses:
     def __init__(self, planned: Plan, angles: int = 1) -> None:
         step = float(np.median(np.diff(planned.time)))
         planned = replace(planned, time=np.append(planned.time, planned.time[-1] + step * np.arange(1, AFTER + 1)))
+        pulse = pulse_angle(planned.parameters)
         starts = [planned.start.copy() for _ in range(angles)]
         for k, start in enumerate(starts):
-            start[THETA] += k * at.PULSE / angles
+            start[THETA] += k * pulse / angles
         found = each(lambda start: replace(planned, start=start).simulated(FINER), starts)
         self.mean = planned.mean_speed()
         self.angle = planned.angle_of(self.mean)
@@ -158,7 +159,7 @@ class Pulses:
         else:  # it stalls: nothing is known of its pulses
             smooth, added = np.arange(float(smooth.size)), np.zeros(smooth.size)
         # Over a whole pulse each comes to nothing, wherever it began; what is left is what the mean torque has wrong.
-        grid = np.arange(smooth[0], smooth[-1] + at.PULSE / PLACES, at.PULSE / PLACES)
+        grid = np.arange(smooth[0], smooth[-1] + pulse / PLACES, pulse / PLACES)
         width = np.append(np.append(0.5, np.ones(PLACES - 1)), 0.5) / PLACES
         padded = np.pad(np.interp(grid, smooth, added), PLACES // 2, "reflect", reflect_type="odd")
         self._added = PchipInterpolator(grid, np.convolve(padded, width, "valid")) if grid.size > PLACES else None
@@ -189,7 +190,7 @@ def plan(
     """Plan a run.
 
     `motor`: for its readings of the article and its state at rest.
-    `parameters`, shape (24,): of the motor [SI].
+    `parameters`, shape (26,): of the motor [SI].
     `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
     `angle`: of the shaft where the run begins to be compared, or when its valve is moved [rad].
     `begun`: share by which a start from rest is faster there than by the mean torque [-].
@@ -211,7 +212,7 @@ def plan(
         set_at = run.valve[1].start_s if len(run.valve) > 1 else first
         turned = angle - speed * (set_at - float(line[0, 0]))
         # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
-        start = rest_state(motor, turned if follows_angle(chosen) else turned % at.PULSE)
+        start = rest_state(motor, turned if follows_angle(chosen) else turned % pulse_angle(parameters))
         ahead = np.arange(float(line[0, 0]), first - 0.5 * LEAD_STEP_S, LEAD_STEP_S)
     start[OMEGA] = speed
     begins, ends = np.round(begins, NANOSECONDS), np.round(ends, NANOSECONDS)  # what begins where another ends
@@ -248,23 +249,24 @@ def _steady_speed(
 
 def swing(planned: Plan, run: RunInTime) -> np.ndarray:
     """How far the pulses of the cylinders swing the shaft about its mean course, rms [rad], shape (n,)."""
+    pulse = pulse_angle(planned.parameters)
     found, smooth = planned.simulated(), planned.mean_speed()
     mean = found.speed.copy()
     mean[1:] = np.diff(found.angle) / np.diff(planned.time)
-    seen = _ripple(mean - smooth, mean, planned.time)
+    seen = _ripple(mean - smooth, mean, planned.time, pulse)
     within = np.abs(found.speed - 0.5 * (mean + np.append(mean[1:], mean[-1])))  # a reading is a mean
     width = np.ones(2 * BESIDE + 1) / (2 * BESIDE + 1)
     rms = np.sqrt(np.convolve(np.pad(np.maximum(within, np.abs(seen)) ** 2, BESIDE, "edge"), width, "valid"))
     out = np.zeros(run.size)
-    per_radian = 2.0 * math.pi / at.PULSE
+    per_radian = 2.0 * math.pi / pulse
     out[planned.wanted] = (rms / (per_radian * np.maximum(np.abs(mean), SLOWEST)))[planned.end]
     return out
 
 
-def _ripple(added: np.ndarray, mean: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _ripple(added: np.ndarray, mean: np.ndarray, time: np.ndarray, pulse: float) -> np.ndarray:
     """What the pulses add from reading to reading, where there are several readings to a pulse [rad/s]."""
     step = np.diff(time, prepend=2.0 * time[0] - time[1])
-    width = np.clip(np.rint(at.PULSE / (np.maximum(np.abs(mean), SLOWEST) * step)).astype(int), 1, LONGEST_PULSE)
+    width = np.clip(np.rint(pulse / (np.maximum(np.abs(mean), SLOWEST) * step)).astype(int), 1, LONGEST_PULSE)
     total, n = np.append(0.0, np.cumsum(added)), np.arange(added.size)
     low, high = np.maximum(n - (width - 1) // 2, 0), np.minimum(n + width // 2, n.size - 1) + 1
     found: np.ndarray = added - (total[high] - total[low]) / (high - low)

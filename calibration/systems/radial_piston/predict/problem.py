@@ -39,7 +39,8 @@ from model.effects import steady as effect_steady
 from model.effects.effect import Effect, EffectParameter, State, unknown_state
 from model.effects.laws import readings_of
 from model.effects.neighbourhood import Neighbourhood
-from model.motor import QUANTITIES, Motor, read_motor
+from model.geometry import pulse_angle
+from model.motor import Motor, read_motor
 from model.solvers import steady as base_steady
 from rig.recording import Recording, RecordingError
 
@@ -89,7 +90,7 @@ class Problem:
             motor = read_motor(recording.motor)
         self.motor = at_ambient(motor, recording)
         self.recording = recording
-        self.blocks: Blocks = blocks_of(recording)
+        self.blocks: Blocks = blocks_of(recording, pulse_angle(self.motor.vector()))
         self.nuisances = nuisances_of(self.motor, recording, self.blocks, any_turn)
         self._base = self.motor.vector()
         self._readings = self.motor.readings.vector()
@@ -229,7 +230,7 @@ class Problem:
         for at_z, unknown, (of, place, to_si) in zip(z.tolist(), self.nuisances, self._goes_to, strict=True):
             value = float(unknown.value(at_z))
             if of == MOTOR:
-                quantity = QUANTITIES[unknown.name]
+                quantity = self.motor.quantity(unknown.name)
                 parameters[place] = min(max(value, quantity.low), quantity.high) * to_si
             else:
                 (errors if of in errors else own)[of][place] = value * to_si
