@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -50,19 +50,23 @@ class Capture:
     `kind`: ``coast-down``, ``spin-up``, ``plateaus`` or ``zero``, as `spinbench capture` calls it.
     `level_bar_abs`: absolute pressure before or after the valve turns, or of the plateaus [bar]; None of a zero.
     `added_inertia_kg_m2`: of a flywheel on the shaft [kg m2].
+    `bench`: BENCH where it is not known.
+    `after`: options that name the run which it belongs to, whose readings the guard then knows.
     """
 
     kind: str
     level_bar_abs: float | None = None
     added_inertia_kg_m2: float = 0.0
+    bench: str = field(default="BENCH", compare=False)
+    after: str = field(default="", compare=False)
 
     @property
     def command(self) -> str:
-        """The command that takes it, with BENCH for the bench file."""
-        words = f"spinbench capture BENCH --kind {self.kind}"
-        if self.level_bar_abs is not None:
-            words += f" --level-bar-abs {self.level_bar_abs:g}"
-        return f"{words} --added-inertia-kg-m2 {self.added_inertia_kg_m2:g}" if self.added_inertia_kg_m2 else words
+        """The command that takes it."""
+        words = ["spinbench capture", self.bench, f"--kind {self.kind}"]
+        words += [f"--level-bar-abs {self.level_bar_abs:g}"] if self.level_bar_abs is not None else []
+        words += [f"--added-inertia-kg-m2 {self.added_inertia_kg_m2:g}"] if self.added_inertia_kg_m2 else []
+        return " ".join([*words, self.after]).strip()
 
 
 @dataclass(frozen=True)

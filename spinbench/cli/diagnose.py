@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +21,7 @@ from spinbench.progress import diagnosing
 
 if TYPE_CHECKING:
     from calibration.diagnosis.next_test.promised import Promise
+    from calibration.diagnosis.result import Diagnosis
     from rig.recording import Recording
 
 OutOption = Annotated[Path | None, options.out_folder("Write report.html, .png and diagnosis.json there.")]
@@ -83,6 +86,7 @@ def diagnose(
     with diagnosing() as tell:
         processes = workers or min(2, os.cpu_count() or 1)
         diagnosis = look(read, seed, tell, unseen, processes, [promise] if promise else [], sharing)
+        diagnosis = _on_its_bench(diagnosis, readings.folder_named(recording[-1], logs), logs)
         found = as_json(diagnosis)
         found["promised"] = [*(earlier.promised if earlier else []), *found["promised"]]
         found[RECORDINGS] = made_of(earlier, new, left_out or [], out)
@@ -95,6 +99,24 @@ def diagnose(
     print(words.sentence(found), file=sys.stderr)
     _warn(found, diagnosis)
     _tell_how_it_went(unseen, found, diagnosis.seconds, out, len(given))
+
+
+def _on_its_bench(diagnosis: Diagnosis, folder: Path, logs: Path) -> Diagnosis:
+    """A diagnosis whose tests are commands of the bench and the run that it is of, where those are known."""
+    from rig.bench.bench import bench_path
+    from rig.runlog.folder import START
+    from rig.runlog.reader import read_start
+
+    start = read_start(folder) if (folder / START).is_file() else None
+    if start is None or start.imported or start.kind == "import":
+        return diagnosis
+    bench = shlex.quote(start.bench) if bench_path(Path(start.bench)).is_file() else "BENCH"
+    after = f"--after {folder.name}" + (f" --logs {shlex.quote(str(logs))}" if logs != options.LOGS else "")
+    tests = [
+        replace(one, capture=one.capture and replace(one.capture, bench=bench, after=after))
+        for one in diagnosis.next_tests
+    ]
+    return replace(diagnosis, next_tests=tests)
 
 
 def _promised(earlier: Earlier | None, new: Sequence[Recording], resume: Path | None) -> Promise | None:

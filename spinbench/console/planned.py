@@ -158,6 +158,7 @@ def of_command(command: str, run: str, bench: Bench) -> Planned:
     if tuple(words[: len(COMMAND)]) != COMMAND or len(options) % 2 or not all(o[:2] == "--" for o in options[::2]):
         raise RefusedError(400, "its command is no capture that can be started from here")
     asked = {name[2:].replace("-", "_"): value for name, value in zip(options[::2], options[1::2], strict=True)}
+    asked.pop("logs", None)  # it is taken into the console's own folder
     return planned_of(asked | {"after": run}, bench)
 
 

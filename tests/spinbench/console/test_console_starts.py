@@ -23,7 +23,7 @@ TESTS = [
     {"test": "reversed sweep", "separates": ["leakage"], "information_nats": 3.0, "needs": "", "command": ""},
     {"test": "ten plateaus at 1.24 bar", "separates": ["leakage"], "information_nats": 0.71, "command": COMMAND},
     {"test": "flow beside a reference", "needs": "a reference flow meter", "command": ""},
-    {"test": "a hostile one", "command": "spinbench capture BENCH --kind zero --logs /"},
+    {"test": "a hostile one", "command": "spinbench capture BENCH --kind zero --rate 9"},
     {"test": "another", "command": "rm -rf /"},
 ]
 
@@ -130,7 +130,9 @@ def test_the_valve_of_a_person_takes_no_runs_in_time():
 
 def test_a_command_of_a_diagnosis_is_read_and_never_run(bench):
     assert of_command(COMMAND, "a_run", bench) == Planned("plateaus", 1.24, after="a_run")
-    for command in ("rm -rf /", f"{COMMAND}; rm", f"{COMMAND} --logs /", "spinbench sweep BENCH", 'spinbench "'):
+    elsewhere = of_command(f"{COMMAND} --after another --logs /", "a_run", bench)
+    assert elsewhere == of_command(COMMAND, "a_run", bench)  # the console's own folder, and the diagnosis' own run
+    for command in ("rm -rf /", f"{COMMAND}; rm", f"{COMMAND} --rate 9", "spinbench sweep BENCH", 'spinbench "'):
         with pytest.raises(RefusedError):
             of_command(command, "a_run", bench)
 

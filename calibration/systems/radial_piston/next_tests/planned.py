@@ -104,7 +104,8 @@ def planned(comparison: Comparison) -> list[Planned]:
     steps = np.array([level for level in bench.levels if level <= top])
     if steps.size > 2:
         reversed_ = np.concatenate([steps[::-1], steps])
-        found.append(bench.plan("reversed sweep, from the highest level down and up", bench.steady(reversed_)))
+        words = 'reversed sweep, from the highest level down and up: order = "down-up" in the bench file'
+        found.append(bench.plan(words, bench.steady(reversed_)))
     found.append(bench.plan("zero: read the gauge with the line vented", bench.zero(), "zero"))
     return found
 
