@@ -182,19 +182,24 @@ def _both(before: Path, after: Path, left_out: Sequence[str], logs: Path) -> lis
 
 
 def _pages(page: Any, diagnosis: Any, found: Mapping[str, Any]) -> dict[str, bytes]:
-    """The report; of several recordings a page each, the first one's as the report too."""
+    """The report; of several recordings a page each, the one with the most plateaus as the report too."""
     from calibration.diagnosis.result import of_each_recording
 
-    made = {name: page.report(one, found) for name, one in of_each_recording(diagnosis).items()}
-    first = next(iter(made.values()))
+    def plateaus(name: str) -> int:
+        files = parts[name].comparison.problem.recording.files
+        return sum(file.rows for file in files if file.kind == "steady")
+
+    parts = of_each_recording(diagnosis)
+    made = {name: page.report(one, found) for name, one in parts.items()}
+    main = made[max(parts, key=plateaus)]
     if len(made) == 1:
-        return dict(first)
+        return dict(main)
     further = {
         file.replace("report", f"report_{name.replace('/', '_')}"): content
         for name, written in made.items()
         for file, content in written.items()
     }
-    return dict(first) | further
+    return dict(main) | further
 
 
 def _told_by(found: Mapping[str, Any]) -> tuple[Any, Any, Any]:

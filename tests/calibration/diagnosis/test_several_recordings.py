@@ -55,7 +55,7 @@ def two_days(tmp_path_factory: pytest.TempPathFactory, spinbench_anywhere) -> Pa
     recordings.sweep(folder / "first", 3, {})
     with pytest.MonkeyPatch.context() as monkeypatch:
         on_another_day(folder / "second", 8, {}, monkeypatch, False)
-    for name in ("first", "second"):
+    for name in ("first", "first", "second"):  # the first is the shorter one
         recordings.every_second_row(folder / name)
     done = spinbench_anywhere("diagnose", "first", "second", "-o", "out", cwd=folder)
     assert done.returncode == 0, done.stderr
@@ -75,6 +75,8 @@ def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path)
 def test_the_command_writes_a_page_for_each_of_two_days(two_days: Path) -> None:
     for name in ("first", "second"):
         assert name in (two_days / "out" / f"report_{name}.html").read_text(encoding="utf-8")
+    longer = (two_days / "out" / "report_second.html").read_bytes()
+    assert (two_days / "out" / "report.html").read_bytes() == longer
 
 
 def test_a_zero_of_another_day_counts_beside_a_sweep_and_is_nothing_by_itself(tmp_path: Path) -> None:
