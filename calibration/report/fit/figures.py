@@ -24,6 +24,14 @@ LONG_DECADES = 1.7  # from which only powers of ten have a label
 WIDE = 4.0  # from least to most, from which an axis is logarithmic
 BANDS = ((0, 4, "#CFE3F1", "90 %"), (1, 3, "#8FBFDF", "68 %"))  # indices into numbers.LEVELS
 ALARM = style.COLOURS[1]
+RING: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 11,
+    "markerfacecolor": "none",
+    "markeredgecolor": ALARM,
+    "zorder": 6,
+}
+NAMED = 3  # suspect readings of a channel that a picture names; the names of more would hide it
 DOTS = 1500
 Variants = Sequence[tuple[str, Posterior]]
 
@@ -107,7 +115,10 @@ def _fit_panels(axes: Any, found: Fit, shown: list[Channel], suspects: list[Susp
         _points(upper, channel, error_bar, 0.0)
         _points(lower, channel, error_bar, channel.at_rows.quantiles[2])
         for one in ringed:
-            _ring(upper, lower, channel, one, len(files) > 1)
+            _ring(upper, lower, channel, one, len(files) > 1, len(ringed) <= NAMED)
+        if len(ringed) > NAMED:
+            upper.plot([], [], **RING, linestyle="none", label=f"suspect, {len(ringed)} readings")
+            upper.legend(loc="lower right", fontsize=7.5)
         style.name_axes(upper, ("", "1"), (channel.name, channel.unit))
         style.name_axes(lower, (pressure, "bar"), ("residual", channel.unit))
         upper.set_title(channel.name)
@@ -148,18 +159,13 @@ def _points(panel: Axes, channel: Channel, pressure_error: np.ndarray, less: np.
         panel.plot(x[off], values[off], color=style.INK, marker="x", linestyle="none", label="off the scale")
 
 
-def _ring(upper: Axes, lower: Axes, channel: Channel, one: Suspect, name_file: bool) -> None:
-    """A ring about a suspect reading in both panels, and its name in the upper one."""
+def _ring(upper: Axes, lower: Axes, channel: Channel, one: Suspect, name_file: bool, named: bool) -> None:
+    """A ring about a suspect reading in both panels and, where few are, its name in the upper one."""
     x, y = channel.at_rows.pressure_bar[one.index], channel.reading[one.index]
-    ring: dict[str, Any] = {
-        "marker": "o",
-        "markersize": 11,
-        "markerfacecolor": "none",
-        "markeredgecolor": ALARM,
-        "zorder": 6,
-    }
-    upper.plot(x, y, **ring)
-    lower.plot(x, y - channel.at_rows.quantiles[2][one.index], **ring)
+    upper.plot(x, y, **RING)
+    lower.plot(x, y - channel.at_rows.quantiles[2][one.index], **RING)
+    if not named:
+        return
     place = f"{one.row.file[:40]}, row {one.row.row}" if name_file else f"row {one.row.row}"
     words = f"{place}: {one.channel} suspect"
     right_half, above = x > np.mean(channel.curve.pressure_bar), y > channel.at_rows.quantiles[2][one.index]
@@ -182,7 +188,7 @@ def _density_panel(panel: Axes, posterior: Posterior) -> None:
     low, high = np.quantile(values, [0.0005, 0.9995])
     margin = 0.25 * (high - low)
     heights, _, _ = panel.hist(
-        values, bins=60, range=(low, high), density=True, color=BANDS[1][2], label="after the recording"
+        values, bins=30, range=(low, high), density=True, color=BANDS[1][2], label="after the recording"
     )
     top, q = 1.04 * float(np.max(heights)), estimate.quantiles
     panel.fill_between([q["q05"], q["q95"]], top, color=BANDS[0][2], alpha=0.5, linewidth=0.0, zorder=0)
@@ -225,7 +231,7 @@ def _ridge_panel(panel: Axes, posterior: Posterior, name: str) -> None:
         panel.ticklabel_format(axis="x", style="sci", scilimits=(-4, 6))
     correlation = float(np.corrcoef(x, y)[0, 1])
     panel.set_title(f"correlation {correlation:+.2f}".replace("-", "−"), fontsize=8.5)
-    style.name_axes(panel, (name, other.unit), (target.name, target.unit))
+    style.name_axes(panel, (name.replace(": ", ":\n"), other.unit), (target.name, target.unit))
 
 
 def _forest_panel(panel: Axes, posterior: Posterior, variants: Variants) -> None:

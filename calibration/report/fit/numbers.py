@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 from scipy.special import ndtri
+from scipy.stats import gaussian_kde
 
 from calibration.data.measurement import MISSING, OBSERVED, Rows
 from calibration.fit.fit import Fit
@@ -22,7 +22,8 @@ UNITS = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
 GRID_POINTS = 41
 NOISE_NODES = ndtri((np.arange(15) + 0.5) / 15.0)  # of a standard normal, equally probable: bands without raggedness
 TARGET = "f_overall"
-BINS = 48
+BINS, KEPT = 48, 2000  # points of a grid each way; draws that a density is made of
+MARGIN = 0.15  # of the samples' range, that a density is drawn beyond it
 WEAK, MOST = 0.25, 4  # a correlation below it is not worth a word; how many are told
 
 
@@ -205,12 +206,15 @@ def density_regions(
     Returns `x_centre, y_centre`: in the samples' units; `density`: rows go with y [-]; `heights`: rising, one a share
     [-].
     """
-    counts, x_edge, y_edge = np.histogram2d(x, y, bins=BINS)
-    density = gaussian_filter(counts.T, 1.5)
+    kept = thinned(np.column_stack([x, y]), KEPT).T
+    beyond = MARGIN * np.ptp(kept, axis=1)
+    x_centre, y_centre = np.linspace(kept.min(axis=1) - beyond, kept.max(axis=1) + beyond, BINS).T
+    grid = np.array(np.meshgrid(x_centre, y_centre))
+    density = gaussian_kde(kept)(grid.reshape(2, -1)).reshape(BINS, BINS)
     falling = np.sort(density.ravel())[::-1]
     enclosed = np.cumsum(falling) / falling.sum()
     heights = [float(falling[np.searchsorted(enclosed, share)]) for share in shares]
-    return 0.5 * (x_edge[1:] + x_edge[:-1]), 0.5 * (y_edge[1:] + y_edge[:-1]), density, heights
+    return x_centre, y_centre, density, heights
 
 
 def _grid(pressure_bar: np.ndarray) -> np.ndarray:

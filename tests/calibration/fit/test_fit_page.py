@@ -56,6 +56,16 @@ def page(files) -> str:
     return files["report.html"].decode()
 
 
+@pytest.mark.parametrize("count", [1, 8])
+def test_a_picture_names_its_suspect_readings_where_they_are_few(found, count):
+    (suspect,) = fit_numbers.suspects(found)
+    figure = fit_figures.essentials(found, fit_numbers.channels(found), [suspect] * count, [], "")
+    names = [text.get_text() for panel in figure.axes for text in panel.texts if "suspect" in text.get_text()]
+    keys = [one.get_text() for panel in figure.axes if panel.legend_ for one in panel.legend_.get_texts()]
+    assert len(names) == (1 if count == 1 else 0)
+    assert ("suspect, 8 readings" in keys) == (count == 8)
+
+
 def with_share_of_prior(found: Fit, share: float) -> Fit:
     """The fit as if f_overall's spread were this share of its prior's."""
     estimates = tuple(
