@@ -145,7 +145,7 @@ def _explain(
     rivals = _rivals(comparison, candidates, verdict)[:MOST_RIVALS]
     verdict = with_open(replace(verdict, why=unnamed.why), rivals)
     tests = _next_tests(comparison, rivals, clock)
-    clock("weigh f_overall")
+    clock("average f_overall")
     unseen = _not_seen(search, verdict, rng)
     clock("")
     return Diagnosis(

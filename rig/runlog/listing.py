@@ -142,8 +142,8 @@ def _mean(plateau: PlateauRow, name: str) -> str:
 def _event_lines(run: Run) -> list[str]:
     news = [event for event in run.events if event.event not in QUIET]
     told = news[-SHOWN_EVENTS:]
-    which = "that are news" if len(told) == len(news) else "of those that are news, the last ones"
-    lines = [f"{len(run.events)} events" + (f"; {len(told)} {which}:" if news else "")]
+    which = f"{len(told)}" if len(told) == len(news) else f"the last {len(told)}"
+    lines = [f"{len(run.events)} events" + (f"; {which} out of the ordinary:" if news else "")]
     for event in told:
         details = ", ".join(f"{_text(str(key))}={_text(str(value))}" for key, value in event.details.items())
         lines.append(f"{event.time_s:10.2f} s  {_text(event.event)}  {shown(details, 160)}".rstrip())

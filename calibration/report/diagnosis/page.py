@@ -276,7 +276,7 @@ def _test_table(found: Diagnosis, apart: bool) -> Grid:
             f"{test.test}: {how_taken(told)}",
             in_a_row([names or (NOTHING,) for names in test.separates], "and"),
             f"{test.information_nats:.1f}",
-            "never, between all of them" if test.repeats is None else str(test.repeats),
+            "some pair stays open" if test.repeats is None else str(test.repeats),
         )
         for test, told in zip(found.next_tests, next_tests_as_json(found.next_tests), strict=True)
         if bool(test.needs) == apart

@@ -328,7 +328,7 @@ def test_the_summary_shows_plateaus_faults_and_the_end(tmp_path):
         writer.end("aborted", "stopped by the operator", vented=False)
     text = summary(read_run(writer.folder))
     assert "\x1b" not in text
-    assert re.search(r"^\d+ events; 1 that are news:$", text, re.M)
+    assert re.search(r"^\d+ events; 1 out of the ordinary:$", text, re.M)
     for words in ("394.", "not settled; drifting", "line lost", "unplugged", "UTC, stopped by the operator"):
         assert words in text
     assert "NOT known to be vented" in text
