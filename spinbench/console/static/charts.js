@@ -27,7 +27,10 @@ function frame(canvas, x, y, xName) {
   pen.textAlign = "right"; pen.textBaseline = "middle";
   for (const v of rows.found) { line(pen, [[left, Y(v)], [right, Y(v)]]); pen.fillText(v.toFixed(rows.digits), left - 5, Y(v)); }
   pen.textAlign = "center"; pen.textBaseline = "top";
-  for (const v of columns.found) { line(pen, [[X(v), top], [X(v), bottom]]); pen.fillText(v.toFixed(columns.digits), X(v), bottom + 4); }
+  for (const v of columns.found) {
+    const text = v.toFixed(columns.digits), most = width - pen.measureText(text).width / 2 - 1; // not cut at the edge
+    line(pen, [[X(v), top], [X(v), bottom]]); pen.fillText(text, Math.min(X(v), most), bottom + 4);
+  }
   if (xName) pen.fillText(xName, (left + right) / 2, bottom + 20);
   pen.strokeStyle = GREY; pen.strokeRect(left, top, right - left, bottom - top);
   pen.save(); pen.beginPath(); pen.rect(left, top, right - left, bottom - top); pen.clip();
