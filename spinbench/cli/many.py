@@ -78,6 +78,7 @@ def trend(
 ) -> None:
     """Show f_overall and each effect along the dates, motor by motor; exit code 6 where one changed."""
     from calibration import fleet
+    from calibration.data.dates import refuse_other_than_iso
     from calibration.report.comparison import history
     from calibration.report.comparison import trend as trends
     from rig.recording.files import write_files
@@ -87,6 +88,7 @@ def trend(
     swept = [one for one in found if readings.is_swept(one)]
     if len(swept) < len(found):
         remark(f"passed over: {len(found) - len(swept)} runs that are no sweeps")
+    refuse_other_than_iso({one: readings.date_stated(one) for one in swept})
     rows = _diagnosed(swept, seed, out, workers, scheduler)
     said = fleet.write_trend(out, rows)
     read = {row["recording"]: readings.read(Path(row["recording"]), quiet=True) for row in rows if not row["error"]}
@@ -129,15 +131,18 @@ def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[
     from rich.table import Table
 
     from calibration import fleet
+    from calibration.data.dates import refuse_other_than_iso
 
     table = Table(*header)
     for cells in shown:
         table.add_row(*(escape(cell) for cell in cells))
     on_terminal(table)
     print(out / fleet.CSV)
-    for words in fleet.write_trend(out, rows):
-        print(words, file=sys.stderr)
     failed = [row for row in rows if row["error"]]
     remark(*(f"{row['recording']}: {row['error']}" for row in failed))
+    folders = [Path(row["recording"]) for row in rows]
+    refuse_other_than_iso({one: readings.date_stated(one) for one in folders})
+    for words in fleet.write_trend(out, rows):
+        print(words, file=sys.stderr)
     if failed:
         raise typer.Exit(UNUSABLE_INPUT)
