@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,9 @@ from calibration.challenge.second_rig.concealed import USUAL
 from calibration.report.diagnosis.words import effect_in_words
 from calibration.report.units import powers
 from model.effects.library import effects
+from rig.recording.dates import parsed
+from rig.recording.mistakes import shown
+from rig.recording.origin import run_and_bench
 
 FALSE_NAME, FALSE_ALARM = "false name", "false alarm"
 SCORES = {
@@ -40,6 +44,7 @@ SCORES = {
     ALARM: FALSE_ALARM,
     FAILED: "failed",
 }
+BEFORE = timedelta(hours=1)  # a run begins about when its bench is sealed
 UNITS = {"nm": "N m", "rad_s": "rad/s", "pa": "Pa", "s": "s", "m3_s": "m3/s", "m2": "m2", "kg_s_pa2": "kg/(s Pa2)"}
 UNITS |= {"nm_s2": "N m s2", "pa_s2_m6": "Pa s2/m6", "pa_s_m3": "Pa s/m3", "w_m2k": "W/(m2 K)", "m3": "m3"}
 
@@ -115,6 +120,31 @@ def score_in_words(scored: Mapping[str, Any]) -> list[str]:
         interval = f"{friction['q05']:.4f} to {friction['q95']:.4f} N m s"
         words.append(f"Its 90 % interval of f_overall, {interval}, {verb} the true {friction['true']:.4f}.")
     return words
+
+
+def refuse_of_another(contents: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> list[str]:
+    """Refuse a diagnosis that cannot be of a run of this seal's bench, by what its recordings say of themselves.
+
+    Returns what each is of, as far as that is said. Raises ChallengeError: of another bench, or older than the seal.
+    """
+    told = []
+    for one in diagnosis.get("recordings") or [{}]:
+        origin, place = one.get("origin", {}), shown(str(one.get("folder", "the diagnosis")), 200)
+        run, bench = (shown(said, 200) for said in run_and_bench(origin) or ("", ""))
+        if run and bench != contents["bench"]:
+            raise ChallengeError(
+                f"{place} is run {run} of bench {bench}, and the seal is of bench {contents['bench']}; give a "
+                "diagnosis of a run that was taken with this seal"
+            )
+        taken, sealed = parsed(origin.get("date")), parsed(contents.get("sealed"))
+        if taken and sealed and taken.date() < (sealed - BEFORE).date():
+            raise ChallengeError(
+                f"{place} was taken on {taken.date()}, before anything was sealed ({sealed.date()}); give a diagnosis "
+                "of a run that was taken with this seal"
+            )
+        known = f"is run {run} of bench {bench}" if run else "does not say of which run it is"
+        told.append(f"{place} {known}: see for yourself that it was taken with this seal")
+    return told
 
 
 def read_diagnosis(file: Path) -> dict[str, Any]:

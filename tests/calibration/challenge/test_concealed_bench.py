@@ -32,13 +32,17 @@ from calibration.challenge.second_rig.machine import marches
 from rig.bench.bench import FOLDER, read_bench
 from rig.exchange.export import export_recording
 from rig.readings import NS
+from rig.recording.origin import run_and_bench
 from rig.run.running import Wanted, take
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 from rig.virtual import VirtualBenchError, launch
 from rig.virtual.plant.truth import LineTruth
+from spinbench import readings
+from spinbench.earlier import made_of as recordings_of
 from tests.five_on_three import five_on_three
+from tests.synthetic_runs import write_sweep
 from tests.virtual_benches import MODBUS, bench
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -346,6 +350,48 @@ def test_reveal_tells_what_was_concealed_and_scores_a_diagnosis(tmp_path, reveal
     assert done.stdout.startswith("windage: A drag of ")
     assert "The diagnosis is right: it said named, and windage was concealed." in done.stdout
     assert json.loads((tmp_path / "reveal.json").read_text())["score"]["score"] == "right"
+
+
+def of_a_recording(date="2999-01-01", note="run evening, bench virtual", folder="out/run"):
+    return {"recordings": [{"folder": folder, "origin": {"date": date, "note": note}}]}
+
+
+@pytest.mark.parametrize(
+    ("made_of", "says"),
+    [
+        (of_a_recording(note="an oil; run morning, bench cellar"), "is run morning of bench cellar, and the seal"),
+        (of_a_recording(date="2001-01-01"), "out/run was taken on 2001-01-01, before anything was sealed"),
+    ],
+)
+def test_a_diagnosis_of_another_bench_or_time_is_not_scored(tmp_path, reveal, made_of, says):
+    seal, key, told = tmp_path / "seal", tmp_path / "key", tmp_path / "diagnosis.json"
+    opened_or_drawn(read_bench(Path("virtual")), seal, key, 1, "windage")
+    told.write_text(json.dumps(diagnosis("named", "windage") | made_of))
+    done = reveal(seal, "--key", key, "--diagnosis", told)
+    assert done.returncode == 2 and done.stdout == ""
+    assert says in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("made_of", "says"),
+    [
+        (of_a_recording(), "out/run is run evening of bench virtual: see for yourself"),
+        (of_a_recording(note="by hand"), "out/run does not say of which run it is: see for yourself"),
+        ({}, "the diagnosis does not say of which run it is: see for yourself"),
+    ],
+)
+def test_it_is_told_of_which_run_a_scored_diagnosis_is(tmp_path, reveal, made_of, says):
+    seal, key, told = tmp_path / "seal", tmp_path / "key", tmp_path / "diagnosis.json"
+    opened_or_drawn(read_bench(Path("virtual")), seal, key, 1, "windage")
+    told.write_text(json.dumps(diagnosis("named", "windage") | made_of))
+    done = reveal(seal, "--key", key, "--diagnosis", told)
+    assert done.returncode == 0 and says in done.stderr
+
+
+def test_a_diagnosis_says_of_which_run_its_recordings_are(tmp_path):
+    run = write_sweep(tmp_path)
+    (source,) = recordings_of(None, [readings.read(run, quiet=True)], [], tmp_path)
+    assert run_and_bench(source["origin"]) == (run.name, read_run(run).start.bench)
 
 
 @pytest.mark.parametrize("wrong", ["no key", "another key", "no seal", "no diagnosis"])
