@@ -18,6 +18,7 @@ import pytest
 from calibration.challenge.campaign import sealing
 from calibration.challenge.concealed import revealing
 from calibration.challenge.concealed.bench import (
+    FAMILY,
     ConcealError,
     command,
     contents_of,
@@ -25,10 +26,13 @@ from calibration.challenge.concealed.bench import (
     opened_or_drawn,
     plant_of,
 )
+from calibration.challenge.second_rig import sizes
 from calibration.challenge.second_rig.bench import Rig
-from calibration.challenge.second_rig.concealed import Concealed
+from calibration.challenge.second_rig.concealed import USUAL, Concealed
 from calibration.challenge.second_rig.live import LivePlant
 from calibration.challenge.second_rig.machine import marches
+from calibration.report.diagnosis.words import effect_in_words
+from model.effects.library import effects
 from rig.bench.bench import FOLDER, read_bench
 from rig.exchange.export import export_recording
 from rig.readings import NS
@@ -325,6 +329,38 @@ def test_a_diagnosis_is_scored_in_a_word_and_in_a_sentence(only, said, word):
     scored = revealing.score(contents, said)
     assert scored["score"] == word
     assert all(sentence.endswith(".") for sentence in revealing.score_in_words(scored))
+
+
+def every_form():
+    """Each effect in each form that is drawn, and each that is in no list."""
+    chance = np.random.default_rng(1)
+    yield from (sizes.usual(name, FAMILY, False, chance) for name in USUAL)
+    for name, forms in sizes.OTHER_FORMS.items():
+        seen = {}
+        while set(seen) != set(forms[1]):
+            drawn = sizes.other(name, FAMILY, chance)
+            seen[drawn.form] = drawn
+        yield from seen.values()
+    unlisted = {}
+    while set(unlisted) != set(sizes.UNLISTED[FAMILY]):
+        drawn, _ = sizes.unlisted(FAMILY, chance, True)
+        unlisted[drawn.id] = drawn
+    yield from unlisted.values()
+
+
+@pytest.mark.parametrize("drawn", list(every_form()), ids=lambda drawn: f"{drawn.id}-{drawn.form}")
+def test_what_is_revealed_has_every_figure(drawn):
+    effect = {"id": drawn.id, "form": drawn.form, "values": dict(drawn.values)}
+    line = {"line_volume_l": 0.5, "regulator_lag_s": 0.1, "valve_time_s": 0.01}
+    told = revealing.in_words({"truth": {"effects": [effect], "f_overall": 0.06}, "line": line})[0]
+    assert "{" not in told and "}" not in told and told.endswith(".")
+
+
+@pytest.mark.parametrize("name", effects())
+def test_what_is_diagnosed_has_every_figure(name):
+    sizes_of = {one.name: {"mean": one.scale, "sd": 0.1 * one.scale} for one in effects()[name].parameters}
+    told = effect_in_words({"id": name, "parameters": sizes_of}, {})
+    assert "{" not in told and "}" not in told
 
 
 def test_the_interval_of_f_overall_holds_the_truth_or_does_not():
