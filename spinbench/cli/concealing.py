@@ -15,7 +15,8 @@ from spinbench.extras import need
 def reveal(
     seal: Annotated[Path, typer.Argument(metavar="SEAL", help="The folder that --conceal named.")],
     diagnosis: Annotated[
-        Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `diagnose --json` wrote, to be scored.")
+        Path | None,
+        typer.Option("--diagnosis", metavar="FILE", help="What `diagnose` wrote, or its folder: it is scored."),
     ] = None,
     key: SealKeyOption = None,
     json_file: JsonOption = None,

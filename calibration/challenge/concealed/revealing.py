@@ -25,6 +25,7 @@ from calibration.challenge.scoring.judging import (
     Case,
 )
 from calibration.challenge.second_rig.concealed import USUAL
+from calibration.report.diagnosis.page import JSON
 from calibration.report.diagnosis.words import effect_in_words
 from calibration.report.units import powers
 from model.effects.library import effects
@@ -149,7 +150,8 @@ def refuse_of_another(contents: Mapping[str, Any], diagnosis: Mapping[str, Any])
 
 
 def read_diagnosis(file: Path) -> dict[str, Any]:
-    """A diagnosis/1 from its file. Raises ChallengeError when it is none."""
+    """A diagnosis/1 from its file, or the folder that it was written to. Raises ChallengeError when it is none."""
+    file = file / JSON if file.is_dir() else file
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except ValueError as problem:

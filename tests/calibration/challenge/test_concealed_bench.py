@@ -422,6 +422,7 @@ def test_it_is_told_of_which_run_a_scored_diagnosis_is(tmp_path, reveal, made_of
     told.write_text(json.dumps(diagnosis("named", "windage") | made_of))
     done = reveal(seal, "--key", key, "--diagnosis", told)
     assert done.returncode == 0 and says in done.stderr
+    assert reveal(seal, "--key", key, "--diagnosis", tmp_path).stdout == done.stdout  # by its folder
 
 
 def test_a_diagnosis_says_of_which_run_its_recordings_are(tmp_path):
