@@ -175,6 +175,32 @@ def test_pulses_and_standard_litres_are_brought_to_rpm_and_to_the_inlet(imported
     assert read["flow_l_min"] == pytest.approx(100.0 * (1.01325 / 2.0) * (293.15 / 273.15))
 
 
+def test_a_flow_whose_pressure_is_missing_is_told(put, tmp_path, spinbench_here):
+    state = '"scfm"\nstandard = {pressure_bar_abs = 1.01325, temperature_c = 20.0}'
+    head = HEAD + COLUMNS.replace('"m3/h"', state) + "[ambient]\npressure_bar_abs = 1.0\ntemperature_c = 20.0\n"
+    put("m.toml", head)
+    put("data.csv", "Druck;Durchfluss;Drehzahl\n50,0;1,5;20,0\n;<1,6;21,0\n;;22,0\n70,0;1,7;23,0\n")
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "m.toml", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = "data.csv, line 3, column 'Durchfluss': 1 left out: the flow's unit needs the inlet's pressure"
+    assert told in done.stderr
+    assert told in (tmp_path / "out" / "notes.txt").read_text()
+
+
+def test_what_no_mean_is_made_of_is_told(put, tmp_path):
+    files = '[[files]]\nfile = "data.csv"\nkind = "steady"\naverage_rows = 2\n'
+    mapping = read_mapping(put("m.toml", HEAD + COLUMNS + files))
+    csv = put(
+        "data.csv", "Druck;Durchfluss;Drehzahl\n50,0;1,5;20,0\n51,0;;21,0\n60,0;1,6;22,0\n61,0;1,6;22,0\n9,0;1,6;9\n"
+    )
+    told = []
+    import_files([csv], mapping, tmp_path / "out", as_recording=True, tell=told.append)
+    assert [words.partition(": ")[2] for words in told] == [
+        "left out at the end: 1 of the 2 rows that average_rows takes",
+        "1 readings of flow_l_min left out: others that average_rows takes with them are missing or off scale",
+    ]
+
+
 def test_a_transient_with_clock_times_over_midnight_becomes_a_capture(imported):
     columns = COLUMNS + '[columns.time_s]\ncolumn = "Zeit"\nunit = "hh:mm:ss"\n'
     csv = "Zeit;Druck;Durchfluss;Drehzahl\n23:59:59;100,0;1,0;40,0\n00:00:00,5;0,0;0,5;20,0\n"
