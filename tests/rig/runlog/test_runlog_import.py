@@ -201,6 +201,14 @@ def test_what_no_mean_is_made_of_is_told(put, tmp_path):
     ]
 
 
+def test_a_place_that_is_taken_is_named(put, tmp_path, spinbench_here):
+    put("m.toml", HEAD + COLUMNS), put("data.csv", CSV)
+    (tmp_path / "out_log").mkdir()
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "m.toml", "-o", "out_log", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "spinbench: out_log: exists already; nothing is overwritten, give a name that is free\n"
+
+
 def test_a_transient_with_clock_times_over_midnight_becomes_a_capture(imported):
     columns = COLUMNS + '[columns.time_s]\ncolumn = "Zeit"\nunit = "hh:mm:ss"\n'
     csv = "Zeit;Druck;Durchfluss;Drehzahl\n23:59:59;100,0;1,0;40,0\n00:00:00,5;0,0;0,5;20,0\n"
