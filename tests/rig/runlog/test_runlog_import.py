@@ -201,6 +201,25 @@ def test_what_no_mean_is_made_of_is_told(put, tmp_path):
     ]
 
 
+@pytest.mark.parametrize(
+    ("said", "csv", "seems"),
+    [
+        (";", "Druck,Durchfluss,Drehzahl\n58.7,2.64,24.3\n", ","),
+        (",", "Druck;Durchfluss;Drehzahl\n58,7;2,64;24,3\n", ";"),
+        (",", "Druck\tDurchfluss\tDrehzahl\n58.7\t2.64\t24.3\n", "\\t"),
+        (" ", "Druck;Durchfluss;Drehzahl\n58.7;2.64;24.3\n", ";"),
+    ],
+)
+def test_what_the_delimiter_seems_to_be_is_said(put, tmp_path, spinbench_here, said, csv, seems):
+    (
+        put("m.toml", HEAD.replace('decimal = ","', 'decimal = "."').replace('";"', f'"{said}"') + COLUMNS),
+        put("data.csv", csv),
+    )
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "m.toml", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"the delimiter seems to be '{seems}', and the mapping says '{said}'" in done.stderr
+
+
 def test_a_place_that_is_taken_is_named(put, tmp_path, spinbench_here):
     put("m.toml", HEAD + COLUMNS), put("data.csv", CSV)
     (tmp_path / "out_log").mkdir()
