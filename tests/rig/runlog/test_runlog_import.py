@@ -106,6 +106,15 @@ def test_an_imported_run_is_exported_like_any_other(imported):
         ('"kPa gauge"', '"kPa"', r"'kPa' does not say absolute or gauge; write 'kPa abs' or 'kPa gauge'"),
         ('"kPa gauge"', '"kPa abs"', r"'kPa abs' is a unit of absolute pressure, and pressure_bar_gauge comes in"),
         ('"m3/h"', '"Nm3/h"', r"'Nm3/h' refers to a standard state; say which in standard = "),
+        ('"kPa gauge"', '"psig"', r"'psig' is not known; did you mean 'psi gauge'\? Known for pressure_bar_gauge: "),
+        ('"kPa gauge"', '"PSI gauge"', r"'PSI gauge' is not known; did you mean 'psi gauge'\?"),
+        ('"kPa gauge"', '"PSI"', r"'PSI' does not say absolute or gauge; write 'psi abs' or 'psi gauge'"),
+        ('"kPa gauge"', '"psia"', r"'psia', read as 'psi abs', is a unit of absolute pressure, and pressure_bar_gauge"),
+        ('"m3/h"', '"SCFM"', r"'SCFM' is not known; did you mean 'scfm'\?"),
+        ('"m3/h"', '"SLPM"', r"did you mean 'sL/min'\?"),
+        ('"m3/h"', '"liters/min"', r"did you mean 'L/min'\?"),
+        ('"rad/s"', '"RPM"', r"did you mean 'rpm'\?"),
+        ('"rad/s"', '"rads/s"', r"did you mean 'rad/s'\?"),
         ('"rad/s"', '"Hz"', r"Hz needs pulses_per_rev"),
         ("columns.speed_rpm", "columns.speed_rpn", r"no recording has this column; did you mean 'speed_rpm'\?"),
     ],
@@ -218,6 +227,15 @@ def test_what_the_delimiter_seems_to_be_is_said(put, tmp_path, spinbench_here, s
     done = spinbench_here("runs", "import", "data.csv", "--mapping", "m.toml", "-o", "out", cwd=tmp_path)
     assert done.returncode == 2
     assert f"the delimiter seems to be '{seems}', and the mapping says '{said}'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("named", "says"), [("nomap", "known here: ball_drops.toml"), ("emp", "did you mean 'emps.toml'?")]
+)
+def test_a_mapping_that_is_not_there_is_another_s_name_only_where_that_is_near(tmp_path, spinbench_here, named, says):
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", named, cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"{named}.toml: no such file; {says}" in done.stderr
 
 
 def test_a_place_that_is_taken_is_named(put, tmp_path, spinbench_here):
