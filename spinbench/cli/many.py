@@ -13,7 +13,7 @@ import typer
 from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import CHANGED, UNUSABLE_INPUT
-from spinbench.cli.show import on_terminal, remark
+from spinbench.cli.show import on_terminal, read_if_there, recordings_in, remark, tell_replaced
 from spinbench.extras import need
 from spinbench.progress import bars
 
@@ -113,9 +113,12 @@ def _diagnosed(
     """Diagnoses side by side, with a bar; a row each."""
     from calibration import fleet
 
+    before = recordings_in(read_if_there(out / fleet.CSV))
     with bars() as begin:
         processes = workers or os.cpu_count() or 1
-        return fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
+        rows = fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
+    tell_replaced(out, before, [str(row["recording"]) for row in rows])
+    return rows
 
 
 def _need_packages(scheduler: str | None) -> None:
