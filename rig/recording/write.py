@@ -39,8 +39,8 @@ def write_recording(recording: Recording, folder: Path, beside_it: Mapping[str, 
 
     `recording`: what to write; `folder`, `warnings` and `sha256` of it are not used.
     `beside_it`: further text files of the folder: name and content.
-    Raises PlaceError when the folder exists or cannot be made; RecordingError when what was written would not be read
-    back. Nothing is left behind.
+    Raises RecordingError when the folder exists, cannot be made, or what was written would not be read back. Nothing is
+    left behind.
     """
     folder = Path(folder)
     if os.path.lexists(folder):

@@ -17,10 +17,10 @@ OLD = {"recordings": [{"folder": "../march", "recording": "march"}]}
 @pytest.fixture
 def bench(tmp_path):
     """Two recordings, and reports of another one where theirs are to be written."""
-    for name in ("may", "june"):
+    for name, date in (("may", "2026-05-01"), ("june", "2026-06-01")):
         shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / name)
-    with (tmp_path / "june" / "recording.toml").open("a", encoding="utf-8") as file:
-        file.write('\n[origin]\nnote = "once more"\n')
+        with (tmp_path / name / "recording.toml").open("a", encoding="utf-8") as file:
+            file.write(f'\n[origin]\ndate = "{date}"\n')
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "diagnosis.json").write_text(json.dumps(OLD), encoding="utf-8")
     (tmp_path / "out" / "comparison.json").write_text(json.dumps(OLD), encoding="utf-8")
@@ -30,12 +30,13 @@ def bench(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "command", [("diagnose", "may", "--workers", 1), ("compare", "may", "june"), ("trend", "may", "june")]
+    "command", [("diagnose", "may", "--workers", 1), ("compare", "june", "may"), ("trend", "may", "june")]
 )
 def test_a_report_of_another_recording_is_replaced_in_words(bench, spinbench_here, command):
     done = spinbench_here(*command, "-o", "out", cwd=bench)
     assert done.returncode == 0, done.stderr
     assert "spinbench: replaced: the report in out, which was of march\n" in done.stderr
+    assert ("may is the earlier one by its date" in done.stderr) == (command[0] == "compare")
 
 
 def test_only_what_is_not_of_the_same_recordings_is_told(bench, capsys):
