@@ -28,7 +28,7 @@ def refuse_other_than_iso(dates: Mapping[Path, str]) -> None:
     Raises RecordingError: which they are.
     """
     strange = [f"{folder} '{shown(text)}'" for folder, text in dates.items() if text and parsed(text) is None]
-    if strange:
+    if strange and len(dates) > 1:
         raise RecordingError(
             f"no history without the order of its dates, and [origin] date {NOT_ISO} in {', '.join(strange)}; write it "
             "so there, or take it out of all of them: they then stand in the order given"
