@@ -166,5 +166,8 @@ def _nearest(word: str, known: list[str]) -> str:
 
 
 def _nearest_file(path: Path) -> str:
-    siblings = [entry.name for entry in path.parent.glob(f"*{path.suffix}")] if path.parent.is_dir() else []
-    return _nearest(path.name, sorted(siblings)[:20])
+    siblings = sorted(entry.stem for entry in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
+    close = difflib.get_close_matches(path.stem, siblings, n=1)  # without the ending, which all of them share
+    if close:
+        return f"; did you mean '{close[0]}{path.suffix}'?"
+    return f"; known here: {', '.join(f'{stem}{path.suffix}' for stem in siblings[:20])}" if siblings else ""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from calibration.likelihood.expected import Capture
     from rig.recording import Recording
 
-RECORDINGS, FOLDER, SHA256, WITHOUT = "recordings", "folder", "sha256", "without"
+RECORDINGS, FOLDER, SHA256, WITHOUT, ORIGIN = "recordings", "folder", "sha256", "without", "origin"
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def made_of(
     from calibration.data.joined import names_of
 
     sources = list(earlier.sources) if earlier else []
-    sources += [{FOLDER: str(one.folder), SHA256: one.sha256, WITHOUT: []} for one in new]
+    sources += [{FOLDER: str(one.folder), SHA256: one.sha256, WITHOUT: [], ORIGIN: dict(one.origin)} for one in new]
     names = names_of([*(earlier.recordings if earlier else []), *new])
     start = (Path.cwd() if out is None else out).resolve()
     found = []

@@ -64,6 +64,21 @@ def is_swept(folder: Path) -> bool:
         return True
 
 
+def date_stated(folder: Path) -> str:
+    """The date that a recording or run states, or nothing; what cannot be read is left to who reads it."""
+    from configs import ConfigError, read_toml
+    from rig.runlog.folder import START, RunError
+    from rig.runlog.reader import read_start
+
+    try:
+        if (folder / START).is_file():
+            return read_start(folder).taken
+        origin = read_toml(folder / "recording.toml").get("origin")
+    except (RunError, ConfigError):
+        return ""
+    return str(origin.get("date", "")) if isinstance(origin, dict) else ""
+
+
 def read(path: Path, quiet: bool = False) -> Recording:
     """A recording: a recording/1 folder, or what a run's plateaus and captures amount to, with remarks on it."""
     from rig.recording import read_recording

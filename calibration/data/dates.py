@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
+from pathlib import Path
 
-from rig.recording import Recording
+from rig.recording import Recording, RecordingError
+from rig.recording.dates import NOT_ISO, parsed
+from rig.recording.mistakes import shown
 
 
 def date_of(recording: Recording) -> datetime | None:
@@ -17,13 +21,18 @@ def day_of(recording: Recording) -> str:
     return recording.origin.get("date", "")[: len("2026-05-28")] or str(recording.folder)
 
 
-def parsed(text: str | None) -> datetime | None:
-    """An ISO date, in UTC where no other zone is said; None of what is none."""
-    try:
-        taken = datetime.fromisoformat(text or "")
-    except ValueError:
-        return None
-    return taken if taken.tzinfo else taken.replace(tzinfo=UTC)
+def refuse_other_than_iso(dates: Mapping[Path, str]) -> None:
+    """Refuse dates that nothing can be ordered by.
+
+    `dates`: of each recording, as it states it; empty where it does not.
+    Raises RecordingError: which they are.
+    """
+    strange = [f"{folder} '{shown(text)}'" for folder, text in dates.items() if text and parsed(text) is None]
+    if strange and len(dates) > 1:
+        raise RecordingError(
+            f"no history without the order of its dates, and [origin] date {NOT_ISO} in {', '.join(strange)}; write it "
+            "so there, or take it out of all of them: they then stand in the order given"
+        )
 
 
 def as_text(taken: datetime | None) -> str | None:

@@ -80,13 +80,13 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
             converted.cells[name] = [str(cell) for cell in cells]
     if not converted.columns:
         raise RunError(f"{table.place}: every cell that the mapping takes is empty")
+    converted.lines = lines = [table.lines[row] for row in rows]
     _bring_to_inlet(mapping, converted, table.place)
     for name, source in mapping.columns.items():
         if name in converted.columns and not source.differentiate and source.factor != 1.0:
             column = converted.columns[name]
             censor = column.censor if source.factor > 0.0 else -column.censor
             converted.columns[name] = Column(column.values * source.factor, censor)
-    lines = [table.lines[row] for row in rows]
     if isinstance(mapping.motor, str):
         _check(entry, converted, lines, table.place)
     thinned = _thinned(mapping, converted, table.place)
@@ -273,7 +273,14 @@ def _bring_to_inlet(mapping: MappingFile, converted: Converted, place: str) -> N
     if isinstance(standard, RotameterTable):
         ratio = np.sqrt(ratio * MOLAR_MASS[standard.gas] / MOLAR_MASS["air"])
     flow = converted.columns["flow_l_min"]
-    converted.columns["flow_l_min"] = Column(flow.values * ratio, flow.censor)
+    lost = np.flatnonzero(np.isnan(ratio) & ~np.isnan(flow.values))
+    if lost.size:
+        lines = ", ".join(str(converted.lines[row]) for row in lost[:5]) + ", ..." * (lost.size > 5)
+        converted.notes.append(
+            f"{place}, line {lines}, column '{_heading(source)}': {lost.size} left out: the flow's unit needs the "
+            "inlet's pressure and temperature, and a cell of these is empty there"
+        )
+    converted.columns["flow_l_min"] = Column(flow.values * ratio, np.where(np.isnan(ratio), 0, flow.censor))
 
 
 def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converted:
@@ -286,6 +293,10 @@ def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converte
         raise RunError(f"{place}: {count} rows are too few to average {size} of them, or to take differences")
     last = np.arange(size - 1, count, size)
     columns = {}
+    if count % size:
+        converted.notes.append(
+            f"{place}: left out at the end: {count % size} of the {size} rows that average_rows takes"
+        )
     for name, column in converted.columns.items():
         if name in rates:
             columns[name] = _rate(converted, name, mapping.columns[name].factor, last, place)
@@ -295,6 +306,11 @@ def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converte
             blocks = column.values[: last.size * size].reshape(-1, size)
             off = (column.censor[: last.size * size].reshape(-1, size) != 0).any(axis=1)
             known = ~np.isnan(blocks).any(axis=1) & ~(off & (size > 1))
+            if lost := int((~np.isnan(blocks[~known])).sum()):
+                converted.notes.append(
+                    f"{place}: {lost} readings of {name} left out: others that average_rows takes with them are "
+                    "missing or off scale"
+                )
             values = np.where(known, np.where(np.isnan(blocks), 0.0, blocks).mean(axis=1), np.nan)
             columns[name] = Column(values, column.censor[last] if size == 1 else np.zeros(last.size, np.int8))
     direction = None if converted.direction is None else converted.direction[last]

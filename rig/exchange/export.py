@@ -16,6 +16,7 @@ from rig.exchange.captures import column_of, transients
 from rig.exchange.figures import Figures
 from rig.readings import NS
 from rig.recording import Ambient, Recording, RecordingFile, SupplyFigures, write_recording
+from rig.recording.origin import of_run
 from rig.recording.schema import MOST_TEXT, SupplyTable
 from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of
 from rig.runlog.phases import DERIVED_DEVICE, Phase, quantity_channels, series, zeros
@@ -101,7 +102,7 @@ def _origin(run: Run) -> dict[str, str]:
         "operator": start.operator,
         "motor_serial": start.motor_serial,
         "oil": start.lubrication,
-        "note": f"{note}{'; ' * bool(note)}run {run.name}, bench {start.bench}",
+        "note": f"{note}{'; ' * bool(note)}{of_run(run.name, start.bench)}",
         "parent": start.goes_on_from,
     }
     return {key: text[:MOST_TEXT] for key, text in said.items() if text}

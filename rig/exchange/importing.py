@@ -21,6 +21,7 @@ from rig.recording import Ambient, Channel, Recording, RecordingError, Recording
 from rig.recording.columns import FIGURES, MEASURED
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
+from rig.recording.write import PlaceError
 from rig.runlog.folder import RunError, sha256_of
 from rig.runlog.plateaus import PRESSURES, QUANTITIES
 from rig.runlog.rows import utc_text
@@ -121,6 +122,8 @@ def _write(parts: Sequence[Converted], mapping: Mapping, folder: Path, notes: st
     recording = Recording(folder, mapping.file.motor, ambient, channels, recorded, origin=origin)
     try:
         write_recording(recording, folder, {NOTES: notes})
+    except PlaceError:
+        raise
     except RecordingError as error:
         raise RecordingError(_of_sources(str(error), folder, named, parts, mapping)) from None
 

@@ -15,6 +15,7 @@ from rig.exchange.binary.columns import WAVEFORM_TIME
 from rig.exchange.units import unit_of
 from rig.recording.columns import MEASURED, NAMES, nearest
 from rig.recording.contents import Kind
+from rig.recording.dates import mistake_in
 from rig.recording.mistakes import shown
 from rig.recording.schema import Air, NotNegative, OriginTable, Positive
 from rig.runlog.folder import RunError
@@ -159,6 +160,9 @@ def read_mapping(path: Path) -> Mapping:
     mistakes = [f"{path}: {mistake}" for name, table in file.columns.items() for mistake in _mistakes(name, table)]
     if not file.files and file.kind is None:
         mistakes.append(f"{path}: the key 'kind' is missing; say steady, transient or zero, or list [[files]]")
+    date = file.origin.date
+    if date and (wrong := mistake_in(date)):
+        mistakes.append(f"{path}: origin.date '{shown(date)}' {wrong}")
     if mistakes:
         raise RunError("\n".join(mistakes))
     return Mapping(path, file, path.read_bytes())

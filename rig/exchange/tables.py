@@ -29,6 +29,7 @@ class Table:
     `short`: the line with the fewest cells, and their number; None where each row has all.
     `clocks`: what there was where columns of several clocks stand on one time line, with empty cells between.
     `units`: by heading, as the file states them.
+    `hint`: of text, what its delimiter seems to be where that is another than was said; begins with "; ".
     """
 
     place: str
@@ -38,6 +39,7 @@ class Table:
     short: tuple[int, int] | None = None
     clocks: str = ""
     units: dict[str, str] = field(default_factory=dict)
+    hint: str = ""
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
@@ -57,14 +59,14 @@ class Table:
         if isinstance(key, int):
             if key <= len(self.columns):
                 return key - 1
-            raise RunError(f"{self.place}: there is no column {key}; it has {len(self.columns)}")
+            raise RunError(f"{self.place}: there is no column {key}; it has {len(self.columns)}{self.hint}")
         found = [index for index, heading in enumerate(self.headings) if heading == key]
         if len(found) == 1:
             return found[0]
         if found:
             raise RunError(f"{self.place}: {len(found)} columns are called '{shown(key)}'; give the place of one")
         listed = ", ".join(f"'{shown(heading)}'" for heading in self.headings[:40]) or "the file has no headings"
-        raise RunError(f"{self.place}: no column is called '{shown(key)}'; there are {listed}")
+        raise RunError(f"{self.place}: no column is called '{shown(key)}'; there are {listed}{self.hint}")
 
 
 def read_table(
@@ -95,7 +97,17 @@ def _csv(path: Path, table: TableTable) -> Table:
     _, headings = next(rows, (0, [])) if begin else (0, [])
     if table.first_line:
         rows = _records(path, lines, table.first_line, table)
-    return _of_rows(str(path), headings, list(rows), table.first_line or begin + 1, is_text=True, table=table)
+    hint = _other_delimiter(lines[max(begin, 1) - 1 :][:1], table)
+    return _of_rows(str(path), headings, list(rows), table.first_line or begin + 1, table, hint)
+
+
+def _other_delimiter(first: list[str], table: TableTable) -> str:
+    """What else than the delimiter that was said seems to part the columns of a table's first line; or nothing."""
+    counts = {mark: "".join(first).count(mark) for mark in ",;\t|"}
+    likely = max(counts, key=lambda mark: counts[mark])
+    if table.delimiter in (None, likely) or counts[likely] <= counts.get(table.delimiter or "", 0):
+        return ""
+    return f"; the delimiter seems to be '{shown(likely)}', and the mapping says '{shown(str(table.delimiter))}'"
 
 
 def _records(path: Path, lines: list[str], first: int, table: TableTable) -> Iterator[tuple[int, list[str]]]:
@@ -115,8 +127,9 @@ def _records(path: Path, lines: list[str], first: int, table: TableTable) -> Ite
 
 
 def _of_rows(
-    place: str, headings: list[str], rows: list[tuple[int, list[str]]], first: int, is_text: bool, table: TableTable
+    place: str, headings: list[str], rows: list[tuple[int, list[str]]], first: int, table: TableTable, hint: str = ""
 ) -> Table:
+    is_text = table.reader == "csv"
     data = [(number, row) for number, row in rows if any(row)]
     if not data:
         raise RunError(f"{place}: no rows from line {first} on")
@@ -126,7 +139,9 @@ def _of_rows(
     if is_text:  # beside the table of a workbook there may be notes
         for number, row in data:
             if len(row) > width and any(row[width:]):
-                raise RunError(f"{place}, line {number}: {len(row)} cells, expected {width}; is the delimiter right?")
+                raise RunError(
+                    f"{place}, line {number}: {len(row)} cells, expected {width}{hint or '; is the delimiter right?'}"
+                )
             if len(row) < width and table.delimiter == " ":
                 raise RunError(
                     f"{place}, line {number}: {len(row)} cells, expected {width}; where spaces part the columns, none "
@@ -135,7 +150,7 @@ def _of_rows(
     least, line = min((len(row), number) for number, row in data)
     columns: list[Cells] = [[row[index] if index < len(row) else "" for _, row in data] for index in range(width)]
     short = (line, least) if is_text and least < width else None
-    return Table(place, headings, columns, [number for number, _ in data], short)
+    return Table(place, headings, columns, [number for number, _ in data], short, hint=hint)
 
 
 def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
@@ -143,4 +158,4 @@ def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
     headings = rows[begin - 1] if 0 < begin <= len(rows) else []
     first = table.first_line or begin + 1
     numbered = list(enumerate(rows, start=1))[first - 1 :]
-    return _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, numbered, first, is_text=False, table=table)
+    return _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, numbered, first, table)

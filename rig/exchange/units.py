@@ -5,10 +5,12 @@ A value in the column's unit is ``value * factor + offset``.
 
 from __future__ import annotations
 
+import difflib
 import math
 from dataclasses import dataclass
 
 from configs.units import ZERO_C
+from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 
 
@@ -124,21 +126,26 @@ def unit_of(column: str, name: str, differentiate: bool = False) -> Unit:
     if name in known:
         unit = UNITS[name]
         return Unit(unit.quantity, unit.factor * _RPM) if differentiate and column == "speed_rpm" else unit
-    if f"{name} abs" in UNITS:
-        raise RunError(f"the unit '{name}' does not say absolute or gauge; write '{name} abs' or '{name} gauge'")
-    if name in UNITS:
-        raise RunError(f"'{name}' is a unit of {UNITS[name].quantity}, and {column} comes in one of {listed}")
-    raise RunError(f"the unit '{name[:40]}' is not known; known for {column}: {listed}")
+    called = name if name in UNITS else unit_called(name) or next(iter(difflib.get_close_matches(name, known, 1)), "")
+    said = f"'{shown(name)}'"
+    if called in PRESSURES:
+        raise RunError(f"the unit {said} does not say absolute or gauge; write '{called} abs' or '{called} gauge'")
+    if called and called not in known:
+        said += f", read as '{called}'," * (called != name)
+        raise RunError(f"{said} is a unit of {UNITS[called].quantity}, and {column} comes in one of {listed}")
+    meant = f"did you mean '{called}'? Known" if called else "known"
+    raise RunError(f"the unit {said} is not known; {meant} for {column}: {listed}")
 
 
 # How others write a unit.
 _SAME = {
-    "L/min": ("lpm", "l min"),
-    "sL/min": ("slpm", "std l/min", "sl/min"),
+    "L/min": ("lpm", "l min", "liter/min", "liters/min", "litre/min", "litres/min", "l/minute"),
+    "sL/min": ("slpm", "std l/min", "sl/min", "standard l/min"),
     "NL/min": ("ln/min", "nlpm", "norm l/min"),
     "m3/h": ("m^3/h", "cbm/h"),
     "Nm3/h": ("nm^3/h", "mn3/h"),
-    "cfm": ("ft3/min",),
+    "cfm": ("ft3/min", "ft^3/min"),
+    "scfm": ("std cfm", "standard cfm", "std ft3/min", "sft3/min"),
     "rpm": ("1/min", "u/min", "min-1", "min^-1", "rev/min", "r/min", "upm"),
     "rev/s": ("u/s", "rps", "r/s"),
     "deg/s": ("°/s",),

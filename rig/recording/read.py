@@ -16,6 +16,7 @@ import numpy as np
 from configs import ConfigError, read_toml, validate
 from rig.recording.columns import MEASURED, NAMES, PRESSURE, siblings
 from rig.recording.contents import Ambient, Channel, Recording, RecordingError, RecordingFile, SupplyFigures
+from rig.recording.dates import NOT_ISO, parsed
 from rig.recording.folder import RefusedError, check_plain, inside, open_plain
 from rig.recording.header import needed_columns, unknown_warning
 from rig.recording.mistakes import Mistakes, shown
@@ -202,6 +203,8 @@ def _assembled(
     warnings = default_warnings(channels)
     if table.ambient.pressure_bar_abs is None and columns & set(PRESSURE):
         warnings.append("[ambient] leaves out pressure_bar_abs (taken: the motor's default and its prior)")
+    if table.origin.date and parsed(table.origin.date) is None:
+        warnings.append(f"[origin] date '{shown(table.origin.date)}' {NOT_ISO}; it counts as not stated")
     files = []
     for entry, found in zip(table.files, tables, strict=True):
         warnings += unknown_warning(found.names, entry.file, kept=bool(found.extra))

@@ -27,6 +27,10 @@ _FORMULA = ("=", "+", "-", "@")  # what a spreadsheet would take for a formula
 _SIGN = {0: "", -1: "<", 1: ">"}
 
 
+class PlaceError(RecordingError):
+    """A recording cannot be where it is to be written; the text names that place."""
+
+
 def write_recording(recording: Recording, folder: Path, beside_it: Mapping[str, str] | None = None) -> None:
     """Write a recording as a recording/1 folder that `read_recording` reads back.
 
@@ -40,7 +44,7 @@ def write_recording(recording: Recording, folder: Path, beside_it: Mapping[str, 
     """
     folder = Path(folder)
     if os.path.lexists(folder):
-        raise RecordingError(f"{folder}: exists already; nothing is overwritten, give a name that is free")
+        raise PlaceError(f"{folder}: exists already; nothing is overwritten, give a name that is free")
     beside = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}.writing")
     try:
         beside.mkdir()
@@ -55,7 +59,7 @@ def write_recording(recording: Recording, folder: Path, beside_it: Mapping[str, 
     except RefusedError as refusal:
         raise RecordingError(f"{folder}: {refusal}") from None
     except OSError as error:
-        raise RecordingError(f"{folder}: cannot be written ({error.strerror}); check the place and the space") from None
+        raise PlaceError(f"{folder}: cannot be written ({error.strerror}); check the place and the space") from None
     finally:
         shutil.rmtree(beside, ignore_errors=True)
 

@@ -8,14 +8,15 @@ from typing import Annotated
 import typer
 
 from spinbench.cli.options import JsonOption, SealKeyOption
-from spinbench.cli.show import check_places, takes_output
+from spinbench.cli.show import check_places, remark, takes_output
 from spinbench.extras import need
 
 
 def reveal(
     seal: Annotated[Path, typer.Argument(metavar="SEAL", help="The folder that --conceal named.")],
     diagnosis: Annotated[
-        Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `diagnose --json` wrote, to be scored.")
+        Path | None,
+        typer.Option("--diagnosis", metavar="FILE", help="What `diagnose` wrote, or its folder: it is scored."),
     ] = None,
     key: SealKeyOption = None,
     json_file: JsonOption = None,
@@ -28,6 +29,8 @@ def reveal(
     check_places(None, json_file)
     found = None if diagnosis is None else revealing.read_diagnosis(diagnosis)
     contents = revealing.reveal(seal, key)
+    if found is not None:
+        remark(*revealing.refuse_of_another(contents, found))
     scored = None if found is None else revealing.score(contents, found)
     data = files.json_bytes({"format": "reveal/1", **contents, "score": scored})
     if takes_output(data, json_file):

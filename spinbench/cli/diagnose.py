@@ -15,7 +15,7 @@ import typer
 from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.show import check_places, deliver, remark
+from spinbench.cli.show import check_places, deliver, remark, write_report
 from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
 from spinbench.progress import diagnosing
 
@@ -94,7 +94,7 @@ def diagnose(
         page, table, words = _told_by(found)
         if out is not None:
             tell("report")
-            files.write_files(out, {JSON: data} | _pages(page, diagnosis, found))
+            write_report(out, {JSON: data} | _pages(page, diagnosis, found), JSON)
     deliver(data, [table(found)], json_file)
     print(words.sentence(found), file=sys.stderr)
     _warn(found, diagnosis)
@@ -158,7 +158,7 @@ def compare(
         data = files.json_bytes(document)
         if out is not None:
             tell("report")
-            files.write_files(out, {page.JSON: data} | page.report(found, document))
+            write_report(out, {page.JSON: data} | page.report(found, document), page.JSON)
     deliver(data, [words.table(document)], json_file)
     print(words.sentence(document), file=sys.stderr)
     remark(*few_used(document["files"]), steps_in_words(found.seconds))

@@ -13,7 +13,7 @@ import typer
 from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import CHANGED, UNUSABLE_INPUT
-from spinbench.cli.show import on_terminal, remark
+from spinbench.cli.show import on_terminal, read_if_there, recordings_in, remark, tell_replaced
 from spinbench.extras import need
 from spinbench.progress import bars
 
@@ -78,6 +78,7 @@ def trend(
 ) -> None:
     """Show f_overall and each effect along the dates, motor by motor; exit code 6 where one changed."""
     from calibration import fleet
+    from calibration.data.dates import refuse_other_than_iso
     from calibration.report.comparison import history
     from calibration.report.comparison import trend as trends
     from rig.recording.files import write_files
@@ -87,6 +88,7 @@ def trend(
     swept = [one for one in found if readings.is_swept(one)]
     if len(swept) < len(found):
         remark(f"passed over: {len(found) - len(swept)} runs that are no sweeps")
+    refuse_other_than_iso({one: readings.date_stated(one) for one in swept})
     rows = _diagnosed(swept, seed, out, workers, scheduler)
     said = fleet.write_trend(out, rows)
     read = {row["recording"]: readings.read(Path(row["recording"]), quiet=True) for row in rows if not row["error"]}
@@ -111,9 +113,12 @@ def _diagnosed(
     """Diagnoses side by side, with a bar; a row each."""
     from calibration import fleet
 
+    before = recordings_in(read_if_there(out / fleet.CSV))
     with bars() as begin:
         processes = workers or os.cpu_count() or 1
-        return fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
+        rows = fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
+    tell_replaced(out, before, [str(row["recording"]) for row in rows])
+    return rows
 
 
 def _need_packages(scheduler: str | None) -> None:
@@ -129,15 +134,18 @@ def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[
     from rich.table import Table
 
     from calibration import fleet
+    from calibration.data.dates import refuse_other_than_iso
 
     table = Table(*header)
     for cells in shown:
         table.add_row(*(escape(cell) for cell in cells))
     on_terminal(table)
     print(out / fleet.CSV)
-    for words in fleet.write_trend(out, rows):
-        print(words, file=sys.stderr)
     failed = [row for row in rows if row["error"]]
     remark(*(f"{row['recording']}: {row['error']}" for row in failed))
+    folders = [Path(row["recording"]) for row in rows]
+    refuse_other_than_iso({one: readings.date_stated(one) for one in folders})
+    for words in fleet.write_trend(out, rows):
+        print(words, file=sys.stderr)
     if failed:
         raise typer.Exit(UNUSABLE_INPUT)

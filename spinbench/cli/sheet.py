@@ -39,11 +39,14 @@ def sheet(
     """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
     from rig.bench.bench import bench_path, read_bench
     from rig.by_hand.sheet_entry import SheetError
+    from rig.recording.dates import mistake_in
     from rig.run.running import enter
     from rig.sweep.ambient import Given
 
     if (out is None) == (entered is None):
         raise typer.BadParameter("give either -o, to print a sheet, or --enter, to enter one")
+    if date and (wrong := mistake_in(date)):
+        raise typer.BadParameter(f"--date '{date}' {wrong}")
     read = read_bench(bench_path(bench))
     if out is not None:
         _print(read, out)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 WIDTH, WIDTH_OF_FIGURES = 140, 120  # of a table in a pipe, where no column is cut
@@ -29,6 +31,44 @@ def check_places(out: Path | None, json_file: Path | None) -> None:
     from rig.recording import files
 
     files.check_places(out, None if json_file is None or str(json_file) == "-" else json_file)
+
+
+def write_report(out: Path, contents: Mapping[str, bytes], document: str) -> None:
+    """Write a report's files; say so where that replaces one of other recordings.
+
+    `document`: which of the files says, as JSON, what it was made of.
+    """
+    from rig.recording import files
+
+    before, now = (recordings_in(data) for data in (read_if_there(out / document), contents[document]))
+    files.write_files(out, contents)
+    tell_replaced(out, before, now)
+
+
+def tell_replaced(out: Path, before: Iterable[str], now: Collection[str]) -> None:
+    """Say that the report in a folder was of other recordings than the one that is there now."""
+    gone = [Path(name).name for name in dict.fromkeys(before) if name not in now]
+    if gone:
+        more = f" and {len(gone) - 5} more" * (len(gone) > 5)
+        remark(f"replaced: the report in {out}, which was of {', '.join(gone[:5])}{more}")
+
+
+def recordings_in(data: bytes) -> list[str]:
+    """The recordings that a report's JSON, or a table's CSV, is of; none where it does not say."""
+    try:
+        text = data.decode()
+        rows = json.loads(text).get("recordings") if text.startswith("{") else csv.DictReader(text.splitlines())
+        return [str(row.get("folder") or row["recording"]) for row in rows or []]
+    except (ValueError, csv.Error, LookupError, TypeError, AttributeError):
+        return []
+
+
+def read_if_there(file: Path) -> bytes:
+    """A file's bytes; none where there is none."""
+    try:
+        return file.read_bytes() if file.is_file() else b""
+    except OSError:
+        return b""
 
 
 def deliver(data: bytes, tables: Iterable[object], json_file: Path | None) -> None:

@@ -44,6 +44,17 @@ def recorded(folder: Path, motor: str) -> Path:
     return folder
 
 
+@pytest.mark.parametrize(("taken", "named"), [("file", "file"), ("file", "file/below"), ("there/motors", "there")])
+def test_init_says_which_file_stands_in_its_way(tmp_path, spinbench_here, taken, named):
+    (tmp_path / taken).parent.mkdir(exist_ok=True)
+    (tmp_path / taken).write_text("a file")
+    done = spinbench_here("init", named, cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert f"{taken}: a file, where a folder is to be made; name another folder" in line
+    assert [one.name for one in tmp_path.rglob("*") if one.is_file()] == [Path(taken).name]
+
+
 def test_init_makes_a_project_that_works_and_overwrites_nothing(project, spinbench_here):
     assert {one.name for one in project.iterdir()} == {
         "spinbench.toml", "notes.md", "motors", "benches", "instruments", "imports", "logs",

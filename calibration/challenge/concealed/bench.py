@@ -13,6 +13,7 @@ import secrets
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,8 @@ def opened_or_drawn(bench: Bench, seal: Path, key: Path, seed: int | None, only:
             raise ConcealError(f"{seal}: it is sealed already, with something else; name another folder")
         return there
     drawn = contents_of(bench, secrets.token_hex(16) if seed is None else seed, only)
-    sealing.seal(seal, drawn | {"seed": seed, "only": only}, key)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    sealing.seal(seal, drawn | {"seed": seed, "only": only, "sealed": now}, key)
     return drawn
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,13 @@ from calibration.challenge.scoring.judging import (
     Case,
 )
 from calibration.challenge.second_rig.concealed import USUAL
+from calibration.report.diagnosis.page import JSON
 from calibration.report.diagnosis.words import effect_in_words
 from calibration.report.units import powers
 from model.effects.library import effects
+from rig.recording.dates import parsed
+from rig.recording.mistakes import shown
+from rig.recording.origin import run_and_bench
 
 FALSE_NAME, FALSE_ALARM = "false name", "false alarm"
 SCORES = {
@@ -40,6 +45,8 @@ SCORES = {
     ALARM: FALSE_ALARM,
     FAILED: "failed",
 }
+BEFORE = timedelta(hours=1)  # a run begins about when its bench is sealed
+FIXED = {("leakage", "laminar"): {"exponent": 1.0}}  # what a form says without a figure
 UNITS = {"nm": "N m", "rad_s": "rad/s", "pa": "Pa", "s": "s", "m3_s": "m3/s", "m2": "m2", "kg_s_pa2": "kg/(s Pa2)"}
 UNITS |= {"nm_s2": "N m s2", "pa_s2_m6": "Pa s2/m6", "pa_s_m3": "Pa s/m3", "w_m2k": "W/(m2 K)", "m3": "m3"}
 
@@ -117,8 +124,34 @@ def score_in_words(scored: Mapping[str, Any]) -> list[str]:
     return words
 
 
+def refuse_of_another(contents: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> list[str]:
+    """Refuse a diagnosis that cannot be of a run of this seal's bench, by what its recordings say of themselves.
+
+    Returns what each is of, as far as that is said. Raises ChallengeError: of another bench, or older than the seal.
+    """
+    told = []
+    for one in diagnosis.get("recordings") or [{}]:
+        origin, place = one.get("origin", {}), shown(str(one.get("folder", "the diagnosis")), 200)
+        run, bench = (shown(said, 200) for said in run_and_bench(origin) or ("", ""))
+        if run and bench != contents["bench"]:
+            raise ChallengeError(
+                f"{place} is run {run} of bench {bench}, and the seal is of bench {contents['bench']}; give a "
+                "diagnosis of a run that was taken with this seal"
+            )
+        taken, sealed = parsed(origin.get("date")), parsed(contents.get("sealed"))
+        if taken and sealed and taken.date() < (sealed - BEFORE).date():
+            raise ChallengeError(
+                f"{place} was taken on {taken.date()}, before anything was sealed ({sealed.date()}); give a diagnosis "
+                "of a run that was taken with this seal"
+            )
+        known = f"is run {run} of bench {bench}" if run else "does not say of which run it is"
+        told.append(f"{place} {known}: see for yourself that it was taken with this seal")
+    return told
+
+
 def read_diagnosis(file: Path) -> dict[str, Any]:
-    """A diagnosis/1 from its file. Raises ChallengeError when it is none."""
+    """A diagnosis/1 from its file, or the folder that it was written to. Raises ChallengeError when it is none."""
+    file = file / JSON if file.is_dir() else file
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except ValueError as problem:
@@ -145,8 +178,8 @@ def _f_overall(true: float, diagnosis: Mapping[str, Any]) -> dict[str, Any] | No
 
 def _effect(effect: Mapping[str, Any]) -> str:
     """An effect in a sentence: the library's own where its usual form is, else its name and its figures."""
-    name, values = effect["id"], effect["values"]
-    if USUAL.get(name) == effect["form"] and set(values) <= {p.name for p in effects()[name].parameters}:
+    name, values = effect["id"], FIXED.get((effect["id"], effect["form"]), {}) | effect["values"]
+    if USUAL.get(name) == effect["form"] and set(values) == {p.name for p in effects()[name].parameters}:
         told = effect_in_words(
             {"id": name, "parameters": {key: {"mean": value, "sd": 0.0} for key, value in values.items()}}, {}
         )

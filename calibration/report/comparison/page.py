@@ -6,7 +6,6 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-from calibration.data.dates import parsed
 from calibration.data.rows_used import few_used
 from calibration.diagnosis.result import Diagnosis
 from calibration.report import along_dates
@@ -17,6 +16,7 @@ from calibration.report.sets_in_words import in_a_row
 from calibration.report.units import on_an_axis
 from calibration.unknowns.effects import changed, is_change, unchanged
 from model.effects import effects
+from rig.recording.dates import parsed
 
 JSON = "comparison.json"
 MOST, MOST_WIDE = 6, 38  # changes that are drawn, and characters of a line of their titles

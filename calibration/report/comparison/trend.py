@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data.dates import as_text, parsed
+from calibration.data.dates import as_text
 from calibration.diagnosis.document import Q95
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
@@ -20,6 +20,7 @@ from calibration.report.units import on_an_axis
 from calibration.work import many_table
 from calibration.work.trend import Line, line_through
 from model.effects import effects
+from rig.recording.dates import parsed
 
 CSV, PNG = "trend.csv", "trend.png"
 F_OVERALL = "f_overall"

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.data.dates import parsed
 from calibration.data.rows_used import few_used, in_words
 from calibration.diagnosis.document import NOTHING, next_tests_as_json
 from calibration.diagnosis.result import Diagnosis
@@ -22,6 +21,7 @@ from calibration.report.sets_in_words import in_a_row, title, titles
 from calibration.report.units import FAMILIAR, how_taken, on_an_axis
 from model.effects import effects
 from model.effects.effect import EffectParameter
+from rig.recording.dates import parsed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,6 +18,7 @@ import pytest
 from calibration.challenge.campaign import sealing
 from calibration.challenge.concealed import revealing
 from calibration.challenge.concealed.bench import (
+    FAMILY,
     ConcealError,
     command,
     contents_of,
@@ -25,20 +26,27 @@ from calibration.challenge.concealed.bench import (
     opened_or_drawn,
     plant_of,
 )
+from calibration.challenge.second_rig import sizes
 from calibration.challenge.second_rig.bench import Rig
-from calibration.challenge.second_rig.concealed import Concealed
+from calibration.challenge.second_rig.concealed import USUAL, Concealed
 from calibration.challenge.second_rig.live import LivePlant
 from calibration.challenge.second_rig.machine import marches
+from calibration.report.diagnosis.words import effect_in_words
+from model.effects.library import effects
 from rig.bench.bench import FOLDER, read_bench
 from rig.exchange.export import export_recording
 from rig.readings import NS
+from rig.recording.origin import run_and_bench
 from rig.run.running import Wanted, take
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 from rig.virtual import VirtualBenchError, launch
 from rig.virtual.plant.truth import LineTruth
+from spinbench import readings
+from spinbench.earlier import made_of as recordings_of
 from tests.five_on_three import five_on_three
+from tests.synthetic_runs import write_sweep
 from tests.virtual_benches import MODBUS, bench
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -323,6 +331,38 @@ def test_a_diagnosis_is_scored_in_a_word_and_in_a_sentence(only, said, word):
     assert all(sentence.endswith(".") for sentence in revealing.score_in_words(scored))
 
 
+def every_form():
+    """Each effect in each form that is drawn, and each that is in no list."""
+    chance = np.random.default_rng(1)
+    yield from (sizes.usual(name, FAMILY, False, chance) for name in USUAL)
+    for name, forms in sizes.OTHER_FORMS.items():
+        seen = {}
+        while set(seen) != set(forms[1]):
+            drawn = sizes.other(name, FAMILY, chance)
+            seen[drawn.form] = drawn
+        yield from seen.values()
+    unlisted = {}
+    while set(unlisted) != set(sizes.UNLISTED[FAMILY]):
+        drawn, _ = sizes.unlisted(FAMILY, chance, True)
+        unlisted[drawn.id] = drawn
+    yield from unlisted.values()
+
+
+@pytest.mark.parametrize("drawn", list(every_form()), ids=lambda drawn: f"{drawn.id}-{drawn.form}")
+def test_what_is_revealed_has_every_figure(drawn):
+    effect = {"id": drawn.id, "form": drawn.form, "values": dict(drawn.values)}
+    line = {"line_volume_l": 0.5, "regulator_lag_s": 0.1, "valve_time_s": 0.01}
+    told = revealing.in_words({"truth": {"effects": [effect], "f_overall": 0.06}, "line": line})[0]
+    assert "{" not in told and "}" not in told and told.endswith(".")
+
+
+@pytest.mark.parametrize("name", effects())
+def test_what_is_diagnosed_has_every_figure(name):
+    sizes_of = {one.name: {"mean": one.scale, "sd": 0.1 * one.scale} for one in effects()[name].parameters}
+    told = effect_in_words({"id": name, "parameters": sizes_of}, {})
+    assert "{" not in told and "}" not in told
+
+
 def test_the_interval_of_f_overall_holds_the_truth_or_does_not():
     contents = contents_of(read_bench(Path("virtual")), 3, "none")
     true = contents["truth"]["f_overall"]
@@ -346,6 +386,49 @@ def test_reveal_tells_what_was_concealed_and_scores_a_diagnosis(tmp_path, reveal
     assert done.stdout.startswith("windage: A drag of ")
     assert "The diagnosis is right: it said named, and windage was concealed." in done.stdout
     assert json.loads((tmp_path / "reveal.json").read_text())["score"]["score"] == "right"
+
+
+def of_a_recording(date="2999-01-01", note="run evening, bench virtual", folder="out/run"):
+    return {"recordings": [{"folder": folder, "origin": {"date": date, "note": note}}]}
+
+
+@pytest.mark.parametrize(
+    ("made_of", "says"),
+    [
+        (of_a_recording(note="an oil; run morning, bench cellar"), "is run morning of bench cellar, and the seal"),
+        (of_a_recording(date="2001-01-01"), "out/run was taken on 2001-01-01, before anything was sealed"),
+    ],
+)
+def test_a_diagnosis_of_another_bench_or_time_is_not_scored(tmp_path, reveal, made_of, says):
+    seal, key, told = tmp_path / "seal", tmp_path / "key", tmp_path / "diagnosis.json"
+    opened_or_drawn(read_bench(Path("virtual")), seal, key, 1, "windage")
+    told.write_text(json.dumps(diagnosis("named", "windage") | made_of))
+    done = reveal(seal, "--key", key, "--diagnosis", told)
+    assert done.returncode == 2 and done.stdout == ""
+    assert says in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("made_of", "says"),
+    [
+        (of_a_recording(), "out/run is run evening of bench virtual: see for yourself"),
+        (of_a_recording(note="by hand"), "out/run does not say of which run it is: see for yourself"),
+        ({}, "the diagnosis does not say of which run it is: see for yourself"),
+    ],
+)
+def test_it_is_told_of_which_run_a_scored_diagnosis_is(tmp_path, reveal, made_of, says):
+    seal, key, told = tmp_path / "seal", tmp_path / "key", tmp_path / "diagnosis.json"
+    opened_or_drawn(read_bench(Path("virtual")), seal, key, 1, "windage")
+    told.write_text(json.dumps(diagnosis("named", "windage") | made_of))
+    done = reveal(seal, "--key", key, "--diagnosis", told)
+    assert done.returncode == 0 and says in done.stderr
+    assert reveal(seal, "--key", key, "--diagnosis", tmp_path).stdout == done.stdout  # by its folder
+
+
+def test_a_diagnosis_says_of_which_run_its_recordings_are(tmp_path):
+    run = write_sweep(tmp_path)
+    (source,) = recordings_of(None, [readings.read(run, quiet=True)], [], tmp_path)
+    assert run_and_bench(source["origin"]) == (run.name, read_run(run).start.bench)
 
 
 @pytest.mark.parametrize("wrong", ["no key", "another key", "no seal", "no diagnosis"])

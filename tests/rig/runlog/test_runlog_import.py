@@ -106,6 +106,15 @@ def test_an_imported_run_is_exported_like_any_other(imported):
         ('"kPa gauge"', '"kPa"', r"'kPa' does not say absolute or gauge; write 'kPa abs' or 'kPa gauge'"),
         ('"kPa gauge"', '"kPa abs"', r"'kPa abs' is a unit of absolute pressure, and pressure_bar_gauge comes in"),
         ('"m3/h"', '"Nm3/h"', r"'Nm3/h' refers to a standard state; say which in standard = "),
+        ('"kPa gauge"', '"psig"', r"'psig' is not known; did you mean 'psi gauge'\? Known for pressure_bar_gauge: "),
+        ('"kPa gauge"', '"PSI gauge"', r"'PSI gauge' is not known; did you mean 'psi gauge'\?"),
+        ('"kPa gauge"', '"PSI"', r"'PSI' does not say absolute or gauge; write 'psi abs' or 'psi gauge'"),
+        ('"kPa gauge"', '"psia"', r"'psia', read as 'psi abs', is a unit of absolute pressure, and pressure_bar_gauge"),
+        ('"m3/h"', '"SCFM"', r"'SCFM' is not known; did you mean 'scfm'\?"),
+        ('"m3/h"', '"SLPM"', r"did you mean 'sL/min'\?"),
+        ('"m3/h"', '"liters/min"', r"did you mean 'L/min'\?"),
+        ('"rad/s"', '"RPM"', r"did you mean 'rpm'\?"),
+        ('"rad/s"', '"rads/s"', r"did you mean 'rad/s'\?"),
         ('"rad/s"', '"Hz"', r"Hz needs pulses_per_rev"),
         ("columns.speed_rpm", "columns.speed_rpn", r"no recording has this column; did you mean 'speed_rpm'\?"),
     ],
@@ -173,6 +182,68 @@ def test_pulses_and_standard_litres_are_brought_to_rpm_and_to_the_inlet(imported
     read = dict(zip(run.samples["channel"], run.samples["value"], strict=True))
     assert read["speed_rpm"] == pytest.approx(394.8)
     assert read["flow_l_min"] == pytest.approx(100.0 * (1.01325 / 2.0) * (293.15 / 273.15))
+
+
+def test_a_flow_whose_pressure_is_missing_is_told(put, tmp_path, spinbench_here):
+    state = '"scfm"\nstandard = {pressure_bar_abs = 1.01325, temperature_c = 20.0}'
+    head = HEAD + COLUMNS.replace('"m3/h"', state) + "[ambient]\npressure_bar_abs = 1.0\ntemperature_c = 20.0\n"
+    put("m.toml", head)
+    put("data.csv", "Druck;Durchfluss;Drehzahl\n50,0;1,5;20,0\n;<1,6;21,0\n;;22,0\n70,0;1,7;23,0\n")
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "m.toml", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = "data.csv, line 3, column 'Durchfluss': 1 left out: the flow's unit needs the inlet's pressure"
+    assert told in done.stderr
+    assert told in (tmp_path / "out" / "notes.txt").read_text()
+
+
+def test_what_no_mean_is_made_of_is_told(put, tmp_path):
+    files = '[[files]]\nfile = "data.csv"\nkind = "steady"\naverage_rows = 2\n'
+    mapping = read_mapping(put("m.toml", HEAD + COLUMNS + files))
+    csv = put(
+        "data.csv", "Druck;Durchfluss;Drehzahl\n50,0;1,5;20,0\n51,0;;21,0\n60,0;1,6;22,0\n61,0;1,6;22,0\n9,0;1,6;9\n"
+    )
+    told = []
+    import_files([csv], mapping, tmp_path / "out", as_recording=True, tell=told.append)
+    assert [words.partition(": ")[2] for words in told] == [
+        "left out at the end: 1 of the 2 rows that average_rows takes",
+        "1 readings of flow_l_min left out: others that average_rows takes with them are missing or off scale",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("said", "csv", "seems"),
+    [
+        (";", "Druck,Durchfluss,Drehzahl\n58.7,2.64,24.3\n", ","),
+        (",", "Druck;Durchfluss;Drehzahl\n58,7;2,64;24,3\n", ";"),
+        (",", "Druck\tDurchfluss\tDrehzahl\n58.7\t2.64\t24.3\n", "\\t"),
+        (" ", "Druck;Durchfluss;Drehzahl\n58.7;2.64;24.3\n", ";"),
+    ],
+)
+def test_what_the_delimiter_seems_to_be_is_said(put, tmp_path, spinbench_here, said, csv, seems):
+    (
+        put("m.toml", HEAD.replace('decimal = ","', 'decimal = "."').replace('";"', f'"{said}"') + COLUMNS),
+        put("data.csv", csv),
+    )
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "m.toml", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"the delimiter seems to be '{seems}', and the mapping says '{said}'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("named", "says"), [("nomap", "known here: ball_drops.toml"), ("emp", "did you mean 'emps.toml'?")]
+)
+def test_a_mapping_that_is_not_there_is_another_s_name_only_where_that_is_near(tmp_path, spinbench_here, named, says):
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", named, cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"{named}.toml: no such file; {says}" in done.stderr
+
+
+def test_a_place_that_is_taken_is_named(put, tmp_path, spinbench_here):
+    put("m.toml", HEAD + COLUMNS), put("data.csv", CSV)
+    (tmp_path / "out_log").mkdir()
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "m.toml", "-o", "out_log", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "spinbench: out_log: exists already; nothing is overwritten, give a name that is free\n"
 
 
 def test_a_transient_with_clock_times_over_midnight_becomes_a_capture(imported):

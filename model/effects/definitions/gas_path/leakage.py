@@ -33,8 +33,8 @@ EFFECT = Effect(
     id="leakage",
     acts_in="gas path",
     title="air that does no work",
-    sentence="Air enters that does no work on the pistons, {conductance_kg_s_pa2} times (P2 - Pa2) at twice the "
-    "ambient pressure, growing with its power {exponent}: a leak.",
+    sentence="Air enters that does no work on the pistons: a leak of {conductance_kg_s_pa2} times (P2 - Pa2) at twice "
+    "the ambient pressure, and elsewhere as (P2 - Pa2) to the power {exponent} (1: a narrow gap, 0.4: a hole).",
     source="isothermal laminar flow in a narrow gap: proportional to the difference of the squared pressures; a hole: "
     "Saint-Venant and Wantzel (1839), as a power of it",
     signature="sweep: flow too high even at the lowest speeds, speed untouched; rotor held: flow; transients: nothing",

@@ -1,0 +1,62 @@
+"""A report that replaces one of other recordings says so; the same command again does not."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from spinbench.cli.show import recordings_in, write_report
+
+ROOT = Path(__file__).resolve().parents[2]
+OLD = {"recordings": [{"folder": "../march", "recording": "march"}]}
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """Two recordings, and reports of another one where theirs are to be written."""
+    for name, date in (("may", "2026-05-01"), ("june", "2026-06-01")):
+        shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / name)
+        with (tmp_path / name / "recording.toml").open("a", encoding="utf-8") as file:
+            file.write(f'\n[origin]\ndate = "{date}"\n')
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "diagnosis.json").write_text(json.dumps(OLD), encoding="utf-8")
+    (tmp_path / "out" / "comparison.json").write_text(json.dumps(OLD), encoding="utf-8")
+    (tmp_path / "out" / "table.csv").write_text("recording,date\nmarch,\n", encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "command", [("diagnose", "may", "--workers", 1), ("compare", "june", "may"), ("trend", "may", "june")]
+)
+def test_a_report_of_another_recording_is_replaced_in_words(bench, spinbench_here, command):
+    done = spinbench_here(*command, "-o", "out", cwd=bench)
+    assert done.returncode == 0, done.stderr
+    assert "spinbench: replaced: the report in out, which was of march\n" in done.stderr
+    assert ("may is the earlier one by its date" in done.stderr) == (command[0] == "compare")
+
+
+def test_only_what_is_not_of_the_same_recordings_is_told(bench, capsys):
+    def write(*folders):
+        document = json.dumps({"recordings": [{"folder": folder} for folder in folders]})
+        write_report(bench / "out", {"diagnosis.json": document.encode()}, "diagnosis.json")
+        return capsys.readouterr().err
+
+    assert write("../may").endswith("which was of march\n")
+    assert write("../may") == ""
+    assert write("../may", "../june") == ""  # gone on with
+    assert write("../june").endswith("which was of may\n")
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"recordings": 3}', b"\xff", b"a,b\n1,2\n"])
+def test_what_says_of_nothing_is_replaced_without_a_word(bench, capsys, content):
+    (bench / "out" / "diagnosis.json").write_bytes(content)
+    write_report(bench / "out", {"diagnosis.json": b'{"recordings": [{"folder": "../may"}]}'}, "diagnosis.json")
+    assert capsys.readouterr().err == ""
+
+
+def test_the_recordings_of_a_table_are_read(bench):
+    assert recordings_in((bench / "out" / "table.csv").read_bytes()) == ["march"]
