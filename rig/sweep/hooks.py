@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from configs.units import BAR, RAD_S
+from rig.bench.bench import Bench
 from rig.interlock import SafetyError
+from rig.interlock.guard import Guard
 from rig.interlock.step import Point, Verdict
 from rig.plateaus.plateau import Plateau
+from rig.sweep.ambient import Ambient
+from rig.sweep.capture import motor_of
 from rig.sweep.orders import Predict, Trip
 
-if TYPE_CHECKING:
-    from rig.interlock.guard import Guard
+DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
 
 
 class Progress(Protocol):
@@ -73,6 +76,14 @@ class Hooks:
     person: Person
     on_plateau: Callable[[Plateau], None]
     expect: Expect
+
+
+def guard_of(bench: Bench, ambient: Ambient) -> Guard:
+    """What predicts the speed of a level."""
+    _, gauge = bench.channel("pressure")
+    gauge_sd_bar = DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
+    motor = motor_of(bench, ambient)
+    return Guard(motor, min(bench.file.safety.highest_speed_rpm, motor["speed_limit"].value), gauge_sd_bar * BAR)
 
 
 def guarded(guard: Guard, ambient_bar: float, is_gauge: bool) -> Predict:

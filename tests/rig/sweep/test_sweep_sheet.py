@@ -145,3 +145,54 @@ def test_another_bench_s_sheet_is_refused_by_its_header(bench):
 
 def test_the_columns_are_those_of_the_instrument_s_file(bench):
     assert ",".join(sheet_columns(bench)) + "\n" == HEADER
+
+
+ROOM = ["--ambient-pressure-bar-abs", "1.009", "--ambient-temperature-c", "21", "--relative-humidity", "0.5"]
+ROOM += ["--lubrication", "none", "--minutes-running", "10"]
+PLATEAUS = [
+    "14:05,1.6,up,1.60,44,232.3,1.62,",
+    "14:09,1.7,up,1.70,51,272.9,1.70,",
+    "14:13,1.8,up,1.80,59,314.3,1.80,",
+]
+
+
+@pytest.fixture
+def enter(spinbench_here, tmp_path):
+    def enter(*lines, options=()):
+        (tmp_path / "sheet.csv").write_text(HEADER + "\n".join(lines) + "\n")
+        return spinbench_here("sheet", "manual", "--enter", "sheet.csv", *ROOM, *options, cwd=tmp_path)
+
+    return enter
+
+
+def test_a_sheet_is_held_to_what_the_prompt_is_held_to_and_all_is_told_at_once(enter, tmp_path):
+    told = enter(
+        PLATEAUS[0],
+        PLATEAUS[1].replace("272.9", "3143"),
+        "soon,1.75,up,1.75,51,280,,",
+        PLATEAUS[2].replace(",1.80,59", ",0.80,59"),
+        "14:17,1.83,up,1.83,60,32.8,,",
+        "14:21,1.85,up,1.85,60,340,1.05,",
+        "14:30,zero,,1.01,<10,20,,",
+    )
+    assert told.returncode == 2
+    lines = told.stderr.splitlines()
+    assert [line.partition("row ")[2].partition(":")[0] for line in lines] == ["2", "3", "4", "5", "6", "7"]
+    assert "speed_rpm: a speed of 3143 rpm is beyond the bench's limit of 600 rpm" in lines[0]
+    assert "pressure_bar_abs: 0.80 is not above the room's 1.009 bar, yet the rotor turns" in lines[2]
+    assert "speed_rpm: a speed of 32.8 rpm is far from what was expected" in lines[3]
+    assert "--as-read" in lines[3]
+    assert "pressure_bar_abs_after: 1.050 bar abs was typed where 1.85 was expected" in lines[4]
+    assert "speed_rpm: a speed of 20 rpm is far from what was expected, 0 to 0 rpm" in lines[5]
+    assert not (tmp_path / "logs").exists()
+
+
+def test_the_improbable_is_entered_with_a_note_where_it_was_read_so_and_the_impossible_is_not(enter, tmp_path):
+    told = enter(*PLATEAUS[:2], PLATEAUS[2].replace("314.3", "31.4"), options=["--as-read"])
+    assert told.returncode == 0, told.stderr
+    run = read_run(tmp_path / told.stdout.strip())
+    assert run.plateaus[2].note.startswith("read so: a speed of 31.4 rpm is far from what was expected")
+    assert [event.event for event in run.events].count("doubted") == 1
+    starved = enter(*PLATEAUS[:2], PLATEAUS[2].replace("1.80,59", "0.80,59"), options=["--as-read"])
+    assert starved.returncode == 2
+    assert "not above the room's" in starved.stderr
