@@ -47,9 +47,9 @@ def print_page(bench: Bench) -> str:
         f"<p>{text} <span></span></p>"
         for text in (
             "Date, operator:",
-            "Ambient pressure at this height, start / end [mbar]:",
+            "Ambient pressure at this height, start / end [bar abs, as 1.013]:",
             "Room temperature, start / end [degC]:",
-            "Relative humidity, start / end [%]:",
+            "Relative humidity, start / end [0 to 1, as 0.50]:",
             "Lubrication, when last given:",
             "Minutes that the motor has run today:",
         )

@@ -196,3 +196,17 @@ def test_the_improbable_is_entered_with_a_note_where_it_was_read_so_and_the_impo
     starved = enter(*PLATEAUS[:2], PLATEAUS[2].replace("1.80,59", "0.80,59"), options=["--as-read"])
     assert starved.returncode == 2
     assert "not above the room's" in starved.stderr
+
+
+def test_the_paper_asks_for_the_room_in_the_command_s_units_and_a_figure_in_another_unit_is_told_so(
+    bench, spinbench_here, tmp_path
+):
+    page = print_page(bench)
+    assert "[bar abs, as 1.013]" in page
+    assert "[0 to 1, as 0.50]" in page
+    (tmp_path / "sheet.csv").write_text(HEADER + PLATEAUS[0] + "\n")
+    wrong = [{"1.009": "1009", "21": "294.15", "0.5": "50"}.get(word, word) for word in ROOM]
+    told = spinbench_here("sheet", "manual", "--enter", "sheet.csv", *wrong, cwd=tmp_path)
+    assert told.returncode == 2
+    for hint in ("1009 mbar is 1.009 bar", "294.15 K is 21 degC", "50 % is 0.5"):
+        assert hint in told.stderr
