@@ -180,7 +180,7 @@ def test_the_guard_is_made_before_the_bench_is_touched(bench, tmp_path, monkeypa
         raise LookupError("asked for")
 
     nowhere = running.Place(Clock(), port_of, None)
-    monkeypatch.setattr(running, "Guard", guard)
+    monkeypatch.setattr(running, "guard_of", guard)
     monkeypatch.setattr(running, "place_of", lambda *arguments: contextlib.nullcontext(nowhere))
     given = Given(lubrication="none", minutes_running=0.0)
     with pytest.raises(LookupError, match="asked for"):
@@ -392,7 +392,7 @@ def test_every_mistake_of_a_bench_file_is_told_at_once_before_anything_is_opened
 def by_hand(tmp_path_factory):
     text = re.sub(r"(?m)^levels_bar_abs = .*$", "levels_bar_abs = [1.24, 1.34]", (FOLDER / "manual.toml").read_text())
     path = tmp_path_factory.mktemp("by_hand") / "hand.toml"
-    path.write_text(text.replace("dwell_s = 10.0", "dwell_s = 0.3"))
+    path.write_text(text.replace("dwell_s = 10.0", "dwell_s = 0.3").replace('order = "up-down"', 'order = "up"'))
     return path
 
 

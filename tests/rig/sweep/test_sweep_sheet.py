@@ -43,8 +43,12 @@ def test_the_sheet_has_a_line_for_each_level_in_the_sweep_s_order_between_two_ze
     lines = print_sheet(bench).splitlines()
     assert lines[0] + "\n" == HEADER
     assert [line.split(",")[1] for line in lines[1:]] == [
-        "zero", "1.6", "1.7", "1.8", "1.83", "1.85", "1.95", "2", "zero"
-    ]  # fmt: skip
+        "zero",
+        *(rising := ["1.6", "1.7", "1.8", "1.83", "1.85", "1.95", "2"]),
+        *reversed(rising),
+        "zero",
+    ]
+    assert [line.split(",")[2] for line in lines[2:-1]] == ["up"] * 7 + ["down"] * 7
 
 
 def test_the_printed_page_is_well_formed_and_has_the_levels_in_gauge_too(bench):
@@ -62,7 +66,9 @@ def test_the_printed_page_is_well_formed_and_has_the_levels_in_gauge_too(bench):
     Checker().feed(page)
     assert opened == []
     assert "1.60 <small>(0.59 gauge)</small>" in page
-    assert page.count("<tr>") == 1 + 2 + 7
+    assert page.count("<tr>") == 1 + 2 + 14
+    assert "th.note { width: 40% }" in page
+    assert page.count('<th class="note">note</th>') == 1
     assert "size: A4" in page
 
 
