@@ -36,6 +36,7 @@ MOST_ROWS = 2000
 MOST_NOTE = 500
 CLOCK_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 NUMBER = re.compile(r"\d{1,7}(?:\.\d{1,6})?")
+DECIMAL = re.compile(r"[<>]?[+-]?\d+[.,]\d+")
 DAY_S = 86_400.0
 
 
@@ -93,12 +94,7 @@ def rows_and_mistakes(text: str, bench: Bench) -> tuple[list[SheetRow], dict[int
     if len(text) > MOST_BYTES:
         raise SheetError(f"longer than {MOST_BYTES} characters; this is no sheet")
     columns = sheet_columns(bench)
-    try:
-        lines = list(csv.reader(io.StringIO(text.removeprefix("\ufeff")), strict=True))
-    except csv.Error as error:
-        raise SheetError(f"not a table of CSV ({error}); is there a quotation mark that is not closed?") from None
-    if not lines or [cell.strip() for cell in lines[0]] != columns:
-        raise SheetError(f"header: expected {','.join(columns)} (the sheet that is printed for this bench has it)")
+    lines = _lines(text.removeprefix("\ufeff"), columns)
     if len(lines) > MOST_ROWS:
         raise SheetError(f"more than {MOST_ROWS} rows")
     typed = bench.build(manual_device(bench)).channels
@@ -151,6 +147,31 @@ def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Amb
         plateaus.append(taken)
         sink.plateau(taken.row(keys.columns))
     return Outcome(FINISHED, "", True, plateaus, [])
+
+
+def _lines(text: str, columns: list[str]) -> list[list[str]]:
+    """The cells of a sheet, whose header is `columns`; where semicolons part them, decimals may be after a comma."""
+    head = text.partition("\n")[0]
+    delimiter = ";" if ";" in head and "," not in head else ","
+    try:
+        lines = [
+            [cell.strip() for cell in line] for line in csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
+        ]
+    except csv.Error as error:
+        raise SheetError(f"not a table of CSV ({error}); is there a quotation mark that is not closed?") from None
+    if not lines or lines[0] != columns:
+        raise SheetError(
+            f"header: expected {delimiter.join(columns)} (the sheet that is printed for this bench has it)"
+        )
+    if delimiter == ",":
+        return lines
+    numbers = [cell for line in lines for cell in line[: len(columns) - 1] if DECIMAL.fullmatch(cell)]
+    if len({"," in cell for cell in numbers}) > 1:
+        raise SheetError("decimals after a comma and after a point in one sheet; write all of them after a point")
+    return [
+        [cell.replace(",", ".") if DECIMAL.fullmatch(cell) else cell for cell in line[:-1]] + line[-1:]
+        for line in lines
+    ]
 
 
 class _Keys:

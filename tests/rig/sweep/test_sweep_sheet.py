@@ -216,3 +216,13 @@ def test_the_paper_asks_for_the_room_in_the_command_s_units_and_a_figure_in_anot
     assert told.returncode == 2
     for hint in ("1009 mbar is 1.009 bar", "294.15 K is 21 degC", "50 % is 0.5"):
         assert hint in told.stderr
+
+
+def test_a_sheet_with_semicolons_and_decimal_commas_is_read_and_one_with_both_decimals_is_not(bench):
+    german = FILLED.replace(",", ";").replace(".", ",").replace("the float sticks", "the float, 2.5 mm off")
+    english = FILLED.replace("the float sticks", '"the float, 2.5 mm off"')
+    assert read_sheet(german, bench) == read_sheet(english, bench)
+    with pytest.raises(SheetError, match="after a comma and after a point"):
+        read_sheet(german.replace("272,9", "272.9"), bench)
+    with pytest.raises(SheetError, match="header: expected time;level_bar_abs"):
+        read_sheet("time;level;pressure\n", bench)
