@@ -8,6 +8,7 @@ from rig.bench.bench import read_bench
 from rig.by_hand.sheet import print_page, print_sheet, sheet_columns
 from rig.by_hand.sheet_entry import SheetError, enter_sheet, read_sheet
 from rig.clock import Clock
+from rig.exchange.export import recording_of
 from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
 from rig.sweep.ambient import Given, at_start
@@ -110,6 +111,10 @@ def test_an_entered_sheet_replays_like_a_run_that_was_typed(entered, bench):
         assert player.play(exchange).readings == exchange.readings
     assert player.differences == []
     assert len(entered.samples) == 3 * 7
+
+
+def test_what_was_not_read_again_is_no_unusable_reading(entered):
+    assert [note for note in recording_of(entered).notes if "unusable" in note] == []
 
 
 @pytest.mark.parametrize(
