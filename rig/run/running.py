@@ -209,7 +209,7 @@ class _Run:
             with self.wanted.beside(writer.folder, self._note) as tell:
                 outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, course, tell))
         except BaseException as error:
-            outcome = Outcome("failed", f"{type(error).__name__}: {error}", False, [], [])
+            outcome = Outcome("failed", _reason(error), False, [], [])
             error.add_note(self._seal(writer, outcome, begin_ns, watchdog))
             raise
         self._seal(writer, outcome, begin_ns, watchdog)
@@ -359,6 +359,13 @@ class _Run:
         except (AmbientError, LineError, StoppedError, KeyboardInterrupt):
             self.wanted.progress.say("the room's figures at the end were not told; those of the start stand", True)
             return at_end(self.ambient, minutes)
+
+
+def _reason(error: BaseException) -> str:
+    """Why a run failed. Where its output is closed, as by ``| head``, rich ends the program."""
+    if isinstance(error, SystemExit | BrokenPipeError):
+        return "its output was closed"
+    return f"{type(error).__name__}: {error}"
 
 
 def enter(
