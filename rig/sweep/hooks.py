@@ -9,7 +9,7 @@ from typing import Protocol
 from configs.units import BAR, RAD_S
 from rig.bench.bench import Bench
 from rig.interlock import SafetyError
-from rig.interlock.guard import Guard
+from rig.interlock.guard import HIGHEST_PA, Guard
 from rig.interlock.step import Point, Verdict
 from rig.plateaus.plateau import Plateau
 from rig.sweep.ambient import Ambient
@@ -79,7 +79,13 @@ class Hooks:
 
 
 def guard_of(bench: Bench, ambient: Ambient) -> Guard:
-    """What predicts the speed of a level."""
+    """What predicts the speed of a level. Raises SafetyError: the bench's limit of the pressure is beyond the model."""
+    limit_bar, end_bar = bench.file.safety.highest_pressure_bar_abs, HIGHEST_PA / BAR
+    if limit_bar > end_bar:
+        raise SafetyError(
+            f"{bench.name}: safety.highest_pressure_bar_abs = {limit_bar:g} is above {end_bar:g} bar abs, where the "
+            "model that predicts speeds ends; give a lower one"
+        )
     _, gauge = bench.channel("pressure")
     gauge_sd_bar = DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
     motor = motor_of(bench, ambient)
