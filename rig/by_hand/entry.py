@@ -19,6 +19,7 @@ AGREE_RESOLUTION = 2.0
 OVERSHOT_BAR = 0.02
 FAR_BAR, FAR = 0.05, 0.03  # a reading so far from the level may be a slip of the pen
 DOUBT_BAR = 0.25  # one so far from it is asked for again
+GAUGE_SDS = 2.0  # by which a gauge may show less than the room's pressure while the rotor turns
 DOUBT, DOUBT_RPM = 1.25, 10.0  # likewise a speed that is beyond what was expected by this factor and this much
 
 
@@ -65,17 +66,18 @@ def with_drift(before: Mean, after: Reading | None) -> Mean:
 
 
 def impossible(
-    values: Mapping[str, Value], added_bar: float, ambient_bar: float, safety: SafetyTable
+    values: Mapping[str, Value], added_bar: float, ambient_bar: float, gauge_sd_bar: float, safety: SafetyTable
 ) -> dict[str, str]:
     """Why typed values cannot be what was read, by role; the arguments are those of `doubts`.
 
     `ambient_bar`: the room's pressure [bar].
+    `gauge_sd_bar`: 1-sigma bias of the gauge [bar].
     """
     pressure, speed = values.get("pressure"), values.get("speed")
     why = {}
     if _is_beyond(pressure, safety.highest_pressure_bar_abs - added_bar):
         why["pressure"] = doubt_of_pressure(pressure, added_bar, 0.0, safety.highest_pressure_bar_abs)
-    elif pressure is not None and _is_starved(pressure, speed, added_bar, ambient_bar):
+    elif pressure is not None and _is_starved(pressure, speed, added_bar, ambient_bar - GAUGE_SDS * gauge_sd_bar):
         why["pressure"] = f"{pressure.raw} is not above the room's {ambient_bar:.3f} bar, yet the rotor turns"
     if _is_beyond(speed, safety.highest_speed_rpm):
         why["speed"] = doubt_of_speed(speed, None, safety.highest_speed_rpm)
@@ -109,10 +111,10 @@ def _is_beyond(value: Value | None, limit: float) -> bool:
     return value is not None and value.value is not None and (value.censored > 0 or value.value > limit)
 
 
-def _is_starved(pressure: Value, speed: Value | None, added_bar: float, ambient_bar: float) -> bool:
+def _is_starved(pressure: Value, speed: Value | None, added_bar: float, least_bar: float) -> bool:
     if pressure.value is None or speed is None or speed.value is None:
         return False
-    return not pressure.censored and pressure.value + added_bar <= ambient_bar and speed.value > 0.0 <= speed.censored
+    return not pressure.censored and pressure.value + added_bar <= least_bar and speed.value > 0.0 <= speed.censored
 
 
 def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, limit_bar: float) -> str:

@@ -24,7 +24,7 @@ from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.runlog.schema import ADDED, ZERO, ZERO_TAKEN_BACK
 from rig.sweep.course import Course
-from rig.sweep.hooks import Hooks
+from rig.sweep.hooks import Hooks, gauge_sd_of
 from rig.sweep.orders import ABORTED, FINISHED, INTERLOCK, OPERATOR
 from rig.sweep.runner import Outcome, PlateauSink
 
@@ -148,7 +148,7 @@ class ManualSweep:
 
         doubts = entry.doubts(values, added_bar, level_bar_abs, safety, expect)
         if not at_rest:
-            doubts = entry.impossible(values, added_bar, self._ambient_bar, safety) | doubts
+            doubts = entry.impossible(values, added_bar, self._ambient_bar, gauge_sd_of(self.bench), safety) | doubts
         return "; ".join(doubts.values())
 
     @property

@@ -14,7 +14,7 @@ from rig.instruments.manual import decode_entry
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
 from rig.sweep.ambient import Ambient
-from rig.sweep.hooks import expecting, guard_of
+from rig.sweep.hooks import expecting, gauge_sd_of, guard_of
 
 AS_READ = "if it was read so, enter the sheet with --as-read"
 
@@ -88,7 +88,7 @@ class _Check:
             return (0.0, 0.0) if level_bar_abs is None else self._expect(bar_abs, self._known)
 
         near = room if level_bar_abs is None else level_bar_abs
-        impossible = entry.impossible(values, self._added_bar, room, safety)
+        impossible = entry.impossible(values, self._added_bar, room, gauge_sd_of(self._bench), safety)
         doubts = entry.doubts(values, self._added_bar, near, safety, expect)
         if level_bar_abs is None:  # a rotor that turns at the zero is asked for, whatever the gauge shows
             impossible = {role: why for role, why in impossible.items() if role in doubts}

@@ -78,6 +78,12 @@ class Hooks:
     expect: Expect
 
 
+def gauge_sd_of(bench: Bench) -> float:
+    """1-sigma bias of the pressure gauge [bar]."""
+    _, gauge = bench.channel("pressure")
+    return DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
+
+
 def guard_of(bench: Bench, ambient: Ambient) -> Guard:
     """What predicts the speed of a level. Raises SafetyError: the bench's limit of the pressure is beyond the model."""
     limit_bar, end_bar = bench.file.safety.highest_pressure_bar_abs, HIGHEST_PA / BAR
@@ -86,10 +92,8 @@ def guard_of(bench: Bench, ambient: Ambient) -> Guard:
             f"{bench.name}: safety.highest_pressure_bar_abs = {limit_bar:g} is above {end_bar:g} bar abs, where the "
             "model that predicts speeds ends; give a lower one"
         )
-    _, gauge = bench.channel("pressure")
-    gauge_sd_bar = DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
     motor = motor_of(bench, ambient)
-    return Guard(motor, min(bench.file.safety.highest_speed_rpm, motor["speed_limit"].value), gauge_sd_bar * BAR)
+    return Guard(motor, min(bench.file.safety.highest_speed_rpm, motor["speed_limit"].value), gauge_sd_of(bench) * BAR)
 
 
 def guarded(guard: Guard, ambient_bar: float, is_gauge: bool) -> Predict:

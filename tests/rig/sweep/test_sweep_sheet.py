@@ -231,3 +231,9 @@ def test_a_sheet_with_semicolons_and_decimal_commas_is_read_and_one_with_both_de
         read_sheet(german.replace("272,9", "272.9"), bench)
     with pytest.raises(SheetError, match="header: expected time;level_bar_abs"):
         read_sheet("time;level;pressure\n", bench)
+
+
+def test_a_pressure_within_the_gauge_s_bias_of_the_room_is_entered_where_it_was_read_so(enter):
+    low = "14:17,1.05,down,0.99,<10,12.0,,"
+    assert "--as-read" in enter(*PLATEAUS, low).stderr
+    assert enter(*PLATEAUS, low, options=["--as-read"]).returncode == 0
