@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 
 import pydantic
 
+from configs.units import as_in_another_unit
+
 FOLDER = Path(__file__).resolve().parent
 MAX_TOML_BYTES = 1_000_000
 PROJECT = "spinbench.toml"  # its folder is a project: it has folders of its own of what is kept here
@@ -136,7 +138,15 @@ def _sentences(schema: type[pydantic.BaseModel], problem: Any) -> list[str]:
         return [f"the key '{where}' is missing"]
     given = problem.get("input")
     shown = "" if isinstance(given, dict) or given is None else f" (given: {given!r:.60})"
-    return [f"'{where}': {message[:1].lower()}{message[1:]}{shown}"]
+    return [f"'{where}': {message[:1].lower()}{message[1:]}{shown}{_meant(problem)}"]
+
+
+def _meant(problem: Any) -> str:
+    """What a number above its bound would be, if it was meant in another unit."""
+    if problem["type"] != "less_than_equal" or not isinstance(problem["input"], int | float):
+        return ""
+    meant = as_in_another_unit(str(problem["loc"][-1]), problem["input"], problem["ctx"]["le"])
+    return f"; {meant}" if meant else ""
 
 
 def _keys_at(schema: Any, location: tuple[Any, ...]) -> list[str]:

@@ -10,3 +10,24 @@ RPM = 30.0 / math.pi  # rpm in one rad/s
 RAD_S = math.pi / 30.0  # rad/s in one rpm
 L_MIN = 60_000.0  # L/min in one m3/s
 M3_S = 1.0 / 60_000.0  # m3/s in one L/min
+
+# By the end of a name: its unit, the least that is meant, and other units that it is often given in, each with the
+# factor from it and what is added.
+_OTHERS = {
+    "bar_abs": (" bar", 0.3, (("mbar", 1e-3, 0.0), ("kPa", 1e-2, 0.0), ("Pa", 1e-5, 0.0))),
+    "_c": (" degC", -60.0, (("K", 1.0, -ZERO_C),)),
+    "humidity": ("", 0.0, (("%", 1e-2, 0.0),)),
+}
+
+
+def as_in_another_unit(name: str, value: float, high: float) -> str:
+    """What a value above `high` would be, if it was meant in another unit: "1009 mbar is 1.009 bar"; or nothing.
+
+    `name`: with its unit at the end, such as ``pressure_bar_abs``.
+    """
+    for end, (own, low, others) in _OTHERS.items():
+        for unit, factor, added in others if name.endswith(end) else ():
+            meant = value * factor + added
+            if low <= meant <= high:
+                return f"{value:g} {unit} is {meant:.6g}{own}"
+    return ""

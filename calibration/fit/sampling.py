@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,6 +66,15 @@ class Settings:
     times_tau: float = TIMES_TAU
     warm_up_blocks: int = WARM_UP_BLOCKS
     block: int = BLOCK
+
+    def __post_init__(self) -> None:
+        """Raises TypeError for what is no whole number, ValueError for a negative one."""
+        for name in ("seed", "effective_samples", "most_steps"):
+            given = getattr(self, name)
+            if not isinstance(given, Integral) or isinstance(given, bool):
+                raise TypeError(f"{name}: expected a whole number; given {given!r:.60}")
+            if given < 0:
+                raise ValueError(f"{name}: expected 0 or more; given {given}")
 
     def within(self, usual: tuple[int, int]) -> Settings:
         """With what is usual, effective samples and steps, where nothing is asked for."""

@@ -5,4 +5,5 @@ by_hand                which device a person reads
 conversation, prompter talking with a person
 manual                 the sweep itself
 sheet, sheet_entry     the same on paper
+sheet_check            a sheet held to what the prompt is held to
 """

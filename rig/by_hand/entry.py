@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from rig.bench.bench import SafetyTable
 from rig.bench.instrument import ChannelFile
 from rig.instruments.codecs.values import Value
 from rig.plateaus.plan import UP
@@ -18,6 +19,7 @@ AGREE_RESOLUTION = 2.0
 OVERSHOT_BAR = 0.02
 FAR_BAR, FAR = 0.05, 0.03  # a reading so far from the level may be a slip of the pen
 DOUBT_BAR = 0.25  # one so far from it is asked for again
+GAUGE_SDS = 2.0  # by which a gauge may show less than the room's pressure while the rotor turns
 DOUBT, DOUBT_RPM = 1.25, 10.0  # likewise a speed that is beyond what was expected by this factor and this much
 
 
@@ -61,6 +63,58 @@ def with_drift(before: Mean, after: Reading | None) -> Mean:
     se = math.hypot(before.se or 0.0, drift / math.sqrt(12.0))
     qualities = before.qualities | {str(after.quality): before.qualities.get(str(after.quality), 0) + 1}
     return Mean(before.mean + 0.5 * drift, se, before.n + 1, before.n + 1.0, 0, drift, None, qualities, before.note)
+
+
+def impossible(
+    values: Mapping[str, Value], added_bar: float, ambient_bar: float, gauge_sd_bar: float, safety: SafetyTable
+) -> dict[str, str]:
+    """Why typed values cannot be what was read, by role; the arguments are those of `doubts`.
+
+    `ambient_bar`: the room's pressure [bar].
+    `gauge_sd_bar`: 1-sigma bias of the gauge [bar].
+    """
+    pressure, speed = values.get("pressure"), values.get("speed")
+    why = {}
+    if _is_beyond(pressure, safety.highest_pressure_bar_abs - added_bar):
+        why["pressure"] = doubt_of_pressure(pressure, added_bar, 0.0, safety.highest_pressure_bar_abs)
+    elif pressure is not None and _is_starved(pressure, speed, added_bar, ambient_bar - GAUGE_SDS * gauge_sd_bar):
+        why["pressure"] = f"{pressure.raw} is not above the room's {ambient_bar:.3f} bar, yet the rotor turns"
+    if _is_beyond(speed, safety.highest_speed_rpm):
+        why["speed"] = doubt_of_speed(speed, None, safety.highest_speed_rpm)
+    return why
+
+
+def doubts(
+    values: Mapping[str, Value],
+    added_bar: float,
+    near_bar: float,
+    safety: SafetyTable,
+    expect: Callable[[float], tuple[float, float] | None],
+) -> dict[str, str]:
+    """Why typed values may be slips, by role: held against the limits, the level and the speeds to be believed.
+
+    `values`: by role.
+    `added_bar`: from the pressure channel's zero to absolute [bar].
+    `near_bar`: where the pressure should be, absolute [bar].
+    `expect`: the lowest and the highest speed to be believed at an absolute pressure [bar] -> [rpm].
+    """
+    pressure = values.get("pressure")
+    why = doubt_of_pressure(pressure, added_bar, near_bar, safety.highest_pressure_bar_abs)
+    there = near_bar
+    if not why and pressure is not None and pressure.value is not None and not pressure.censored:
+        there = pressure.value + added_bar
+    speed = doubt_of_speed(values.get("speed"), expect(there), safety.highest_speed_rpm)
+    return {role: text for role, text in (("pressure", why), ("speed", speed)) if text}
+
+
+def _is_beyond(value: Value | None, limit: float) -> bool:
+    return value is not None and value.value is not None and (value.censored > 0 or value.value > limit)
+
+
+def _is_starved(pressure: Value, speed: Value | None, added_bar: float, least_bar: float) -> bool:
+    if pressure.value is None or speed is None or speed.value is None:
+        return False
+    return not pressure.censored and pressure.value + added_bar <= least_bar and speed.value > 0.0 <= speed.censored
 
 
 def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, limit_bar: float) -> str:

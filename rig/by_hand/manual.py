@@ -24,7 +24,7 @@ from rig.readings import NS, Reading
 from rig.runlog import columns_of
 from rig.runlog.schema import ADDED, ZERO, ZERO_TAKEN_BACK
 from rig.sweep.course import Course
-from rig.sweep.hooks import Hooks
+from rig.sweep.hooks import Hooks, gauge_sd_of
 from rig.sweep.orders import ABORTED, FINISHED, INTERLOCK, OPERATOR
 from rig.sweep.runner import Outcome, PlateauSink
 
@@ -141,15 +141,15 @@ class ManualSweep:
 
     def _doubt(self, level_bar_abs: float, values: Mapping[str, Value], at_rest: bool = False) -> str:
         """Why typed values may be a slip of the hand: held against the limits, the level and what the guard expects."""
-        safety, pressure = self.bench.file.safety, values.get("pressure")
-        added_bar = self._ambient_bar if self.is_gauge else 0.0
-        why = entry.doubt_of_pressure(pressure, added_bar, level_bar_abs, safety.highest_pressure_bar_abs)
-        there = level_bar_abs
-        if not why and pressure is not None and pressure.value is not None and not pressure.censored:
-            there = pressure.value + added_bar
-        expected = (0.0, 0.0) if at_rest else self.hooks.expect(there, self._known)
-        doubts = [why, entry.doubt_of_speed(values.get("speed"), expected, safety.highest_speed_rpm)]
-        return "; ".join(filter(None, doubts))
+        safety, added_bar = self.bench.file.safety, self._ambient_bar if self.is_gauge else 0.0
+
+        def expect(bar_abs: float) -> tuple[float, float] | None:
+            return (0.0, 0.0) if at_rest else self.hooks.expect(bar_abs, self._known)
+
+        doubts = entry.doubts(values, added_bar, level_bar_abs, safety, expect)
+        if not at_rest:
+            doubts = entry.impossible(values, added_bar, self._ambient_bar, gauge_sd_of(self.bench), safety) | doubts
+        return "; ".join(doubts.values())
 
     @property
     def _ambient_bar(self) -> float:

@@ -47,9 +47,9 @@ def print_page(bench: Bench) -> str:
         f"<p>{text} <span></span></p>"
         for text in (
             "Date, operator:",
-            "Ambient pressure at this height, start / end [mbar]:",
+            "Ambient pressure at this height, start / end [bar abs, as 1.013]:",
             "Room temperature, start / end [degC]:",
-            "Relative humidity, start / end [%]:",
+            "Relative humidity, start / end [0 to 1, as 0.50]:",
             "Lubrication, when last given:",
             "Minutes that the motor has run today:",
         )
@@ -57,7 +57,7 @@ def print_page(bench: Bench) -> str:
     return PAGE.format(
         title=html.escape(bench.file.title),
         blanks=blanks,
-        heads="".join(f"<th>{head}</th>" for head in heads),
+        heads="".join(f"<th>{head}</th>" for head in heads[:-1]) + '<th class="note">note</th>',
         rows="\n".join(rows),
         wait=f"{bench.file.sweep.dwell_s:g}",
         highest=f"{bench.file.safety.highest_speed_rpm:g}",
@@ -74,6 +74,7 @@ p {{ margin: 2mm 0; display: flex }}
 p span {{ flex: 1; border-bottom: 0.3pt solid; margin-left: 2mm }}
 table {{ border-collapse: collapse; width: 100%; margin-top: 4mm }}
 th, td {{ border: 0.3pt solid; padding: 1mm; height: 6mm; text-align: left }}
+th.note {{ width: 40% }}
 tr {{ break-inside: avoid }}
 </style></head><body>
 <h1>{title}</h1>

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -36,6 +36,7 @@ MOST_ROWS = 2000
 MOST_NOTE = 500
 CLOCK_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 NUMBER = re.compile(r"\d{1,7}(?:\.\d{1,6})?")
+DECIMAL = re.compile(r"[<>]?[+-]?\d+[.,]\d+")
 DAY_S = 86_400.0
 
 
@@ -54,14 +55,17 @@ class SheetRow:
     `time_s`: after the first row [s].
     `level_bar_abs`: None for a zero [bar].
     `after`: the entry of the pressure read again; empty when it was not.
+    `doubt`: why it may be a slip, though it was read so.
     """
 
+    number: int
     time_s: float
     level_bar_abs: float | None
     direction: str
     entry: str
     after: str
     note: str
+    doubt: str = ""
 
 
 def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
@@ -71,42 +75,51 @@ def read_sheet(text: str, bench: Bench) -> list[SheetRow]:
     Rows with an empty time and no reading are levels that were not taken, and are left out. Raises SheetError: a line
     for each mistake, with row and column.
     """
+    rows, mistakes = rows_and_mistakes(text, bench)
+    refuse(mistakes)
+    return rows
+
+
+def refuse(mistakes: Mapping[int, str]) -> None:
+    """Raises SheetError, when there are mistakes. `mistakes`: by row."""
+    if mistakes:
+        raise SheetError("\n".join(f"row {number}: {mistakes[number]}" for number in sorted(mistakes)[:20]))
+
+
+def rows_and_mistakes(text: str, bench: Bench) -> tuple[list[SheetRow], dict[int, str]]:
+    """The rows of a sheet that can be read, and what is wrong with the others, by row.
+
+    Raises SheetError, when it is no sheet of this bench, or empty.
+    """
     if len(text) > MOST_BYTES:
         raise SheetError(f"longer than {MOST_BYTES} characters; this is no sheet")
     columns = sheet_columns(bench)
-    try:
-        lines = list(csv.reader(io.StringIO(text.removeprefix("\ufeff")), strict=True))
-    except csv.Error as error:
-        raise SheetError(f"not a table of CSV ({error}); is there a quotation mark that is not closed?") from None
-    if not lines or [cell.strip() for cell in lines[0]] != columns:
-        raise SheetError(f"header: expected {','.join(columns)} (the sheet that is printed for this bench has it)")
+    lines = _lines(text.removeprefix("\ufeff"), columns)
     if len(lines) > MOST_ROWS:
         raise SheetError(f"more than {MOST_ROWS} rows")
     typed = bench.build(manual_device(bench)).channels
     rows: list[SheetRow] = []
-    mistakes: list[str] = []
+    mistakes: dict[int, str] = {}
     last_s: float | None = None
     first_s = 0.0
     for number, cells in enumerate(lines[1:], start=1):
         if not any(cell.strip() for i, cell in enumerate(cells) if i not in (1, 2)):
             continue
         if any("\n" in cell for cell in cells):
-            mistakes.append(f"row {number}: a cell of several lines; is there a quotation mark that is not closed?")
+            mistakes[number] = "a cell of several lines; is there a quotation mark that is not closed?"
             continue
         try:
-            row = _row(dict(zip(columns, [cell.strip() for cell in cells], strict=True)), typed, last_s)
+            row = _row(number, dict(zip(columns, [cell.strip() for cell in cells], strict=True)), typed, last_s)
         except ValueError as error:
-            text = f"{len(cells)} cells, expected {len(columns)}" if len(cells) != len(columns) else str(error)
-            mistakes.append(f"row {number}: {text}")
+            is_short = len(cells) != len(columns)
+            mistakes[number] = f"{len(cells)} cells, expected {len(columns)}" if is_short else str(error)
             continue
         first_s = row.time_s if last_s is None else first_s
         last_s = row.time_s
         rows.append(row)
-    if mistakes:
-        raise SheetError("\n".join(mistakes[:20]))
-    if not rows:
+    if not rows and not mistakes:
         raise SheetError("no row has readings")
-    return [replace(row, time_s=row.time_s - first_s) for row in rows]
+    return [replace(row, time_s=row.time_s - first_s) for row in rows], mistakes
 
 
 def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Ambient) -> Outcome:
@@ -118,6 +131,8 @@ def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Amb
     plateaus: list[Plateau] = []
     for row in rows:
         time_ns = round(row.time_s * NS)
+        if row.doubt:
+            sink.event("doubted", time_ns, text=row.doubt)
         found = keys.enter(row.entry, time_ns)
         if row.level_bar_abs is None:
             channels = {reading.name: {"mean": reading.value, "se": None, "n": 1} for reading in found.values()}
@@ -128,10 +143,35 @@ def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Amb
         means = {role: entry.mean_of_entries([reading]) for role, reading in found.items()}
         if row.after:
             means["pressure"] = entry.with_drift(means["pressure"], keys.enter(row.after, time_ns)["pressure"])
-        taken = _plateau(len(plateaus) + 1, row, time_ns, means, bench, ambient)
+        taken = plateau_of(len(plateaus) + 1, row, time_ns, means, bench, ambient)
         plateaus.append(taken)
         sink.plateau(taken.row(keys.columns))
     return Outcome(FINISHED, "", True, plateaus, [])
+
+
+def _lines(text: str, columns: list[str]) -> list[list[str]]:
+    """The cells of a sheet, whose header is `columns`; where semicolons part them, decimals may be after a comma."""
+    head = text.partition("\n")[0]
+    delimiter = ";" if ";" in head and "," not in head else ","
+    try:
+        lines = [
+            [cell.strip() for cell in line] for line in csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
+        ]
+    except csv.Error as error:
+        raise SheetError(f"not a table of CSV ({error}); is there a quotation mark that is not closed?") from None
+    if not lines or lines[0] != columns:
+        raise SheetError(
+            f"header: expected {delimiter.join(columns)} (the sheet that is printed for this bench has it)"
+        )
+    if delimiter == ",":
+        return lines
+    numbers = [cell for line in lines for cell in line[: len(columns) - 1] if DECIMAL.fullmatch(cell)]
+    if len({"," in cell for cell in numbers}) > 1:
+        raise SheetError("decimals after a comma and after a point in one sheet; write all of them after a point")
+    return [
+        [cell.replace(",", ".") if DECIMAL.fullmatch(cell) else cell for cell in line[:-1]] + line[-1:]
+        for line in lines
+    ]
 
 
 class _Keys:
@@ -163,19 +203,20 @@ class _Keys:
         return found | ({"flow": derived[0]} if derived else {})
 
 
-def _plateau(
+def plateau_of(
     number: int, row: SheetRow, time_ns: int, means: dict[str, Mean], bench: Bench, ambient: Ambient
 ) -> Plateau:
+    """The plateau that a row is. `means`: by role."""
     level = row.level_bar_abs or 0.0
     pressure = means["pressure"].mean
     if pressure is not None and bench.file.roles.pressure.endswith("_gauge"):
         pressure += ambient.pressure_bar_abs
-    notes = [row.note, *entry.remarks(pressure, level, row.direction)]
+    notes = [row.note, row.doubt and f"read so: {row.doubt}", *entry.remarks(pressure, level, row.direction)]
     text = "; ".join(note for note in notes if note)
     return Plateau(number, Step(level, row.direction, 1), time_ns, time_ns, True, means, text)
 
 
-def _row(cells: dict[str, str], typed: dict[str, ChannelFile], last_s: float | None) -> SheetRow:
+def _row(number: int, cells: dict[str, str], typed: dict[str, ChannelFile], last_s: float | None) -> SheetRow:
     """One row; a ValueError says what is wrong with it."""
     time_s = _time(cells["time"], last_s)
     level = None if cells["level_bar_abs"] == AT_ZERO else _level(cells["level_bar_abs"])
@@ -192,7 +233,7 @@ def _row(cells: dict[str, str], typed: dict[str, ChannelFile], last_s: float | N
             decode_entry(after_text, typed)
     except EntryError as error:
         raise ValueError(str(error)) from None
-    return SheetRow(time_s, level, direction, text, after_text, cells["note"][:MOST_NOTE])
+    return SheetRow(number, time_s, level, direction, text, after_text, cells["note"][:MOST_NOTE])
 
 
 def _time(cell: str, last_s: float | None) -> float:

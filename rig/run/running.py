@@ -22,7 +22,8 @@ from rig.bench.bench import Bench, LineTable, bench_path, read_bench
 from rig.by_hand.by_hand import is_manual
 from rig.by_hand.conversation import Conversation, StoppedError, ValveHand
 from rig.by_hand.manual import ManualSweep
-from rig.by_hand.sheet_entry import enter_sheet, read_sheet
+from rig.by_hand.sheet_check import checked_sheet
+from rig.by_hand.sheet_entry import enter_sheet
 from rig.clock import Clock
 from rig.interlock import SafetyError
 from rig.interlock.failsafe import set_and_check
@@ -39,14 +40,12 @@ from rig.runlog import Circumstances, RunError, RunWriter, StartRecord, start_re
 from rig.runlog.folder import END, WATCHDOG
 from rig.runlog.schema import COURSE, EXPECTED
 from rig.sweep.ambient import Ambient, AmbientError, Ask, Given, at_end, at_start
-from rig.sweep.capture import motor_of
 from rig.sweep.course import Course
-from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guarded, points_of
+from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guard_of, guarded, points_of
 from rig.sweep.orders import View
 from rig.sweep.runner import Outcome, Runner
 
 ATTENDED_S = 30.0  # real time without a look at the limits after which the watchdog takes the sweep for hung
-DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
 BAND_LEVELS = 20
 UNVENTED = "the line is NOT known to be without pressure: close the supply"
 
@@ -198,7 +197,7 @@ class _Run:
         """Identify, make the run, go through the course, seal."""
         # Before anything is under way: right after an installation the solvers are compiled here. A watchdog that was
         # there by then would take a long compilation for a sweep that hangs.
-        guard, limits = self._guard(), self._limits()
+        guard, limits = guard_of(self.bench, self.ambient), self._limits()
         self.acquisition.connect()
         writer = RunWriter.create(self.wanted.root, self._start(), self.wanted.wire)
         begin_ns = self.place.clock.now_ns()
@@ -210,7 +209,7 @@ class _Run:
             with self.wanted.beside(writer.folder, self._note) as tell:
                 outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, course, tell))
         except BaseException as error:
-            outcome = Outcome("failed", f"{type(error).__name__}: {error}", False, [], [])
+            outcome = Outcome("failed", _reason(error), False, [], [])
             error.add_note(self._seal(writer, outcome, begin_ns, watchdog))
             raise
         self._seal(writer, outcome, begin_ns, watchdog)
@@ -256,14 +255,6 @@ class _Run:
         watchdog = Watchdog.start(plan, ATTENDED_S)
         self.acquisition.event("watchdog", None, pid=watchdog.pid)
         return watchdog
-
-    def _guard(self) -> Guard:
-        """What predicts the speed of a level."""
-        _, gauge = self.bench.channel("pressure")
-        gauge_sd_bar = DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
-        motor = motor_of(self.bench, self.ambient)
-        limit_rpm = min(self.bench.file.safety.highest_speed_rpm, motor["speed_limit"].value)
-        return Guard(motor, limit_rpm, gauge_sd_bar * BAR)
 
     def _limits(self) -> Limits:
         """What a reading may not pass."""
@@ -370,6 +361,13 @@ class _Run:
             return at_end(self.ambient, minutes)
 
 
+def _reason(error: BaseException) -> str:
+    """Why a run failed. Where its output is closed, as by ``| head``, rich ends the program."""
+    if isinstance(error, SystemExit | BrokenPipeError):
+        return "its output was closed"
+    return f"{type(error).__name__}: {error}"
+
+
 def enter(
     bench: Bench,
     text: str,
@@ -379,9 +377,13 @@ def enter(
     motor_serial: str | None = None,
     note: str = "",
     date: str = "",
+    as_read: bool = False,
 ) -> Path:
-    """A run from a sheet that was filled in. Raises SheetError: every mistake of the sheet; there is no run then."""
-    rows = read_sheet(text, bench)
+    """A run from a sheet that was filled in. Raises SheetError: every mistake of the sheet; there is no run then.
+
+    `as_read`: improbable readings are entered, with a note.
+    """
+    rows = checked_sheet(text, bench, ambient, as_read)
     room = (ambient.record(), ambient.lubrication, ambient.minutes_running)
     circumstances = Circumstances(operator, *room, None, motor_serial, note)
     more = {"imported": {"source": "a sheet that was filled in", "date": date}}

@@ -61,12 +61,16 @@ def quantity_channels(run: Run) -> dict[str, str]:
 
 
 def series(run: Run, channel: str, start_s: float, end_s: float) -> Series:
-    """The readings of a channel over a stretch. `start_s`, `end_s`: both ends are taken in [s]."""
+    """The readings of a channel over a stretch; what a person did not read is none.
+
+    `start_s`, `end_s`: both ends are taken in [s].
+    """
     device, _, name = channel.partition(".")
     samples = run.samples
     time_ns = samples["time_ns"].to_numpy()
     within = samples[(time_ns >= round(start_s * NS)) & (time_ns <= round(end_s * NS))]
     rows = within[(within["device"] == device) & (within["channel"] == name)]
+    rows = rows[rows["value"].notna() | (rows["quality"] != Quality.MANUAL.value)]
     usable = rows["value"].notna().to_numpy() & rows["quality"].isin(USABLE).to_numpy()
     kept = rows[usable]
     order = np.argsort(kept["time_ns"].to_numpy(), kind="stable")

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from configs.units import as_in_another_unit
 from rig.bench.bench import Bench
 from rig.runlog import AmbientRecord
 
@@ -142,24 +143,27 @@ def _known(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
     of_file["lubrication"] = bench.file.lubrication or None
     if bench.file.virtual is not None:
         of_file |= {"minutes_running": 0.0, "lubrication": bench.file.lubrication}
+    implausible = [_implausible(field.name, getattr(given, field.name)) for field in fields(Given)]
+    if any(implausible):
+        raise AmbientError("\n".join(filter(None, implausible)))
     for field in fields(Given):
         name, option = field.name, getattr(given, field.name)
         if option is not None:
-            known[name], sources[name] = _plausible(name, option), "option"
+            known[name] = float(option) if name in FIGURES else str(option)[:MOST_TEXT]
+            sources[name] = "option"
         elif of_file.get(name) is not None:
             known[name], sources[name] = of_file[name], "bench file"
     return known, sources
 
 
-def _plausible(name: str, option: Any) -> Any:
+def _implausible(name: str, option: Any) -> str:
+    """What is wrong with an option; empty when it is plausible, or not given."""
     figure = FIGURES.get(name)
-    if figure is None:
-        return str(option)[:MOST_TEXT]
-    typed = option / figure.factor
-    if not figure.low <= typed <= figure.high:
-        low, high = figure.low * figure.factor, figure.high * figure.factor
-        raise AmbientError(f"{OPTIONS[name]} {option:g}: expected {low:g} to {high:g}")
-    return float(option)
+    if figure is None or option is None or figure.low <= option / figure.factor <= figure.high:
+        return ""
+    low, high = figure.low * figure.factor, figure.high * figure.factor
+    meant = as_in_another_unit(name, option, high)
+    return f"{OPTIONS[name]} {option:g}: expected {low:g} to {high:g}{meant and f'; {meant}'}"
 
 
 def _all_asked(

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from configs.units import BAR, RAD_S
+from rig.bench.bench import Bench
 from rig.interlock import SafetyError
+from rig.interlock.guard import HIGHEST_PA, Guard
 from rig.interlock.step import Point, Verdict
 from rig.plateaus.plateau import Plateau
+from rig.sweep.ambient import Ambient
+from rig.sweep.capture import motor_of
 from rig.sweep.orders import Predict, Trip
 
-if TYPE_CHECKING:
-    from rig.interlock.guard import Guard
+DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
 
 
 class Progress(Protocol):
@@ -73,6 +76,24 @@ class Hooks:
     person: Person
     on_plateau: Callable[[Plateau], None]
     expect: Expect
+
+
+def gauge_sd_of(bench: Bench) -> float:
+    """1-sigma bias of the pressure gauge [bar]."""
+    _, gauge = bench.channel("pressure")
+    return DEFAULT_GAUGE_SD_BAR if gauge.bias_sd is None else gauge.bias_sd
+
+
+def guard_of(bench: Bench, ambient: Ambient) -> Guard:
+    """What predicts the speed of a level. Raises SafetyError: the bench's limit of the pressure is beyond the model."""
+    limit_bar, end_bar = bench.file.safety.highest_pressure_bar_abs, HIGHEST_PA / BAR
+    if limit_bar > end_bar:
+        raise SafetyError(
+            f"{bench.name}: safety.highest_pressure_bar_abs = {limit_bar:g} is above {end_bar:g} bar abs, where the "
+            "model that predicts speeds ends; give a lower one"
+        )
+    motor = motor_of(bench, ambient)
+    return Guard(motor, min(bench.file.safety.highest_speed_rpm, motor["speed_limit"].value), gauge_sd_of(bench) * BAR)
 
 
 def guarded(guard: Guard, ambient_bar: float, is_gauge: bool) -> Predict:

@@ -226,7 +226,7 @@ class SweepMachine:
         steps = tuple(step for step in gone if isinstance(step, Step))
         refused = Refused(task.level_bar_abs, text, steps)
         if not (self._tasks or self._made):
-            return [refused, *self.fail(now_ns, text)]
+            return [refused, *self.fail(now_ns, self._lacking or text)]
         return [refused, Say(words, warning=True)]
 
     def _start_ramp(self, now_ns: int) -> list[Order]:
@@ -288,7 +288,7 @@ class SweepMachine:
         taken = Plateau(number, self._task, self._entered_ns, end_ns, self._settled, means, "; ".join(notes))
         self.plateaus.append(taken)
         lacking = judge.not_read(view, self._entered_ns, end_ns)
-        self._lacking = f"no plateau can be used: {lacking}" if lacking else self._lacking
+        self._lacking = f"no plateau can be used: {lacking}" if lacking else ""
         self._made |= self._task in self.course.steps and not lacking
         return [Record(taken), *self._enter(State.NEXT, now_ns)]
 

@@ -188,7 +188,7 @@ def diagnose(
     parts, notes = opened_all(data)
     unseen, more = (None, []) if hold_out is None else _one(hold_out)
     refuse_twice(parts, unseen)
-    sharing = own_of_each(listed(per_recording), len(parts))
+    sharing = own_of_each(listed("per_recording", per_recording), len(parts))
     given = as_given(parts, apart=bool(sharing.own))
     with diagnosing() as tell:
         read = given[0] if len(given) == 1 else given

@@ -287,14 +287,19 @@ def fit(
         When the budget of steps is spent.
     NoPeakError
         When nothing in the prior explains the readings.
+    TypeError
+        For an argument of another kind.
     """
     from calibration.fit.sampling import Settings
-    from spinbench.api.opened import listed, opened_all
+    from spinbench.api.opened import argument, listed, opened_all
     from spinbench.api.simulating import assignments_of
 
+    if not isinstance(settings, Settings | None):
+        raise TypeError(f"settings: expected Settings, such as Settings(seed=1); given {settings!r:.60}")
     recordings, notes = opened_all(data)
     chosen = settings or Settings(effective_samples=0, most_steps=0)
-    effects, per_recording = listed(effects), listed(per_recording)
+    effects, per_recording = listed("effects", effects), listed("per_recording", per_recording)
     parts, asked = prepared(recordings, chosen, assignments_of(values), channels, effects, steady_only, per_recording)
-    found = fitted(parts, asked, None if chain_folder is None else Path(chain_folder))
+    with argument("values", "--set"):
+        found = fitted(parts, asked, None if chain_folder is None else Path(chain_folder))
     return FitResult(found, tuple(notes))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -107,11 +109,16 @@ def open(path: str | Path, logs: str | Path = "logs") -> Opened:
         When there is no such folder, it is neither a run nor a recording, or the recording has mistakes.
     RunError
         When the run is damaged.
+    TypeError
+        For what is no path.
     """
     from rig.recording import RecordingError
     from rig.runlog import read_run
     from rig.runlog.folder import START
 
+    for name, given in (("path", path), ("logs", logs)):
+        if not isinstance(given, str | os.PathLike):
+            raise TypeError(f"{name}: expected a folder, as text or a Path; given {given!r:.60}")
     folder = readings.folder_named(Path(path), Path(logs))
     if folder.is_file():
         raise RecordingError(f"{folder}: a file; name the folder that it is in")
@@ -176,13 +183,34 @@ def without(
     ------
     RecordingError
         When there is no such file, row or level.
+    TypeError
+        For what is no recording, or no text.
     """
     from calibration.data import left_out as leaving
 
-    kept = leaving.without(opened_all(data)[0], listed(left_out))
+    asked = listed("left_out", left_out)
+    with argument("left_out", "--without"):
+        kept = leaving.without(opened_all(data)[0], asked)
     return kept if isinstance(data, list | tuple) else kept[0]
 
 
-def listed(given: str | Sequence[str]) -> list[str]:
-    """One text or several, as a list."""
-    return [given] if isinstance(given, str) else list(given)
+def listed(name: str, given: str | Sequence[str]) -> list[str]:
+    """One text or several, as a list; TypeError for anything else. `name`: the argument's."""
+    several = [given] if isinstance(given, str) else list(given) if isinstance(given, Iterable) else [given]
+    if not all(isinstance(one, str) for one in several):
+        raise TypeError(f"{name}: expected a text, or a list of texts; given {given!r:.60}")
+    return several
+
+
+@contextmanager
+def argument(name: str, option: str) -> Iterator[None]:
+    """Has an error that speaks of an option of the command line speak of the argument instead."""
+    from configs import ConfigError
+    from rig.recording import RecordingError
+
+    try:
+        yield
+    except (ConfigError, RecordingError) as error:
+        if not str(error).startswith(f"{option} "):
+            raise
+        raise type(error)(f"{name}: {str(error).removeprefix(f'{option} ')}") from None

@@ -78,8 +78,10 @@ def simulate(
     from model.operation.performance import OperatingPointError, operating_points
     from model.operation.runs import coast_down, spin_up
     from spinbench.api import frames
+    from spinbench.api.opened import argument
 
-    chosen = motor_of(motor, assignments_of(values))
+    with argument("values", "--set"):
+        chosen = motor_of(motor, assignments_of(values))
     pressures = [float(bar) * BAR for bar in np.ravel(pressure_bar_abs)]
     if not pressures:
         raise OperatingPointError("no pressure is given; name one or more, absolute, in bar")

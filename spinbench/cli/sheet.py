@@ -35,6 +35,9 @@ def sheet(
     minutes_running: Annotated[
         float | None, typer.Option(help="How long the motor had run that day, in minutes.")
     ] = None,
+    as_read: Annotated[
+        bool, typer.Option("--as-read", help="Improbable readings of the sheet were read so: enter them, with a note.")
+    ] = False,
 ) -> None:
     """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
     from rig.bench.bench import bench_path, read_bench
@@ -54,7 +57,7 @@ def sheet(
         given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
         text, room = _filled_in(read, entered, given)
         try:
-            print(enter(read, text, room, logs, operator, motor_serial, note, date))
+            print(enter(read, text, room, logs, operator, motor_serial, note, date, as_read))
         except SheetError as error:
             raise SheetError("\n".join(f"{entered}: {line}" for line in str(error).splitlines())) from None
 

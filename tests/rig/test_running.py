@@ -173,6 +173,27 @@ def test_a_run_is_shown_with_its_motors_number_and_its_note(finished, spinbench_
     assert 'note       <b>"new seals"</b>\\n=1+1' in shown
 
 
+@pytest.mark.long
+def test_a_sweep_whose_output_is_closed_says_so(bench, tmp_path):
+    logs = tmp_path / "logs"
+    command = [*PROGRAM, "sweep", str(bench), "--logs", str(logs), *DAY]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    assert process.stdout.readline()
+    process.stdout.close()
+    process.wait(ENOUGH_S)
+    assert read_run(only_run(logs)).end.reason == "its output was closed"
+
+
+def test_a_pressure_limit_above_the_model_s_end_is_refused(bench, tmp_path, spinbench_anywhere):
+    path = tmp_path / "slip.toml"
+    path.write_text(bench.read_text().replace("highest_pressure_bar_abs = 3.0", "highest_pressure_bar_abs = 30.0"))
+    result = spinbench_anywhere("sweep", path, "--logs", tmp_path / "logs", *DAY, cwd=tmp_path)
+    assert result.returncode == 2
+    (line,) = told(result)
+    assert "safety.highest_pressure_bar_abs = 30 is above 8 bar abs, where the model that predicts speeds ends" in line
+    assert not (tmp_path / "logs").exists()
+
+
 def test_the_guard_is_made_before_the_bench_is_touched(bench, tmp_path, monkeypatch):
     """Its kernels may have to be compiled first, for longer than a watchdog waits for a sign of life."""
 
@@ -180,7 +201,7 @@ def test_the_guard_is_made_before_the_bench_is_touched(bench, tmp_path, monkeypa
         raise LookupError("asked for")
 
     nowhere = running.Place(Clock(), port_of, None)
-    monkeypatch.setattr(running, "Guard", guard)
+    monkeypatch.setattr(running, "guard_of", guard)
     monkeypatch.setattr(running, "place_of", lambda *arguments: contextlib.nullcontext(nowhere))
     given = Given(lubrication="none", minutes_running=0.0)
     with pytest.raises(LookupError, match="asked for"):
@@ -392,7 +413,7 @@ def test_every_mistake_of_a_bench_file_is_told_at_once_before_anything_is_opened
 def by_hand(tmp_path_factory):
     text = re.sub(r"(?m)^levels_bar_abs = .*$", "levels_bar_abs = [1.24, 1.34]", (FOLDER / "manual.toml").read_text())
     path = tmp_path_factory.mktemp("by_hand") / "hand.toml"
-    path.write_text(text.replace("dwell_s = 10.0", "dwell_s = 0.3"))
+    path.write_text(text.replace("dwell_s = 10.0", "dwell_s = 0.3").replace('order = "up-down"', 'order = "up"'))
     return path
 
 

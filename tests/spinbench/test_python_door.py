@@ -309,3 +309,23 @@ def test_a_type_checker_takes_the_machine_of_the_tutorial_for_a_system(tmp_path)
     script.write_text(code.replace("def record(folder, leak)", RECORD), encoding="utf-8")
     told = subprocess.run([sys.executable, "-m", "mypy", str(script)], capture_output=True, text=True, timeout=600)
     assert told.stdout == "Success: no issues found in 1 source file\n"
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "says"),
+    [
+        (lambda: sb.fit("published_sweep", {"seed": 1}), TypeError, "settings: expected Settings"),
+        (lambda: sb.open(None), TypeError, "path: expected a folder, as text or a Path; given None"),
+        (lambda: sb.open(["a", "b"]), TypeError, "path: expected a folder"),
+        (lambda: sb.without("published_sweep", 7), TypeError, "left_out: expected a text, or a list of texts; given 7"),
+        (lambda: sb.without("published_sweep", [7]), TypeError, "left_out: expected a text"),
+        (lambda: sb.Settings(effective_samples=-5), ValueError, "effective_samples: expected 0 or more; given -5"),
+        (lambda: sb.Settings(seed="a"), TypeError, "seed: expected a whole number; given 'a'"),
+        (lambda: sb.without("published_sweep", "sweep.csv:99"), sb.RecordingError, "^left_out: sweep.csv:99: '99'"),
+        (lambda: sb.simulate(2.0, values={"f_overal": 0.06}), ValueError, "^values: f_overal: no such parameter"),
+        (lambda: sb.fit("published_sweep", values={"f_overal": 0.06}), ValueError, "^values: f_overal: no such"),
+    ],
+)
+def test_an_argument_of_another_kind_is_refused_by_its_name(call, kind, says):
+    with pytest.raises(kind, match=says):
+        call()

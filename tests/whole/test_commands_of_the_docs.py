@@ -50,7 +50,7 @@ def test_all_but_these_run_somewhere() -> None:
     assert {command.text for command in COMMANDS if command.kinds & {"hardware", "person", "network", "yours"}} == {
         "make setup",
         "python3 -m venv ~/spinbench",
-        '~/spinbench/bin/pip install ".[cluster,formats,mdf,mqtt,notebook,seal]"',
+        '~/spinbench/bin/pip install ".[cluster,formats,mdf,mqtt,notebook,opcua,seal]"',
         "spinbench doctor configs/benches/lab.toml",
         "spinbench sweep configs/benches/lab.toml",
         "spinbench sweep configs/benches/manual.toml",

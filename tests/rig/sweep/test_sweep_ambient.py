@@ -2,6 +2,7 @@
 
 import pytest
 
+from configs import ConfigError, validate
 from rig.bench.bench import AmbientTable
 from rig.sweep.ambient import AmbientError, Given, at_end, at_start
 from tests.sweep_lab import LabBench
@@ -112,3 +113,10 @@ def test_back_at_a_question_puts_the_one_before_once_more(unknown):
     assert ["back" in prompt for prompt in person.prompts[:4]] == [False, False, True, False]
     assert (room.lubrication, room.relative_humidity) == ("oil", 0.5)
     assert [prompt[:7] for prompt in person.prompts[:4]] == ["Ambient", "Ambient", "Room te", "Ambient"]
+
+
+def test_a_bench_file_s_room_in_other_units_is_refused_with_what_it_would_be():
+    with pytest.raises(ConfigError) as caught:
+        validate(AmbientTable, {"pressure_bar_abs": 101.325, "temperature_c": 293.15}, "bench.toml")
+    assert "(given: 101.325); 101.325 kPa is 1.01325 bar" in str(caught.value)
+    assert "293.15 K is 20 degC" in str(caught.value)

@@ -315,6 +315,19 @@ def test_a_run_of_which_everything_was_refused_has_failed():
     walk.assert_vented_last()
 
 
+def test_a_capture_refused_for_want_of_readings_names_the_instrument_that_fell_silent():
+    refusing = SimpleNamespace(allowed=False, text="a plateau there narrows the prediction", highest_pa_abs=1.5e5)
+    walk = Walk(
+        [], [CaptureTask("coast-down", 1.9, 0.2)], predict=lambda level, _: ALLOWED if level < 1.55 else refusing
+    )
+    walk.when["settle"] = lambda lab: lab.dead.add("pressure")
+    walk.go()
+    assert [plateau.step.level_bar_abs for plateau in walk.machine.plateaus] == [1.5]
+    assert walk.finish.outcome == "failed"
+    silent = "gauge.pressure_bar_abs; its last reading: timeout"
+    assert walk.finish.reason == f"no plateau can be used: there is no reading of the pressure ({silent})"
+
+
 def test_a_plateau_below_a_refused_level_comes_first_where_it_lets_the_guard_see_farther():
     def predict(level, plateaus):
         highest = 1.5 if len(plateaus) == 1 else 2.0  # the first plateau does not tell enough

@@ -50,7 +50,7 @@ def dials(bar_abs):
 
 def bench_of(levels=(1.6, 1.8), **sweep):
     bench = read_bench("manual")
-    table = bench.file.sweep.model_copy(update={"levels_bar_abs": list(levels), "dwell_s": 0.3, **sweep})
+    table = bench.file.sweep.model_copy(update={"levels_bar_abs": list(levels), "order": "up", "dwell_s": 0.3, **sweep})
     object.__setattr__(bench, "file", bench.file.model_copy(update={"sweep": table}))
     return bench
 

@@ -8,6 +8,7 @@ from rig.bench.bench import read_bench
 from rig.by_hand.sheet import print_page, print_sheet, sheet_columns
 from rig.by_hand.sheet_entry import SheetError, enter_sheet, read_sheet
 from rig.clock import Clock
+from rig.exchange.export import recording_of
 from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
 from rig.sweep.ambient import Given, at_start
@@ -43,8 +44,12 @@ def test_the_sheet_has_a_line_for_each_level_in_the_sweep_s_order_between_two_ze
     lines = print_sheet(bench).splitlines()
     assert lines[0] + "\n" == HEADER
     assert [line.split(",")[1] for line in lines[1:]] == [
-        "zero", "1.6", "1.7", "1.8", "1.83", "1.85", "1.95", "2", "zero"
-    ]  # fmt: skip
+        "zero",
+        *(rising := ["1.6", "1.7", "1.8", "1.83", "1.85", "1.95", "2"]),
+        *reversed(rising),
+        "zero",
+    ]
+    assert [line.split(",")[2] for line in lines[2:-1]] == ["up"] * 7 + ["down"] * 7
 
 
 def test_the_printed_page_is_well_formed_and_has_the_levels_in_gauge_too(bench):
@@ -62,7 +67,9 @@ def test_the_printed_page_is_well_formed_and_has_the_levels_in_gauge_too(bench):
     Checker().feed(page)
     assert opened == []
     assert "1.60 <small>(0.59 gauge)</small>" in page
-    assert page.count("<tr>") == 1 + 2 + 7
+    assert page.count("<tr>") == 1 + 2 + 14
+    assert "th.note { width: 40% }" in page
+    assert page.count('<th class="note">note</th>') == 1
     assert "size: A4" in page
 
 
@@ -106,6 +113,10 @@ def test_an_entered_sheet_replays_like_a_run_that_was_typed(entered, bench):
     assert len(entered.samples) == 3 * 7
 
 
+def test_what_was_not_read_again_is_no_unusable_reading(entered):
+    assert [note for note in recording_of(entered).notes if "unusable" in note] == []
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [
@@ -145,3 +156,84 @@ def test_another_bench_s_sheet_is_refused_by_its_header(bench):
 
 def test_the_columns_are_those_of_the_instrument_s_file(bench):
     assert ",".join(sheet_columns(bench)) + "\n" == HEADER
+
+
+ROOM = ["--ambient-pressure-bar-abs", "1.009", "--ambient-temperature-c", "21", "--relative-humidity", "0.5"]
+ROOM += ["--lubrication", "none", "--minutes-running", "10"]
+PLATEAUS = [
+    "14:05,1.6,up,1.60,44,232.3,1.62,",
+    "14:09,1.7,up,1.70,51,272.9,1.70,",
+    "14:13,1.8,up,1.80,59,314.3,1.80,",
+]
+
+
+@pytest.fixture
+def enter(spinbench_here, tmp_path):
+    def enter(*lines, options=()):
+        (tmp_path / "sheet.csv").write_text(HEADER + "\n".join(lines) + "\n")
+        return spinbench_here("sheet", "manual", "--enter", "sheet.csv", *ROOM, *options, cwd=tmp_path)
+
+    return enter
+
+
+def test_a_sheet_is_held_to_what_the_prompt_is_held_to_and_all_is_told_at_once(enter, tmp_path):
+    told = enter(
+        PLATEAUS[0],
+        PLATEAUS[1].replace("272.9", "3143"),
+        "soon,1.75,up,1.75,51,280,,",
+        PLATEAUS[2].replace(",1.80,59", ",0.80,59"),
+        "14:17,1.83,up,1.83,60,32.8,,",
+        "14:21,1.85,up,1.85,60,340,1.05,",
+        "14:30,zero,,1.01,<10,20,,",
+    )
+    assert told.returncode == 2
+    lines = told.stderr.splitlines()
+    assert [line.partition("row ")[2].partition(":")[0] for line in lines] == ["2", "3", "4", "5", "6", "7"]
+    assert "speed_rpm: a speed of 3143 rpm is beyond the bench's limit of 600 rpm" in lines[0]
+    assert "pressure_bar_abs: 0.80 is not above the room's 1.009 bar, yet the rotor turns" in lines[2]
+    assert "speed_rpm: a speed of 32.8 rpm is far from what was expected" in lines[3]
+    assert "--as-read" in lines[3]
+    assert "pressure_bar_abs_after: 1.050 bar abs was typed where 1.85 was expected" in lines[4]
+    assert "speed_rpm: a speed of 20 rpm is far from what was expected, 0 to 0 rpm" in lines[5]
+    assert not (tmp_path / "logs").exists()
+
+
+def test_the_improbable_is_entered_with_a_note_where_it_was_read_so_and_the_impossible_is_not(enter, tmp_path):
+    told = enter(*PLATEAUS[:2], PLATEAUS[2].replace("314.3", "31.4"), options=["--as-read"])
+    assert told.returncode == 0, told.stderr
+    run = read_run(tmp_path / told.stdout.strip())
+    assert run.plateaus[2].note.startswith("read so: a speed of 31.4 rpm is far from what was expected")
+    assert [event.event for event in run.events].count("doubted") == 1
+    starved = enter(*PLATEAUS[:2], PLATEAUS[2].replace("1.80,59", "0.80,59"), options=["--as-read"])
+    assert starved.returncode == 2
+    assert "not above the room's" in starved.stderr
+
+
+def test_the_paper_asks_for_the_room_in_the_command_s_units_and_a_figure_in_another_unit_is_told_so(
+    bench, spinbench_here, tmp_path
+):
+    page = print_page(bench)
+    assert "[bar abs, as 1.013]" in page
+    assert "[0 to 1, as 0.50]" in page
+    (tmp_path / "sheet.csv").write_text(HEADER + PLATEAUS[0] + "\n")
+    wrong = [{"1.009": "1009", "21": "294.15", "0.5": "50"}.get(word, word) for word in ROOM]
+    told = spinbench_here("sheet", "manual", "--enter", "sheet.csv", *wrong, cwd=tmp_path)
+    assert told.returncode == 2
+    for hint in ("1009 mbar is 1.009 bar", "294.15 K is 21 degC", "50 % is 0.5"):
+        assert hint in told.stderr
+
+
+def test_a_sheet_with_semicolons_and_decimal_commas_is_read_and_one_with_both_decimals_is_not(bench):
+    german = FILLED.replace(",", ";").replace(".", ",").replace("the float sticks", "the float, 2.5 mm off")
+    english = FILLED.replace("the float sticks", '"the float, 2.5 mm off"')
+    assert read_sheet(german, bench) == read_sheet(english, bench)
+    with pytest.raises(SheetError, match="after a comma and after a point"):
+        read_sheet(german.replace("272,9", "272.9"), bench)
+    with pytest.raises(SheetError, match="header: expected time;level_bar_abs"):
+        read_sheet("time;level;pressure\n", bench)
+
+
+def test_a_pressure_within_the_gauge_s_bias_of_the_room_is_entered_where_it_was_read_so(enter):
+    low = "14:17,1.05,down,0.99,<10,12.0,,"
+    assert "--as-read" in enter(*PLATEAUS, low).stderr
+    assert enter(*PLATEAUS, low, options=["--as-read"]).returncode == 0

@@ -27,7 +27,7 @@ READINGS = {"pressure_bar_abs": "1.24", "flow_l_min": "<10", "speed_rpm": "78"}
 def hand_bench(folder):
     text = re.sub(r"(?m)^levels_bar_abs = .*$", "levels_bar_abs = [1.24, 1.34]", (FOLDER / "manual.toml").read_text())
     path = folder / "hand.toml"
-    path.write_text(text.replace("dwell_s = 10.0", "dwell_s = 0.3"))
+    path.write_text(text.replace("dwell_s = 10.0", "dwell_s = 0.3").replace('order = "up-down"', 'order = "up"'))
     return path
 
 
