@@ -23,6 +23,7 @@ from tests.documented_commands import (
 )
 
 COMMANDS = commands()
+TAKES_LONG = ("docs/tutorials/manual-bench.md",)
 QUICK = [command for command in COMMANDS if command.kinds <= {"background"}]
 INDENTED = re.compile(r"^(?: {4}|\t)(?:spinbench|make|python|dask) ", re.MULTILINE)
 
@@ -31,7 +32,13 @@ def text_of(page: str) -> str:
     return (ROOT / page).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", list(dict.fromkeys(command.page for command in QUICK)))
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.long] if page in TAKES_LONG else [])
+        for page in dict.fromkeys(command.page for command in QUICK)
+    ],
+)
 def test_the_commands_of_a_page_give_what_the_page_says(tmp_path: Path, page: str) -> None:
     copy = tmp_path / "copy"
     fresh_copy(copy, kernels=True)

@@ -35,6 +35,7 @@ from calibration.systems.radial_piston.predict.supply import FORMS, WANDERS, Cou
 from calibration.work.step_clock import StepClock
 from model.effects import effects
 from model.effects.effect import unknown_state
+from model.motor import read_motor
 from model.solvers.transient import Supply, rest_state
 from rig.recording import Recording, RecordingError, read_recording
 from tests import diagnosis_recordings as recordings
@@ -557,7 +558,8 @@ class _TurnsBack(Plan):
 def test_a_shaft_that_turns_back_has_pulses_all_the_same() -> None:
     time = np.linspace(0.0, 5.0, 101)
     places = np.arange(time.size - 1)
+    motor = read_motor("ptm3600").vector()
     planned = _TurnsBack(
-        np.zeros(24), np.zeros(5), (), time, np.zeros(23), {}, 0.0, slice(0, 100), places, places + 1, 0.0, 0.0, 0.0
+        motor, np.zeros(5), (), time, np.zeros(23), {}, 0.0, slice(0, 100), places, places + 1, 0.0, 0.0, 0.0
     )
     assert np.all(np.isfinite(Pulses(planned).beside(planned)))

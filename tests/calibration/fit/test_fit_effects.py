@@ -56,6 +56,7 @@ def fitted(rubbing) -> fit.Fit:
     return fit.Fit(rubbing, motor, measured, likelihood, result, settings, ("coulomb_friction",))
 
 
+@pytest.mark.long
 def test_dry_friction_is_recovered_and_f_overall_with_it(fitted):
     truth = {"coulomb_friction.torque_nm": TORQUE, "f_overall": read_motor("ptm3600")["f_overall"].value}
     for name, true in truth.items():
@@ -64,6 +65,7 @@ def test_dry_friction_is_recovered_and_f_overall_with_it(fitted):
         assert one.sd_of_prior < 0.7
 
 
+@pytest.mark.long
 def test_posterior_1_holds_the_effect_with_its_unit(fitted):
     found = posterior.as_json(fitted.posterior)["parameters"]
     assert list(found)[-1] == "coulomb_friction.torque_nm"
@@ -72,6 +74,7 @@ def test_posterior_1_holds_the_effect_with_its_unit(fitted):
     assert 0.0 <= one["q05"] < one["q50"] < one["q95"] < 1.0
 
 
+@pytest.mark.long
 def test_the_command_takes_a_list_of_effects_and_writes_the_report(fitted, tmp_path, monkeypatch):
     asked: list[object] = []
 
@@ -94,6 +97,7 @@ def test_the_command_takes_a_list_of_effects_and_writes_the_report(fitted, tmp_p
     assert "coulomb_friction.torque_nm" in json.loads((tmp_path / "posterior.json").read_text())["parameters"]
 
 
+@pytest.mark.long
 def test_the_bands_of_the_report_are_those_of_the_model_with_its_effects(fitted):
     rows = fitted.measured.steady
     still = np.zeros(len(rows))

@@ -129,7 +129,7 @@ def test_a_refusal_is_a_sentence_without_the_usage_of_the_command(desk):
     assert "Usage" not in text
     desk.sweeps.start(SWEEP, {"relative_humidity": "3"})
     told = wait_for(lambda: desk.console("w")["start_failed"], "the refusal of a start")["text"]
-    assert told == "--relative-humidity 3: expected 0 to 1"
+    assert told == "--relative-humidity 3: expected 0 to 1; 3 % is 0.03"
 
 
 def test_the_page_is_told_the_range_of_every_number_that_it_asks_for(desk):
