@@ -45,7 +45,7 @@ help:
 	@echo "make demonstration FILES=FOLDER   the demonstrations on public data of other rigs, whose files are in the folder"
 	@echo "make figures the article's figures and results anew, in docs/figures and docs/reproduction.md"
 	@echo "make site    the documentation as a site with a search, to be read without a network: $(OUT)/site/index.html"
-	@echo "make pages   the pages that are made from code anew: docs/python-reference.md, docs/notebooks"
+	@echo "make pages   the pages that are made from code anew: docs/python-reference.md, docs/notebooks, configs/schemas"
 	@echo "make lint    formatting, lint, import layers and types"
 	@echo "make house   measure the code base: its size, what has grown too large, what imports in circles (LIST=1: which)"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"
@@ -198,6 +198,7 @@ site: $(STAMP)
 pages: $(STAMP)
 	$(BIN)/python scripts/python_reference.py
 	$(BIN)/python scripts/notebooks.py
+	$(BIN)/python scripts/schemas.py
 
 # Needs no environment; where there is one, the import contracts are counted too.
 house:
