@@ -7,6 +7,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from rig.readings import Quality
 from rig.runlog.plateaus import PRESSURES, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN
@@ -214,7 +216,7 @@ def _series(tail: Tail, from_s: float) -> dict[str, Any]:
     limits = {"speed": safety.get("highest_speed_rpm"), "pressure": safety.get("highest_pressure_bar_abs")}
     if is_gauge and limits["pressure"] is not None:
         limits["pressure"] -= room
-    series = {}
+    series: dict[str, dict[str, Any]] = {}
     for role in CHARTED:
         shown = tail.newest.get(role)
         if shown is None:
@@ -225,7 +227,27 @@ def _series(tail: Tail, from_s: float) -> dict[str, Any]:
             "limit": limits.get(role),
             "bins": [[round(t, 2), round(low, 4), round(high, 4)] for t, low, high in bins],
         }
+    if series.keys() >= {"pressure", "speed"}:
+        band = tail.details(EXPECTED).get("band", [])
+        series["speed"]["band"] = _speeds_expected(band, series["pressure"]["bins"], room if is_gauge else 0.0)
     return series
+
+
+def _speeds_expected(band: list[Any], pressures: list[list[float]], added_bar: float) -> list[list[float]]:
+    """The speeds that the guard holds for possible at the pressures of a chart: when [s], lowest and highest [rpm].
+
+    `band`: pressure [bar abs], and the lowest, the middle and the highest speed there [rpm].
+    `added_bar`: from the chart's pressure to absolute [bar].
+    """
+    if not band:
+        return []
+    levels, lowest, _, highest = np.array(band, dtype=float).T
+    found = []
+    for when, low, high in pressures:
+        bar = 0.5 * (low + high) + added_bar
+        if levels[0] <= bar <= levels[-1]:
+            found.append([when, *(round(float(np.interp(bar, levels, one)), 1) for one in (lowest, highest))])
+    return found
 
 
 def point_of(row: PlateauRow, room_bar: float) -> list[Any] | None:

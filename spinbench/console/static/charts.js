@@ -62,9 +62,13 @@ function reach(values, limit) {
 // `bins`: [when, lowest, highest]. `other`: those of a run laid beside, from its own start.
 function drawStrip(canvas, role, series, other, x) {
   const bins = series ? series.bins : [], limit = series ? series.limit : null;
+  const band = series && series.band || []; // what the guard holds for possible at the pressure of the moment
   const beside = (other ? other.bins : []).filter(b => b[0] >= x[0] && b[0] <= x[1]);
-  const y = reach([...bins, ...beside].flatMap(b => [b[1], b[2]]), limit);
+  const y = reach([...bins, ...beside, ...band].flatMap(b => [b[1], b[2]]), limit);
   const at = frame(canvas, x, y, ""), { pen, X, Y } = at;
+  pen.strokeStyle = "#0072B2"; pen.globalAlpha = 0.18; pen.lineWidth = (at.right - at.left) / Math.max(bins.length, 1) + 0.5;
+  for (const [when, low, high] of band) line(pen, [[X(when), Y(low)], [X(when), Y(high)]]);
+  pen.globalAlpha = 1;
   if (beside.length) { pen.strokeStyle = GREY; pen.lineWidth = 1.5; line(pen, beside.map(b => [X(b[0]), Y((b[1] + b[2]) / 2)]), [3, 4]); }
   const { colour } = CHANNELS[role];
   pen.fillStyle = colour; pen.strokeStyle = colour; pen.lineWidth = 1.6; pen.globalAlpha = 0.35;

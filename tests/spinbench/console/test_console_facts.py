@@ -195,6 +195,18 @@ def test_an_alarm_that_was_seen_says_so_and_none_tells_of_a_run_that_goes_on_whe
     assert "has ended" in alarm["guidance"]
 
 
+def test_the_speed_in_time_has_the_band_that_is_expected_at_each_pressure(writer):
+    writer.event(
+        "expected", 1 * S, plateaus=2, turning=2, f_overall=None, band=[[1.2, 90, 100, 110], [1.6, 180, 200, 220]]
+    )
+    for second, bar in ((2, 1.1), (3, 1.2), (4, 1.4), (5, 1.8)):
+        writer.exchange(poll("gauge", {PRESSURE: bar}, second * S))
+        writer.exchange(poll("tach", {SPEED: 100.0}, second * S))
+    series = shown(writer.folder, 6.0)["charts"]["series"]
+    assert [band[1:] for band in series["speed"]["band"]] == [[90.0, 110.0], [135.0, 165.0]]  # beyond it, none is known
+    assert "band" not in series["pressure"]
+
+
 def test_charts_of_a_long_run_have_a_bounded_number_of_bins(tmp_path):
     charts = shown(write_sweep(tmp_path))["charts"]["series"]
     assert set(charts) == {"pressure", "flow", "speed"}
