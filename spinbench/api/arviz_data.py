@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import os
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,13 +36,19 @@ def draws(found: Fit | WholeFit) -> xarray.Dataset:
     return _dataset(found, [one.unknown for one in found.posterior.estimates[:count]], by_walker)
 
 
-def inference_data(found: Fit | WholeFit) -> InferenceData:
-    """Posterior and prior. What is a recording's own and was integrated out is not in the chain, and so not here."""
+def arviz_module() -> ModuleType:
+    """ArviZ, which notes the day of its first import in a file: of two programs that do so at once, one fails."""
     need("arviz")
     with warnings.catch_warnings():  # of what a later version will have changed
         warnings.simplefilter("ignore", FutureWarning)
-        import arviz
+        with contextlib.suppress(FileNotFoundError):
+            return importlib.import_module("arviz")
+        return importlib.import_module("arviz")
 
+
+def inference_data(found: Fit | WholeFit) -> InferenceData:
+    """Posterior and prior. What is a recording's own and was integrated out is not in the chain, and so not here."""
+    arviz = arviz_module()
     posterior = draws(found)
     unknowns = [one.unknown for one in found.posterior.estimates[: len(posterior.data_vars)]]
     prior = draw(unknowns, np.random.default_rng(found.settings.seed), PRIOR_DRAWS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from typing import Literal
@@ -11,6 +12,7 @@ import pytest
 
 import spinbench as sb
 from calibration.systems.machines.system import systems
+from spinbench.api.arviz_data import arviz_module
 from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.documented_python import cells_of
 from tests.rig_recordings import rotor
@@ -159,9 +161,27 @@ def test_a_fit_shows_itself_in_a_notebook(post):
     assert post.plot()._repr_png_().startswith(PNG)
 
 
-def test_arviz_reads_the_draws_and_finds_them_as_good_as_the_sampler_does(post, tmp_path):
-    import arviz
+def test_arviz_is_had_though_another_program_imports_it_at_the_same_moment(tmp_path):
+    """The file in which it notes the day is taken away in between; the second time it is there."""
+    program = """
+import pathlib
+replace, calls = pathlib.Path.replace, []
+def taken_away(self, target):
+    calls.append(target)
+    if len(calls) == 1:
+        raise FileNotFoundError(2, "taken away", str(self))
+    return replace(self, target)
+pathlib.Path.replace = taken_away
+from spinbench.api.arviz_data import arviz_module
+print(arviz_module().__name__, len(calls))
+"""
+    home = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=home, check=False)
+    assert done.stdout == "arviz 2\n", done.stderr
 
+
+def test_arviz_reads_the_draws_and_finds_them_as_good_as_the_sampler_does(post, tmp_path):
+    arviz = arviz_module()
     data = arviz.from_netcdf(post.to_netcdf(tmp_path / "new" / "posterior.nc"))
     told = arviz.summary(data, var_names=["f_overall"], round_to="none").loc["f_overall"]
     assert told["mean"] == pytest.approx(post.table.loc["f_overall", "mean"])
@@ -272,8 +292,7 @@ def test_a_machine_that_cannot_be_added_is_told(system, keys, words):
 
 @pytest.mark.long
 def test_a_fit_of_two_recordings_takes_their_runs_in_time_too(tmp_path):
-    import arviz
-
+    arviz = arviz_module()
     days = [sweep(tmp_path / name, seed, {}).folder for seed, name in enumerate(("one", "two"), 21)]
     add_coast_down(days[0], 21, {})
     toml = days[1] / "recording.toml"

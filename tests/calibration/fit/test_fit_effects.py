@@ -6,7 +6,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import arviz
 import numpy as np
 import pytest
 from scipy.stats import johnsonsu, norm
@@ -24,6 +23,7 @@ from model.effects.laws import behind_the_gauge, readings_of
 from model.motor import read_motor
 from model.solvers import steady
 from rig.recording import Column, Recording, read_recording
+from spinbench.api.arviz_data import arviz_module
 from spinbench.cli import app
 from tests import diagnosis_recordings
 
@@ -89,7 +89,7 @@ def test_the_command_takes_a_list_of_effects_and_writes_the_report(fitted, tmp_p
     assert asked == [["coulomb_friction", "leakage"]]
     written = {"posterior.json", "posterior.nc", "report.html", "report.png"}
     assert {place.name for place in tmp_path.iterdir()} == written
-    assert "coulomb_friction.torque_nm" in arviz.from_netcdf(tmp_path / "posterior.nc").posterior
+    assert "coulomb_friction.torque_nm" in arviz_module().from_netcdf(tmp_path / "posterior.nc").posterior
     page = (tmp_path / "report.html").read_text()
     assert "The model holds, beyond the article" in page
     assert "coulomb_friction.torque_nm" in page
