@@ -23,7 +23,7 @@ from tests.documented_commands import (
 )
 
 COMMANDS = commands()
-TAKES_LONG = ("docs/tutorials/manual-bench.md",)
+TAKES_LONG = ("docs/commands.md", "docs/tutorials/from-a-logger.md", "docs/tutorials/manual-bench.md")
 QUICK = [command for command in COMMANDS if command.kinds <= {"background"}]
 INDENTED = re.compile(r"^(?: {4}|\t)(?:spinbench|make|python|dask) ", re.MULTILINE)
 

@@ -28,7 +28,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize(
+    "page", [pytest.param(one, marks=[pytest.mark.long] if one == "docs/python.md" else []) for one in PAGES]
+)
 def test_the_cells_of_a_page_show_what_it_says(page: str) -> None:
     wrong = run(cells_of(page))
     assert not wrong, "\n".join(wrong)
