@@ -71,8 +71,11 @@ def test_a_link_of_a_notebook_leads_somewhere(name: str) -> None:
     assert [link for link in links if not (notebooks.FOLDER / link).exists()] == []
 
 
+LIVE = ("first-verdict",)  # its sweep is disturbed where the machine does something else
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(one, marks=[pytest.mark.live] if one in LIVE else []) for one in NAMES])
 def test_a_notebook_runs_and_its_cells_show_what_the_tutorial_says(tmp_path: Path, name: str) -> None:
     copy = tmp_path / "copy"
     fresh_copy(copy, kernels=True)
