@@ -136,7 +136,7 @@ def project(J: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Columns with the nuisances, whose priors are standard normal, projected out.
 
     `J`, shape (m, k): whitened derivatives with the nuisances [-].
-    `columns`, shape (m,): whitened columns [-].
+    `columns`, shape (m,) or (m, l): whitened columns [-].
     """
     projected: np.ndarray = columns - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ columns)
     return projected

@@ -239,15 +239,14 @@ def _speeds_expected(band: list[Any], pressures: list[list[float]], added_bar: f
     `band`: pressure [bar abs], and the lowest, the middle and the highest speed there [rpm].
     `added_bar`: from the chart's pressure to absolute [bar].
     """
-    if not band:
+    if not band or not pressures:
         return []
     levels, lowest, _, highest = np.array(band, dtype=float).T
-    found = []
-    for when, low, high in pressures:
-        bar = 0.5 * (low + high) + added_bar
-        if levels[0] <= bar <= levels[-1]:
-            found.append([when, *(round(float(np.interp(bar, levels, one)), 1) for one in (lowest, highest))])
-    return found
+    when, low, high = np.array(pressures).T
+    bar = 0.5 * (low + high) + added_bar
+    found = np.column_stack([when, *(np.interp(bar, levels, one).round(1) for one in (lowest, highest))])
+    told: list[list[float]] = found[(levels[0] <= bar) & (bar <= levels[-1])].tolist()
+    return told
 
 
 def point_of(row: PlateauRow, room_bar: float) -> list[Any] | None:

@@ -25,7 +25,7 @@ LEAST_SQUARE = 1e-12
 def uncorrelated(white: np.ndarray, rho: float) -> np.ndarray:
     """Take the correlation of neighbours out of whitened residuals [-].
 
-    `white`, shape (n,): residuals in units of their noise [-].
+    `white`, shape (n,) or (n, k): residuals in units of their noise [-].
     """
     if not rho:
         return white
@@ -43,14 +43,14 @@ class Whitener:
     u: np.ndarray
 
     def __call__(self, difference: np.ndarray) -> np.ndarray:
-        """Whitened differences. `difference`, shape (m,): differences of readings [SI]."""
+        """Whitened differences. `difference`, shape (m,) or (m, k): differences of readings [SI]."""
         parts = np.split(difference, ends(self.readings)[:-1])
         return np.concatenate([self.of_array(i, part) for i, part in enumerate(parts)])
 
     def of_array(self, i: int, difference: np.ndarray) -> np.ndarray:
         """Whitened differences of one array [-], shape (n,) or (n, k).
 
-        `difference`, shape (n,): differences of its readings [SI].
+        `difference`, shape (n,) or (n, k): differences of its readings [SI].
         """
         white = self.readings[i].white(difference) * math.exp(-self.u[i])
         return uncorrelated(white, self._rho(i))
@@ -153,7 +153,7 @@ class Noise:
         return np.concatenate(drawn)
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
-        """A vector, or rows of a matrix, array by array. `values`, shape (m,): in any unit."""
+        """A vector, or rows of a matrix, array by array. `values`, shape (m,) or (m, k): in any unit."""
         return np.split(values, ends(self.readings)[:-1])
 
     def _taken_up(self, columns: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -39,7 +39,7 @@ class Readings:
     whitener: np.ndarray | None = None
 
     def white(self, residual: np.ndarray) -> np.ndarray:
-        """Residuals in units of their declared noise [-]. `residual`, shape (n,): readings less predictions [SI]."""
+        """Residuals in units of their noise [-]. `residual`, shape (n,) or (n, k): readings less predictions [SI]."""
         if self.whitener is not None:
             return self.whitener @ residual
         return residual / (self.sd if residual.ndim == 1 else self.sd[:, None])

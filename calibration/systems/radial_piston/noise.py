@@ -35,9 +35,9 @@ Slopes = tuple[np.ndarray, np.ndarray]
 class Whitener:
     """The map from differences of readings to standard normal numbers.
 
-    `plateaus`, shape (2 n, 2 n): cholesky factor of the covariance of the plateaus' flows, then speeds [SI].
+    `plateaus`, shape (2 n, 2 n): Cholesky factor of the covariance of the plateaus' flows, then speeds [SI].
     `follow`, shape (k,): what each sample of the runs takes over from the one before [-].
-    `band`, shape (3, k): cholesky factor of what is left of the samples then, in lower banded form [SI].
+    `band`, shape (3, k): Cholesky factor of what is left of the samples then, in lower banded form [SI].
     `beside`, shape (v,): sd of what is read beside plateaus and runs: the gauge vented, the flow meter while the rotor
         stands [SI].
     `known`, shape (m,): entries that there are.
@@ -50,7 +50,7 @@ class Whitener:
     known: np.ndarray
 
     def __call__(self, difference: np.ndarray) -> np.ndarray:
-        """Whitened differences. `difference`, shape (m,): differences of readings [SI]."""
+        """Whitened differences. `difference`, shape (m,) or (m, k): differences of readings [SI]."""
         rows = (slice(None), None) if difference.ndim > 1 else (slice(None),)
         given = np.where(self.known[rows], difference, 0.0)
         out = np.empty_like(given)
